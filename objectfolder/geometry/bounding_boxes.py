@@ -1,0 +1,219 @@
+"""A bounding volume hierarchy in numpy: nearest hit, occlusion and closest point for many queries at once.
+
+Breadth first over all queries, one level of the tree a step, so that the work is array arithmetic.
+It needs nothing but numpy, in double precision; `Surface` prefers Embree for rays where it is installed.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+LEAF_TRIANGLES = 4
+PAIRS_AT_ONCE = 1 << 21
+
+
+class BoundingBoxTree:
+    """A complete binary tree of axis-aligned boxes over triangles.
+
+    Parameters
+    ----------
+    triangles
+        (F, 3, 3) float64 corners.
+    """
+
+    def __init__(self, triangles: np.ndarray) -> None:
+        self.triangles = triangles
+        count = len(triangles)
+        self.depth = max(0, int(np.ceil(np.log2(max(1, count) / LEAF_TRIANGLES))))
+        slots = LEAF_TRIANGLES << self.depth
+        order = np.full(slots, -1, dtype=np.int64)
+        order[:count] = np.arange(count)
+        centroid = np.full((slots, 3), np.inf)
+        centroid[:count] = triangles.mean(axis=1)
+        for level in range(self.depth):
+            size = slots >> level
+            by_node = centroid[order].reshape(-1, size, 3)
+            by_node[order.reshape(-1, size) < 0] = np.nan
+            with np.errstate(all="ignore"):
+                extent = np.fmax.reduce(by_node, axis=1) - np.fmin.reduce(by_node, axis=1)
+            axis = np.argmax(np.nan_to_num(extent, nan=-1.0), axis=1)
+            key = np.take_along_axis(by_node, axis[:, None, None], axis=2)[..., 0]
+            local = np.argsort(key, axis=1, kind="stable")
+            order = np.take_along_axis(order.reshape(-1, size), local, axis=1).ravel()
+        self.order = order.reshape(-1, LEAF_TRIANGLES)
+        low = np.full((slots, 3), np.inf)
+        high = np.full((slots, 3), -np.inf)
+        used = order >= 0
+        low[used] = triangles[order[used]].min(axis=1)
+        high[used] = triangles[order[used]].max(axis=1)
+        self.low, self.high = [], []
+        for level in range(self.depth, -1, -1):
+            nodes = 1 << level
+            self.low.insert(0, low.reshape(nodes, -1, 3).min(axis=1))
+            self.high.insert(0, high.reshape(nodes, -1, 3).max(axis=1))
+
+    def _chunks(self, count: int) -> Iterator[slice]:
+        """Slices of the queries that keep the number of live (query, node) pairs bounded."""
+        step = max(1, PAIRS_AT_ONCE // 64)
+        return (slice(start, min(start + step, count)) for start in range(0, count, step))
+
+    def _leaf_pairs(
+        self, origins: np.ndarray, directions: np.ndarray, limits: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(query, face) pairs whose leaf box the ray passes before its limit."""
+        with np.errstate(divide="ignore"):
+            inverse = 1.0 / directions
+        query = np.arange(len(origins))
+        node = np.zeros(len(origins), dtype=np.int64)
+        for level in range(self.depth + 1):
+            with np.errstate(invalid="ignore"):
+                first = (self.low[level][node] - origins[query]) * inverse[query]
+                second = (self.high[level][node] - origins[query]) * inverse[query]
+            # 0 * inf: the ray runs in the plane of the face of a box, which then does not cut it.
+            near = np.fmax.reduce(np.fmin(first, second), axis=1, initial=0.0)
+            far = np.fmin.reduce(np.fmax(first, second), axis=1, initial=np.inf)
+            # Rounding may empty a flat box: one part in 1e12 of the distance keeps it.
+            keep = (near <= far * (1 + 1e-12)) & (near <= limits[query])
+            keep &= self.low[level][node, 0] <= self.high[level][node, 0]
+            query, node = query[keep], node[keep]
+            if level < self.depth:
+                query = np.repeat(query, 2)
+                node = np.repeat(node * 2, 2)
+                node[1::2] += 1
+        face = self.order[node].ravel()
+        query = np.repeat(query, LEAF_TRIANGLES)
+        return query[face >= 0], face[face >= 0]
+
+    def nearest_hits(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Index (n,) of the first face each ray hits, -1 where there is none."""
+        result = np.full(len(origins), -1, dtype=np.int64)
+        for part in self._chunks(len(origins)):
+            limits = np.full(part.stop - part.start, np.inf)
+            query, face = self._leaf_pairs(origins[part], directions[part], limits)
+            distance, _ = intersect(self.triangles[face], origins[part][query], directions[part][query])
+            hit = np.isfinite(distance)
+            query, face, distance = query[hit], face[hit], distance[hit]
+            order = np.lexsort((face, distance, query))
+            first = np.ones(len(order), dtype=bool)
+            first[1:] = query[order][1:] != query[order][:-1]
+            result[part.start + query[order][first]] = face[order][first]
+        return result
+
+    def occluded(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Whether (n,) something lies between ``origins`` and ``origins + directions``."""
+        result = np.zeros(len(origins), dtype=bool)
+        for part in self._chunks(len(origins)):
+            limits = np.ones(part.stop - part.start)
+            query, face = self._leaf_pairs(origins[part], directions[part], limits)
+            distance, _ = intersect(self.triangles[face], origins[part][query], directions[part][query])
+            result[part.start + query[distance < 1.0]] = True
+        return result
+
+    def closest_faces(self, points: np.ndarray) -> np.ndarray:
+        """Index (n,) of the face nearest to each point; the lowest index among equals."""
+        result = np.empty(len(points), dtype=np.int64)
+        for part in self._chunks(len(points)):
+            near_points = points[part]
+            query = np.arange(len(near_points))
+            node = np.zeros(len(near_points), dtype=np.int64)
+            bound = np.full(len(near_points), np.inf)
+            for level in range(self.depth + 1):
+                low, high = self.low[level][node], self.high[level][node]
+                position = near_points[query]
+                outside = np.maximum(np.maximum(low - position, position - high), 0.0)
+                nearest = np.einsum("ij,ij->i", outside, outside)
+                across = np.maximum(np.abs(position - low), np.abs(high - position))
+                farthest = np.einsum("ij,ij->i", across, across)
+                full = low[:, 0] <= high[:, 0]
+                np.minimum.at(bound, query[full], farthest[full])
+                keep = full & (nearest <= bound[query] * (1 + 1e-12))
+                query, node = query[keep], node[keep]
+                if level < self.depth:
+                    query = np.repeat(query, 2)
+                    node = np.repeat(node * 2, 2)
+                    node[1::2] += 1
+            face = self.order[node].ravel()
+            query = np.repeat(query, LEAF_TRIANGLES)
+            query, face = query[face >= 0], face[face >= 0]
+            barycentric = closest_barycentric(self.triangles[face], near_points[query])
+            closest = np.einsum("ij,ijk->ik", barycentric, self.triangles[face])
+            gap = closest - near_points[query]
+            squared = np.einsum("ij,ij->i", gap, gap)
+            order = np.lexsort((face, squared, query))
+            first = np.ones(len(order), dtype=bool)
+            first[1:] = query[order][1:] != query[order][:-1]
+            result[part.start + query[order][first]] = face[order][first]
+        return result
+
+
+def intersect(
+    triangles: np.ndarray, origins: np.ndarray, directions: np.ndarray, tolerance: float = 1e-12
+) -> tuple[np.ndarray, np.ndarray]:
+    """Intersect rays with triangles one to one (Möller and Trumbore 1997), both sides.
+
+    Parameters
+    ----------
+    triangles, origins, directions
+        (n, 3, 3), (n, 3), (n, 3).
+    tolerance
+        How far, in barycentric units, a hit may lie outside.
+
+    Returns
+    -------
+    distance
+        (n,) in units of the direction's length; infinity where there is no hit ahead.
+    barycentric
+        (n, 3); meaningless where there is no hit.
+    """
+    a, edge1, edge2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    p = np.cross(directions, edge2)
+    determinant = np.einsum("ij,ij->i", edge1, p)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / determinant
+        offset = origins - a
+        u = np.einsum("ij,ij->i", offset, p) * inverse
+        q = np.cross(offset, edge1)
+        v = np.einsum("ij,ij->i", directions, q) * inverse
+        distance = np.einsum("ij,ij->i", edge2, q) * inverse
+        hit = (determinant != 0) & (u >= -tolerance) & (v >= -tolerance) & (u + v <= 1 + tolerance)
+        hit &= distance > 0
+    return np.where(hit, distance, np.inf), np.stack([1 - u - v, u, v], axis=1)
+
+
+def closest_barycentric(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Barycentric coordinates (n, 3) of the point of each triangle nearest to its point.
+
+    Ericson, *Real-Time Collision Detection* (2005), section 5.1.5, by regions of the plane.
+    """
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    best = _on_segment(a, b, points, 0, 1)
+    best_gap = _gap(triangles, best, points)
+    for start, end, first, second in ((b, c, 1, 2), (c, a, 2, 0)):
+        candidate = _on_segment(start, end, points, first, second)
+        gap = _gap(triangles, candidate, points)
+        nearer = gap < best_gap
+        best[nearer], best_gap[nearer] = candidate[nearer], gap[nearer]
+    ab, ac, ap = b - a, c - a, points - a
+    d00, d01, d11 = (np.einsum("ij,ij->i", x, y) for x, y in ((ab, ab), (ab, ac), (ac, ac)))
+    d20, d21 = np.einsum("ij,ij->i", ap, ab), np.einsum("ij,ij->i", ap, ac)
+    area = d00 * d11 - d01 * d01
+    with np.errstate(divide="ignore", invalid="ignore"):
+        v, w = (d11 * d20 - d01 * d21) / area, (d00 * d21 - d01 * d20) / area
+        inside = (area > 0) & (v >= 0) & (w >= 0) & (v + w <= 1)
+    best[inside] = np.stack([1 - v - w, v, w], axis=1)[inside]
+    return best
+
+
+def _gap(triangles: np.ndarray, barycentric: np.ndarray, points: np.ndarray) -> np.ndarray:
+    gap = np.einsum("ij,ijk->ik", barycentric, triangles) - points
+    return np.einsum("ij,ij->i", gap, gap)
+
+
+def _on_segment(start: np.ndarray, end: np.ndarray, points: np.ndarray, first: int, second: int) -> np.ndarray:
+    along = end - start
+    squared = np.einsum("ij,ij->i", along, along)
+    t = np.einsum("ij,ij->i", points - start, along)
+    t = np.clip(np.divide(t, squared, out=np.zeros_like(t), where=squared > 0), 0.0, 1.0)
+    barycentric = np.zeros((len(points), 3))
+    barycentric[:, first], barycentric[:, second] = 1 - t, t
+    return barycentric
