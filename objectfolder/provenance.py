@@ -1,0 +1,182 @@
+"""Where a product comes from: fingerprints, code identity, seeds and environment.
+
+A fingerprint is the SHA-256 of named parts (task, parameters, record, inputs, code, packages). The
+parts travel inside the product, so two versions can be compared and the reason of a change named.
+"""
+
+import ast
+import functools
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import InputError
+
+PACKAGES = ("objectfolder", "pipeline")
+# Wording of errors and bookkeeping of provenance decide no number of a product.
+NEUTRAL_MODULES = frozenset({"objectfolder.errors", "objectfolder.provenance"})
+
+
+def canonical_json(value: Any) -> str:
+    """Return the one JSON text of `value`: sorted keys, no spaces, no NaN.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A value that JSON cannot hold.
+    """
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def fingerprint(parts: Mapping[str, Any]) -> str:
+    """Return the SHA-256 (64 hex digits) of `parts` as canonical JSON."""
+    return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
+
+
+def file_digest(path: Path | str) -> str:
+    """Return the SHA-256 (64 hex digits) of a file's bytes."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def seed_from(base_seed: int, task: str, object_id: str) -> int:
+    """Return a 63-bit seed that depends on all three arguments and nothing else."""
+    digest = hashlib.sha256(canonical_json([base_seed, task, object_id]).encode()).digest()
+    return int.from_bytes(digest[:8], "big") >> 1
+
+
+def code_identity(module: str) -> dict[str, str]:
+    """Return digests of the normalised source of `module` and of all it imports from the packages.
+
+    Imports are read from the source, function-level ones included; nothing is imported. Comments,
+    docstrings and layout do not count. The ``__init__`` of a package counts only where a name that
+    is no submodule is imported from it. The dictionary is shared: do not change it.
+
+    Parameters
+    ----------
+    module
+        Dotted name inside one of `PACKAGES`.
+
+    Returns
+    -------
+    dict
+        Module name to 16 hex digits.
+
+    Raises
+    ------
+    InputError
+        `module` is not found.
+    """
+    if _source_path(module) is None:
+        raise InputError(module, "no such module", f"Name a module inside {' or '.join(PACKAGES)}.")
+    found: dict[str, str] = {}
+    pending = [module]
+    while pending:
+        name = pending.pop()
+        if name in found or name in NEUTRAL_MODULES:
+            continue
+        digest, imports = _normalised(name)
+        found[name] = digest
+        pending.extend(imports)
+    return dict(sorted(found.items()))
+
+
+def package_versions(names: Iterable[str]) -> dict[str, str]:
+    """Return the installed version of each distribution, ``"absent"`` where there is none."""
+    return {name: _version(name) for name in sorted(names)}
+
+
+def environment() -> dict[str, str]:
+    """Return facts of the interpreter that a reader may want, none of which names the machine."""
+    return {
+        "python": platform.python_version(),
+        "implementation": platform.python_implementation(),
+        "system": platform.system(),
+        "machine": platform.machine(),
+    }
+
+
+@functools.cache
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "absent"
+
+
+@functools.cache
+def _package_folder(package: str) -> Path | None:
+    specification = importlib.util.find_spec(package)
+    if specification is None or not specification.submodule_search_locations:
+        return None
+    return Path(next(iter(specification.submodule_search_locations)))
+
+
+def _source_path(module: str) -> Path | None:
+    package, *rest = module.split(".")
+    folder = _package_folder(package) if package in PACKAGES else None
+    if folder is None:
+        return None
+    base = folder.joinpath(*rest)
+    for path in (base / "__init__.py", base.with_name(base.name + ".py")):
+        if path.is_file():
+            return path
+    return None
+
+
+def _normalised(module: str) -> tuple[str, tuple[str, ...]]:
+    """Return the digest of the normalised source of `module` and the package modules it imports."""
+    path = _source_path(module)
+    assert path is not None
+    status = path.stat()
+    return _normalised_file(module, path, status.st_mtime_ns, status.st_size)
+
+
+@functools.cache
+def _normalised_file(module: str, path: Path, modified_ns: int, size: int) -> tuple[str, tuple[str, ...]]:
+    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    imports = tuple(sorted(_imported(tree, package) - {module}))
+    text = ast.unparse(_without_docstrings(tree))
+    return hashlib.sha256(text.encode()).hexdigest()[:16], imports
+
+
+def _imported(tree: ast.AST, package: str) -> set[str]:
+    """Return the modules of `PACKAGES` that `tree`, a module inside `package`, imports anywhere."""
+    modules: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            modules.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            origin = node.module or ""
+            if node.level:
+                parts = package.split(".")
+                origin = ".".join(parts[: len(parts) - node.level + 1] + ([origin] if origin else []))
+            for alias in node.names:
+                submodule = f"{origin}.{alias.name}"
+                modules.add(submodule if _source_path(submodule) else origin)
+    return {name for name in modules if _source_path(name) is not None}
+
+
+def _without_docstrings(tree: ast.Module) -> ast.Module:
+    """Return `tree` with docstrings and other bare strings removed."""
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if not isinstance(body, list):
+            continue
+        kept = [
+            statement
+            for statement in body
+            if not (
+                isinstance(statement, ast.Expr)
+                and isinstance(statement.value, ast.Constant)
+                and isinstance(statement.value.value, str)
+            )
+        ]
+        node.body = kept or ([] if isinstance(node, ast.Module) else [ast.Pass()])  # type: ignore[attr-defined]  # any node with a body list
+    return tree
