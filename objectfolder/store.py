@@ -19,6 +19,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)
+REMAKE = "Delete it; a run makes it again."
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,9 @@ def _open(path: Path) -> Any:
         raise
     except Exception as error:
         raise FormatError(
-            str(path), f"not a readable product ({type(error).__name__}: {error})", "Delete it; a run makes it again."
+            str(path),
+            f"not a readable product ({type(error).__name__}: {error})",
+            REMAKE,
         ) from error
 
 
@@ -163,7 +166,7 @@ def read_product(path: Path | str, names: tuple[str, ...] | None = None) -> Prod
             )
         return Product(arrays, dict(group.attrs))
     except (zipfile.BadZipFile, KeyError, ValueError, RuntimeError) as error:
-        raise FormatError(str(path), f"damaged product ({error})", "Delete it; a run makes it again.") from error
+        raise FormatError(str(path), f"damaged product ({error})", REMAKE) from error
     finally:
         group.store.close()
 
@@ -177,8 +180,6 @@ def read_attributes(path: Path | str) -> dict[str, Any]:
     except FileNotFoundError:
         raise
     except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
-        raise FormatError(
-            str(path), f"not a readable product ({error})", "Delete it; a run makes it again."
-        ) from error
+        raise FormatError(str(path), f"not a readable product ({error})", REMAKE) from error
     assert isinstance(attributes, dict)
     return attributes

@@ -46,7 +46,8 @@ class BoundingBoxTree:
         used = order >= 0
         low[used] = triangles[order[used]].min(axis=1)
         high[used] = triangles[order[used]].max(axis=1)
-        self.low, self.high = [], []
+        self.low: list[np.ndarray] = []
+        self.high: list[np.ndarray] = []
         for level in range(self.depth, -1, -1):
             nodes = 1 << level
             self.low.insert(0, low.reshape(nodes, -1, 3).min(axis=1))
@@ -177,6 +178,7 @@ def intersect(
         distance = np.einsum("ij,ij->i", edge2, q) * inverse
         hit = (determinant != 0) & (u >= -tolerance) & (v >= -tolerance) & (u + v <= 1 + tolerance)
         hit &= distance > 0
+    u, v = np.where(hit, u, 0.0), np.where(hit, v, 0.0)
     return np.where(hit, distance, np.inf), np.stack([1 - u - v, u, v], axis=1)
 
 
@@ -209,7 +211,9 @@ def _gap(triangles: np.ndarray, barycentric: np.ndarray, points: np.ndarray) -> 
     return np.einsum("ij,ij->i", gap, gap)
 
 
-def _on_segment(start: np.ndarray, end: np.ndarray, points: np.ndarray, first: int, second: int) -> np.ndarray:
+def _on_segment(
+    start: np.ndarray, end: np.ndarray, points: np.ndarray, first: int, second: int
+) -> np.ndarray:
     along = end - start
     squared = np.einsum("ij,ij->i", along, along)
     t = np.einsum("ij,ij->i", points - start, along)

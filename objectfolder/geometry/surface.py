@@ -68,7 +68,9 @@ class Surface:
         if not np.isfinite(self.vertices).all():
             raise ValueError("the coordinates of a surface must be finite")
         self.face_normals, self.face_areas = face_normals_and_areas(self.vertices, self.faces)
-        self._use_embree = importlib.util.find_spec("embreex") is not None if use_embree is None else use_embree
+        self._use_embree = (
+            importlib.util.find_spec("embreex") is not None if use_embree is None else use_embree
+        )
 
     @property
     def area(self) -> float:
@@ -96,7 +98,7 @@ class Surface:
 
     @cached_property
     def _embree(self) -> tuple[Any, np.ndarray, float]:
-        """Embree's scene, and the shift and factor that bring the object near unit size for single precision."""
+        """Embree's scene, and the shift and factor that bring the object near unit size for floats."""
         from embreex import rtcore_scene
         from embreex.mesh_construction import TriangleMesh
 

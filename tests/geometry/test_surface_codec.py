@@ -1,0 +1,81 @@
+"""The compressed surface is the surface, to half a grid step."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from objectfolder.errors import FormatError
+from objectfolder.geometry.surface import Surface
+from objectfolder.geometry.surface_codec import decode_surface, encode_surface, quantisation_step
+
+
+def _sorted_triangles(surface: Surface) -> np.ndarray:
+    """Triangles up to their order and the rotation of their corners."""
+    corners = surface.vertices[surface.faces]
+    first = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)[:, 0]
+    corners = np.take_along_axis(corners, ((first[:, None] + np.arange(3)) % 3)[..., None], axis=1)
+    flat = corners.reshape(len(corners), 9)
+    return flat[np.lexsort(flat.T[::-1])]
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        trimesh.creation.icosphere(3, 0.04),
+        trimesh.creation.box((0.1, 0.05, 0.02)),
+        trimesh.creation.torus(0.5, 0.1, 32, 16),
+        trimesh.util.concatenate([trimesh.creation.box(), trimesh.creation.box(transform=np.eye(4) * 2)]),
+    ],
+    ids=["sphere", "box", "large torus", "two pieces"],
+)
+def test_vertices_move_by_at_most_half_a_step_and_faces_keep_their_sides(mesh: trimesh.Trimesh) -> None:
+    surface = Surface(mesh.vertices, mesh.faces)
+    step = quantisation_step(surface)
+    snapped = surface.bounds[0] + np.rint((surface.vertices - surface.bounds[0]) / step) * step
+    assert np.abs(snapped - surface.vertices).max() <= step / 2 * (1 + 1e-9)
+    decoded = decode_surface(encode_surface(surface))
+    np.testing.assert_allclose(
+        _sorted_triangles(decoded), _sorted_triangles(Surface(snapped, mesh.faces)), atol=step * 1e-6
+    )
+
+
+def test_sixteen_thousand_triangles_take_less_than_50_kilobytes() -> None:
+    mesh = trimesh.creation.icosphere(5, 0.05)
+    random = np.random.default_rng(0)
+    rough = mesh.vertices * (1 + 0.02 * random.random((len(mesh.vertices), 1)))
+    tensors = encode_surface(Surface(rough, mesh.faces))
+    assert sum(tensor.nbytes for tensor in tensors.values()) < 75_000 * len(mesh.faces) / 16384
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 60))
+def test_any_soup_of_triangles_survives(seed: int, face_count: int) -> None:
+    random = np.random.default_rng(seed)
+    vertices = random.normal(size=(20, 3))
+    faces = random.integers(0, 20, (face_count, 3))
+    surface = Surface(vertices, faces)
+    step = 1e-3
+    decoded = decode_surface(encode_surface(surface, step))
+    expected = Surface(surface.bounds[0] + np.rint((vertices - surface.bounds[0]) / step) * step, faces)
+    assert len(decoded.faces) == face_count
+    assert decoded.area == pytest.approx(expected.area, rel=1e-9)
+
+
+def test_encoding_is_idempotent_and_reproducible() -> None:
+    mesh = trimesh.creation.icosphere(3, 0.04)
+    once = encode_surface(Surface(mesh.vertices, mesh.faces))
+    again = encode_surface(Surface(mesh.vertices, mesh.faces))
+    assert all(np.array_equal(once[key], again[key]) for key in once)
+    twice = decode_surface(encode_surface(decode_surface(once), float(once["surface.step"][0])))
+    assert np.abs(twice.bounds - decode_surface(once).bounds).max() < 1e-12
+
+
+@pytest.mark.parametrize("key", ["surface.connectivity", "surface.positions"])
+def test_a_damaged_stream_is_refused(key: str) -> None:
+    mesh = trimesh.creation.icosphere(2, 0.04)
+    tensors = encode_surface(Surface(mesh.vertices, mesh.faces))
+    tensors[key] = tensors[key][: len(tensors[key]) // 2]
+    with pytest.raises(FormatError, match="damaged"):
+        decode_surface(tensors)

@@ -1,0 +1,80 @@
+"""Products: equal data, equal bytes; whole or not there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from objectfolder.errors import FormatError
+from objectfolder.store import Array, Product, read_attributes, read_product, write_product
+
+
+def _product() -> Product:
+    random = np.random.default_rng(0)
+    return Product(
+        {
+            "rgba": Array(
+                random.random((3, 32, 32, 4)).astype(np.float16),
+                ("view", "y", "x", "channel"),
+                "1",
+                "radiance",
+            ),
+            "frequencies_hz": Array(np.zeros(0), ("mode",), "Hz", "frequencies of no mode"),
+            "held_out": Array(np.array([True, False, True]), ("view",), "1", "held out"),
+        },
+        {"name": "mug", "size": {"metres": 0.1}},
+    )
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    write_product(tmp_path / "mug.zarr.zip", _product())
+    read = read_product(tmp_path / "mug.zarr.zip")
+    for name, array in _product().arrays.items():
+        np.testing.assert_array_equal(read[name], array.data)
+        assert read.arrays[name].dims == array.dims
+        assert read.arrays[name].units == array.units
+    assert read.attributes == _product().attributes == read_attributes(tmp_path / "mug.zarr.zip")
+    assert set(read_product(tmp_path / "mug.zarr.zip", ("held_out",)).arrays) == {"held_out"}
+
+
+def test_equal_products_have_equal_bytes(tmp_path: Path) -> None:
+    write_product(tmp_path / "a.zarr.zip", _product())
+    write_product(tmp_path / "b.zarr.zip", read_product(tmp_path / "a.zarr.zip"))
+    assert (tmp_path / "a.zarr.zip").read_bytes() == (tmp_path / "b.zarr.zip").read_bytes()
+
+
+def test_a_failed_write_leaves_the_old_product_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "mug.zarr.zip"
+    write_product(path, _product())
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="JSON"):
+        write_product(path, _product().with_attributes(noise_floor_db=float("nan")))
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["mug.zarr.zip"]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.0, 0.999))
+def test_a_truncated_product_is_refused_by_name(
+    tmp_path_factory: pytest.TempPathFactory, share: float
+) -> None:
+    path = tmp_path_factory.mktemp("store") / "mug.zarr.zip"
+    write_product(path, _product())
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    for read in (read_product, read_attributes):
+        with pytest.raises(FormatError, match=r"mug\.zarr\.zip"):
+            read(path)
+
+
+def test_an_array_that_is_not_there_is_named(tmp_path: Path) -> None:
+    write_product(tmp_path / "mug.zarr.zip", _product())
+    with pytest.raises(FormatError, match="depth"):
+        read_product(tmp_path / "mug.zarr.zip", ("depth",))
+
+
+def test_dims_must_fit_the_array() -> None:
+    with pytest.raises(ValueError, match="axes"):
+        Array(np.zeros((2, 2)), ("x",), "1", "a square")
