@@ -1,0 +1,99 @@
+"""Solved modes against an Object File, at held-out points of the surface."""
+
+from typing import Any
+
+import numpy as np
+
+from objectfolder.audio.strike import strike
+from objectfolder.fidelity.sounds import (
+    cents,
+    envelope_distance,
+    gain_error_by_mode_db,
+    gain_error_db,
+    stft_distance,
+)
+from objectfolder.object_file import ObjectFile
+from objectfolder.store import Product
+
+SOUNDS_COMPARED = 24
+DURATION_S = 1.0
+SAMPLE_RATE_HZ = 44100.0
+
+DEFINITIONS = {
+    "audio.frequency_error_cents": "Largest |1200 log2(f / f solver)| over the modes of the Object File",
+    "audio.damping_error_relative": "Largest relative error of a damping, Object File against the solver",
+    "audio.gain_error_db": "20 log10(|g - g truth| / |g truth|) over held-out points, directions and modes",
+    "audio.gain_error_by_mode_median_db": "The same for each mode alone; median over modes",
+    "audio.stft_distance": "Mean |STFT difference|^2 over the truth's peak; Hann 400, hop 160, 512 bins",
+    "audio.envelope_distance": "Root mean square difference of Hilbert envelopes over the truth's peak",
+    "audio.solver_error_estimate_cents": "Estimated discretisation error of the solver on the first modes",
+}
+
+
+def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
+    """Compare the file's modes and gains with the solver's; numbers are None for a silent object."""
+    truth = held_out_gains(modes)
+    frequencies = modes["frequencies_hz"]
+    result: dict[str, Any] = {
+        "audible": bool(modes.attributes["audible"]),
+        "modes": len(frequencies),
+        "first_frequency_hz": float(frequencies[0]) if len(frequencies) else None,
+        "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
+        "solver_error_estimate_cents": modes.attributes["error_estimate_cents"],
+        "count_certificate": modes.attributes["count_certificate"],
+        "held_out_points": len(truth),
+        "modes_table": [
+            {
+                "frequency_hz": float(f),
+                "damping_per_s": float(c),
+                "t60_s": float(np.log(1000.0) / c) if c else None,
+            }
+            for f, c in zip(frequencies, modes["dampings_per_s"], strict=True)
+        ],
+    }
+    keys = (
+        "frequency_error_cents",
+        "damping_error_relative",
+        "gain_error_db",
+        "gain_error_by_mode_median_db",
+    )
+    if len(frequencies) == 0:
+        return {**result, **dict.fromkeys((*keys, "stft_distance", "envelope_distance"))}
+    answer = file.modes.gains(modes["points"][modes["held_out"]])
+    ringing = modes["frequencies_hz"] > 0
+    damping = modes["dampings_per_s"]
+    true_sounds, file_sounds = sound_pairs(file, modes)
+    values = (
+        float(np.abs(cents(file.modes.frequencies_hz[ringing], frequencies[ringing])).max()),
+        float(np.max(np.abs(file.modes.dampings_per_s - damping) / np.maximum(damping, 1e-300))),
+        gain_error_db(truth, answer),
+        float(np.median(gain_error_by_mode_db(truth, answer))),
+        stft_distance(true_sounds, file_sounds, SAMPLE_RATE_HZ),
+        envelope_distance(true_sounds, file_sounds),
+    )
+    return {**result, **dict(zip((*keys, "stft_distance", "envelope_distance"), values, strict=True))}
+
+
+def held_out_gains(modes: Product) -> np.ndarray:
+    """Return the solver's gains (n, 3, modes) at the held-out points."""
+    return modes["mode_shapes"][modes["held_out"]].astype(np.float64)
+
+
+def sound_pairs(
+    file: ObjectFile, modes: Product, count: int = SOUNDS_COMPARED, modes_kept: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Strike held-out points along x, y and z in turn with 1 N s: truth and Object File, (n, samples).
+
+    With `modes_kept` the Object File sounds only so many of its lowest modes.
+    """
+    points = modes["points"][modes["held_out"]][:count]
+    impulses = np.eye(3)[np.arange(len(points)) % 3]
+    amplitudes = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[:count])
+    truth = strike(
+        modes["frequencies_hz"],
+        modes["dampings_per_s"],
+        amplitudes * modes["radiation_weights"],
+        DURATION_S,
+        SAMPLE_RATE_HZ,
+    )
+    return truth, file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ, modes_kept)

@@ -1,0 +1,168 @@
+"""Everything measured of one Object File against its ground truth, on held-out queries."""
+
+from typing import Any
+
+import numpy as np
+
+from objectfolder.fidelity import feel, sight, sound
+from objectfolder.fidelity.sounds import stft_distance
+from objectfolder.geometry.surface_codec import decode_surface, encode_surface
+from objectfolder.object_file import ObjectFile
+from objectfolder.store import Array, Product
+from objectfolder.touch.shading import no_contact_image
+from objectfolder.touch.touchnet import TouchNet
+
+PICTURES = 4
+SUB_RAYS = (1, 4, 16)
+MODE_SHARES = (0.25, 0.5, 1.0)
+SURFACE_STEPS_M = (128e-6, 32e-6, 8e-6)
+
+
+def verify_object(
+    file: ObjectFile, views: Product, modes: Product, touches: Product
+) -> tuple[Product, ObjectFile]:
+    """Measure a file's fidelity, and write the summary into it.
+
+    Returns
+    -------
+    product
+        Attributes ``vision``, ``audio``, ``touch``, ``bytes``, ``speed_error``, ``definitions``; arrays of
+        a few held-out pairs to look at and listen to.
+    file
+        The same Object File with its fidelity in its description.
+    """
+    sight_summary, sight_rows, sight_arrays = _sight(file, views)
+    sound_summary, sound_rows, sound_arrays = _sound(file, modes)
+    feel_summary, feel_rows, feel_arrays = _feel(file, touches)
+    summary = {
+        "vision": _scalars(sight_summary),
+        "audio": _scalars(sound_summary),
+        "touch": _scalars(feel_summary),
+    }
+    verified = ObjectFile.of_tensors(
+        file.content().tensors,
+        {**file.description, "fidelity": summary},
+        str(file.description["object"]["id"]),
+    )
+    parts = verified.bytes_by_part()
+    metadata = sum(len(value) for value in verified.content().metadata.values())
+    attributes = {
+        "object": dict(file.description["object"], material=file.description["material"]["name"]),
+        "vision": sight_summary,
+        "audio": sound_summary,
+        "touch": feel_summary,
+        "bytes": {"total": sum(parts.values()) + metadata, **parts, "metadata": metadata},
+        "speed_error": [*sight_rows, *sound_rows, *feel_rows],
+        "definitions": {**sight.DEFINITIONS, **sound.DEFINITIONS, **feel.DEFINITIONS},
+    }
+    return Product({**sight_arrays, **sound_arrays, **feel_arrays}, attributes), verified
+
+
+def _scalars(summary: dict[str, Any]) -> dict[str, Any]:
+    """What of a summary travels in the Object File: no tables."""
+    return {key: value for key, value in summary.items() if not isinstance(value, list | dict)}
+
+
+def _row(sense: str, setting: str, value: float, error: float | None, unit: str, size: int) -> dict[str, Any]:
+    return {
+        "sense": sense,
+        "setting": setting,
+        "value": value,
+        "error": error,
+        "error_unit": unit,
+        "bytes": size,
+        "key": f"{sense}.{setting}={value:g}",
+    }
+
+
+def _sight(file: ObjectFile, views: Product) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
+    truth, foreground = sight.held_out_truth(views)
+    answer = sight.held_out_answer(file, views)
+    trivial = sight.measure_sight(truth, foreground, sight.trivial_answer(views))
+    measured = sight.measure_sight(truth, foreground, answer)
+    parts = file.bytes_by_part()
+    rows = []
+    for sub_rays in SUB_RAYS:
+        images = sight.held_out_answer(file, views, sub_rays)
+        psnr = sight.measure_sight(truth, foreground, images)["psnr_db"]
+        rows.append(_row("vision", "sub_rays", sub_rays, psnr, "PSNR dB", parts["vision"] + parts["surface"]))
+    order = np.argsort([row["psnr_db"] for row in measured["per_view"]], kind="stable")
+    shown = order[np.unique(np.linspace(0, len(order) - 1, PICTURES).round().astype(int))]
+    summary = {
+        **measured,
+        "noise_floor_db": views.attributes["noise_floor_db"],
+        "trivial_psnr_db": trivial["psnr_db"],
+        "trivial_psnr_foreground_db": trivial["psnr_foreground_db"],
+        "trivial_ssim": trivial["ssim"],
+        "held_out_views": len(truth),
+        "training_views": int((~views["held_out"]).sum()),
+        "resolution": int(truth.shape[1]),
+        "sub_rays": file.vision.sub_rays,
+    }
+    dims = ("picture", "y", "x", "channel")
+    arrays = {
+        "vision_truth": Array(truth[shown], dims, "1", "held-out views on white, worst first: truth"),
+        "vision_answer": Array(answer[shown], dims, "1", "held-out views on white, worst first: Object File"),
+    }
+    return summary, rows, arrays
+
+
+def _sound(file: ObjectFile, modes: Product) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
+    summary = sound.measure_sound(file, modes)
+    count = len(file.modes.frequencies_hz)
+    rows = []
+    pairs = np.zeros((2, 0, 0), dtype=np.float32)
+    if count:
+        truth, answer = sound.sound_pairs(file, modes)
+        pairs = np.stack([truth[:PICTURES], answer[:PICTURES]])
+        for share in MODE_SHARES:
+            kept = max(1, round(share * count))
+            _, partial = sound.sound_pairs(file, modes, modes_kept=kept)
+            error = 10 * np.log10(max(stft_distance(truth, partial, sound.SAMPLE_RATE_HZ), 1e-30))
+            size = round(file.bytes_by_part()["audio"] * kept / count)
+            rows.append(_row("audio", "modes", kept, float(error), "STFT distance dB", size))
+    dims = ("sound", "sample")
+    arrays = {
+        "strike_truth": Array(pairs[0], dims, "m/s", "struck held-out points, 44100 Hz: truth"),
+        "strike_answer": Array(pairs[1], dims, "m/s", "struck held-out points, 44100 Hz: Object File"),
+    }
+    return summary, rows, arrays
+
+
+def _feel(
+    file: ObjectFile, touches: Product
+) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
+    held_out = touches["held_out"]
+    truth, mask = touches["rgb"][held_out], touches["mask"][held_out]
+    queries = (touches["points"][held_out], touches["depth_m"][held_out])
+    angles = (touches["tilt_deg"][held_out], touches["azimuth_deg"][held_out])
+    answer = file.press(*queries, *angles)
+    measured = feel.measure_feel(truth, mask, answer.rgb, answer.mask)
+    blank = np.broadcast_to(no_contact_image(file.touch.sensor), truth.shape)
+    empty = feel.measure_feel(truth, mask, blank, np.zeros_like(mask))
+    rows = []
+    for step in SURFACE_STEPS_M:
+        tensors = encode_surface(file.surface, step)
+        coarse = TouchNet(decode_surface(tensors), file.touch.sensor).press(
+            queries[0], depth_m=queries[1], tilt_deg=angles[0], azimuth_deg=angles[1]
+        )
+        error = feel.measure_feel(truth, mask, coarse.rgb, coarse.mask)["psnr_contact_db"]
+        size = sum(tensor.nbytes for tensor in tensors.values())
+        rows.append(_row("touch", "surface_step_um", step * 1e6, error, "contact PSNR dB", size))
+    summary = {
+        **measured,
+        "empty_psnr_db": empty["psnr_db"],
+        "empty_psnr_contact_db": empty["psnr_contact_db"],
+        "empty_ssim": empty["ssim"],
+        "held_out_touches": int(held_out.sum()),
+        "unreachable_share": float(1.0 - touches["reachable"].mean()),
+        "surface_bytes": file.bytes_by_part()["surface"],
+    }
+    contact_pixels = mask.sum(axis=(1, 2))
+    shown = np.sort(np.argsort(-contact_pixels, kind="stable")[:PICTURES])
+    dims = ("picture", "y", "x", "channel")
+    arrays = {
+        "touch_truth": Array(truth[shown], dims, "1", "held-out touches with the largest contact: truth"),
+        "touch_answer": Array(answer.rgb[shown], dims, "1", "the same touches: Object File"),
+    }
+    return summary, rows, arrays

@@ -1,0 +1,48 @@
+"""The `objectfolder` command."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from objectfolder.errors import ObjectFolderError
+from pipeline.command_line import build, query, solve
+
+EPILOG = """examples:
+  objectfolder build mug.obj --material ceramic --length 0.16 -o mug.safetensors
+  objectfolder info mug.safetensors
+  objectfolder sample mug.safetensors --views 8 --contacts 8 --seed 0 -o queries
+  objectfolder render mug.safetensors --views queries/views.npy -o images
+  objectfolder strike mug.safetensors --points queries/points.npy --forces queries/forces.npy -o sounds
+  objectfolder press mug.safetensors --points queries/points.npy --depth 0.001 -o touches
+  objectfolder modes mug.obj --material ceramic --max-frequency 20000 --json
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all sub-commands."""
+    main_parser = argparse.ArgumentParser(
+        prog="objectfolder",
+        description="Make Object Files from meshes; ask them what an object looks, sounds and feels like.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = main_parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for module in (build, solve, query):
+        module.add_commands(commands)
+    return main_parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; return its exit status, 1 with one line on stderr for an error a user can act on."""
+    options = parser().parse_args(arguments)
+    try:
+        options.run(options)
+    except ObjectFolderError as error:
+        print(f"objectfolder: {error}", file=sys.stderr)
+        return 1
+    except FileNotFoundError as error:
+        print(f"objectfolder: {error.filename}: no such file. Check the path.", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0

@@ -1,0 +1,198 @@
+"""Commands that ask an Object File: info, sample, render, strike, press."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import objectfolder
+from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
+
+
+def add_commands(commands: Any) -> None:
+    """Add the commands of this module to a parser's sub-commands."""
+    info = _command(commands, "info", show, "print what an Object File holds and how faithful it is")
+    info.add_argument("--json", action="store_true", help="print the whole description as JSON")
+
+    sampled = _command(commands, "sample", sample, "draw valid queries and write them as .npy files")
+    sampled.add_argument("--views", type=int, default=8, help="number of views (default 8)")
+    sampled.add_argument("--contacts", type=int, default=8, help="number of contacts (default 8)")
+    sampled.add_argument("--seed", type=int, default=0, help="seed of the draw (default 0)")
+    _output(sampled, "folder for views.npy, points.npy and forces.npy")
+
+    rendered = _command(commands, "render", render, "render views to PNG")
+    rendered.add_argument(
+        "--views", required=True, metavar="VIEWS.npy", help="(n, 6) camera and light positions, unit frame"
+    )
+    rendered.add_argument("--resolution", type=int, default=256, help="pixels a side (default 256)")
+    rendered.add_argument("--field-of-view", type=float, default=39.6, help="degrees (default 39.6)")
+    rendered.add_argument("--sub-rays", type=int, help="rays a pixel, a square number: slower and closer")
+    _output(rendered, "folder for 0000.png and so on")
+
+    struck = _command(commands, "strike", strike, "strike points and write float WAV files")
+    struck.add_argument("--points", required=True, metavar="POINTS.npy", help="(n, 3) metres, object frame")
+    struck.add_argument(
+        "--forces", required=True, metavar="FORCES.npy", help="(n, 3) impulses, newton seconds"
+    )
+    struck.add_argument("--duration", type=float, default=2.0, help="seconds (default 2)")
+    struck.add_argument("--sample-rate", type=int, default=44100, help="hertz (default 44100)")
+    _output(struck, "folder for 0000.wav and so on")
+
+    pressed = _command(commands, "press", press, "press the sensor and write PNG images and depth maps")
+    pressed.add_argument("--points", required=True, metavar="POINTS.npy", help="(n, 3) metres, object frame")
+    pressed.add_argument("--depth", type=float, default=0.001, help="metres into the gel (default 0.001)")
+    _output(pressed, "folder for 0000.png, depth.npy and labels.json")
+
+
+def show(options: argparse.Namespace) -> None:
+    """Print a file's description."""
+    file = objectfolder.load(options.file)
+    if options.json:
+        print(json.dumps({**file.description, "bytes": file.bytes_by_part()}, indent=2, ensure_ascii=False))
+        return
+    said = file.description["object"]
+    modes = file.modes.frequencies_hz
+    print(f"{said['name']} ({said['id']}), {file.description['material']['name']}")
+    print(f"licence      {said['licence']}; {said['attribution']}")
+    print(f"size         {' x '.join(f'{side:.4g}' for side in np.ptp(file.surface.bounds, axis=0))} m")
+    print(f"surface      {len(file.surface.faces)} triangles")
+    sound = f"{len(modes)} modes, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else "no audible mode"
+    print(f"sound        {sound}")
+    print(f"bytes        {Path(options.file).stat().st_size} ({_pairs(file.bytes_by_part())})")
+    for line in fidelity_lines(file):
+        print(line)
+
+
+def fidelity_lines(file: ObjectFile) -> list[str]:
+    """Return the file's own fidelity on held-out queries, a line a sense."""
+    fidelity = file.description.get("fidelity")
+    if not fidelity:
+        return ["fidelity     not measured"]
+    vision, audio, touch = fidelity["vision"], fidelity["audio"], fidelity["touch"]
+    heard = (
+        f"gain error {audio['gain_error_db']:.1f} dB, frequencies within "
+        f"{audio['frequency_error_cents']:.2g} cents of the solver, solver within about {_number(audio['solver_error_estimate_cents'])} cents"
+        if audio["audible"]
+        else "no audible mode"
+    )
+    return [
+        f"vision       PSNR {vision['psnr_db']:.2f} dB, foreground {vision['psnr_foreground_db']:.2f} dB, "
+        f"SSIM {vision['ssim']:.4f} ({vision['held_out_views']} held-out views)",
+        f"audio        {heard}",
+        f"touch        PSNR {touch['psnr_db']:.2f} dB, in contact {_number(touch['psnr_contact_db'])} dB "
+        f"({touch['held_out_touches']} held-out touches)",
+    ]
+
+
+def sample(options: argparse.Namespace) -> None:
+    """Write valid queries: views in the unit frame as the published tools have them, contacts in metres."""
+    file = objectfolder.load(options.file)
+    cameras, lights = file.sample_views(options.views, options.seed)
+    points, normals = file.sample_contacts(options.contacts, options.seed)
+    folder = _folder(options.output)
+    views = np.concatenate([file.frame.to_unit(cameras[:, :3, 3]), file.frame.to_unit(lights)], axis=1)
+    np.save(folder / "views.npy", views)
+    np.save(folder / "points.npy", points)
+    np.save(folder / "forces.npy", -normals)
+    print(f"{folder}: views.npy {views.shape}, points.npy and forces.npy {points.shape} (1 N s inwards)")
+
+
+def render(options: argparse.Namespace) -> None:
+    """Render a file of views to PNG."""
+    from PIL import Image
+
+    from objectfolder.vision.cameras import look_at
+
+    file = objectfolder.load(options.file)
+    views = _read(options.views, 6)
+    folder = _folder(options.output)
+    for index, view in enumerate(views):
+        image = file.render(
+            file.frame.camera_to_object(look_at(view[:3])),
+            file.frame.to_object(view[3:]),
+            options.resolution,
+            options.field_of_view,
+            sub_rays=options.sub_rays,
+        )[0]
+        Image.fromarray(image).save(folder / f"{index:04d}.png")
+    print(f"{folder}: {len(views)} images of {options.resolution} pixels")
+
+
+def strike(options: argparse.Namespace) -> None:
+    """Strike a file of contacts and write one float WAV each."""
+    from scipy.io import wavfile
+
+    file = objectfolder.load(options.file)
+    points, forces = _read(options.points, 3), _read(options.forces, 3)
+    sounds = file.strike(points, forces, options.duration, options.sample_rate)
+    folder = _folder(options.output)
+    for index, sound in enumerate(sounds):
+        wavfile.write(folder / f"{index:04d}.wav", options.sample_rate, sound)
+    peak = float(np.abs(sounds).max(initial=0.0))
+    print(f"{folder}: {len(sounds)} sounds of {options.duration} s, peak {peak:.3g} m/s")
+
+
+def press(options: argparse.Namespace) -> None:
+    """Press at a file of points; write images, depth maps and labels."""
+    from PIL import Image
+
+    file = objectfolder.load(options.file)
+    touches = file.press(_read(options.points, 3), options.depth)
+    folder = _folder(options.output)
+    for index, image in enumerate(touches.rgb):
+        Image.fromarray(image).save(folder / f"{index:04d}.png")
+    np.save(folder / "depth.npy", touches.depth)
+    labels = {
+        "reachable": touches.reachable.tolist(),
+        "penetration_m": touches.penetration_m.tolist(),
+        "first_contact_offset_m": touches.first_contact_offset_m.tolist(),
+        "contact_area_m2": touches.contact_area_m2.tolist(),
+        "sensor_to_object": touches.sensor_to_object.tolist(),
+    }
+    (folder / "labels.json").write_text(json.dumps(labels, indent=1))
+    print(f"{folder}: {len(touches.rgb)} touches, {int(touches.reachable.sum())} reachable")
+
+
+def _command(commands: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser:
+    command: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+    command.add_argument("file", metavar="FILE.safetensors", help="an Object File")
+    command.set_defaults(run=run)
+    return command
+
+
+def _output(command: argparse.ArgumentParser, text: str) -> None:
+    command.add_argument("-o", "--output", required=True, help=text)
+
+
+def _folder(path: str) -> Path:
+    folder = Path(path)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(str(folder), "is a file", "Give a folder for --output.")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _read(path: str, columns: int) -> np.ndarray:
+    """Read an (n, columns) array of finite numbers from an .npy file; pickles are refused."""
+    try:
+        values = np.load(path, allow_pickle=False)
+    except ValueError as error:
+        raise InputError(
+            path, f"not an .npy file of numbers ({error})", "Write it with numpy.save."
+        ) from error
+    if values.ndim != 2 or values.shape[1] != columns or not np.issubdtype(values.dtype, np.number):
+        raise InputError(path, f"shape {values.shape}", f"Give an (n, {columns}) array.")
+    if not np.isfinite(values).all():
+        raise InputError(path, "holds values that are not finite", "Give numbers.")
+    return np.asarray(values, dtype=np.float64)
+
+
+def _pairs(values: dict[str, int]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items())
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.1f}"
