@@ -1,0 +1,141 @@
+"""An object as a user names it to the cleaned, measured product that every sense starts from.
+
+Nothing here depends on the material: masses are volumes, to be multiplied by a density.
+"""
+
+import hashlib
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.geometry.clean import CleaningReport, clean
+from objectfolder.geometry.length import with_length
+from objectfolder.geometry.load import load_mesh
+from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.solid_properties import Topology, solid_properties, topology_of
+from objectfolder.geometry.wall_thickness import wall_thickness
+from objectfolder.store import Array, Product
+
+
+def ingest_object(
+    mesh_path: Path, texture_path: Path | None, length_m: float | None, object_id: str
+) -> Product:
+    """Load, clean, scale and measure one object.
+
+    Parameters
+    ----------
+    mesh_path
+        OBJ, glTF, GLB, PLY or STL.
+    texture_path
+        Base colour image in place of what the mesh names; None follows the mesh.
+    length_m
+        Longest side of the bounding box in metres; None takes the file to be in metres.
+    object_id
+        Names the object in errors.
+
+    Returns
+    -------
+    Product
+        `vertices` (vertex, axis) metres, `faces` (face, corner), `texture_coordinates` (face, corner, uv),
+        `face_texture` (face) and `texture_0`, `texture_1`, ... (y, x, channel); in its attributes the report:
+        cleaning, topology, solid, wall thickness, warnings, digests of geometry and texture, source files.
+
+    Raises
+    ------
+    InputError
+        Anything that keeps the object from being used, with object or file, finding and remedy.
+    """
+    try:
+        mesh, report = clean(load_mesh(mesh_path, texture_path), f"{object_id} ({mesh_path})")
+        mesh, warnings = with_length(mesh, length_m, f"{object_id} ({mesh_path})")
+    except InputError as problem:
+        if problem.where.startswith(object_id):
+            raise
+        raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
+    topology = topology_of(mesh.vertices, mesh.faces)
+    solid = solid_properties(mesh.vertices, mesh.faces)
+    is_solid = topology.watertight and topology.consistent and solid.volume_m3 > 0
+    thickness = wall_thickness(mesh.surface, solid.volume_m3 if is_solid else None)
+    attributes = {
+        "object_id": object_id,
+        "source": {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None},
+        "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
+        "area_m2": mesh.surface.area,
+        "cleaning": report.to_dict(),
+        "topology": asdict(topology),
+        "solid": {"meaningful": is_solid, **solid.to_dict()},
+        "wall_thickness": thickness.to_dict(),
+        "warnings": warnings + _warnings(report, topology, is_solid),
+        "digests": {
+            "geometry": _digest(mesh.vertices, mesh.faces),
+            "texture": _digest(mesh.texture_coordinates, mesh.face_texture, *mesh.textures),
+        },
+    }
+    return Product(_arrays(mesh), attributes)
+
+
+def textured_mesh_of(product: Product) -> TexturedMesh:
+    """Return the mesh that `ingest_object` put into a product."""
+    count = sum(name.startswith("texture_") and name[8:].isdigit() for name in product.arrays)
+    return TexturedMesh(
+        product["vertices"],
+        product["faces"],
+        product["texture_coordinates"],
+        tuple(product[f"texture_{index}"] for index in range(count)),
+        product["face_texture"],
+    )
+
+
+def _arrays(mesh: TexturedMesh) -> dict[str, Array]:
+    arrays = {
+        "vertices": Array(mesh.vertices, ("vertex", "axis"), "m", "Vertex positions, object frame", False),
+        "faces": Array(
+            mesh.faces, ("face", "corner"), "1", "Vertex indices, counter-clockwise outside", False
+        ),
+        "texture_coordinates": Array(
+            mesh.texture_coordinates, ("face", "corner", "uv"), "1", "Texture coordinates, v up", False
+        ),
+        "face_texture": Array(mesh.face_texture, ("face",), "1", "Texture index of each face", False),
+    }
+    for index, texture in enumerate(mesh.textures):
+        arrays[f"texture_{index}"] = Array(
+            texture, ("y", "x", "channel"), "1", "Base colour RGBA, sRGB-encoded, row 0 on top", False
+        )
+    return arrays
+
+
+def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> list[str]:
+    found = []
+    if not topology.watertight:
+        found.append(
+            f"the surface is not closed ({topology.boundary_edges} boundary and "
+            f"{topology.non_manifold_edges} non-manifold edges): volume, mass and inertia mean nothing"
+        )
+    elif not is_solid:
+        found.append("the surface is closed but bounds no positive volume")
+    pieces = topology.components - report.cavities
+    if pieces > 1:
+        found.append(f"the surface has {pieces} separate pieces")
+    if report.nested_solids:
+        found.append(f"{report.nested_solids} pieces lie inside others and count twice in the volume")
+    if report.unorientable_patches:
+        found.append(f"{report.unorientable_patches} patches have no inside (Moebius strips)")
+    if topology.zero_area_faces:
+        found.append(
+            f"{topology.zero_area_faces} faces have no area; they are kept to keep the surface closed"
+        )
+    return found
+
+
+def _source(path: Path) -> dict[str, str]:
+    return {"file": Path(path).name, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
+
+
+def _digest(*arrays: np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,123 @@
+"""Wavefront material libraries (.mtl): base colour and base colour texture of each material."""
+
+from dataclasses import dataclass, field
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+
+from objectfolder.errors import InputError
+
+DEFAULT_COLOUR = np.array([0.8, 0.8, 0.8])
+"""sRGB-encoded base colour of a mesh that names none."""
+
+_OPTION_VALUES = {
+    "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2,
+    "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
+}  # fmt: skip
+
+
+@dataclass
+class ObjMaterial:
+    """Base colour (3,), sRGB-encoded 0..1, and the file of the base colour texture if there is one."""
+
+    colour: np.ndarray = field(default_factory=DEFAULT_COLOUR.copy)
+    texture: Path | None = None
+
+
+def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
+    """Read the materials of one `mtllib` statement of `mesh` (a file name, or several).
+
+    Raises
+    ------
+    InputError
+        The library or a texture it names is not there, or a texture is scaled or shifted.
+    """
+    materials: dict[str, ObjMaterial] = {}
+    for path in library_files(mesh, library):
+        current = ObjMaterial()
+        for number, line in enumerate(
+            path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1
+        ):
+            keyword, *values = line.split("#", 1)[0].split() or [""]
+            where = f"{path} line {number}"
+            if keyword.lower() == "newmtl":
+                current = materials.setdefault(" ".join(values), ObjMaterial())
+            elif keyword.lower() == "kd":
+                current.colour = _colour(values, where)
+            elif keyword.lower() == "map_kd" and values:
+                current.texture = _texture_file(path, _file_name(line.strip(), where), where)
+    return materials
+
+
+def library_files(mesh: Path, library: str) -> list[Path]:
+    """Find the files of an `mtllib` statement, whose name may hold spaces or which may list several."""
+    for names in ([library], library.split()):
+        paths = [mesh.parent / PureWindowsPath(name).as_posix() for name in names]
+        if all(path.is_file() for path in paths):
+            return paths
+    raise InputError(
+        str(mesh),
+        f"names the material library {library!r}, which is not there",
+        "Add it beside the mesh, or name a texture for the object, or remove the mtllib line",
+    )
+
+
+def _colour(values: list[str], where: str) -> np.ndarray:
+    try:
+        numbers = np.array([float(value) for value in values[:3]])
+    except ValueError:
+        numbers = np.array([])
+    if len(numbers) == 1:
+        numbers = np.repeat(numbers, 3)
+    if len(numbers) != 3 or not np.isfinite(numbers).all():
+        raise InputError(where, f"Kd {' '.join(values)!r} is not a colour", "Write three numbers in 0..1")
+    return np.clip(numbers, 0, 1)
+
+
+def _file_name(line: str, where: str) -> str:
+    """The file name of a `map_Kd` line, which may hold spaces and follows the options."""
+    rest = line.split(maxsplit=1)[1].strip()
+    while rest.startswith("-"):
+        option, *values = rest.split()
+        count = _OPTION_VALUES.get(option.lower())
+        if count is None:
+            break
+        numbers = [value for value in values[:count] if option not in ("-o", "-s", "-t") or _is_number(value)]
+        moved = {"-o": 0.0, "-s": 1.0, "-t": 0.0}.get(option.lower())
+        if moved is not None and any(float(value) != moved for value in numbers):
+            raise InputError(
+                where,
+                f"the texture option {option} {' '.join(numbers)} is not supported",
+                "Apply the scale or offset to the texture coordinates",
+            )
+        rest = rest.split(maxsplit=1 + len(numbers))[-1].strip()
+    return rest
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _texture_file(library: Path, name: str, where: str) -> Path:
+    """Where the texture is: as written, beside the library, or in the folders scans come with."""
+    written = PureWindowsPath(name).as_posix()
+    base = PureWindowsPath(name).name
+    folder = library.parent
+    candidates = [
+        folder / written,
+        folder / base,
+        folder / "textures" / base,
+        folder.parent / "materials" / "textures" / base,  # Google Scanned Objects as Fuel serves them
+    ]
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    raise InputError(
+        where,
+        f"names the texture {name!r}, which is not there",
+        "Add it beside the material library, or name a texture for the object",
+    )

@@ -1,0 +1,190 @@
+"""glTF, GLB, PLY and STL, read with trimesh and its silences turned into errors."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from objectfolder.errors import InputError
+from objectfolder.geometry.material_library import DEFAULT_COLOUR
+from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.textures import corner_colour_atlas, read_texture, rgba_of, tint, uniform_texture
+
+FORMATS = {".gltf": "glTF", ".glb": "binary glTF", ".ply": "PLY", ".stl": "STL"}
+
+_HARMLESS_EXTENSIONS = ("KHR_materials_", "KHR_lights_", "EXT_texture_webp", "KHR_xmp")
+
+
+def read_scene(path: Path, *, with_textures: bool = True) -> TexturedMesh:
+    """Read a glTF, GLB, PLY or STL file as it is, uncleaned; corners without texture coordinates get NaN.
+
+    All nodes of a glTF scene are joined with their transforms applied (a mirrored node keeps its outside);
+    its up axis stays y. Texture and base colour factor are multiplied; vertex and face colours become a
+    texture where there is no other.
+
+    Parameters
+    ----------
+    with_textures
+        False leaves materials and textures out (they may then be missing).
+
+    Raises
+    ------
+    InputError
+        Not a file of its kind, no faces, a missing or broken texture, an extension that is not supported.
+    """
+    import trimesh
+
+    kind = FORMATS[path.suffix.lower()]
+    header = gltf_header(path) if path.suffix.lower() in (".gltf", ".glb") else None
+    try:
+        # trimesh logs a traceback for files that it then also raises on.
+        scene = trimesh.load_scene(str(path), process=False)
+        nodes = [scene.graph[name] for name in sorted(scene.graph.nodes_geometry)]
+        parts = [(np.asarray(transform), scene.geometry[name]) for transform, name in nodes]
+    except Exception as problem:
+        raise InputError(
+            str(path),
+            f"cannot be read as {kind} ({problem})",
+            "Check that the file is complete and what it says",
+        ) from problem
+    parts = [part for part in parts if len(getattr(part[1], "faces", ()))]
+    if not parts:
+        raise InputError(str(path), "holds no faces", f"Use a {kind} file with triangles")
+    meshes = [_textured(path, transform, geometry, header, with_textures) for transform, geometry in parts]
+    return _joined(meshes)
+
+
+def _textured(
+    path: Path, transform: np.ndarray, geometry: Any, header: dict[str, Any] | None, with_textures: bool
+) -> TexturedMesh:
+    faces = np.array(geometry.faces, dtype=np.int64)
+    local = np.array(geometry.vertices, dtype=np.float64)
+    # Written out so that equal positions stay bitwise equal, which a BLAS product does not promise.
+    columns = [local[:, [axis]] * transform[:3, axis] for axis in range(3)]
+    vertices = columns[0] + columns[1] + columns[2] + transform[:3, 3]
+    coordinates = np.full((len(faces), 3, 2), np.nan)
+    uv = getattr(geometry.visual, "uv", None)
+    if uv is not None and np.shape(uv) == (len(vertices), 2):
+        coordinates = np.asarray(uv, dtype=np.float64)[faces]
+    texture = _base_colour(path, geometry, header) if with_textures else uniform_texture(DEFAULT_COLOUR)
+    if with_textures and geometry.visual.kind in ("vertex", "face"):
+        colours = np.asarray(geometry.visual.vertex_colors, dtype=np.float64)[faces] / 255
+        if geometry.visual.kind == "face":
+            colours = np.repeat(
+                np.asarray(geometry.visual.face_colors, dtype=np.float64)[:, None] / 255, 3, axis=1
+            )
+        texture, coordinates = corner_colour_atlas(colours)
+    if np.linalg.det(transform[:3, :3]) < 0:
+        faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
+    return TexturedMesh(vertices, faces, coordinates, (texture,), np.zeros(len(faces), dtype=np.int32))
+
+
+def _base_colour(path: Path, geometry: Any, header: dict[str, Any] | None) -> np.ndarray:
+    material = getattr(geometry.visual, "material", None)
+    image = getattr(material, "image", None)
+    if header is not None:
+        image = getattr(material, "baseColorTexture", None)
+    if isinstance(image, Image.Image):
+        try:
+            texture = rgba_of(image, str(path))
+        except (OSError, SyntaxError) as problem:
+            raise InputError(
+                str(path),
+                f"its texture cannot be read ({problem})",
+                "Repair the texture, or name another one",
+            ) from problem
+        factor = getattr(material, "baseColorFactor", None) if header is not None else None
+        return texture if factor is None else tint(texture, _factor(factor))
+    if header is None:
+        return _ply_texture(path)
+    _refuse_missing_texture(path, getattr(material, "name", None), header)
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is None:
+        return uniform_texture(np.ones(3) if material is not None else DEFAULT_COLOUR)
+    return tint(uniform_texture(np.ones(4)), _factor(factor))
+
+
+def _factor(values: np.ndarray) -> np.ndarray:
+    """Scene-linear RGBA in 0..1; trimesh turns some factors into bytes."""
+    values = np.asarray(values)
+    factor = values / 255 if values.dtype == np.uint8 else values.astype(np.float64)
+    return np.append(factor, 1.0)[:4]
+
+
+def _ply_texture(path: Path) -> np.ndarray:
+    """Texture of a PLY header that trimesh found no image for, or the default colour."""
+    name = ply_texture_name(path)
+    return uniform_texture(DEFAULT_COLOUR) if name is None else read_texture(path.parent / name)
+
+
+def ply_texture_name(path: Path) -> str | None:
+    """Return what the `comment TextureFile` of a PLY header names."""
+    with path.open("rb") as lines:
+        for line in lines:
+            if line.startswith(b"comment TextureFile"):
+                return line[len(b"comment TextureFile") :].strip().decode(errors="replace")
+            if line.startswith(b"end_header") or not line.isascii():
+                break
+    return None
+
+
+def gltf_header(path: Path) -> dict[str, Any]:
+    """Read the JSON of a glTF or GLB file; InputError where it is none or needs an unknown extension."""
+    data = path.read_bytes()
+    try:
+        if path.suffix.lower() == ".glb":
+            magic, _, _, length, chunk = struct.unpack_from("<4sIII4s", data)
+            if magic != b"glTF" or chunk != b"JSON":
+                raise ValueError("the first bytes are not those of a GLB file")
+            data = data[20 : 20 + length]
+        header = json.loads(data.decode("utf-8"))
+        if not isinstance(header, dict) or "asset" not in header:
+            raise ValueError("no glTF asset in it")
+    except (ValueError, struct.error) as problem:
+        kind = FORMATS[path.suffix.lower()]
+        raise InputError(
+            str(path), f"cannot be read as {kind} ({problem})", "Export the mesh again"
+        ) from problem
+    required = [
+        name for name in header.get("extensionsRequired", []) if not name.startswith(_HARMLESS_EXTENSIONS)
+    ]
+    if required:
+        raise InputError(
+            str(path),
+            f"needs the glTF extension {', '.join(required)}, which is not supported",
+            "Export it without compression, quantisation and texture transforms",
+        )
+    return header
+
+
+def _refuse_missing_texture(path: Path, material: str | None, header: dict[str, Any]) -> None:
+    """Raise where the file gives a material a base colour texture that trimesh could not read."""
+    named = [entry for entry in header.get("materials", []) if entry.get("name") == material]
+    textured = [entry.get("pbrMetallicRoughness", {}).get("baseColorTexture") for entry in named]
+    if not textured or any(entry is None for entry in textured):
+        return
+    source = header.get("textures", [])[textured[0]["index"]].get("source")
+    image = (
+        header.get("images", [])[source].get("uri", "in the file") if source is not None else "in the file"
+    )
+    raise InputError(
+        str(path),
+        f"its base colour texture {image!r} of material {material!r} is missing or cannot be read",
+        "Put it where the file says, or name a texture for the object",
+    )
+
+
+def _joined(meshes: list[TexturedMesh]) -> TexturedMesh:
+    vertex_offsets = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    return TexturedMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + offset for mesh, offset in zip(meshes, vertex_offsets, strict=False)]),
+        np.concatenate([mesh.texture_coordinates for mesh in meshes]),
+        tuple(mesh.textures[0] for mesh in meshes),
+        np.concatenate(
+            [np.full(len(mesh.faces), index, dtype=np.int32) for index, mesh in enumerate(meshes)]
+        ),
+    )
