@@ -51,16 +51,16 @@ def seed_from(base_seed: int, task: str, object_id: str) -> int:
 
 
 def code_identity(module: str) -> dict[str, str]:
-    """Return digests of the normalised source of `module` and of all it imports from the packages.
+    """Return digests of the normalised source of `module` and of every package module it imports.
 
-    Imports are read from the source, function-level ones included; nothing is imported. Comments,
-    docstrings and layout do not count. The ``__init__`` of a package counts only where a name that
-    is no submodule is imported from it. The dictionary is shared: do not change it.
+    Imports are followed through the source, function-level ones included, inside `PACKAGES` and the
+    package of `module`; nothing is imported. Comments, docstrings and layout do not count. The
+    ``__init__`` of a package counts only where a name that is no submodule is imported from it.
 
     Parameters
     ----------
     module
-        Dotted name inside one of `PACKAGES`.
+        Dotted name of a module inside a package.
 
     Returns
     -------
@@ -72,16 +72,18 @@ def code_identity(module: str) -> dict[str, str]:
     InputError
         `module` is not found.
     """
+    roots = frozenset({*PACKAGES, module.split(".")[0]})
     if _source_path(module) is None:
-        raise InputError(module, "no such module", f"Name a module inside {' or '.join(PACKAGES)}.")
+        raise InputError(module, "no such module", "Name a module that Python finds.")
     found: dict[str, str] = {}
     pending = [module]
     while pending:
         name = pending.pop()
-        if name in found or name in NEUTRAL_MODULES:
+        path = _source_path(name)
+        if name in found or name in NEUTRAL_MODULES or path is None:
             continue
-        digest, imports = _normalised(name)
-        found[name] = digest
+        status = path.stat()
+        found[name], imports = _normalised(name, path, roots, status.st_mtime_ns, status.st_size)
         pending.extend(imports)
     return dict(sorted(found.items()))
 
@@ -109,58 +111,45 @@ def _version(name: str) -> str:
         return "absent"
 
 
-@functools.cache
-def _package_folder(package: str) -> Path | None:
+def _source_path(module: str) -> Path | None:
+    package, *rest = module.split(".")
     specification = importlib.util.find_spec(package)
     if specification is None or not specification.submodule_search_locations:
         return None
-    return Path(next(iter(specification.submodule_search_locations)))
-
-
-def _source_path(module: str) -> Path | None:
-    package, *rest = module.split(".")
-    folder = _package_folder(package) if package in PACKAGES else None
-    if folder is None:
-        return None
-    base = folder.joinpath(*rest)
+    base = Path(next(iter(specification.submodule_search_locations))).joinpath(*rest)
     for path in (base / "__init__.py", base.with_name(base.name + ".py")):
         if path.is_file():
             return path
     return None
 
 
-def _normalised(module: str) -> tuple[str, tuple[str, ...]]:
-    """Return the digest of the normalised source of `module` and the package modules it imports."""
-    path = _source_path(module)
-    assert path is not None
-    status = path.stat()
-    return _normalised_file(module, path, status.st_mtime_ns, status.st_size)
-
-
 @functools.cache
-def _normalised_file(module: str, path: Path, modified_ns: int, size: int) -> tuple[str, tuple[str, ...]]:
+def _normalised(
+    module: str, path: Path, roots: frozenset[str], modified_ns: int, size: int
+) -> tuple[str, tuple[str, ...]]:
+    """Return the digest of the normalised source of `module` and the modules it imports from `roots`."""
     tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    imports = tuple(sorted(_imported(tree, package) - {module}))
+    imports = tuple(sorted(_imported(tree, package, roots) - {module}))
     text = ast.unparse(_without_docstrings(tree))
     return hashlib.sha256(text.encode()).hexdigest()[:16], imports
 
 
-def _imported(tree: ast.AST, package: str) -> set[str]:
-    """Return the modules of `PACKAGES` that `tree`, a module inside `package`, imports anywhere."""
+def _imported(tree: ast.AST, package: str, roots: frozenset[str]) -> set[str]:
+    """Return the modules under `roots` that `tree`, a module inside `package`, imports anywhere."""
     modules: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            modules.update(alias.name for alias in node.names)
+            modules.update(alias.name for alias in node.names if alias.name.split(".")[0] in roots)
         elif isinstance(node, ast.ImportFrom):
             origin = node.module or ""
             if node.level:
                 parts = package.split(".")
                 origin = ".".join(parts[: len(parts) - node.level + 1] + ([origin] if origin else []))
-            for alias in node.names:
-                submodule = f"{origin}.{alias.name}"
-                modules.add(submodule if _source_path(submodule) else origin)
-    return {name for name in modules if _source_path(name) is not None}
+            if origin.split(".")[0] in roots:
+                names = (f"{origin}.{alias.name}" for alias in node.names)
+                modules.update(name if _source_path(name) else origin for name in names)
+    return modules
 
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:

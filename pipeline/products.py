@@ -1,0 +1,111 @@
+"""Product files: one an object and kind, each carrying the fingerprint of what it was made from."""
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import FormatError
+from objectfolder.store import Product, read_attributes, write_product
+from objectfolder.tensor_file import DIGEST, TensorFile, read_metadata, read_tensor_file, write_tensor_file
+
+ZARR = ".zarr.zip"
+TENSORS = ".safetensors"
+PARTIAL = ".partial"
+
+
+@dataclass(frozen=True)
+class ProductKind:
+    """A folder with one file an object.
+
+    Parameters
+    ----------
+    folder
+        Relative to the root of the data set, such as ``data/views``; its last part names the kind.
+    suffix
+        `ZARR` or `TENSORS`.
+    """
+
+    folder: str
+    suffix: str = ZARR
+
+    @property
+    def name(self) -> str:
+        """Last part of the folder."""
+        return self.folder.rpartition("/")[2]
+
+    def path(self, root: Path, object_id: str) -> Path:
+        """Return where the product of an object lies."""
+        return root / self.folder / f"{object_id}{self.suffix}"
+
+    def object_ids(self, root: Path) -> list[str]:
+        """Return the ids that have a file, whole or not."""
+        folder = root / self.folder
+        if not folder.is_dir():
+            return []
+        return sorted(
+            path.name.removesuffix(self.suffix)
+            for path in folder.iterdir()
+            if path.name.endswith(self.suffix) and not path.name.startswith(".")
+        )
+
+    def sweep(self, root: Path) -> None:
+        """Remove what an interrupted run left half-written."""
+        for path in (root / self.folder).glob(f".*{PARTIAL}"):
+            path.unlink(missing_ok=True)
+
+
+def write(path: Path, content: object, fingerprint: str, provenance: dict[str, Any]) -> None:
+    """Write what a task returned, with its provenance, atomically.
+
+    Raises
+    ------
+    TypeError
+        `content` is not what the suffix of `path` asks for.
+    """
+    if path.name.endswith(ZARR) and isinstance(content, Product):
+        write_product(path, content.with_attributes(fingerprint=fingerprint, provenance=provenance))
+    elif path.name.endswith(TENSORS) and isinstance(content, TensorFile):
+        write_tensor_file(path, content.with_metadata(fingerprint=fingerprint, provenance=provenance))
+    else:
+        raise TypeError(f"{path.name} cannot hold a {type(content).__name__}")
+
+
+def read_fingerprint(path: Path) -> str | None:
+    """Return the fingerprint in a product; None where there is no file.
+
+    Raises
+    ------
+    FormatError
+        A file that cannot be read, or has no fingerprint.
+    """
+    try:
+        found = (read_metadata(path) if path.name.endswith(TENSORS) else read_attributes(path)).get(
+            "fingerprint"
+        )
+    except FileNotFoundError:
+        return None
+    if not isinstance(found, str):
+        raise FormatError(str(path), "it carries no fingerprint", "Delete it; a run makes it again.")
+    return found
+
+
+def verify(path: Path) -> None:
+    """Read all of a product and check it against the checksums it carries.
+
+    Raises
+    ------
+    FormatError
+        A damaged file.
+    """
+    if path.name.endswith(TENSORS):
+        if DIGEST not in read_tensor_file(path).metadata:
+            raise FormatError(str(path), "it carries no content digest", "Delete it; a run makes it again.")
+        return
+    try:
+        with zipfile.ZipFile(path) as archive:
+            damaged = archive.testzip()
+    except (zipfile.BadZipFile, OSError, ValueError, RuntimeError, NotImplementedError) as error:
+        raise FormatError(str(path), f"unreadable ({error})", "Delete it; a run makes it again.") from error
+    if damaged is not None:
+        raise FormatError(str(path), f"entry {damaged} is damaged", "Delete it; a run makes it again.")

@@ -1,0 +1,166 @@
+"""Speed against error as drawn curves: positions only, the page's template draws them."""
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+WIDTH, HEIGHT = 360.0, 230.0
+LEFT, RIGHT, TOP, BOTTOM = 52.0, 14.0, 16.0, 44.0
+LABEL_SPACE = 0.12
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A mark of an axis: position in the drawing, and its text."""
+
+    position: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A setting on the curve of the data set."""
+
+    x: float
+    y: float
+    label: str
+    anchor: str
+    label_y: float
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A drawing of curves over a logarithmic horizontal axis."""
+
+    x_label: str
+    y_label: str
+    x_ticks: list[Tick]
+    y_ticks: list[Tick]
+    curves: list[str]
+    median: str
+    markers: list[Marker]
+    width: float = WIDTH
+    height: float = HEIGHT
+    left: float = LEFT
+    right: float = WIDTH - RIGHT
+    top: float = TOP
+    bottom: float = HEIGHT - BOTTOM
+
+
+def speed_error_chart(rows: Sequence[Mapping[str, Any]], column: str) -> Chart | None:
+    """Draw error against `column` (``seconds_per_query`` or ``bytes``), one thin curve an object.
+
+    The bold curve is the median over objects, setting by setting. None where fewer than two settings
+    were measured or `column` does not change with the setting.
+
+    Parameters
+    ----------
+    rows
+        Rows of one sense, as `tables.speed_error_rows` gives them.
+    """
+    known = [
+        row for row in rows if row["error"] is not None and row[column] is not None and row[column] > 0
+    ]
+    settings = list(dict.fromkeys(row["setting"] for row in known))
+    middle = []
+    for setting in settings:
+        of_setting = [row for row in known if row["setting"] == setting]
+        middle.append(
+            (
+                statistics.median(row[column] for row in of_setting),
+                statistics.median(row["error"] for row in of_setting),
+                setting,
+            )
+        )
+    middle.sort()
+    if len({x for x, _, _ in middle}) < 2:
+        return None
+    x_axis = _LogAxis([row[column] for row in known], LEFT, WIDTH - RIGHT)
+    y_axis = _Axis([row["error"] for row in known], HEIGHT - BOTTOM, TOP)
+    curves = []
+    for object_id in dict.fromkeys(row["object"] for row in known):
+        points = sorted((row[column], row["error"]) for row in known if row["object"] == object_id)
+        curves.append(_path([(x_axis.position(x), y_axis.position(y)) for x, y in points]))
+    markers = [_marker(x_axis.position(x), y_axis.position(y), label) for x, y, label in middle]
+    seconds = column == "seconds_per_query"
+    return Chart(
+        "seconds a query" if seconds else "bytes read for the query's sense",
+        known[0]["error_unit"],
+        x_axis.ticks(seconds_text if seconds else bytes_text),
+        y_axis.ticks(),
+        curves,
+        _path([(marker.x, marker.y) for marker in markers]),
+        markers,
+    )
+
+
+def seconds_text(seconds: float) -> str:
+    """Return seconds with a unit that keeps the number short."""
+    for size, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
+        if seconds >= size * 0.9999:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds * 1e9:.3g} ns"
+
+
+def bytes_text(size: float) -> str:
+    """Return bytes with a decimal unit: 1 MB is a million."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= factor * 0.9999:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size:.0f} B"
+
+
+def _path(points: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+
+
+def _marker(x: float, y: float, label: str) -> Marker:
+    share = (x - LEFT) / (WIDTH - RIGHT - LEFT)
+    anchor = "start" if share < LABEL_SPACE else "end" if share > 1 - LABEL_SPACE else "middle"
+    return Marker(round(x, 1), round(y, 1), label, anchor, round(y - 8 if y > TOP + 16 else y + 17, 1))
+
+
+class _Axis:
+    """Values to positions, linear, with round marks."""
+
+    def __init__(self, values: Sequence[float], start: float, end: float) -> None:
+        low, high = min(values), max(values)
+        room = 0.1 * (high - low) or max(abs(high), 1.0) * 0.1
+        self.low, self.high, self.start, self.end = low - room, high + room, start, end
+
+    def position(self, value: float) -> float:
+        share = (value - self.low) / (self.high - self.low)
+        return self.start + share * (self.end - self.start)
+
+    def ticks(self) -> list[Tick]:
+        span = self.high - self.low
+        step = 10.0 ** math.floor(math.log10(span))
+        step = next(step * part for part in (0.1, 0.2, 0.5, 1, 2, 5) if span / (step * part) <= 6)
+        first, last = math.ceil(self.low / step), math.floor(self.high / step)
+        digits = max(0, -math.floor(math.log10(step) + 1e-9))
+        labels = [(index * step, f"{index * step:.{digits}f}") for index in range(first, last + 1)]
+        return [Tick(round(self.position(value), 1), text.replace("-", "−")) for value, text in labels]
+
+
+class _LogAxis:
+    """Positive values to positions, logarithmic, marks at 1, 2 and 5 where there is room."""
+
+    def __init__(self, values: Sequence[float], start: float, end: float) -> None:
+        low, high = math.log10(min(values)), math.log10(max(values))
+        room = max(0.08 * (high - low), 0.05)
+        self.low, self.high, self.start, self.end = low - room, high + room, start, end
+
+    def position(self, value: float) -> float:
+        return self.start + (math.log10(value) - self.low) / (self.high - self.low) * (self.end - self.start)
+
+    def ticks(self, text: Any) -> list[Tick]:
+        decades = range(math.floor(self.low), math.ceil(self.high) + 1)
+        for parts in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
+            values = [part * 10.0**decade for decade in decades for part in parts]
+            values = [value for value in values if self.low <= math.log10(value) <= self.high]
+            if len(values) >= 3:
+                break
+        values = values[:: max(1, math.ceil(len(values) / 6))]
+        return [Tick(round(self.position(value), 1), text(value)) for value in values]

@@ -1,0 +1,203 @@
+"""The measures a report is about: direction, unit, target, trivial answer and definition of each."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+SENSES = ("vision", "audio", "touch")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number of an object's fidelity.
+
+    Parameters
+    ----------
+    key
+        Where it stands in the attributes of a fidelity product, ``"sense.name"``.
+    label, unit, decimals
+        How it is printed.
+    higher_is_better
+        Direction; decides which object is the worst.
+    definition
+        Used where the product brings none of its own.
+    target
+        What the factory promises of the data set's mean.
+    trivial
+        Name, beside `key`, of the score of an answer that knows nothing of the object.
+    """
+
+    key: str
+    label: str
+    unit: str
+    decimals: int
+    higher_is_better: bool
+    definition: str
+    target: float | None = None
+    trivial: str | None = None
+
+    @property
+    def sense(self) -> str:
+        """First part of the key."""
+        return self.key.partition(".")[0]
+
+    @property
+    def name(self) -> str:
+        """Last part of the key."""
+        return self.key.partition(".")[2]
+
+    def of(self, attributes: Mapping[str, Any]) -> float | None:
+        """Return the measure's value in the attributes of a fidelity product, None where it has none."""
+        return number_at(attributes, self.key)
+
+    def trivial_of(self, attributes: Mapping[str, Any]) -> float | None:
+        """Return the score of the trivial answer, None where there is none."""
+        return number_at(attributes, f"{self.sense}.{self.trivial}") if self.trivial else None
+
+    def worst(self, values: list[float]) -> float:
+        """Return the worst of one or more values."""
+        return min(values) if self.higher_is_better else max(values)
+
+    def margin(self, value: float) -> float:
+        """Return by how much `value` is better than the target (negative: worse)."""
+        assert self.target is not None
+        return value - self.target if self.higher_is_better else self.target - value
+
+
+def number_at(attributes: Mapping[str, Any], key: str) -> float | None:
+    """Return the finite number at a dotted key of nested attributes, else None."""
+    value: Any = attributes
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+HEADLINE = (
+    Measure(
+        "vision.psnr_db",
+        "View, full image",
+        "dB",
+        1,
+        True,
+        "Peak signal-to-noise ratio of sRGB images on white, all pixels, mean over held-out views.",
+        40.0,
+        "trivial_psnr_db",
+    ),
+    Measure(
+        "vision.psnr_foreground_db",
+        "View, foreground",
+        "dB",
+        1,
+        True,
+        "The same over the pixels that the object covers: white background flatters the full image.",
+        32.0,
+        "trivial_psnr_foreground_db",
+    ),
+    Measure(
+        "vision.ssim",
+        "View, structural similarity",
+        "",
+        4,
+        True,
+        "Structural similarity (Wang et al. 2004) of the full image, mean over held-out views.",
+        0.985,
+        "trivial_ssim",
+    ),
+    Measure(
+        "audio.frequency_error_cents",
+        "Modal frequency",
+        "cents",
+        3,
+        False,
+        "Largest interval between a frequency of the Object File and the solver's, 1200 log2 of the ratio.",
+    ),
+    Measure(
+        "audio.gain_error_db",
+        "Modal gain",
+        "dB",
+        1,
+        False,
+        "Relative rms error of mode shapes at held-out surface points; silence scores 0 dB.",
+        -26.0,
+    ),
+    Measure(
+        "touch.psnr_db",
+        "Touch, whole image",
+        "dB",
+        1,
+        True,
+        "Peak signal-to-noise ratio of tactile images, all pixels, mean over held-out touches.",
+        None,
+        "empty_psnr_db",
+    ),
+    Measure(
+        "touch.psnr_contact_db",
+        "Touch, contact region",
+        "dB",
+        1,
+        True,
+        "The same over the contact region alone: most of a tactile image is untouched gel.",
+        42.0,
+        "empty_psnr_contact_db",
+    ),
+)
+BYTES = Measure(
+    "bytes.total", "Object File", "bytes", 0, False, "Size of the file, the surface counted once.", 3e6
+)
+BYTE_PARTS = ("total", "surface", "vision", "audio", "touch", "metadata")
+# These three are decibels of the same kind, so their margins can be compared.
+RANKING = tuple(
+    measure
+    for measure in HEADLINE
+    if measure.key in {"vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db"}
+)
+# Every number an object's row holds beside its name, bytes and costs.
+OBJECT_NUMBERS = {
+    "vision": (
+        "psnr_db",
+        "psnr_foreground_db",
+        "ssim",
+        "noise_floor_db",
+        "trivial_psnr_db",
+        "trivial_psnr_foreground_db",
+        "trivial_ssim",
+        "training_views",
+        "held_out_views",
+        "resolution",
+        "sub_rays",
+    ),
+    "audio": (
+        "modes",
+        "first_frequency_hz",
+        "frequency_limit_hz",
+        "frequency_error_cents",
+        "damping_error_relative",
+        "gain_error_db",
+        "gain_error_by_mode_median_db",
+        "stft_distance",
+        "envelope_distance",
+        "solver_error_estimate_cents",
+        "held_out_points",
+    ),
+    "touch": (
+        "psnr_db",
+        "psnr_contact_db",
+        "ssim",
+        "empty_psnr_db",
+        "empty_psnr_contact_db",
+        "empty_ssim",
+        "held_out_touches",
+        "unreachable_share",
+    ),
+}
+
+
+def smallest_margin_db(attributes: Mapping[str, Any]) -> float | None:
+    """Return the smallest margin of an object to a target over `RANKING`, dB; None without a measure."""
+    margins = [
+        measure.margin(value) for measure in RANKING if (value := measure.of(attributes)) is not None
+    ]
+    return min(margins, default=None)

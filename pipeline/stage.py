@@ -1,0 +1,143 @@
+"""What a stage is: a task, the products it makes of each object, and exactly what it reads."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import FormatError, InputError
+from objectfolder.provenance import code_identity, file_digest, package_versions, seed_from
+from objectfolder.store import read_attributes
+from pipeline.parameters import Parameters
+from pipeline.products import ProductKind, read_fingerprint
+from pipeline.task import Request
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ProductInput:
+    """A product of an earlier stage, or named parts of it.
+
+    Parameters
+    ----------
+    kind
+        Which product.
+    digests
+        Keys of the product's attribute ``digests`` that the task reads; none for all of the product.
+    """
+
+    kind: ProductKind
+    digests: tuple[str, ...] = ()
+
+    def digest(self, path: Path) -> str | dict[str, str]:
+        """Return what stands for the content: tasks are pure, so a fingerprint stands for a product.
+
+        Raises
+        ------
+        InputError
+            A product that is missing or unreadable.
+        """
+        finding, remedy = f"input missing: no {self.kind.name} of this object", "See the failures of that stage."
+        try:
+            whole = read_fingerprint(path)
+            if whole is None:
+                raise InputError(path.name, finding, remedy)
+            if not self.digests:
+                return whole
+            found = read_attributes(path)["digests"]
+            return {name: found[name] for name in self.digests}
+        except (FormatError, KeyError) as error:
+            raise InputError(path.name, f"input unreadable: {error}", remedy) from error
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage that converges its products over all objects.
+
+    Parameters
+    ----------
+    name
+        As in ``dvc.yaml``; part of the seed.
+    task
+        ``module:function`` of the task body (see `pipeline.task.Call`). The module is imported in the
+        child process only; its source and what it imports is the task's code.
+    products
+        What the task makes of each object, in the order in which it returns them.
+    inputs
+        Products of earlier stages that it reads.
+    sources
+        From a row to the source files that the task reads, by role; for the first stage.
+    parameters
+        Dotted names in `Parameters` (``"vision"``, ``"touch.depth_m"``) that it reads.
+    fields
+        Fields of the object's row that it reads.
+    packages
+        Distributions whose version may change its numbers.
+    """
+
+    name: str
+    task: str
+    products: tuple[ProductKind, ...]
+    inputs: tuple[ProductInput, ...] = ()
+    sources: Callable[[Row], Mapping[str, Path]] | None = None
+    parameters: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()
+    packages: tuple[str, ...] = ("numpy",)
+
+    def targets(self, root: Path, object_id: str) -> tuple[Path, ...]:
+        """Return the paths of the products of an object."""
+        return tuple(kind.path(root, object_id) for kind in self.products)
+
+    def prepare(self, root: Path, parameters: Parameters, object_id: str, row: Row) -> tuple[Request, dict[str, Any]]:
+        """Return what the task of an object gets, and the parts of its fingerprint.
+
+        Raises
+        ------
+        InputError
+            An input that is missing.
+        """
+        paths: dict[str, Path] = {}
+        digests: dict[str, Any] = {}
+        for product in self.inputs:
+            path = paths[product.kind.name] = product.kind.path(root, object_id)
+            digests[product.kind.name] = product.digest(path)
+        for role, path in (self.sources(row) if self.sources else {}).items():
+            paths[role] = path
+            digests[role] = source_digest(path)
+        read = {name: pick(parameters, name) for name in self.parameters}
+        record = {name: row[name] for name in self.fields}
+        seed = seed_from(parameters.seed, self.name, object_id)
+        parts = {
+            "task": self.name,
+            "parameters": read,
+            "record": record,
+            "inputs": digests,
+            "code": code_identity(self.task.partition(":")[0]),
+            "packages": package_versions(self.packages),
+            "seed": seed,
+        }
+        return Request(object_id, paths, read, record, seed), parts
+
+
+def source_digest(path: Path) -> str:
+    """Return the SHA-256 of a source file.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read.
+    """
+    try:
+        return file_digest(path)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})", "Correct the path in the table.") from error
+
+
+def pick(parameters: Parameters, name: str) -> Any:
+    """Return the value at a dotted name, sections as dictionaries."""
+    value: Any = parameters
+    for part in name.split("."):
+        value = getattr(value, part)
+    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else value

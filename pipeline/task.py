@@ -1,0 +1,96 @@
+"""What goes to a task and what comes back: plain data that any process can pickle."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import ObjectFolderError
+
+
+@dataclass(frozen=True)
+class Request:
+    """All that a task body sees; every value of it is part of the fingerprint.
+
+    Parameters
+    ----------
+    object_id
+        The object.
+    inputs
+        Input name to file: products of earlier stages by kind (``"objects"``), source files by role.
+    parameters
+        The parameters that the stage declares it reads.
+    record
+        The fields of the object's row that the stage declares it reads.
+    seed
+        Seed of this task and object.
+    """
+
+    object_id: str
+    inputs: Mapping[str, Path]
+    parameters: Mapping[str, Any]
+    record: Mapping[str, Any]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Call:
+    """A task body to run in a child process, and where its products go.
+
+    Parameters
+    ----------
+    stage
+        Name of the stage.
+    task
+        ``module:function``; the function takes a `Request` and returns a product for each target
+        (`objectfolder.store.Product` or `objectfolder.tensor_file.TensorFile`), in a tuple if several.
+    request
+        Its argument.
+    targets
+        Absolute paths of the products.
+    fingerprint, parts
+        What to write into each product.
+    memo
+        Folder that gets a copy of each product, or None.
+    """
+
+    stage: str
+    task: str
+    request: Request
+    targets: tuple[Path, ...]
+    fingerprint: str
+    parts: Mapping[str, Any]
+    memo: Path | None = None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why an object has no product: error, and what to do about it."""
+
+    object_id: str
+    error: str
+    remedy: str = ""
+    detail: str = ""  # traceback or last lines of output
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a call, and what it cost (CPU seconds include child processes)."""
+
+    object_id: str
+    failure: Failure | None = None
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+    peak_bytes: int = 0
+    fingerprint: str = field(default="", compare=False)
+
+
+def failure_of(object_id: str, error: BaseException, detail: str = "") -> Failure:
+    """Return `error` as data; an `ObjectFolderError` keeps its finding and remedy apart."""
+    if isinstance(error, ObjectFolderError):
+        where = "" if error.where == object_id else f"{error.where}: "
+        return Failure(object_id, f"{where}{error.finding}", error.remedy)
+    if isinstance(error, SystemExit):
+        return Failure(object_id, f"the task called exit({error.code!r})", "Report this as a defect.", detail)
+    message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return Failure(object_id, message, "Its traceback is in the failure record under runs/.", detail)
