@@ -72,12 +72,13 @@ def fidelity_lines(file: ObjectFile) -> list[str]:
     if not fidelity:
         return ["fidelity     not measured"]
     vision, audio, touch = fidelity["vision"], fidelity["audio"], fidelity["touch"]
-    heard = (
-        f"gain error {audio['gain_error_db']:.1f} dB, frequencies within "
-        f"{audio['frequency_error_cents']:.2g} cents of the solver, solver within about {_number(audio['solver_error_estimate_cents'])} cents"
-        if audio["audible"]
-        else "no audible mode"
-    )
+    heard = "no audible mode"
+    if audio["audible"]:
+        heard = (
+            f"gain error {audio['gain_error_db']:.1f} dB, "
+            f"frequencies within {audio['frequency_error_cents']:.2g} cents of the solver, "
+            f"solver within about {_number(audio['solver_error_estimate_cents'])} cents"
+        )
     return [
         f"vision       PSNR {vision['psnr_db']:.2f} dB, foreground {vision['psnr_foreground_db']:.2f} dB, "
         f"SSIM {vision['ssim']:.4f} ({vision['held_out_views']} held-out views)",
