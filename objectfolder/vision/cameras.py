@@ -1,0 +1,145 @@
+"""Cameras, lights and pixel rays: the projection that Cycles and VisionNet share.
+
+A camera is a 4x4 `camera_to_world` matrix in the OpenGL convention: it looks along its -z axis, +y is
+up in the image, and row 0 of an image is its top. The field of view spans the longer side of the image.
+"""
+
+import math
+
+import numpy as np
+
+from objectfolder.errors import QueryError
+
+CAMERA_RADIUS = 2.5
+LIGHT_RADIUS = 1.0
+FIELD_OF_VIEW_DEG = 39.6
+# Within this cosine of the pole the z axis no longer fixes the roll and y takes its place.
+POLE_COSINE = 0.9999
+
+
+def uniform_on_sphere(count: int, radius: float, generator: np.random.Generator) -> np.ndarray:
+    """Return (count, 3) points uniform by area on the sphere of `radius` about the origin.
+
+    The lights of the data set lie on the unit sphere of the unit frame. The object's box has half
+    sides of at most 1/2 there, its corners reach at most 0.866, so a light is never inside the object
+    and at least 0.134 from it; the inverse square law still spans a factor of 200.
+    """
+    height = generator.uniform(-1.0, 1.0, count)
+    angle = generator.uniform(0.0, 2.0 * math.pi, count)
+    ring = np.sqrt(1.0 - height**2)
+    return radius * np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+
+
+def look_at(positions: np.ndarray, target: np.ndarray | None = None) -> np.ndarray:
+    """Return the (n, 4, 4) poses of cameras at (n, 3) `positions` looking at `target` (the origin).
+
+    +z is up in the image, or +y for a camera that looks along z.
+
+    Raises
+    ------
+    QueryError
+        A camera at its own target.
+    """
+    positions = np.atleast_2d(np.asarray(positions, dtype=np.float64))
+    backward = positions - (np.zeros(3) if target is None else np.asarray(target, dtype=np.float64))
+    distance = np.linalg.norm(backward, axis=1, keepdims=True)
+    if not np.all(distance > 0):
+        raise QueryError("camera", "its position is its target", "Move one of them.")
+    backward = backward / distance
+    up = np.where(np.abs(backward[:, 2:]) > POLE_COSINE, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
+    right = np.cross(up, backward)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    poses = np.tile(np.eye(4), (len(positions), 1, 1))
+    poses[:, :3, 0] = right
+    poses[:, :3, 1] = np.cross(backward, right)
+    poses[:, :3, 2] = backward
+    poses[:, :3, 3] = positions
+    return poses
+
+
+def image_size(resolution: int | tuple[int, int]) -> tuple[int, int]:
+    """Return (height, width) in pixels of a resolution given as one number or two.
+
+    Raises
+    ------
+    QueryError
+        A side below one pixel.
+    """
+    height, width = (resolution, resolution) if isinstance(resolution, int | np.integer) else resolution
+    if height < 1 or width < 1:
+        raise QueryError("resolution", f"{height} x {width} pixels", "Ask for at least one pixel a side.")
+    return int(height), int(width)
+
+
+def focal_length_px(resolution: int | tuple[int, int], field_of_view_deg: float) -> float:
+    """Return the focal length in pixels; 355.56 for 256 pixels and 39.6 degrees.
+
+    Raises
+    ------
+    QueryError
+        A field of view outside (0, 180) degrees.
+    """
+    if not 0.0 < field_of_view_deg < 180.0:
+        raise QueryError("field of view", f"{field_of_view_deg} degrees", "Give an angle between 0 and 180 degrees.")
+    return max(image_size(resolution)) / 2.0 / math.tan(math.radians(field_of_view_deg) / 2.0)
+
+
+def sub_ray_offsets(sub_rays: int) -> np.ndarray:
+    """Return (s * s, 2) positions (x, y) in the unit pixel: the cell centres of an s x s grid.
+
+    Raises
+    ------
+    QueryError
+        `sub_rays` that is not a positive square number.
+    """
+    side = math.isqrt(max(sub_rays, 0))
+    if side < 1 or side * side != sub_rays:
+        raise QueryError("sub_rays", f"{sub_rays} is not a positive square number", "Use 1, 4, 16 or 64.")
+    centres = (np.arange(side) + 0.5) / side
+    return np.stack(np.meshgrid(centres, centres), axis=-1).reshape(-1, 2)
+
+
+def pixel_rays(
+    camera_to_world: np.ndarray,
+    pixels: np.ndarray,
+    offsets: np.ndarray,
+    resolution: int | tuple[int, int],
+    field_of_view_deg: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rays of a pinhole camera through points inside pixels.
+
+    Parameters
+    ----------
+    camera_to_world
+        (4, 4) pose.
+    pixels
+        (n,) flat pixel indices, row * width + column.
+    offsets
+        (k, 2) or (n, k, 2) positions (x, y) inside the pixel, from its top left corner, in pixels.
+
+    Returns
+    -------
+    origins, directions
+        (n * k, 3) each, world frame, directions of length 1; the k rays of a pixel are adjacent.
+    """
+    height, width = image_size(resolution)
+    focal = focal_length_px((height, width), field_of_view_deg)
+    row, column = np.divmod(np.asarray(pixels), width)
+    positions = np.stack([column, row], axis=-1)[:, None, :] + offsets
+    x = (positions[..., 0] - width / 2.0) / focal
+    y = (height / 2.0 - positions[..., 1]) / focal
+    directions = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3) @ camera_to_world[:3, :3].T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.broadcast_to(camera_to_world[:3, 3], directions.shape), directions
+
+
+def project(
+    points: np.ndarray, camera_to_world: np.ndarray, resolution: int | tuple[int, int], field_of_view_deg: float
+) -> np.ndarray:
+    """Return the (n, 2) image positions (x, y) in pixels, from the top left corner, of (n, 3) points."""
+    height, width = image_size(resolution)
+    focal = focal_length_px((height, width), field_of_view_deg)
+    local = (np.asarray(points, dtype=np.float64) - camera_to_world[:3, 3]) @ camera_to_world[:3, :3]
+    return np.stack(
+        [width / 2.0 - focal * local[:, 0] / local[:, 2], height / 2.0 + focal * local[:, 1] / local[:, 2]], axis=1
+    )

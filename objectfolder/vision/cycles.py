@@ -1,0 +1,282 @@
+"""Ground-truth images by Cycles: the only module that imports bpy, inside functions.
+
+Run as ``python -m objectfolder.vision.cycles REQUEST RESULT`` it renders a saved request in a process of
+its own (see `cycles_process`). Blender keeps state a process: one sample count a process, one render
+at a time, and no import of bpy before or beside other children.
+"""
+
+import contextlib
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.vision.appearance import Appearance
+
+# An albedo of 0.8 that faces the light from 0.5 reaches a radiance of 0.97, so that only surfaces very
+# close to the lamp clip: radiance = albedo P cos / (4 pi^2 d^2).
+LIGHT_POWER_W = 12.0
+# Direct light, then two more bounces off the object itself; the third changes an image by less than
+# its noise.
+BOUNCES = 2
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A textured mesh in the unit frame, as plain arrays.
+
+    Parameters
+    ----------
+    vertices
+        (v, 3) positions.
+    faces
+        (f, 3) vertex indices.
+    corner_normals
+        (f, 3, 3) unit shading normals.
+    texture_coordinates
+        (f, 3, 2) u, v a corner, v up.
+    face_texture
+        (f,) index into `textures`.
+    textures
+        (h, w, 4) uint8 images, sRGB-encoded, row 0 on top. Alpha is ignored: objects are opaque.
+    appearance
+        Reflectance.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    corner_normals: np.ndarray
+    texture_coordinates: np.ndarray
+    face_texture: np.ndarray
+    textures: tuple[np.ndarray, ...]
+    appearance: Appearance
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Views of a scene.
+
+    Parameters
+    ----------
+    camera_to_world
+        (n, 4, 4) poses, unit frame.
+    light_position
+        (n, 3) positions of the point light, unit frame.
+    seeds
+        (n,) seeds of the sampling pattern.
+    samples
+        Paths a pixel.
+    height, width
+        Image size, pixels.
+    field_of_view_deg
+        Angle over the longer side.
+    light_power_w
+        Radiant power of the point light.
+    bounces
+        Diffuse and glossy bounces after the first hit.
+    threads
+        Render threads; the image does not depend on it.
+    """
+
+    camera_to_world: np.ndarray
+    light_position: np.ndarray
+    seeds: np.ndarray
+    samples: int
+    height: int
+    width: int
+    field_of_view_deg: float
+    light_power_w: float = LIGHT_POWER_W
+    bounces: int = BOUNCES
+    threads: int = 1
+
+
+def save_request(path: Path, scene: Scene, shots: Shots) -> None:
+    """Write a scene and its shots as one ``.npz`` file."""
+    arrays: dict[str, Any] = {f"shots.{name}": value for name, value in asdict(shots).items()}
+    for field in fields(scene):
+        if field.name not in ("textures", "appearance"):
+            arrays[f"scene.{field.name}"] = getattr(scene, field.name)
+    for index, texture in enumerate(scene.textures):
+        arrays[f"texture.{index}"] = texture
+    for name, value in scene.appearance.to_dict().items():
+        arrays[f"appearance.{name}"] = value
+    np.savez(path, **arrays)
+
+
+def load_request(path: Path) -> tuple[Scene, Shots]:
+    """Read what `save_request` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        groups: dict[str, dict[str, Any]] = {"shots": {}, "scene": {}, "texture": {}, "appearance": {}}
+        for key in file.files:
+            group, name = key.split(".")
+            value = file[key]
+            groups[group][name] = value if value.ndim else value.item()
+    textures = tuple(groups["texture"][str(index)] for index in range(len(groups["texture"])))
+    scene = Scene(**groups["scene"], textures=textures, appearance=Appearance(**groups["appearance"]))
+    return scene, Shots(**groups["shots"])
+
+
+@contextlib.contextmanager
+def silenced_stdout() -> Iterator[None]:
+    """Send file descriptor 1 to nowhere: Blender writes to it past `sys.stdout`."""
+    sys.stdout.flush()
+    saved, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(saved, 1)
+        os.close(saved)
+        os.close(nowhere)
+
+
+def render(scene: Scene, shots: Shots) -> np.ndarray:
+    """Render every shot in this process.
+
+    Returns
+    -------
+    np.ndarray
+        (n, height, width, 4) float32 scene-linear premultiplied RGBA, row 0 on top.
+    """
+    import bpy
+
+    images = np.empty((len(shots.camera_to_world), shots.height, shots.width, 4), dtype=np.float32)
+    with silenced_stdout(), tempfile.TemporaryDirectory(prefix="objectfolder-cycles-") as folder:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        _set_up_render(shots, os.path.join(folder, "view.exr"))
+        _add_object(scene)
+        camera, light = _add_camera_and_light(shots)
+        for index in range(len(images)):
+            camera.matrix_world = shots.camera_to_world[index].T.tolist()
+            light.location = shots.light_position[index].tolist()
+            bpy.context.scene.cycles.seed = int(shots.seeds[index])
+            bpy.ops.render.render(write_still=True)
+            images[index] = _read_image(bpy.context.scene.render.filepath)
+    return images
+
+
+def _set_up_render(shots: Shots, path: str) -> None:
+    import bpy
+
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = shots.width, shots.height
+    scene.render.resolution_percentage = 100
+    scene.render.film_transparent = True
+    scene.render.use_persistent_data = True
+    scene.render.threads_mode = "FIXED"
+    scene.render.threads = shots.threads
+    scene.render.use_compositing = False
+    scene.render.use_sequencer = False
+    scene.render.dither_intensity = 0.0
+    scene.render.filepath = path
+    settings = scene.render.image_settings
+    settings.file_format = "OPEN_EXR"
+    settings.color_mode = "RGBA"
+    settings.color_depth = "32"
+    settings.exr_codec = "NONE"
+    cycles = scene.cycles
+    cycles.device = "CPU"
+    cycles.samples = shots.samples
+    cycles.pixel_filter_type = "BOX"
+    cycles.sampling_pattern = "TABULATED_SOBOL"
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising = False
+    cycles.use_auto_tile = False
+    cycles.light_sampling_threshold = 0.0
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.blur_glossy = 0.0
+    cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = shots.bounces
+    cycles.transmission_bounces = cycles.volume_bounces = cycles.transparent_max_bounces = 0
+    world = bpy.data.worlds.new("black")
+    world.use_nodes = True
+    world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
+    scene.world = world
+
+
+def _add_object(scene: Scene) -> None:
+    import bpy
+
+    faces = np.ascontiguousarray(scene.faces, dtype=np.int32)
+    mesh = bpy.data.meshes.new("object")
+    mesh.vertices.add(len(scene.vertices))
+    mesh.vertices.foreach_set("co", scene.vertices.astype(np.float32).ravel())
+    mesh.loops.add(faces.size)
+    mesh.loops.foreach_set("vertex_index", faces.ravel())
+    mesh.polygons.add(len(faces))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    mesh.polygons.foreach_set("material_index", scene.face_texture.astype(np.int32))
+    mesh.update(calc_edges=True)
+    coordinates = mesh.uv_layers.new(name="texture")
+    coordinates.data.foreach_set("uv", scene.texture_coordinates.astype(np.float32).ravel())
+    mesh.shade_smooth()
+    normals = mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "CORNER")
+    normals.data.foreach_set("vector", scene.corner_normals.astype(np.float32).ravel())
+    for texture in scene.textures:
+        mesh.materials.append(_material(texture, scene.appearance))
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("object", mesh))
+
+
+def _material(texture: np.ndarray, appearance: Appearance) -> Any:
+    import bpy
+
+    height, width = texture.shape[:2]
+    image = bpy.data.images.new("texture", width, height, alpha=True)
+    image.colorspace_settings.name = "sRGB"
+    image.alpha_mode = "NONE"
+    image.pixels.foreach_set((texture[::-1] / np.float32(255)).astype(np.float32).ravel())
+    image.update()
+    material = bpy.data.materials.new("surface")
+    material.use_nodes = True
+    nodes = material.node_tree.nodes
+    base = nodes.new("ShaderNodeTexImage")
+    base.image = image
+    shader = nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = appearance.roughness
+    shader.inputs["Metallic"].default_value = appearance.metallic
+    shader.inputs["Specular IOR Level"].default_value = appearance.specular
+    material.node_tree.links.new(base.outputs["Color"], shader.inputs["Base Color"])
+    return material
+
+
+def _add_camera_and_light(shots: Shots) -> tuple[Any, Any]:
+    import bpy
+
+    scene = bpy.context.scene
+    lens = bpy.data.cameras.new("camera")
+    lens.sensor_fit = "AUTO"
+    lens.angle = float(np.deg2rad(shots.field_of_view_deg))
+    lens.clip_start, lens.clip_end = 1e-3, 1e3
+    camera = bpy.data.objects.new("camera", lens)
+    lamp = bpy.data.lights.new("light", "POINT")
+    lamp.energy = shots.light_power_w
+    lamp.shadow_soft_size = 0.0
+    lamp.use_soft_falloff = False
+    light = bpy.data.objects.new("light", lamp)
+    for item in (camera, light):
+        scene.collection.objects.link(item)
+    scene.camera = camera
+    return camera, light
+
+
+def _read_image(path: str) -> np.ndarray:
+    import bpy
+
+    image = bpy.data.images.load(path)
+    image.colorspace_settings.name = "Non-Color"
+    image.alpha_mode = "PREMUL"
+    width, height = image.size
+    pixels = np.empty(width * height * 4, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    return pixels.reshape(height, width, 4)[::-1]
+
+
+if __name__ == "__main__":
+    np.save(Path(sys.argv[2]), render(*load_request(Path(sys.argv[1]))))

@@ -1,0 +1,138 @@
+"""The network: features of a point, and how it sends light on.
+
+Radiance = P / (4 pi^2) * (irradiance * reflectance(features, angles) + albedo * bounced(coarse features,
+normal, light, view)), where irradiance = visibility cos / d^2 is traced, not learned.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from objectfolder.vision.incidence import Incidence
+from objectfolder.vision.sparse_grid import LEVELS
+
+WIDTH = 64
+# Features a corner of each level holds, coarse to fine.
+FEATURES = (8, 8, 4, 3)
+# The coarse levels that the bounced light may depend on: finer ones would fit the renderer's noise.
+COARSE_LEVELS = 2
+ANGLES = 12
+SURROUNDINGS = 31
+
+
+class _Interpolate(torch.autograd.Function):
+    """Weighted sums of rows of a table; its own backward, as torch's sorts the rows."""
+
+    @staticmethod
+    def forward(ctx, table: Tensor, rows: Tensor, weights: Tensor) -> Tensor:  # type: ignore[no-untyped-def, override]  # ctx has no public type
+        ctx.save_for_backward(rows, weights)
+        ctx.shape = table.shape
+        return functional.embedding_bag(rows, table, per_sample_weights=weights, mode="sum")
+
+    @staticmethod
+    def backward(ctx, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[no-untyped-def, override]  # as above
+        rows, weights = ctx.saved_tensors
+        flat, spread = rows.numpy().ravel(), weights.numpy()
+        values = gradient.numpy()
+        columns = [
+            np.bincount(flat, (spread * values[:, column : column + 1]).ravel(), ctx.shape[0])
+            for column in range(ctx.shape[1])
+        ]
+        return torch.from_numpy(np.stack(columns, axis=1).astype(np.float32)), None, None
+
+
+def interpolate(table: Tensor, rows: np.ndarray, weights: np.ndarray) -> Tensor:
+    """Return (n, features) sums of 8 rows of a (corners, features) table."""
+    result: Tensor = _Interpolate.apply(table, torch.from_numpy(rows), torch.from_numpy(weights))
+    return result
+
+
+def angle_inputs(points: Incidence) -> np.ndarray:
+    """Return (n, 12) float32: the normal, and cosines of light, camera and half vector in useful powers."""
+    half = points.to_light + points.to_camera
+    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
+    light = np.einsum("ij,ij->i", points.normal, points.to_light)
+    camera = np.einsum("ij,ij->i", points.normal, points.to_camera)
+    middle = np.clip(np.einsum("ij,ij->i", points.normal, half), 0.0, 1.0)
+    grazing = np.clip(np.einsum("ij,ij->i", points.to_light, half), 0.0, 1.0)
+    powers = [light, light**2, camera, np.clip(1 - camera, 0, 1) ** 3, (1 - grazing) ** 5, grazing]
+    lobes = [middle**4, middle**32, middle]
+    return np.concatenate([points.normal, np.stack([*powers, *lobes], axis=1)], axis=1).astype(np.float32)
+
+
+def surrounding_inputs(points: Incidence, light_position: np.ndarray) -> np.ndarray:
+    """Return (n, 31) float32: where the point is, how it lies, where the light and the camera are."""
+    lamp = np.broadcast_to(light_position, points.position.shape)
+    cosine = np.einsum("ij,ij->i", points.normal, points.to_light)[:, None]
+    camera = np.einsum("ij,ij->i", points.normal, points.to_camera)[:, None]
+    mirrored = 2 * camera * points.normal - points.to_camera
+    glint = np.einsum("ij,ij->i", mirrored, points.to_light)[:, None]
+    waves = [np.sin(math.pi * lamp), np.cos(math.pi * lamp), np.sin(2 * math.pi * lamp)]
+    parts = [
+        points.position, points.normal, points.to_camera, points.to_light, lamp, *waves,
+        cosine, np.maximum(cosine, 0), camera, glint, points.distance[:, None],
+        np.minimum(points.distance[:, None], 4.0) ** -2 / 4, np.log(np.maximum(points.irradiance[:, None], 1e-3)),
+    ]  # fmt: skip
+    return np.concatenate(parts, axis=1).astype(np.float32)
+
+
+class Reflectance(nn.Module):
+    """Features on a sparse grid and two small perceptrons.
+
+    Parameters
+    ----------
+    sizes
+        Corners of each grid level, coarse to fine.
+    """
+
+    def __init__(self, sizes: Sequence[int]) -> None:
+        super().__init__()
+        self.tables = nn.ParameterList(
+            nn.Parameter(torch.zeros(size, FEATURES[level])) for level, size in enumerate(sizes)
+        )
+        features, coarse = sum(FEATURES), sum(FEATURES[:COARSE_LEVELS])
+        self.direct = nn.Sequential(
+            nn.Linear(features + ANGLES, WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, 6)
+        )
+        self.bounced = nn.Sequential(
+            nn.Linear(coarse + SURROUNDINGS, WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, 3)
+        )
+        self.albedo = nn.Linear(features, 3)
+        # GGX width of the highlight that the network scales: log alpha.
+        self.log_alpha = nn.Parameter(torch.tensor(math.log(0.25)))
+
+    def initialise(self, generator: torch.Generator) -> None:
+        """Draw the starting weights."""
+        with torch.no_grad():
+            for table in self.tables:
+                table.uniform_(-0.1, 0.1, generator=generator)
+            for module in self.modules():
+                if isinstance(module, nn.Linear):
+                    bound = math.sqrt(6.0 / module.in_features)
+                    module.weight.uniform_(-bound, bound, generator=generator)
+                    module.bias.zero_()
+            self.direct[-1].bias[:3] = -1.0
+            self.direct[-1].bias[3:] = -3.0
+            self.bounced[-1].bias[:] = -4.0
+
+    def forward(
+        self,
+        interpolation: list[tuple[np.ndarray, np.ndarray]],
+        angles: Tensor,
+        surroundings: Tensor,
+        irradiance: Tensor,
+    ) -> Tensor:
+        """Return (n, 3) radiance over P / (4 pi^2)."""
+        levels = [interpolate(table, *at) for table, at in zip(self.tables, interpolation, strict=True)]
+        features = torch.cat(levels, dim=1)
+        out = self.direct(torch.cat([features, angles], dim=1))
+        middle = angles[:, -1:]
+        alpha2 = torch.exp(2 * self.log_alpha)
+        lobe = alpha2 / (4 * (middle * middle * (alpha2 - 1) + 1) ** 2)
+        reflectance = functional.softplus(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
+        light = functional.softplus(self.bounced(torch.cat([*levels[:COARSE_LEVELS], surroundings], dim=1)))
+        return irradiance[:, None] * reflectance + torch.sigmoid(self.albedo(features)) * light

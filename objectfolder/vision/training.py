@@ -1,0 +1,144 @@
+"""Fit a VisionNet's weights to the training views of an object."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from objectfolder.store import Product
+from objectfolder.vision.cameras import pixel_rays, sub_ray_offsets
+from objectfolder.vision.compositing import SRGB_KNEE
+from objectfolder.vision.incidence import Incidence, UnitSurface
+from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
+from objectfolder.vision.sparse_grid import SparseGrid
+
+BRIGHTEST = 1.0
+
+
+@dataclass(frozen=True)
+class TrainingRays:
+    """Sub-rays that hit the surface, sorted by pixel.
+
+    Parameters
+    ----------
+    position, angles, surroundings, irradiance
+        A row for each sub-ray: the inputs of `Reflectance`.
+    first, count
+        (pixels,) where a pixel's sub-rays begin, and how many there are.
+    colour
+        (pixels, 3) float32 straight linear colour.
+    weight
+        (pixels,) float32 squared coverage.
+    """
+
+    position: np.ndarray
+    angles: np.ndarray
+    surroundings: np.ndarray
+    irradiance: np.ndarray
+    first: np.ndarray
+    count: np.ndarray
+    colour: np.ndarray
+    weight: np.ndarray
+
+
+def trace_training_rays(surface: UnitSurface, views: Product, sub_rays: int, seed: int) -> TrainingRays:
+    """Trace `sub_rays` jittered rays through each covered pixel of the views that are not held out."""
+    random = np.random.default_rng(seed)
+    chosen = np.flatnonzero(~views["held_out"])
+    height, width = views["rgba"].shape[1:3]
+    offsets, cell = sub_ray_offsets(sub_rays), 1.0 / math.isqrt(sub_rays)
+    parts: list[tuple[np.ndarray, ...]] = []
+    pixels_of: list[tuple[np.ndarray, ...]] = []
+    for view in chosen:
+        rgba = views["rgba"][view].astype(np.float32).reshape(-1, 4)
+        pixels = np.flatnonzero(rgba[:, 3] > 0)
+        jitter = (random.random((len(pixels), sub_rays, 2)) - 0.5) * cell
+        origins, directions = pixel_rays(
+            views["camera_to_world"][view], pixels, offsets + jitter, (height, width),
+            views.attributes["field_of_view_deg"],
+        )  # fmt: skip
+        face, barycentric = surface.first_hits(origins, directions)
+        hit = face >= 0
+        light = views["light_position"][view]
+        points = surface.incidence(face[hit], barycentric[hit], directions[hit], light)
+        count = hit.reshape(-1, sub_rays).sum(axis=1)
+        seen = count > 0
+        alpha = np.clip(rgba[pixels, 3:], 0.0, 1.0)[seen]
+        parts.append(_inputs(points, light))
+        pixels_of.append((count[seen], rgba[pixels, :3][seen] / alpha, alpha[:, 0] ** 2))
+    inputs = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    count, colour, weight = (np.concatenate(column) for column in zip(*pixels_of, strict=True))
+    return TrainingRays(*inputs, np.cumsum(count) - count, count, colour, weight)
+
+
+def _inputs(points: Incidence, light: np.ndarray) -> tuple[np.ndarray, ...]:
+    return (
+        points.position.astype(np.float32),
+        angle_inputs(points),
+        surrounding_inputs(points, light),
+        points.irradiance.astype(np.float32),
+    )
+
+
+def encoded_slope(linear: torch.Tensor) -> torch.Tensor:
+    """Return the derivative of the sRGB encoding at linear values, those above 1 taken as 1."""
+    safe = linear.clamp(SRGB_KNEE, 1.0)
+    return torch.where(linear <= SRGB_KNEE, torch.full_like(linear, 12.92), 1.055 / 2.4 * safe ** (1 / 2.4 - 1))
+
+
+def display_loss(predicted: torch.Tensor, colour: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """Mean squared error of the sRGB-encoded colour, linearised at the prediction.
+
+    Linearised (as in RawNeRF, Mildenhall et al. 2022) because the encoding of a noisy value is darker
+    in mean than the encoding of its mean. Both above 1 is no error: white is white.
+    """
+    over = (predicted > BRIGHTEST) & (colour > BRIGHTEST)
+    error = (predicted - colour) * encoded_slope(predicted.detach()) * ~over
+    return (error**2 * weight[:, None]).sum() / (3 * weight.sum())
+
+
+def train(
+    grid: SparseGrid, rays: TrainingRays, *, radiance_scale: float, steps: int, batch_pixels: int,
+    learning_rate: float, seed: int,
+) -> Reflectance:  # fmt: skip
+    """Fit a network by Adam with a cosine schedule; the same seed gives the same weights."""
+    generator = torch.Generator().manual_seed(seed)
+    random = np.random.default_rng(seed)
+    network = Reflectance(grid.sizes)
+    network.initialise(generator)
+    tables = list(network.tables)
+    known = {id(table) for table in tables}
+    others = [parameter for parameter in network.parameters() if id(parameter) not in known]
+    optimiser = torch.optim.Adam(
+        [{"params": tables, "lr": 4 * learning_rate}, {"params": others, "lr": learning_rate}], eps=1e-12, foreach=True
+    )
+    rates = [group["lr"] for group in optimiser.param_groups]
+    order = np.empty(0, dtype=np.int64)
+    for step in range(steps):
+        if len(order) < batch_pixels:
+            order = np.concatenate([order, random.permutation(len(rays.count))])
+        batch, order = order[:batch_pixels], order[batch_pixels:]
+        share = min(1.0, (step + 1) / 50) * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * step / steps)))
+        for group, rate in zip(optimiser.param_groups, rates, strict=True):
+            group["lr"] = rate * share
+        predicted = _predict(network, grid, rays, batch) * radiance_scale
+        loss = display_loss(predicted, torch.from_numpy(rays.colour[batch]), torch.from_numpy(rays.weight[batch]))
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+        optimiser.step()
+    return network
+
+
+def _predict(network: Reflectance, grid: SparseGrid, rays: TrainingRays, batch: np.ndarray) -> torch.Tensor:
+    count = rays.count[batch]
+    owner = np.repeat(np.arange(len(batch)), count)
+    row = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(rays.first[batch], count)
+    radiance = network(
+        grid.interpolation(rays.position[row]),
+        torch.from_numpy(rays.angles[row]),
+        torch.from_numpy(rays.surroundings[row]),
+        torch.from_numpy(rays.irradiance[row]),
+    )
+    total = torch.zeros(len(batch), 3).index_add(0, torch.from_numpy(owner), radiance)
+    return total / torch.from_numpy(count.astype(np.float32))[:, None]
