@@ -15,11 +15,12 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
 from pipeline import memo, products
-from pipeline.task import Call, Outcome, failure_of
+from pipeline.task import Call, Outcome, Timed, failure_of
 
 LENGTH_BYTES = 8
 PR_SET_PDEATHSIG = 1
@@ -47,9 +48,12 @@ def execute(call: Call) -> Outcome:
     begin, cpu = time.perf_counter(), _cpu_seconds()
     _reset_peak()
     failure = None
+    query_seconds: Mapping[str, float] = {}
     try:
         module, _, function = call.task.partition(":")
         returned = getattr(importlib.import_module(module), function)(call.request)
+        if isinstance(returned, Timed):
+            returned, query_seconds = returned.products, returned.query_seconds
         contents = returned if isinstance(returned, tuple) else (returned,)
         if len(contents) != len(call.targets):
             raise TypeError(
@@ -68,6 +72,7 @@ def execute(call: Call) -> Outcome:
         _cpu_seconds() - cpu,
         _peak_bytes(),
         call.fingerprint,
+        query_seconds,
     )
 
 

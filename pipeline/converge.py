@@ -172,10 +172,11 @@ def _log(stage: Stage, root: Path, plan: _Plan, summary: Summary, costs: Costs) 
             {
                 "object_id": object_id,
                 "stage": stage.name,
+                "fingerprint": plan.fingerprints.get(object_id),
                 "outcome": outcome,
                 "wall_s": known.wall_s if known else None,
                 "cpu_s": known.cpu_s if known else None,
-                "peak_bytes": known.peak_bytes if known else None,
+                "peak_memory_mb": known.peak_memory_mb if known else None,
             }
         )
     write_run(root, stage.name, lines, summary.failures)

@@ -1,9 +1,12 @@
 """What tasks cost and why they failed, beside the data set and outside its versions.
 
+``.objectfolder/costs.csv`` has a row for every task ever run here (its products hold no timings).
 ``runs/<stage>.jsonl`` is the last run of a stage, an object a line; ``runs/<stage>-failures.json`` its
-failures. ``.objectfolder/costs.jsonl`` keeps the cost of every task ever run here.
+failures.
 """
 
+import contextlib
+import csv
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -12,6 +15,18 @@ from typing import Any
 
 from pipeline.task import Failure, Outcome
 
+COLUMNS = (
+    "object",
+    "stage",
+    "fingerprint",
+    "cpu_seconds",
+    "wall_seconds",
+    "peak_memory_mb",
+    "key",
+    "seconds_per_query",
+)
+QUERY = "query"
+
 
 @dataclass(frozen=True)
 class Cost:
@@ -19,7 +34,12 @@ class Cost:
 
     wall_s: float
     cpu_s: float
-    peak_bytes: int
+    peak_memory_mb: float
+
+
+def costs_path(root: Path) -> Path:
+    """Return where the costs are kept."""
+    return root / ".objectfolder" / "costs.csv"
 
 
 class Costs:
@@ -34,14 +54,19 @@ class Costs:
     """
 
     def __init__(self, root: Path, stage: str) -> None:
-        self._path = root / ".objectfolder" / "costs.jsonl"
+        self._path = costs_path(root)
         self._stage = stage
         self._by_fingerprint: dict[str, Cost] = {}
         self._by_object: dict[str, Cost] = {}
-        for line in _lines(self._path):
-            if line.get("stage") == stage:
-                cost = Cost(line["wall_s"], line["cpu_s"], line["peak_bytes"])
-                self._by_fingerprint[line["fingerprint"]] = self._by_object[line["object_id"]] = cost
+        if not self._path.is_file():
+            return
+        with self._path.open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                if row["stage"] != stage:
+                    continue
+                with contextlib.suppress(TypeError, ValueError):  # a line that a kill cut short
+                    numbers = [float(row[name]) for name in ("wall_seconds", "cpu_seconds", "peak_memory_mb")]
+                    self._by_fingerprint[row["fingerprint"]] = self._by_object[row["object"]] = Cost(*numbers)
 
     def of(self, fingerprint: str) -> Cost | None:
         """Return what the task with this fingerprint took when it ran here."""
@@ -49,7 +74,9 @@ class Costs:
 
     def expected(self, sizes: Mapping[str, int]) -> dict[str, float]:
         """Return expected seconds by object: the last known ones, else in proportion to input bytes."""
-        known = [(self._by_object[name].wall_s, size) for name, size in sizes.items() if name in self._by_object]
+        known = [
+            (self._by_object[name].wall_s, size) for name, size in sizes.items() if name in self._by_object
+        ]
         total = sum(size for _, size in known)
         rate = sum(seconds for seconds, _ in known) / total if total else 1e-6
         return {
@@ -58,16 +85,22 @@ class Costs:
         }
 
     def add(self, outcome: Outcome) -> None:
-        """Note, at once and for good, what a task took."""
-        cost = Cost(round(outcome.wall_s, 3), round(outcome.cpu_s, 3), outcome.peak_bytes)
+        """Note, at once and for good, what a task took and what its queries took."""
+        cost = Cost(round(outcome.wall_s, 3), round(outcome.cpu_s, 3), round(outcome.peak_bytes / 1e6, 1))
         self._by_fingerprint[outcome.fingerprint] = self._by_object[outcome.object_id] = cost
-        line = {"stage": self._stage, "object_id": outcome.object_id, "fingerprint": outcome.fingerprint}
+        own = (outcome.object_id, self._stage, outcome.fingerprint)
+        rows: list[tuple[object, ...]] = [(*own, cost.cpu_s, cost.wall_s, cost.peak_memory_mb, "", "")]
+        for key, seconds in outcome.query_seconds.items():
+            rows.append((outcome.object_id, QUERY, outcome.fingerprint, "", "", "", key, f"{seconds:.3g}"))
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        with self._path.open("a") as file:
-            file.write(json.dumps({**line, **asdict(cost)}) + "\n")
+        new = not self._path.exists()
+        with self._path.open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([COLUMNS, *rows] if new else rows)
 
 
-def write_run(root: Path, stage: str, lines: Iterable[Mapping[str, Any]], failures: Iterable[Failure]) -> None:
+def write_run(
+    root: Path, stage: str, lines: Iterable[Mapping[str, Any]], failures: Iterable[Failure]
+) -> None:
     """Write the log and the failures of a run."""
     folder = root / "runs"
     folder.mkdir(parents=True, exist_ok=True)
@@ -80,33 +113,8 @@ def write_run(root: Path, stage: str, lines: Iterable[Mapping[str, Any]], failur
 def read_failures(root: Path, stage: str) -> list[Failure]:
     """Return the failures of the last run of a stage; none where it never ran."""
     try:
-        return [Failure(**entry) for entry in json.loads((root / "runs" / f"{stage}-failures.json").read_text())]
+        return [
+            Failure(**entry) for entry in json.loads((root / "runs" / f"{stage}-failures.json").read_text())
+        ]
     except FileNotFoundError:
         return []
-
-
-def read_costs(root: Path) -> dict[str, dict[str, Cost]]:
-    """Return the known cost of the present products: stage, then object."""
-    found: dict[str, dict[str, Cost]] = {}
-    for path in sorted((root / "runs").glob("*.jsonl")):
-        found[path.stem] = {
-            line["object_id"]: Cost(line["wall_s"], line["cpu_s"], line["peak_bytes"])
-            for line in _lines(path)
-            if line.get("cpu_s") is not None
-        }
-    return found
-
-
-def _lines(path: Path) -> list[dict[str, Any]]:
-    """Return the whole lines of a file that a kill may have cut short."""
-    try:
-        text = path.read_text()
-    except FileNotFoundError:
-        return []
-    lines = []
-    for line in text.splitlines():
-        try:
-            lines.append(json.loads(line))
-        except ValueError:
-            continue
-    return lines

@@ -39,7 +39,10 @@ class ProductInput:
         InputError
             A product that is missing or unreadable.
         """
-        finding, remedy = f"input missing: no {self.kind.name} of this object", "See the failures of that stage."
+        finding, remedy = (
+            f"input missing: no {self.kind.name} of this object",
+            "See the failures of that stage.",
+        )
         try:
             whole = read_fingerprint(path)
             if whole is None:
@@ -90,7 +93,9 @@ class Stage:
         """Return the paths of the products of an object."""
         return tuple(kind.path(root, object_id) for kind in self.products)
 
-    def prepare(self, root: Path, parameters: Parameters, object_id: str, row: Row) -> tuple[Request, dict[str, Any]]:
+    def prepare(
+        self, root: Path, parameters: Parameters, object_id: str, row: Row
+    ) -> tuple[Request, dict[str, Any]]:
         """Return what the task of an object gets, and the parts of its fingerprint.
 
         Raises
@@ -132,7 +137,9 @@ def source_digest(path: Path) -> str:
     try:
         return file_digest(path)
     except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", "Correct the path in the table.") from error
+        raise InputError(
+            str(path), f"cannot be read ({error.strerror})", "Correct the path in the table."
+        ) from error
 
 
 def pick(parameters: Parameters, name: str) -> Any:
@@ -140,4 +147,8 @@ def pick(parameters: Parameters, name: str) -> Any:
     value: Any = parameters
     for part in name.split("."):
         value = getattr(value, part)
-    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else value
+    return (
+        dataclasses.asdict(value)
+        if dataclasses.is_dataclass(value) and not isinstance(value, type)
+        else value
+    )

@@ -82,7 +82,20 @@ class Outcome:
     wall_s: float = 0.0
     cpu_s: float = 0.0
     peak_bytes: int = 0
-    fingerprint: str = field(default="", compare=False)
+    fingerprint: str = ""
+    query_seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Products, and seconds that the task measured of something else than itself, by key.
+
+    A task whose business includes timing (the fidelity of a query at several efforts) returns this in
+    place of its products; the seconds go to the cost table, for products hold no timings.
+    """
+
+    products: Any
+    query_seconds: Mapping[str, float]
 
 
 def failure_of(object_id: str, error: BaseException, detail: str = "") -> Failure:

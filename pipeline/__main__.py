@@ -1,0 +1,91 @@
+"""``python -m pipeline STAGE``: what ``dvc.yaml`` runs, and the few commands around it."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from objectfolder.errors import ObjectFolderError
+from pipeline import selection
+from pipeline.cluster import read_place, run_calls
+from pipeline.converge import converge
+from pipeline.parameters import read_parameters
+from pipeline.progress import failure_table
+from pipeline.records import read_records, read_table, write_records
+from pipeline.run_log import read_failures
+from pipeline.stages import STAGES
+from pipeline.task import Failure
+
+PARAMETERS = "params.yaml"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command in the current folder; return its exit code."""
+    options = _parser().parse_args(arguments)
+    root = Path.cwd()
+    try:
+        if options.command in STAGES:
+            return converge_stage(root, options.command)
+        if options.command == "starter":
+            return make_starter_set(root)
+        if options.command == "report":
+            return make_report(root)
+        if options.command == "select":
+            changes = selection.select(root / PARAMETERS, options.objects, options.only)
+            print("\n".join(changes))
+            return 0
+        return show_failures(root)
+    except ObjectFolderError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted: nothing finished is lost, the next run does what is left", file=sys.stderr)
+        return 130
+
+
+def converge_stage(root: Path, name: str) -> int:
+    """Converge one stage over all objects; return 1 where it does not stand."""
+    parameters = read_parameters(root / PARAMETERS)
+    if name == "objects":
+        records = read_table(root, parameters.objects)
+        write_records(root, records)
+    else:
+        records = read_records(root)
+    place = read_place(root)
+    summary = converge(
+        STAGES[name],
+        root,
+        parameters,
+        records.rows,
+        lambda calls: run_calls(calls, place, root),
+        records.refused if name == "objects" else (),
+    )
+    return summary.exit_code(parameters.allow_failures)
+
+
+def show_failures(root: Path) -> int:
+    """Print what failed in the last run of each stage; return 1 if anything did."""
+    failures = [
+        Failure(failure.object_id, f"{name}: {failure.error}", failure.remedy)
+        for name in STAGES
+        for failure in read_failures(root, name)
+    ]
+    if failures:
+        print(failure_table(failures))
+    return 1 if failures else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m pipeline", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name in ("starter", *STAGES, "report"):
+        commands.add_parser(name, help=f"run the stage {name}")
+    choose = commands.add_parser("select", help="choose objects in params.yaml")
+    choose.add_argument("--objects", help="table of objects, a CSV file")
+    choose.add_argument("--only", help="ids with commas between them; empty for all")
+    commands.add_parser("failures", help="show what failed in the last runs; exit 1 if any did")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""The listed objects as the stages see them, read from the table once and handed on in one file.
+
+``data/records.json`` holds what is known of each object but its shape and texture, so that stages after
+the first depend on neither the table's place nor columns that mean nothing to them.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from objectfolder.audio.materials import read_materials
+
+from objectfolder.catalogue import ObjectRecord, read_catalogue
+from objectfolder.errors import InputError
+from objectfolder.geometry.source_files import source_files
+from pipeline.parameters import ObjectsParameters
+from pipeline.task import Failure, failure_of
+
+MATERIALS = Path("data/materials.csv")
+RECORDS = Path("data/records.json")
+
+
+@dataclass(frozen=True)
+class Records:
+    """Rows by object id, and why other objects were refused."""
+
+    rows: Mapping[str, Mapping[str, Any]]
+    refused: tuple[Failure, ...] = ()
+
+
+def read_table(root: Path, objects: ObjectsParameters) -> Records:
+    """Read the table of objects and the materials; rows have source files besides what is handed on.
+
+    Raises
+    ------
+    InputError
+        A table that cannot be used, or an id in ``objects.only`` that it does not list.
+    """
+    materials = read_materials(root / MATERIALS)
+    catalogue = read_catalogue(root / objects.table, materials)
+    if objects.only:
+        catalogue = catalogue.select(objects.only, "objects.only (ONLY=)")
+    rows = {record.id: _row(record, asdict(materials[record.material])) for record in catalogue.records}
+    refused = tuple(failure_of(object_id, error) for object_id, error in catalogue.errors.items())
+    return Records(rows, refused)
+
+
+def sources(row: Mapping[str, Any]) -> dict[str, Path]:
+    """Return the files an object is read from, by role."""
+    named = {"mesh": row["mesh"]}
+    if row["texture"] is not None:
+        named["texture"] = row["texture"]
+    referred = [path for path in source_files(row["mesh"], row["texture"]) if path not in named.values()]
+    return {**named, **{f"referred_{index}": path for index, path in enumerate(referred)}}
+
+
+def write_records(root: Path, records: Records) -> None:
+    """Write what later stages read of the objects, atomically."""
+    handed_on = ("name", "material", "material_citation", "appearance", "source", "licence", "attribution")
+    content = {
+        "objects": {
+            object_id: {field: row[field] for field in handed_on} for object_id, row in records.rows.items()
+        },
+        "refused": [asdict(failure) for failure in records.refused],
+    }
+    path = root / RECORDS
+    temporary = path.with_name(f".{path.name}.partial")
+    temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def read_records(root: Path) -> Records:
+    """Read ``data/records.json``.
+
+    Raises
+    ------
+    InputError
+        A missing or damaged file.
+    """
+    try:
+        content = json.loads((root / RECORDS).read_text(encoding="utf-8"))
+        return Records(content["objects"], tuple(Failure(**entry) for entry in content["refused"]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(str(RECORDS), f"cannot be read ({error})", "Run the stage `objects`.") from error
+
+
+def _row(record: ObjectRecord, material: dict[str, Any]) -> dict[str, Any]:
+    citation = material.pop("citation", "")
+    appearance = {
+        "roughness": material.pop("roughness") if record.roughness is None else record.roughness,
+        "metallic": material.pop("metallic") if record.metallic is None else record.metallic,
+    }
+    return {
+        "name": record.name,
+        "mesh": record.mesh,
+        "texture": record.texture,
+        "length_m": record.length_m,
+        "file_names": [record.mesh.name, record.texture.name if record.texture else None],
+        "material": {key: value for key, value in material.items() if key not in appearance},
+        "material_citation": citation,
+        "appearance": appearance,
+        "source": record.source,
+        "licence": record.licence,
+        "attribution": record.attribution,
+    }

@@ -1,0 +1,79 @@
+"""The stages that converge, in order; what each makes, and exactly what it reads."""
+
+from pipeline.products import TENSORS, ProductKind
+from pipeline.records import sources
+from pipeline.stage import ProductInput, Stage
+
+OBJECTS = ProductKind("data/objects")
+VIEWS = ProductKind("data/views")
+MODES = ProductKind("data/modes")
+TOUCHES = ProductKind("data/touches")
+ENCODED = ProductKind("data/encoded", TENSORS)
+OBJECT_FILES = ProductKind("data/object_files", TENSORS)
+FIDELITY = ProductKind("data/fidelity")
+
+GEOMETRY = ProductInput(OBJECTS, ("geometry",))
+
+STAGES = {
+    stage.name: stage
+    for stage in (
+        Stage(
+            "objects",
+            "pipeline.tasks.objects:prepare_object",
+            (OBJECTS,),
+            sources=sources,
+            fields=("length_m", "file_names"),
+            packages=("numpy", "Pillow", "trimesh", "zarr"),
+        ),
+        Stage(
+            "views",
+            "pipeline.tasks.views:render_views",
+            (VIEWS,),
+            inputs=(ProductInput(OBJECTS, ("geometry", "texture")),),
+            parameters=("vision",),
+            fields=("appearance",),
+            packages=("bpy", "numpy", "zarr"),
+        ),
+        Stage(
+            "modes",
+            "pipeline.tasks.modes:compute_modes",
+            (MODES,),
+            inputs=(GEOMETRY,),
+            parameters=("audio",),
+            fields=("material",),
+            packages=("numpy", "pytetwild", "scipy", "zarr"),
+        ),
+        Stage(
+            "touches",
+            "pipeline.tasks.touches:press_sensor",
+            (TOUCHES,),
+            inputs=(GEOMETRY,),
+            parameters=("touch",),
+            packages=("numba", "numpy", "zarr"),
+        ),
+        Stage(
+            "encode",
+            "pipeline.tasks.encode:encode_object",
+            (ENCODED,),
+            inputs=(GEOMETRY, ProductInput(VIEWS), ProductInput(MODES), ProductInput(TOUCHES)),
+            parameters=("encode",),
+            fields=("material",),
+            packages=("embreex", "numba", "numpy", "scipy", "torch"),
+        ),
+        Stage(
+            "fidelity",
+            "pipeline.tasks.verify:verify_object",
+            (OBJECT_FILES, FIDELITY),
+            inputs=(
+                GEOMETRY,
+                ProductInput(ENCODED),
+                ProductInput(VIEWS),
+                ProductInput(MODES),
+                ProductInput(TOUCHES),
+            ),
+            parameters=("fidelity",),
+            fields=("name", "material", "material_citation", "source", "licence", "attribution"),
+            packages=("embreex", "numba", "numpy", "scikit-image", "scipy", "torch", "zarr"),
+        ),
+    )
+}

@@ -1,0 +1,13 @@
+"""An object as its owner gives it to the cleaned, measured mesh that every sense starts from."""
+
+from pathlib import Path
+
+from objectfolder.geometry.ingest import ingest_object
+from objectfolder.store import Product
+from pipeline.task import Request
+
+
+def prepare_object(request: Request) -> Product:
+    """Clean, scale and measure one object (see `objectfolder.geometry.ingest.ingest_object`)."""
+    texture: Path | None = request.inputs.get("texture")
+    return ingest_object(request.inputs["mesh"], texture, request.record["length_m"], request.object_id)
