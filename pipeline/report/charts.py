@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.report.formats import number
+
 WIDTH, HEIGHT = 360.0, 230.0
 LEFT, RIGHT, TOP, BOTTOM = 52.0, 14.0, 16.0, 44.0
 LABEL_SPACE = 0.12
@@ -60,9 +62,7 @@ def speed_error_chart(rows: Sequence[Mapping[str, Any]], column: str) -> Chart |
     rows
         Rows of one sense, as `tables.speed_error_rows` gives them.
     """
-    known = [
-        row for row in rows if row["error"] is not None and row[column] is not None and row[column] > 0
-    ]
+    known = [row for row in rows if row["error"] is not None and row[column] is not None and row[column] > 0]
     settings = list(dict.fromkeys(row["setting"] for row in known))
     middle = []
     for setting in settings:
@@ -140,8 +140,8 @@ class _Axis:
         step = next(step * part for part in (0.1, 0.2, 0.5, 1, 2, 5) if span / (step * part) <= 6)
         first, last = math.ceil(self.low / step), math.floor(self.high / step)
         digits = max(0, -math.floor(math.log10(step) + 1e-9))
-        labels = [(index * step, f"{index * step:.{digits}f}") for index in range(first, last + 1)]
-        return [Tick(round(self.position(value), 1), text.replace("-", "−")) for value, text in labels]
+        values = [index * step for index in range(first, last + 1)]
+        return [Tick(round(self.position(value), 1), number(value, digits)) for value in values]
 
 
 class _LogAxis:

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -43,9 +43,9 @@ class Costs:
             rows = [row for row in rows if row.fingerprint == wanted]
         return rows[-1] if rows else None
 
-    def stage_names(self) -> tuple[str, ...]:
-        """Return the stages in order of the pipeline, others named in the table behind them."""
-        others = {stage for _, stage in self.stages} - set(STAGES)
+    def stage_names(self, object_ids: Collection[str]) -> tuple[str, ...]:
+        """Return the stages in order of the pipeline, others that these objects have behind them."""
+        others = {stage for object_id, stage in self.stages if object_id in object_ids} - set(STAGES)
         return STAGES + tuple(sorted(others))
 
     def seconds_per_query(self, object_id: str, key: str) -> float | None:

@@ -197,7 +197,5 @@ OBJECT_NUMBERS = {
 
 def smallest_margin_db(attributes: Mapping[str, Any]) -> float | None:
     """Return the smallest margin of an object to a target over `RANKING`, dB; None without a measure."""
-    margins = [
-        measure.margin(value) for measure in RANKING if (value := measure.of(attributes)) is not None
-    ]
+    margins = [measure.margin(value) for measure in RANKING if (value := measure.of(attributes)) is not None]
     return min(margins, default=None)

@@ -70,5 +70,6 @@ def picture_pairs(truth: np.ndarray, answer: np.ndarray, count: int) -> list[Pic
 
 
 def _labels(count: int) -> Sequence[str]:
-    names = {0: (), 1: ("worst",), 2: ("worst", "best"), 3: ("worst", "median", "best")}
-    return names.get(count) or ("worst", *[f"rank {rank}" for rank in range(2, count)], "best")
+    if count == 3:
+        return ("worst", "median", "best")
+    return ("worst", *[f"rank {rank}" for rank in range(2, count)], "best")[:count]

@@ -48,7 +48,9 @@ class Record:
     def fingerprints(self) -> dict[str, str]:
         """Stage to fingerprint of the products that were measured, as far as the provenance names them."""
         named = self.sense("provenance").get("fingerprints")
-        return {str(stage): str(value) for stage, value in named.items()} if isinstance(named, Mapping) else {}
+        return (
+            {str(stage): str(value) for stage, value in named.items()} if isinstance(named, Mapping) else {}
+        )
 
     @property
     def margin_db(self) -> float | None:

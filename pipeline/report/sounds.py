@@ -2,6 +2,7 @@
 
 import base64
 import io
+import itertools
 import wave
 from dataclasses import dataclass
 
@@ -63,7 +64,9 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
     sounds = _faded(np.stack([truth, answer]) * factor)
     levels = np.round(sounds * 32767).astype("<i2")
     heard = np.flatnonzero(np.any(levels != 0, axis=0))
-    length = max(int(heard[-1]) + 1 if heard.size else 0, min(int(SHORTEST_S * SAMPLE_RATE_HZ), levels.shape[1]))
+    length = max(
+        int(heard[-1]) + 1 if heard.size else 0, min(int(SHORTEST_S * SAMPLE_RATE_HZ), levels.shape[1])
+    )
     energy = float(np.sum(truth**2))
     error = float(np.sum((answer - truth) ** 2))
     reference = float(max(_spectrum(sound).max(initial=0.0) for sound in sounds))
@@ -106,7 +109,7 @@ def spectrogram_uri(sound: np.ndarray, reference: float) -> str:
     picked = np.stack(
         [
             magnitudes[:, int(low) : max(int(np.ceil(high)), int(low) + 1)].max(axis=1)
-            for high, low in zip(edges, edges[1:], strict=False)
+            for high, low in itertools.pairwise(edges)
         ]
     )
     columns = np.linspace(0, picked.shape[1] - 1, SPECTROGRAM_SIZE[1]).round().astype(int)
@@ -116,6 +119,11 @@ def spectrogram_uri(sound: np.ndarray, reference: float) -> str:
     shades = np.round(level * 63) / 63
     image = np.stack([np.interp(shades, anchors, COLOURS[:, channel]) for channel in range(3)], axis=-1)
     return picture_uri(image.round().astype(np.uint8))
+
+
+def spectrogram_share(frequency_hz: float) -> float:
+    """Return the height of a frequency in a spectrogram, 0 at the bottom and 1 at the top."""
+    return float(np.log(frequency_hz / LOWEST_HZ) / np.log(HIGHEST_HZ / LOWEST_HZ))
 
 
 def _spectrum(sound: np.ndarray) -> np.ndarray:

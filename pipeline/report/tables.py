@@ -48,6 +48,7 @@ def metrics_text(table: Mapping[str, Any]) -> str:
 def object_rows(records: Sequence[Record], costs: Costs) -> list[dict[str, Any]]:
     """Return one row an object with every number known of it; None where there is none."""
     rows = []
+    stages = _stage_names(records, costs)
     for record in records:
         row: dict[str, Any] = {
             "id": record.object_id,
@@ -58,7 +59,7 @@ def object_rows(records: Sequence[Record], costs: Costs) -> list[dict[str, Any]]
         for sense, names in OBJECT_NUMBERS.items():
             row |= {f"{sense}.{name}": number_at(record.attributes, f"{sense}.{name}") for name in names}
         row |= {f"bytes.{part}": number_at(record.attributes, f"bytes.{part}") for part in BYTE_PARTS}
-        for stage in costs.stage_names():
+        for stage in stages:
             cost = costs.stage(record.object_id, stage, record.fingerprints)
             row[f"cpu_seconds.{stage}"] = cost.cpu_seconds if cost else None
         rows.append(row)
@@ -98,7 +99,7 @@ def csv_text(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
     return buffer.getvalue()
 
 
-def object_columns(costs: Costs) -> tuple[str, ...]:
+def object_columns(records: Sequence[Record], costs: Costs) -> tuple[str, ...]:
     """Return the columns of per_object.csv, also for no object at all."""
     numbers = [f"{sense}.{name}" for sense, names in OBJECT_NUMBERS.items() for name in names]
     return (
@@ -108,7 +109,7 @@ def object_columns(costs: Costs) -> tuple[str, ...]:
         "audio.audible",
         *numbers,
         *(f"bytes.{part}" for part in BYTE_PARTS),
-        *(f"cpu_seconds.{stage}" for stage in costs.stage_names()),
+        *(f"cpu_seconds.{stage}" for stage in _stage_names(records, costs)),
     )
 
 
@@ -117,6 +118,10 @@ def setting_name(setting: Any) -> str:
     if isinstance(setting, Mapping):
         return ", ".join(f"{name} {value}" for name, value in sorted(setting.items()))
     return "" if setting is None else str(setting)
+
+
+def _stage_names(records: Sequence[Record], costs: Costs) -> tuple[str, ...]:
+    return costs.stage_names({record.object_id for record in records})
 
 
 def _mean_and_worst(measure: Measure, records: Sequence[Record]) -> dict[str, float | None]:

@@ -1,0 +1,63 @@
+"""How numbers, licences and sources are printed on the page."""
+
+import math
+import re
+from typing import Any
+
+NOTHING = "\N{EN DASH}"
+MINUS = "\N{MINUS SIGN}"
+TIMES = "\N{MULTIPLICATION SIGN}"
+LICENCES = {
+    "CC0 1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
+    "CC BY 4.0": "https://creativecommons.org/licenses/by/4.0/",
+    "CC BY 3.0": "https://creativecommons.org/licenses/by/3.0/",
+    "CC BY SA 4.0": "https://creativecommons.org/licenses/by-sa/4.0/",
+    "CC BY NC 4.0": "https://creativecommons.org/licenses/by-nc/4.0/",
+    "CC BY NC SA 4.0": "https://creativecommons.org/licenses/by-nc-sa/4.0/",
+    "APACHE 2.0": "https://www.apache.org/licenses/LICENSE-2.0",
+    "MIT": "https://opensource.org/license/mit",
+}
+
+
+def number(value: Any, decimals: int = 1) -> str:
+    """Return a number with a fixed count of decimals and a true minus sign, a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    text = f"{float(value):,.{decimals}f}".replace(",", "\u202f")
+    return text.replace("-", MINUS) if float(f"{value:.{decimals}f}") else text.lstrip("-")
+
+
+def digits(value: Any, count: int = 3) -> str:
+    """Return a number to a count of significant digits."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value and not 1e-4 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{count - 1}e}".split("e")
+        superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+        return f"{mantissa} {TIMES} 10{str(int(exponent)).translate(superscripts)}".replace("-", MINUS)
+    decimals = max(0, count - 1 - math.floor(math.log10(abs(value)))) if value else 0
+    return number(value, decimals)
+
+
+def megabytes(size: Any) -> str:
+    """Return bytes in kB below a tenth of a MB (a million bytes), else in MB."""
+    if size is None:
+        return NOTHING
+    return f"{number(size / 1e3, 1)} kB" if size < 1e5 else f"{number(size / 1e6, 2)} MB"
+
+
+def percent(share: Any) -> str:
+    """Return a share of one in percent."""
+    return NOTHING if share is None else f"{number(100 * share, 1 if share < 0.1 else 0)} %"
+
+
+def licence_link(licence: Any) -> str | None:
+    """Return the address of a known licence's text, or the address that `licence` itself is."""
+    key = re.sub(r"[\s_-]+", " ", str(licence or "")).strip().upper()
+    return LICENCES.get(key) or web_link(licence)
+
+
+def web_link(text: Any) -> str | None:
+    """Return `text` where it is a web address and nothing else, else None."""
+    address = str(text or "").strip()
+    return address if re.fullmatch(r"https?://[^\s\"'<>]+", address) else None
