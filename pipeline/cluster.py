@@ -103,7 +103,7 @@ def _run_on_dask(calls: Sequence[Call], place: Place, root: Path) -> Iterator[Ou
 
         workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
         window = (submit_next() for _ in range(WINDOW * workers))
-        completed = as_completed([future for future in window if future is not None])
+        completed = as_completed([future for future in window if future is not None], loop=client.loop)
         for future in completed:
             call = running.pop(future.key)
             try:

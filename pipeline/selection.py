@@ -33,8 +33,8 @@ def select(path: Path, table: str | None, only: str | None) -> list[str]:
     """
     before = read_parameters(path).objects
     wanted_table = before.table if table is None else table
-    if not (path.parent / wanted_table).is_file():
-        raise InputError(wanted_table, "no such table of objects", "Give the path of a CSV file.")
+    if table is not None and not (path.parent / table).is_file():
+        raise InputError(table, "no such table of objects", "Give the path of a CSV file.")
     wanted_only = list(before.only) if wanted_table == before.table else []
     if only is not None:
         wanted_only = [object_id.strip() for object_id in only.split(",") if object_id.strip()]

@@ -1,0 +1,219 @@
+"""The scenarios of a stage that converges, executions counted."""
+
+import os
+
+import pytest
+from toys import FILES, INGESTED, QUALITY, TUNED
+
+from objectfolder.store import read_attributes
+from objectfolder.tensor_file import read_metadata
+from pipeline.products import read_fingerprint
+
+ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))
+
+
+def test_first_run_makes_all_and_second_makes_none(toys):
+    toys.converge()
+    assert toys.executed() == ALL
+    before = {path: path.stat().st_mtime_ns for path in toys.root.glob("data/*/*")}
+    for summary in toys.converge():
+        assert summary.kept == ("ball", "cup", "dish")
+        assert summary.exit_code(allow_failures=False) == 0
+    assert toys.executed() == []
+    assert {path: path.stat().st_mtime_ns for path in toys.root.glob("data/*/*")} == before
+
+
+def test_products_carry_why_they_are_as_they_are(toys):
+    toys.converge()
+    attributes = read_attributes(TUNED.path(toys.root, "cup"))
+    assert attributes["provenance"]["parameters"] == {"vision.training_views": 5}
+    assert attributes["provenance"]["inputs"] == {"ingested": {"shape": "2.0"}}
+    assert attributes["provenance"]["record"] == {"material": {"stiffness": 3.0}}
+    assert f"{toys.package}.tasks" in attributes["provenance"]["code"]
+    metadata = read_metadata(FILES.path(toys.root, "cup"))
+    assert metadata["format"] == "toy"
+    assert metadata["fingerprint"] == read_attributes(QUALITY.path(toys.root, "cup"))["fingerprint"]
+
+
+def test_one_object_changed_computes_only_that_object(toys):
+    toys.converge()
+    toys.executed()
+    toys.add("cup", "5.0")
+    toys.converge()
+    assert toys.executed() == ["encode cup", "ingest cup", "tune cup"]
+
+
+def test_material_changed_leaves_stages_that_do_not_read_it(toys):
+    toys.converge()
+    toys.executed()
+    toys.rows["cup"]["material"] = {"stiffness": 4.0}
+    toys.converge()
+    assert toys.executed() == ["encode cup", "tune cup"]
+
+
+def test_parameter_changed_and_set_back_by_hand(toys):
+    toys.converge()
+    toys.executed()
+    first = {path: path.read_bytes() for path in toys.root.glob("data/*/*")}
+    toys.set_parameter("training_views", 6)
+    toys.converge()
+    assert toys.executed() == [line for line in ALL if not line.startswith("ingest")]
+    toys.set_parameter("training_views", 5)
+    _, tuned, encoded = toys.converge()
+    assert toys.executed() == []
+    assert tuned.restored == encoded.restored == ("ball", "cup", "dish")
+    assert {path: path.read_bytes() for path in toys.root.glob("data/*/*")} == first
+
+
+def test_parameter_of_another_stage_changes_nothing(toys):
+    toys.converge()
+    toys.executed()
+    toys.set_parameter("resolution", 64)
+    toys.converge()
+    assert toys.executed() == []
+
+
+def test_object_removed_takes_its_products_and_returns_from_the_memo(toys):
+    toys.converge()
+    toys.executed()
+    row = toys.rows.pop("cup")
+    assert [summary.removed for summary in toys.converge()] == [("cup",)] * 3
+    assert not list(toys.root.glob("data/*/*cup*"))
+    toys.rows["cup"] = row
+    toys.converge()
+    assert toys.executed() == []
+    assert len(list(toys.root.glob("data/*/*cup*"))) == 4
+
+
+@pytest.mark.parametrize("kind", [INGESTED, FILES], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("damage", ["truncated", "one bit", "emptied", "foreign"])
+def test_damaged_product_is_noticed_and_made_good(toys, kind, damage):
+    toys.converge()
+    toys.executed()
+    path = kind.path(toys.root, "cup")
+    whole = path.read_bytes()
+    middle = bytearray(whole)
+    middle[len(whole) - 3 if kind is FILES else len(whole) // 4] ^= 1
+    damaged = {
+        "truncated": whole[:-7],
+        "one bit": bytes(middle),
+        "emptied": b"",
+        "foreign": b"PK\x03\x04nothing",
+    }
+    path.write_bytes(damaged[damage])
+    toys.converge()
+    assert toys.executed() == []  # the memo has it
+    assert path.read_bytes() == whole
+
+
+def test_damaged_product_and_memo_are_computed_again(toys, monkeypatch):
+    monkeypatch.setenv("OBJECTFOLDER_MEMO_GB", "0")
+    toys.converge()
+    toys.executed()
+    path = INGESTED.path(toys.root, "cup")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-7])
+    toys.converge()
+    assert toys.executed() == ["ingest cup"]
+    assert path.read_bytes() == whole
+
+
+def test_a_product_under_another_name_is_not_taken_for_its_own(toys):
+    toys.converge()
+    toys.executed()
+    INGESTED.path(toys.root, "cup").write_bytes(INGESTED.path(toys.root, "ball").read_bytes())
+    toys.converge(toys.ingest)
+    assert read_attributes(INGESTED.path(toys.root, "cup"))["digests"]["shape"] == "2.0"
+
+
+def test_one_of_two_kinds_missing_makes_both(toys, monkeypatch):
+    monkeypatch.setenv("OBJECTFOLDER_MEMO_GB", "0")
+    toys.converge()
+    toys.executed()
+    QUALITY.path(toys.root, "cup").unlink()
+    toys.converge()
+    assert toys.executed() == ["encode cup"]
+
+
+def test_failure_is_data_and_only_what_is_left_is_done_after_mending(toys):
+    toys.add("cup", "poison raise ValueError('no cup')")
+    ingested, tuned, encoded = toys.converge()
+    assert [failure.object_id for failure in ingested.failures] == ["cup"]
+    assert "no cup" in ingested.failures[0].error
+    assert "input missing: no ingested" in tuned.failures[0].error
+    assert "input missing: no ingested" in encoded.failures[0].error
+    assert (ingested.exit_code(allow_failures=False), ingested.exit_code(allow_failures=True)) == (1, 0)
+    assert len(toys.executed()) == 7
+    assert "no cup" in (toys.root / "runs" / "ingest-failures.json").read_text()
+    toys.add("cup", "2.5")
+    assert all(not summary.failures for summary in toys.converge())
+    assert toys.executed() == ["encode cup", "ingest cup", "tune cup"]
+
+
+def test_failing_object_loses_the_products_of_its_former_self(toys):
+    toys.converge()
+    toys.add("cup", "poison raise ValueError('no cup')")
+    toys.converge()
+    assert not list(toys.root.glob("data/*/*cup*"))
+
+
+def test_a_stage_where_all_fail_does_not_stand(toys):
+    for name in list(toys.rows):
+        toys.add(name, "poison 1/0")
+    (summary,) = toys.converge(toys.ingest)
+    assert summary.exit_code(allow_failures=True) == 1
+
+
+def test_code_changes_count_and_comments_do_not(toys):
+    toys.converge()
+    toys.executed()
+    source = toys.tasks.read_text()
+    toys.tasks.write_text(
+        source.replace("def tune(request):", 'def tune(request):\n    """Docstring."""\n    # why')
+    )
+    toys.converge()
+    assert toys.executed() == []
+    toys.tasks.write_text(source.replace("% 7.0", "% 8.0"))
+    toys.converge(toys.tune)
+    assert toys.executed() == ["tune ball", "tune cup", "tune dish"]
+
+
+def test_half_written_leftovers_are_swept(toys):
+    toys.converge()
+    leftover = toys.root / "data/ingested/.cup.zarr.zip.x1y2.partial"
+    leftover.write_bytes(b"half")
+    toys.converge()
+    assert not leftover.exists()
+
+
+def test_longest_expected_first(toys):
+    order = []
+
+    def run(calls):
+        order.append([call.request.object_id for call in calls])
+        return []
+
+    toys.add("ball", "1." + "0" * 50)
+    toys.converge(toys.ingest, run=run)
+    assert order[0][0] == "ball"  # the largest input
+    toys.converge(toys.ingest)
+    costs = toys.root / ".objectfolder" / "costs.csv"
+    rows = costs.read_text().splitlines()
+    slow = next(row.split(",") for row in rows if row.startswith("dish,ingest"))
+    slow[4] = "100.0"
+    costs.write_text("\n".join([*rows, ",".join(slow)]) + "\n" + "cup,ingest,cut sho")
+    for name in toys.rows:
+        INGESTED.path(toys.root, name).unlink()
+    os.rename(toys.root / ".objectfolder" / "memo", toys.root / "gone")
+    toys.converge(toys.ingest, run=run)
+    assert order[-1][0] == "dish"  # the longest last time
+
+
+def test_fingerprint_is_independent_of_place(toys):
+    toys.converge()
+    first = read_fingerprint(INGESTED.path(toys.root, "cup"))
+    moved = toys.root / "elsewhere.mesh"
+    moved.write_text("2.0")
+    toys.rows["cup"]["mesh"] = moved
+    toys.converge()
+    assert read_fingerprint(INGESTED.path(toys.root, "cup")) == first

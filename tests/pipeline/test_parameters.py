@@ -1,0 +1,89 @@
+"""``params.yaml`` is read strictly, and edited with its comments kept."""
+
+import pytest
+from toys import REPOSITORY
+
+from objectfolder.errors import InputError
+from pipeline.parameters import read_parameters
+from pipeline.selection import select
+
+TEXT = (REPOSITORY / "params.yaml").read_text()
+
+
+def read(tmp_path, text):
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    return read_parameters(path)
+
+
+def test_both_sizes_are_whole(tmp_path):
+    default = read(tmp_path, TEXT)
+    paper = read(tmp_path, TEXT.replace("size: default", "size: paper"))
+    assert default.vision.resolution < paper.vision.resolution == 256
+    assert paper.touch.at_vertices
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("training_views:", "trainingviews:", "unknown key sizes.default.vision.trainingviews. Did you mean"),
+        ("seed: 0", "sead: 0", "params.yaml: unknown key sead. Did you mean seed?"),
+        ("seed: 0", "", "params.yaml: no key seed"),
+        ("size: default", "size: papr", "size: 'papr' is not described. Known sizes are default, paper."),
+        ("seed: 0", "seed: zero", "params.yaml: seed is 'zero'. It must be a int."),
+        ("seed: 0", "seed: true", "params.yaml: seed is True"),
+        ("max_modes: 256", "max_modes: 2.5", "sizes.default.audio.max_modes is 2.5"),
+        ("20000.0", "2e4", "write 1.0e-3, not 1e-3"),
+        ("[0.0005, 0.002]", "[0.0005]", "touch.depth_m is [0.0005]. It must be a list of 2 values."),
+        ("[0.0005, 0.002]", "[0.0005, deep]", "sizes.default.touch.depth_m[1] is 'deep'"),
+        ("    vision:\n", "    visions:\n", "unknown key sizes.default.visions. Did you mean"),
+        ("seed: 0", "seed: [0", "cannot be read"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(tmp_path, old, new, message):
+    assert old in TEXT
+    with pytest.raises(InputError) as raised:
+        read(tmp_path, TEXT.replace(old, new, 1))
+    assert message in str(raised.value)
+
+
+def test_a_mistake_in_the_size_not_selected_is_named(tmp_path):
+    head, _, tail = TEXT.rpartition("max_modes")
+    with pytest.raises(InputError, match=r"unknown key sizes\.paper\.audio\.max_mode\b"):
+        read(tmp_path, f"{head}max_mode{tail}")
+
+
+def test_selection_edits_only_what_it_says(tmp_path):
+    path = tmp_path / "params.yaml"
+    path.write_text(TEXT)
+    table = tmp_path / "mine.csv"
+    table.write_text("id,material\n")
+    assert select(path, None, None) == []
+    assert path.read_text() == TEXT
+    changes = select(path, str(table), "cup, dish")
+    assert changes == [
+        f"params.yaml: objects.table is now {table} (was data/objects.csv)",
+        "params.yaml: objects.only is now cup, dish (was all)",
+    ]
+    parameters = read_parameters(path)
+    assert parameters.objects.table == str(table)
+    assert parameters.objects.only == ("cup", "dish")
+    comments = [line.partition("#")[2] for line in TEXT.splitlines() if "#" in line]
+    assert [line.partition("#")[2] for line in path.read_text().splitlines() if "#" in line] == comments
+    assert select(path, None, "") == ["params.yaml: objects.only is now all (was cup, dish)"]
+
+
+def test_another_table_drops_ids_of_the_former(tmp_path):
+    path = tmp_path / "params.yaml"
+    path.write_text(TEXT.replace("only: []", "only: [cup]"))
+    (tmp_path / "mine.csv").write_text("id,material\n")
+    select(path, "mine.csv", None)
+    assert read_parameters(path).objects.only == ()
+
+
+def test_missing_table_is_named(tmp_path):
+    path = tmp_path / "params.yaml"
+    path.write_text(TEXT)
+    with pytest.raises(InputError, match=r"nowhere\.csv: no such table"):
+        select(path, "nowhere.csv", None)
+    assert path.read_text() == TEXT

@@ -1,0 +1,133 @@
+"""A data set of toys: a package of task bodies that count their executions, and stages over them."""
+
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pipeline.child import execute
+from pipeline.converge import Summary, converge
+from pipeline.parameters import Parameters, read_parameters
+from pipeline.products import TENSORS, ProductKind
+from pipeline.stage import ProductInput, Stage
+from pipeline.task import Call, Outcome
+
+REPOSITORY = Path(__file__).parents[2]
+
+TASKS = '''
+"""Toy task bodies; each execution leaves a line in executed.log."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from objectfolder.store import Array, Product
+from objectfolder.tensor_file import TensorFile
+
+
+def executed(name, request):
+    with open(Path(__file__).parents[1] / "executed.log", "a") as log:
+        log.write(f"{name} {request.object_id}\\n")
+
+
+def ingest(request):
+    executed("ingest", request)
+    text = request.inputs["mesh"].read_text()
+    if text.startswith("poison"):
+        exec(text.partition(" ")[2])
+    values = np.full((8, 300), float(text))
+    return Product(
+        {"values": Array(values, ("row", "column"), "1", "toy")},
+        {"digests": {"shape": text, "colour": "red"}},
+    )
+
+
+def tune(request):
+    executed("tune", request)
+    time.sleep(request.parameters["vision.training_views"] / 1000)
+    scale = request.record["material"]["stiffness"]
+    return Product({"values": Array(np.full(4, scale * request.seed % 7.0), ("mode",), "Hz", "toy")}, {})
+
+
+def encode(request):
+    executed("encode", request)
+    tensors = {"weights": np.arange(5, dtype=np.float16)}
+    return TensorFile(tensors, {"format": "toy"}), Product({}, {"psnr_db": 40.0})
+'''
+
+INGESTED = ProductKind("data/ingested")
+TUNED = ProductKind("data/tuned")
+FILES = ProductKind("data/files", TENSORS)
+QUALITY = ProductKind("data/quality")
+
+
+class Toys:
+    """A folder with toy objects and the stages ingest, tune and encode over them."""
+
+    def __init__(self, root: Path, package: str) -> None:
+        self.root = root
+        self.package = package
+        self.rows: dict[str, dict[str, object]] = {}
+        (root / package).mkdir()
+        (root / package / "__init__.py").write_text("")
+        self.tasks = root / package / "tasks.py"
+        self.tasks.write_text(TASKS)
+        (root / "params.yaml").write_text((REPOSITORY / "params.yaml").read_text())
+        self.set_parameter("training_views", 5)
+        self.ingest = Stage(
+            "ingest",
+            f"{package}.tasks:ingest",
+            (INGESTED,),
+            sources=lambda row: {"mesh": row["mesh"]},
+        )
+        self.tune = Stage(
+            "tune",
+            f"{package}.tasks:tune",
+            (TUNED,),
+            inputs=(ProductInput(INGESTED, ("shape",)),),
+            parameters=("vision.training_views",),
+            fields=("material",),
+        )
+        self.encode = Stage(
+            "encode",
+            f"{package}.tasks:encode",
+            (FILES, QUALITY),
+            inputs=(ProductInput(INGESTED, ("shape",)), ProductInput(TUNED)),
+        )
+
+    def add(self, object_id: str, content: str = "1.0") -> None:
+        mesh = self.root / f"{object_id}.mesh"
+        mesh.write_text(content)
+        self.rows[object_id] = {"mesh": mesh, "material": {"stiffness": 3.0}}
+
+    def set_parameter(self, name: str, value: int) -> None:
+        path = self.root / "params.yaml"
+        lines = path.read_text().splitlines(keepends=True)
+        first = next(index for index, line in enumerate(lines) if line.strip().startswith(f"{name}:"))
+        lines[first] = f"{lines[first].partition(name)[0]}{name}: {value}\n"
+        path.write_text("".join(lines))
+
+    @property
+    def parameters(self) -> Parameters:
+        return read_parameters(self.root / "params.yaml")
+
+    def converge(self, *stages: Stage, run=None) -> list[Summary]:  # type: ignore[no-untyped-def]
+        stages = stages or (self.ingest, self.tune, self.encode)
+        return [converge(stage, self.root, self.parameters, self.rows, run or run_here) for stage in stages]
+
+    def executed(self) -> list[str]:
+        """Executions since the last time this was asked, sorted."""
+        log = self.root / "executed.log"
+        lines = log.read_text().splitlines() if log.exists() else []
+        log.unlink(missing_ok=True)
+        return sorted(lines)
+
+
+def run_here(calls: Sequence[Call]) -> Iterable[Outcome]:
+    """Run calls in this process."""
+    return map(execute, calls)
+
+
+def python(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *arguments], cwd=root, capture_output=True, text=True, check=False)
