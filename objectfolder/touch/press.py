@@ -1,0 +1,216 @@
+"""Press a sensor against a surface: pose, image, indentation, and what is true of the touch."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.errors import QueryError
+from objectfolder.geometry.surface import Surface
+from objectfolder.touch.camera import RayGrid, ray_grid
+from objectfolder.touch.contact import indentations, meets_housing
+from objectfolder.touch.image import contact_image, near_gel
+from objectfolder.touch.patch import FacePatches
+from objectfolder.touch.pose import contact_normal, first_touch_pose
+from objectfolder.touch.sensor import Sensor
+
+TOLERANCE_M = 1e-6
+
+
+@dataclass(frozen=True)
+class Touches:
+    """n touches.
+
+    Parameters
+    ----------
+    rgb
+        (n, height, width, 3) uint8, without noise.
+    depth
+        (n, height, width) float32 metres: how far the object, where a pixel sees it, lies inside the
+        undeformed gel, along the sensor's axis; the mean over a pixel's samples, 0 where there is none.
+    mask
+        (n, height, width) bool: at least half of the pixel's samples see the object in the gel.
+    sensor_to_object
+        (n, 4, 4) float64 pose, metres.
+    points, normals
+        (n, 3) float64: the touched points of the surface and its mean normals over the contact radius.
+    reachable
+        (n,) bool: the gel touches the asked point before it is pressed further than asked elsewhere, and
+        neither the housing nor the room between camera and gel holds a part of the object.
+    first_contact_offset_m
+        (n,) float64: how long before the asked point another part of the object meets the gel; the asked
+        point itself is `penetration_m - first_contact_offset_m` deep in it (outside where negative).
+    penetration_m
+        (n,) float64: deepest indentation of the gel by any part of the object, along the sensor's axis.
+        It equals the depth asked for, or 0 where the sensor cannot stand. `depth` never shows more.
+    contact_area_m2
+        (n,) float64: area of the object's surface that the camera sees in the gel.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    mask: np.ndarray
+    sensor_to_object: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    reachable: np.ndarray
+    first_contact_offset_m: np.ndarray
+    penetration_m: np.ndarray
+    contact_area_m2: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @classmethod
+    def empty(cls, count: int, sensor: Sensor) -> "Touches":
+        """`count` touches to be filled in."""
+        image = (count, sensor.image_height, sensor.image_width)
+        return cls(
+            rgb=np.zeros((*image, 3), dtype=np.uint8),
+            depth=np.zeros(image, dtype=np.float32),
+            mask=np.zeros(image, dtype=bool),
+            sensor_to_object=np.zeros((count, 4, 4)),
+            points=np.zeros((count, 3)),
+            normals=np.zeros((count, 3)),
+            reachable=np.zeros(count, dtype=bool),
+            first_contact_offset_m=np.zeros(count),
+            penetration_m=np.zeros(count),
+            contact_area_m2=np.zeros(count),
+        )
+
+
+def press(
+    surface: Surface | FacePatches,
+    sensor: Sensor,
+    points: np.ndarray,
+    *,
+    depth_m: float | np.ndarray = 0.001,
+    tilt_deg: float | np.ndarray = 0.0,
+    azimuth_deg: float | np.ndarray = 0.0,
+    samples: int = 2,
+) -> Touches:
+    """Press the sensor against points of a surface until its gel is indented by a stated depth.
+
+    The sensor comes along its axis, which opposes the contact normal (tilted where asked). From its
+    first contact with any part of the object under the gel it goes on by `depth_m`: no part is ever
+    pressed in deeper. Every touch is computed by itself, so that batches answer as single queries do.
+
+    Parameters
+    ----------
+    surface
+        Metres. `FacePatches(surface)` saves preparing it again at each call.
+    points
+        (n, 3) on the surface, object frame, metres; the nearest points of the surface are touched.
+    depth_m
+        From 0 to the sensor's `maximum_depth_m`; a number or (n,).
+    tilt_deg, azimuth_deg
+        Lean of the sensor, 0 up to 45 degrees, and its direction, counted from the image's right towards
+        its top; numbers or (n,).
+    samples
+        Samples along each side of a pixel, against aliasing.
+
+    Raises
+    ------
+    QueryError
+        Points that are not (n, 3) or not finite, a depth or tilt out of range.
+    """
+    patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise QueryError("points", f"shape {points.shape} or values are not (n, 3) finite coordinates")
+    depth = _per_touch("depth_m", depth_m, len(points), sensor.maximum_depth_m)
+    tilt = np.radians(_per_touch("tilt_deg", tilt_deg, len(points), 45.0))
+    azimuth = np.radians(_per_touch("azimuth_deg", azimuth_deg, len(points), None))
+    grid = ray_grid(sensor, samples)
+    touches = Touches.empty(len(points), sensor)
+    closest = patches.surface.closest_points(points)
+    shading_normals = patches.surface.normals_at(closest.face, closest.barycentric)
+    for index, (point, shading_normal) in enumerate(zip(closest.points, shading_normals, strict=True)):
+        normal = contact_normal(patches, point, shading_normal, sensor.contact_radius_m)
+        pose = first_touch_pose(sensor, point, normal, tilt[index], azimuth[index])
+        touches.points[index], touches.normals[index] = point, normal
+        _press_one(patches, sensor, grid, pose, float(depth[index]), touches, index)
+    return touches
+
+
+def press_in_chunks(
+    surface: Surface | FacePatches,
+    sensor: Sensor,
+    points: np.ndarray,
+    *,
+    depth_m: float | np.ndarray = 0.001,
+    tilt_deg: float | np.ndarray = 0.0,
+    azimuth_deg: float | np.ndarray = 0.0,
+    samples: int = 2,
+    chunk: int = 256,
+) -> Iterator[Touches]:
+    """Yield the touches of `press`, `chunk` at a time (about 40 MB at 256), for any number of points."""
+    patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
+    points = np.asarray(points, dtype=np.float64)
+    depth = _per_touch("depth_m", depth_m, len(points), sensor.maximum_depth_m)
+    tilt = _per_touch("tilt_deg", tilt_deg, len(points), 45.0)
+    azimuth = _per_touch("azimuth_deg", azimuth_deg, len(points), None)
+    for start in range(0, len(points), chunk):
+        part = slice(start, start + chunk)
+        yield press(
+            patches,
+            sensor,
+            points[part],
+            depth_m=depth[part],
+            tilt_deg=tilt[part],
+            azimuth_deg=azimuth[part],
+            samples=samples,
+        )
+
+
+def _per_touch(name: str, value: float | np.ndarray, count: int, highest: float | None) -> np.ndarray:
+    values = np.asarray(value, dtype=np.float64)
+    if values.shape not in ((), (count,)):
+        raise QueryError(name, f"shape {values.shape}, expected a number or ({count},)")
+    if not np.isfinite(values).all():
+        raise QueryError(name, "not finite")
+    if highest is not None and values.size and not (values.min() >= 0 and values.max() <= highest):
+        worst = values.ravel()[np.argmax(np.abs(values - highest / 2))]
+        raise QueryError(name, f"{worst} is out of range", f"Ask for 0 to {highest}.")
+    return np.broadcast_to(values, (count,))
+
+
+def _press_one(
+    patches: FacePatches,
+    sensor: Sensor,
+    grid: RayGrid,
+    first_touch: np.ndarray,
+    depth: float,
+    touches: Touches,
+    index: int,
+) -> None:
+    """Advance from the pose of first touch, render, and fill row `index` of `touches`."""
+    near, triangles = near_gel(patches, sensor, first_touch, -depth)
+    reach = indentations(triangles, sensor)
+    # The touched point itself is on the gel, but for rounding.
+    offset = max(0.0, float(reach.max(initial=0.0)))
+    advance = depth - offset
+    pose = first_touch.copy()
+    pose[:3, 3] += advance * pose[:3, 0]
+    if advance < 0:
+        # Backing off may bring other parts between camera and gel.
+        near, triangles = near_gel(patches, sensor, pose, 0.0)
+        reach = indentations(triangles, sensor)
+    else:
+        reach = reach + advance
+        triangles = triangles - np.array([advance, 0.0, 0.0])
+    obstructed = float(reach.max(initial=0.0)) > depth + TOLERANCE_M
+    touches.sensor_to_object[index] = pose
+    touches.first_contact_offset_m[index] = offset
+    touches.penetration_m[index] = 0.0 if obstructed else depth
+    blocked = obstructed or _housing_blocked(patches, sensor, pose)
+    touches.reachable[index] = not blocked and offset <= depth + TOLERANCE_M
+    pressed = (reach > 0) & (not obstructed)
+    image = contact_image(patches, sensor, grid, pose, near[pressed], triangles[pressed])
+    touches.rgb[index], touches.depth[index], touches.mask[index] = image.rgb, image.depth, image.mask
+    touches.contact_area_m2[index] = image.contact_area_m2
+
+
+def _housing_blocked(patches: FacePatches, sensor: Sensor, pose: np.ndarray) -> bool:
+    near = patches.in_box(pose, np.asarray(sensor.housing_low_m), np.asarray(sensor.housing_high_m))
+    return meets_housing(patches.corners_in(pose, near), sensor)
