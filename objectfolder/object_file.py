@@ -21,7 +21,7 @@ from objectfolder.geometry.surface_codec import decode_surface, encode_surface
 from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.touch.press import Touches
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.vision.cameras import LIGHT_RADIUS, look_at, uniform_on_sphere
+from objectfolder.vision.cameras import CAMERA_RADIUS, LIGHT_RADIUS, look_at, uniform_on_sphere
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.visionnet import VisionNet
 
@@ -142,6 +142,13 @@ class ObjectFile:
             raise FormatError(
                 where, f"incomplete ({type(error).__name__}: {error})", "Fetch or build it again."
             ) from error
+
+    def with_description(self, **more: Any) -> "ObjectFile":
+        """Return the same object with parts of its description replaced."""
+        described = {**self.description, **more}
+        return ObjectFile(
+            self.surface, self.frame, self.vision, self.modes, self.touch, described, self._tensors
+        )
 
     def content(self) -> TensorFile:
         """Return the file's tensors and metadata; equal objects give equal bytes."""
@@ -328,13 +335,16 @@ class ObjectFile:
             )
         return closest
 
-    def sample_views(self, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    def sample_views(
+        self, count: int, seed: int, camera_radius: float = CAMERA_RADIUS
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Draw valid views: camera_to_world (n, 4, 4) and light_position (n, 3), object frame, metres.
 
-        Distributed as the data set's: cameras on the sphere of its radius, lights on the unit sphere.
+        Distributed as the data set's: cameras uniform on the sphere of `camera_radius` (unit frame), lights
+        on the unit sphere.
         """
         random = np.random.default_rng(seed)
-        cameras = look_at(uniform_on_sphere(count, self.vision.camera_radius, random))
+        cameras = look_at(uniform_on_sphere(count, camera_radius, random))
         lights = uniform_on_sphere(count, LIGHT_RADIUS, random)
         return self.frame.camera_to_object(cameras), self.frame.to_object(lights)
 

@@ -11,6 +11,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.store import Array, Product
 from objectfolder.touch.shading import no_contact_image
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.vision.visionnet import SUB_RAYS as SUB_RAYS_DEFAULT
 
 PICTURES = 4
 SUB_RAYS = (1, 4, 16)
@@ -39,15 +40,11 @@ def verify_object(
         "audio": _scalars(sound_summary),
         "touch": _scalars(feel_summary),
     }
-    verified = ObjectFile.of_tensors(
-        file.content().tensors,
-        {**file.description, "fidelity": summary},
-        str(file.description["object"]["id"]),
-    )
+    verified = file.with_description(fidelity=summary)
     parts = verified.bytes_by_part()
     metadata = sum(len(value) for value in verified.content().metadata.values())
     attributes = {
-        "object": dict(file.description["object"], material=file.description["material"]["name"]),
+        "object": {**file.description["object"], "material": file.description["material"]["name"]},
         "vision": sight_summary,
         "audio": sound_summary,
         "touch": feel_summary,
@@ -97,7 +94,7 @@ def _sight(file: ObjectFile, views: Product) -> tuple[dict[str, Any], list[dict[
         "held_out_views": len(truth),
         "training_views": int((~views["held_out"]).sum()),
         "resolution": int(truth.shape[1]),
-        "sub_rays": file.vision.sub_rays,
+        "sub_rays": SUB_RAYS_DEFAULT,
     }
     dims = ("picture", "y", "x", "channel")
     arrays = {

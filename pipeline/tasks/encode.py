@@ -1,4 +1,4 @@
-"""Task of stage `encode`: ground truth to an Object File whose fidelity is not measured yet."""
+"""Task of stage `encode`: ground truth to an Object File that is neither named nor measured yet."""
 
 from objectfolder.encoding import encode_object as encode
 from objectfolder.geometry.ingest import textured_mesh_of
@@ -9,23 +9,17 @@ from pipeline.task import Request
 
 
 def encode_object(request: Request) -> TensorFile:
-    """Fit the encoders of one object; reads its objects, views, modes and touches products."""
-    record, effort = request.record, request.parameters["encode"]
-    description = {
-        "object": {
-            "id": request.object_id,
-            **{key: record[key] for key in ("name", "source", "licence", "attribution")},
-        },
-        "material": record["material"],
-        "provenance": None,  # written with the product
-    }
+    """Fit the encoders of one object to its ground truth."""
+    effort = request.parameters["encode"]
     touches = read_product(request.inputs["touches"], ("points",))
     file = encode(
         textured_mesh_of(read_product(request.inputs["objects"])).surface,
         read_product(request.inputs["views"]),
         read_product(request.inputs["modes"]),
         Sensor.from_dict(touches.attributes["sensor"]),
-        description,
+        # What the object is called and made of is written when it is verified, so that a change of
+        # name fits nothing again.
+        {"object": {"id": request.object_id}, "material": None, "provenance": None},
         visionnet=effort["visionnet"],
         audionet=effort["audionet"],
         seed=request.seed,
