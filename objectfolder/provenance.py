@@ -45,9 +45,9 @@ def file_digest(path: Path | str) -> str:
 
 
 def seed_from(base_seed: int, task: str, object_id: str) -> int:
-    """Return a 63-bit seed that depends on all three arguments and nothing else."""
+    """Return a 31-bit seed (what every library takes) of all three arguments and nothing else."""
     digest = hashlib.sha256(canonical_json([base_seed, task, object_id]).encode()).digest()
-    return int.from_bytes(digest[:8], "big") >> 1
+    return int.from_bytes(digest[:4], "big") >> 1
 
 
 def code_identity(module: str) -> dict[str, str]:

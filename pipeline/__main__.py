@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from objectfolder.errors import ObjectFolderError
@@ -12,11 +13,13 @@ from pipeline.converge import converge
 from pipeline.parameters import read_parameters
 from pipeline.progress import failure_table
 from pipeline.records import read_records, read_table, write_records
-from pipeline.run_log import read_failures
-from pipeline.stages import STAGES
+from pipeline.run_log import costs_path, read_failures
+from pipeline.stages import FIDELITY, STAGES
 from pipeline.task import Failure
 
 PARAMETERS = "params.yaml"
+STARTER = "data/starter"
+REPORTS = "reports"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -63,16 +66,45 @@ def converge_stage(root: Path, name: str) -> int:
     return summary.exit_code(parameters.allow_failures)
 
 
+def make_starter_set(root: Path) -> int:
+    """Write the meshes and textures of the starter set."""
+    from objectfolder.geometry.starter.write import write_starter_set
+
+    write_starter_set(root / STARTER)
+    return 0
+
+
+def make_report(root: Path) -> int:
+    """Write the tables and the page of the data set."""
+    from pipeline.report import write_report
+
+    failures = [
+        {"object": failure.object_id, "stage": stage, "error": failure.error, "remedy": failure.remedy}
+        for stage, failure in all_failures(root)
+    ]
+    write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, failures)
+    return 0
+
+
 def show_failures(root: Path) -> int:
     """Print what failed in the last run of each stage; return 1 if anything did."""
     failures = [
-        Failure(failure.object_id, f"{name}: {failure.error}", failure.remedy)
-        for name in STAGES
-        for failure in read_failures(root, name)
+        Failure(failure.object_id, f"{stage}: {failure.error}", failure.remedy)
+        for stage, failure in all_failures(root)
     ]
     if failures:
         print(failure_table(failures))
     return 1 if failures else 0
+
+
+def all_failures(root: Path) -> list[tuple[str, Failure]]:
+    """Return the first failure of each object in the last runs, with its stage; paths from `root`."""
+    first: dict[str, tuple[str, Failure]] = {}
+    for stage in STAGES:
+        for failure in read_failures(root, stage):
+            error = failure.error.replace(f"{root}/", "")
+            first.setdefault(failure.object_id, (stage, replace(failure, error=error)))
+    return list(first.values())
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -140,7 +140,8 @@ def _plan(
             for path in targets:
                 verified.add(path)
         else:
-            plan.calls[object_id] = Call(stage.name, stage.task, request, targets, wanted, parts, folder)
+            provenance = {**parts, "fingerprints": {**stage.lineage(parts), stage.name: wanted}}
+            plan.calls[object_id] = Call(stage.name, stage.task, request, targets, wanted, provenance, folder)
     return plan
 
 

@@ -54,22 +54,28 @@ class TouchParameters:
     touches: int
     held_out_touches: int
     depth_m: tuple[float, float]
-    tilt_deg: float
+    tilt_deg: tuple[float, float]
     at_vertices: bool
 
 
 @dataclass(frozen=True)
-class EncodeParameters:
-    """Effort of the encoders."""
+class VisionNetParameters:
+    """Effort of fitting VisionNet: steps of its optimiser."""
 
-    vision_steps: int
+    steps: int
 
 
 @dataclass(frozen=True)
-class FidelityParameters:
-    """Settings at which the speed of each sense is measured against its error."""
+class AudioNetParameters:
+    """Effort of fitting AudioNet."""
 
-    sub_rays: tuple[int, ...]
+
+@dataclass(frozen=True)
+class EncodeParameters:
+    """Effort of the encoders; TouchNet has nothing to fit."""
+
+    visionnet: VisionNetParameters
+    audionet: AudioNetParameters
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,6 @@ class Parameters:
     audio: AudioParameters
     touch: TouchParameters
     encode: EncodeParameters
-    fidelity: FidelityParameters
 
 
 COMMON = ("size", "seed", "allow_failures", "objects")

@@ -24,10 +24,18 @@ class ProductKind:
         Relative to the root of the data set, such as ``data/views``; its last part names the kind.
     suffix
         `ZARR` or `TENSORS`.
+    stage
+        Which stage makes it; empty where the kind's name is the stage's.
     """
 
     folder: str
     suffix: str = ZARR
+    stage: str = ""
+
+    @property
+    def made_by(self) -> str:
+        """Name of the stage that makes it."""
+        return self.stage or self.name
 
     @property
     def name(self) -> str:

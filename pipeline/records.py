@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from objectfolder.audio.materials import read_materials
+from objectfolder.audio.materials import Material, read_materials
 
 from objectfolder.catalogue import ObjectRecord, read_catalogue
 from objectfolder.errors import InputError
@@ -43,7 +43,7 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
     catalogue = read_catalogue(root / objects.table, materials)
     if objects.only:
         catalogue = catalogue.select(objects.only, "objects.only (ONLY=)")
-    rows = {record.id: _row(record, asdict(materials[record.material])) for record in catalogue.records}
+    rows = {record.id: row_of(record, materials[record.material]) for record in catalogue.records}
     refused = tuple(failure_of(object_id, error) for object_id, error in catalogue.errors.items())
     return Records(rows, refused)
 
@@ -87,20 +87,21 @@ def read_records(root: Path) -> Records:
         raise InputError(str(RECORDS), f"cannot be read ({error})", "Run the stage `objects`.") from error
 
 
-def _row(record: ObjectRecord, material: dict[str, Any]) -> dict[str, Any]:
-    citation = material.pop("citation", "")
+def row_of(record: ObjectRecord, material: Material) -> dict[str, Any]:
+    """Return what the stages read of an object: its record, and all values of its material."""
     appearance = {
-        "roughness": material.pop("roughness") if record.roughness is None else record.roughness,
-        "metallic": material.pop("metallic") if record.metallic is None else record.metallic,
+        "roughness": material.roughness if record.roughness is None else record.roughness,
+        "metallic": material.metallic if record.metallic is None else record.metallic,
     }
+    physical = {key: value for key, value in asdict(material).items() if key not in (*appearance, "citation")}
     return {
         "name": record.name,
         "mesh": record.mesh,
         "texture": record.texture,
         "length_m": record.length_m,
         "file_names": [record.mesh.name, record.texture.name if record.texture else None],
-        "material": {key: value for key, value in material.items() if key not in appearance},
-        "material_citation": citation,
+        "material": physical,
+        "material_citation": material.citation,
         "appearance": appearance,
         "source": record.source,
         "licence": record.licence,

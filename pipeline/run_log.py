@@ -72,6 +72,10 @@ class Costs:
         """Return what the task with this fingerprint took when it ran here."""
         return self._by_fingerprint.get(fingerprint)
 
+    def last_of(self, object_id: str) -> Cost | None:
+        """Return what the task of this object took when it last ran here."""
+        return self._by_object.get(object_id)
+
     def expected(self, sizes: Mapping[str, int]) -> dict[str, float]:
         """Return expected seconds by object: the last known ones, else in proportion to input bytes."""
         known = [

@@ -1,8 +1,10 @@
 """What a stage is: a task, the products it makes of each object, and exactly what it reads."""
 
 import dataclasses
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +26,15 @@ class ProductInput:
     ----------
     kind
         Which product.
-    digests
-        Keys of the product's attribute ``digests`` that the task reads; none for all of the product.
+    attributes
+        Dotted names of the product's attributes that stand for all that the task reads
+        (``"digests.geometry"``); none where it reads everything.
     """
 
     kind: ProductKind
-    digests: tuple[str, ...] = ()
+    attributes: tuple[str, ...] = ()
 
-    def digest(self, path: Path) -> str | dict[str, str]:
+    def digest(self, path: Path) -> str | dict[str, Any]:
         """Return what stands for the content: tasks are pure, so a fingerprint stands for a product.
 
         Raises
@@ -39,19 +42,16 @@ class ProductInput:
         InputError
             A product that is missing or unreadable.
         """
-        finding, remedy = (
-            f"input missing: no {self.kind.name} of this object",
-            "See the failures of that stage.",
-        )
+        remedy = f"See what failed in stage {self.kind.made_by}."
         try:
             whole = read_fingerprint(path)
             if whole is None:
-                raise InputError(path.name, finding, remedy)
-            if not self.digests:
+                raise InputError(path.name, f"input missing: {self.kind.made_by} failed", remedy)
+            if not self.attributes:
                 return whole
-            found = read_attributes(path)["digests"]
-            return {name: found[name] for name in self.digests}
-        except (FormatError, KeyError) as error:
+            found = read_attributes(path)
+            return {name: reduce(operator.getitem, name.split("."), found) for name in self.attributes}
+        except (FormatError, KeyError, TypeError) as error:
             raise InputError(path.name, f"input unreadable: {error}", remedy) from error
 
 
@@ -124,6 +124,14 @@ class Stage:
             "seed": seed,
         }
         return Request(object_id, paths, read, record, seed), parts
+
+    def lineage(self, parts: Mapping[str, Any]) -> dict[str, str]:
+        """Return the fingerprints of the whole products that the task reads, by stage."""
+        return {
+            product.kind.made_by: parts["inputs"][product.kind.name]
+            for product in self.inputs
+            if not product.attributes
+        }
 
 
 def source_digest(path: Path) -> str:

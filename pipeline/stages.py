@@ -8,11 +8,11 @@ OBJECTS = ProductKind("data/objects")
 VIEWS = ProductKind("data/views")
 MODES = ProductKind("data/modes")
 TOUCHES = ProductKind("data/touches")
-ENCODED = ProductKind("data/encoded", TENSORS)
-OBJECT_FILES = ProductKind("data/object_files", TENSORS)
+ENCODED = ProductKind("data/encoded", TENSORS, "encode")
+OBJECT_FILES = ProductKind("data/object_files", TENSORS, "fidelity")
 FIDELITY = ProductKind("data/fidelity")
 
-GEOMETRY = ProductInput(OBJECTS, ("geometry",))
+GEOMETRY = ProductInput(OBJECTS, ("digests.geometry",))
 
 STAGES = {
     stage.name: stage
@@ -29,7 +29,7 @@ STAGES = {
             "views",
             "pipeline.tasks.views:render_views",
             (VIEWS,),
-            inputs=(ProductInput(OBJECTS, ("geometry", "texture")),),
+            inputs=(ProductInput(OBJECTS, ("digests.geometry", "digests.texture")),),
             parameters=("vision",),
             fields=("appearance",),
             packages=("bpy", "numpy", "zarr"),
@@ -55,23 +55,15 @@ STAGES = {
             "encode",
             "pipeline.tasks.encode:encode_object",
             (ENCODED,),
-            inputs=(GEOMETRY, ProductInput(VIEWS), ProductInput(MODES), ProductInput(TOUCHES)),
+            inputs=(GEOMETRY, ProductInput(VIEWS), ProductInput(MODES), ProductInput(TOUCHES, ("sensor",))),
             parameters=("encode",),
-            fields=("material",),
             packages=("embreex", "numba", "numpy", "scipy", "torch"),
         ),
         Stage(
             "fidelity",
             "pipeline.tasks.verify:verify_object",
             (OBJECT_FILES, FIDELITY),
-            inputs=(
-                GEOMETRY,
-                ProductInput(ENCODED),
-                ProductInput(VIEWS),
-                ProductInput(MODES),
-                ProductInput(TOUCHES),
-            ),
-            parameters=("fidelity",),
+            inputs=(ProductInput(ENCODED), ProductInput(VIEWS), ProductInput(MODES), ProductInput(TOUCHES)),
             fields=("name", "material", "material_citation", "source", "licence", "attribution"),
             packages=("embreex", "numba", "numpy", "scikit-image", "scipy", "torch", "zarr"),
         ),

@@ -27,7 +27,7 @@ def test_products_carry_why_they_are_as_they_are(toys):
     toys.converge()
     attributes = read_attributes(TUNED.path(toys.root, "cup"))
     assert attributes["provenance"]["parameters"] == {"vision.training_views": 5}
-    assert attributes["provenance"]["inputs"] == {"ingested": {"shape": "2.0"}}
+    assert attributes["provenance"]["inputs"] == {"ingested": {"digests.shape": "2.0"}}
     assert attributes["provenance"]["record"] == {"material": {"stiffness": 3.0}}
     assert f"{toys.package}.tasks" in attributes["provenance"]["code"]
     metadata = read_metadata(FILES.path(toys.root, "cup"))
@@ -140,8 +140,8 @@ def test_failure_is_data_and_only_what_is_left_is_done_after_mending(toys):
     ingested, tuned, encoded = toys.converge()
     assert [failure.object_id for failure in ingested.failures] == ["cup"]
     assert "no cup" in ingested.failures[0].error
-    assert "input missing: no ingested" in tuned.failures[0].error
-    assert "input missing: no ingested" in encoded.failures[0].error
+    assert "input missing: ingest failed" in tuned.failures[0].error
+    assert "input missing: ingest failed" in encoded.failures[0].error
     assert (ingested.exit_code(allow_failures=False), ingested.exit_code(allow_failures=True)) == (1, 0)
     assert len(toys.executed()) == 7
     assert "no cup" in (toys.root / "runs" / "ingest-failures.json").read_text()

@@ -56,7 +56,7 @@ def encode(request):
     return TensorFile(tensors, {"format": "toy"}), Product({}, {"psnr_db": 40.0})
 '''
 
-INGESTED = ProductKind("data/ingested")
+INGESTED = ProductKind("data/ingested", stage="ingest")
 TUNED = ProductKind("data/tuned")
 FILES = ProductKind("data/files", TENSORS)
 QUALITY = ProductKind("data/quality")
@@ -85,7 +85,7 @@ class Toys:
             "tune",
             f"{package}.tasks:tune",
             (TUNED,),
-            inputs=(ProductInput(INGESTED, ("shape",)),),
+            inputs=(ProductInput(INGESTED, ("digests.shape",)),),
             parameters=("vision.training_views",),
             fields=("material",),
         )
@@ -93,7 +93,7 @@ class Toys:
             "encode",
             f"{package}.tasks:encode",
             (FILES, QUALITY),
-            inputs=(ProductInput(INGESTED, ("shape",)), ProductInput(TUNED)),
+            inputs=(ProductInput(INGESTED, ("digests.shape",)), ProductInput(TUNED)),
         )
 
     def add(self, object_id: str, content: str = "1.0") -> None:

@@ -1,0 +1,16 @@
+"""Task of stage `modes`: how the object vibrates."""
+
+from objectfolder.audio.materials import Material
+from objectfolder.audio.modes import simulate_modes
+
+from objectfolder.geometry.ingest import textured_mesh_of
+from objectfolder.store import Product, read_product
+from pipeline.task import Request
+
+
+def compute_modes(request: Request) -> Product:
+    """Solve the modes of one object."""
+    surface = textured_mesh_of(read_product(request.inputs["objects"])).surface
+    # Appearance and citation mean nothing to sound, and are no part of what this task reads.
+    material = Material(**request.record["material"], roughness=0.5, metallic=0.0, citation="")
+    return simulate_modes(surface, material, **request.parameters["audio"], seed=request.seed)

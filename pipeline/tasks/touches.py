@@ -1,0 +1,13 @@
+"""Task of stage `touches`: what the sensor feels."""
+
+from objectfolder.geometry.ingest import textured_mesh_of
+from objectfolder.store import Product, read_product
+from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.touches import simulate_touches
+from pipeline.task import Request
+
+
+def press_sensor(request: Request) -> Product:
+    """Press the sensor of the data set all over one object."""
+    surface = textured_mesh_of(read_product(request.inputs["objects"])).surface
+    return simulate_touches(surface, Sensor(), **request.parameters["touch"], seed=request.seed)
