@@ -80,7 +80,9 @@ def focal_length_px(resolution: int | tuple[int, int], field_of_view_deg: float)
         A field of view outside (0, 180) degrees.
     """
     if not 0.0 < field_of_view_deg < 180.0:
-        raise QueryError("field of view", f"{field_of_view_deg} degrees", "Give an angle between 0 and 180 degrees.")
+        raise QueryError(
+            "field of view", f"{field_of_view_deg} degrees", "Give an angle between 0 and 180 degrees."
+        )
     return max(image_size(resolution)) / 2.0 / math.tan(math.radians(field_of_view_deg) / 2.0)
 
 
@@ -134,12 +136,16 @@ def pixel_rays(
 
 
 def project(
-    points: np.ndarray, camera_to_world: np.ndarray, resolution: int | tuple[int, int], field_of_view_deg: float
+    points: np.ndarray,
+    camera_to_world: np.ndarray,
+    resolution: int | tuple[int, int],
+    field_of_view_deg: float,
 ) -> np.ndarray:
     """Return the (n, 2) image positions (x, y) in pixels, from the top left corner, of (n, 3) points."""
     height, width = image_size(resolution)
     focal = focal_length_px((height, width), field_of_view_deg)
     local = (np.asarray(points, dtype=np.float64) - camera_to_world[:3, 3]) @ camera_to_world[:3, :3]
     return np.stack(
-        [width / 2.0 - focal * local[:, 0] / local[:, 2], height / 2.0 + focal * local[:, 1] / local[:, 2]], axis=1
+        [width / 2.0 - focal * local[:, 0] / local[:, 2], height / 2.0 + focal * local[:, 1] / local[:, 2]],
+        axis=1,
     )

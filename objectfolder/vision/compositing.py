@@ -13,7 +13,9 @@ SRGB_KNEE = 0.0031308
 def srgb_encode(linear: np.ndarray) -> np.ndarray:
     """Encode linear values in [0, 1] by IEC 61966-2-1; values outside are clipped."""
     values = np.clip(linear, 0.0, 1.0)
-    return np.where(values <= SRGB_KNEE, 12.92 * values, 1.055 * np.maximum(values, SRGB_KNEE) ** (1 / 2.4) - 0.055)
+    return np.where(
+        values <= SRGB_KNEE, 12.92 * values, 1.055 * np.maximum(values, SRGB_KNEE) ** (1 / 2.4) - 0.055
+    )
 
 
 def srgb_decode(encoded: np.ndarray) -> np.ndarray:

@@ -21,9 +21,9 @@ from objectfolder.vision.appearance import Appearance
 # An albedo of 0.8 that faces the light from 0.5 reaches a radiance of 0.97, so that only surfaces very
 # close to the lamp clip: radiance = albedo P cos / (4 pi^2 d^2).
 LIGHT_POWER_W = 12.0
-# Direct light, then two more bounces off the object itself; the third changes an image by less than
-# its noise.
-BOUNCES = 2
+# Diffuse and glossy bounces off the object itself after the first hit. One matters; the fourth changes
+# an image by less than its noise.
+BOUNCES = 3
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from objectfolder.vision.cycles import Scene, Shots, save_request
 
 # Blender's memory grows with every render.
 VIEWS_PER_PROCESS = 120
+# The largest half-precision number.
+BRIGHTEST = 65504.0
 
 
 def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
@@ -25,7 +27,7 @@ def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
     Returns
     -------
     np.ndarray
-        (n, height, width, 4) float32 scene-linear premultiplied RGBA.
+        (n, height, width, 4) float16 scene-linear premultiplied RGBA.
 
     Raises
     ------
@@ -33,7 +35,7 @@ def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
         Blender missing, killed or failed; its last words are in the message.
     """
     count = len(shots.camera_to_world)
-    images = np.empty((count, shots.height, shots.width, 4), dtype=np.float32)
+    images = np.empty((count, shots.height, shots.width, 4), dtype=np.float16)
     with tempfile.TemporaryDirectory(prefix="objectfolder-views-") as folder:
         for start in range(0, count, VIEWS_PER_PROCESS):
             part = slice(start, min(start + VIEWS_PER_PROCESS, count))
@@ -49,7 +51,7 @@ def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
                 ),
             )
             _run(request, result)
-            images[part] = np.load(result)
+            images[part] = np.clip(np.load(result), 0.0, BRIGHTEST)
             result.unlink()
     return images
 
@@ -69,6 +71,6 @@ def _run(request: Path, result: Path) -> None:
         words = finished.stderr.decode(errors="replace").strip().splitlines()
         raise SimulationError(
             "Cycles",
-            f"the render process ended with status {finished.returncode}: {' / '.join(words[-3:]) or 'no message'}",
+            f"the render process ended with status {finished.returncode}: {' / '.join(words[-3:])}",
             "Install the factory extra on Python 3.11 with Blender's system libraries (see README).",
         )

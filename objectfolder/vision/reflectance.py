@@ -13,7 +13,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from objectfolder.vision.incidence import Incidence
-from objectfolder.vision.sparse_grid import LEVELS
 
 WIDTH = 64
 # Features a corner of each level holds, coarse to fine.
@@ -28,13 +27,13 @@ class _Interpolate(torch.autograd.Function):
     """Weighted sums of rows of a table; its own backward, as torch's sorts the rows."""
 
     @staticmethod
-    def forward(ctx, table: Tensor, rows: Tensor, weights: Tensor) -> Tensor:  # type: ignore[no-untyped-def, override]  # ctx has no public type
+    def forward(ctx, table: Tensor, rows: Tensor, weights: Tensor) -> Tensor:  # type: ignore[no-untyped-def]  # ctx has no public type
         ctx.save_for_backward(rows, weights)
         ctx.shape = table.shape
         return functional.embedding_bag(rows, table, per_sample_weights=weights, mode="sum")
 
     @staticmethod
-    def backward(ctx, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[no-untyped-def, override]  # as above
+    def backward(ctx, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[no-untyped-def]  # as above
         rows, weights = ctx.saved_tensors
         flat, spread = rows.numpy().ravel(), weights.numpy()
         values = gradient.numpy()
@@ -75,7 +74,8 @@ def surrounding_inputs(points: Incidence, light_position: np.ndarray) -> np.ndar
     parts = [
         points.position, points.normal, points.to_camera, points.to_light, lamp, *waves,
         cosine, np.maximum(cosine, 0), camera, glint, points.distance[:, None],
-        np.minimum(points.distance[:, None], 4.0) ** -2 / 4, np.log(np.maximum(points.irradiance[:, None], 1e-3)),
+        np.minimum(points.distance[:, None], 4.0) ** -2 / 4,
+        np.log(np.maximum(points.irradiance[:, None], 1e-3)),
     ]  # fmt: skip
     return np.concatenate(parts, axis=1).astype(np.float32)
 
@@ -96,10 +96,18 @@ class Reflectance(nn.Module):
         )
         features, coarse = sum(FEATURES), sum(FEATURES[:COARSE_LEVELS])
         self.direct = nn.Sequential(
-            nn.Linear(features + ANGLES, WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, 6)
+            nn.Linear(features + ANGLES, WIDTH),
+            nn.ReLU(),
+            nn.Linear(WIDTH, WIDTH),
+            nn.ReLU(),
+            nn.Linear(WIDTH, 6),
         )
         self.bounced = nn.Sequential(
-            nn.Linear(coarse + SURROUNDINGS, WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, 3)
+            nn.Linear(coarse + SURROUNDINGS, WIDTH),
+            nn.ReLU(),
+            nn.Linear(WIDTH, WIDTH),
+            nn.ReLU(),
+            nn.Linear(WIDTH, 3),
         )
         self.albedo = nn.Linear(features, 3)
         # GGX width of the highlight that the network scales: log alpha.
@@ -115,9 +123,8 @@ class Reflectance(nn.Module):
                     bound = math.sqrt(6.0 / module.in_features)
                     module.weight.uniform_(-bound, bound, generator=generator)
                     module.bias.zero_()
-            self.direct[-1].bias[:3] = -1.0
-            self.direct[-1].bias[3:] = -3.0
-            self.bounced[-1].bias[:] = -4.0
+            for perceptron, bias in ((self.direct, (-1.0,) * 3 + (-3.0,) * 3), (self.bounced, (-4.0,) * 3)):
+                perceptron.get_parameter("4.bias").copy_(torch.tensor(bias))
 
     def forward(
         self,

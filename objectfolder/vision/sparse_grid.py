@@ -41,7 +41,7 @@ class SparseGrid:
 
     @classmethod
     def within_budget(cls, points: np.ndarray, corners: int, finest: int) -> "SparseGrid":
-        """Return the finest grid (`finest` cells a side at most) with at most `corners` corners in its last level."""
+        """Return the finest grid, of at most `finest` cells a side and `corners` corners in its last level."""
         resolution = finest
         while True:
             grid = cls.of_points(points, resolution)
@@ -75,7 +75,10 @@ class SparseGrid:
         """For each level, coarse to fine, the row of each corner ((r+1)^3 int32), or -1."""
         cells = self.occupancy
         result = []
-        for _ in range(LEVELS):
+        for level in range(LEVELS):
+            if level:
+                half = cells.shape[0] // 2
+                cells = cells.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5))
             side = cells.shape[0] + 1
             corners = np.zeros((side,) * 3, dtype=bool)
             for i, j, k in CORNERS:
@@ -83,8 +86,6 @@ class SparseGrid:
             rows = np.full(corners.size, -1, dtype=np.int32)
             rows[np.flatnonzero(corners)] = np.arange(np.count_nonzero(corners), dtype=np.int32)
             result.append(rows)
-            half = (side - 1) // 2
-            cells = cells.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5))
         return tuple(reversed(result))
 
     @property
@@ -106,7 +107,9 @@ class SparseGrid:
             fraction = (position - cell).astype(np.float32)
             low = 1 - fraction
             pair = [np.stack([low[:, axis], fraction[:, axis]], axis=1) for axis in range(3)]
-            weights = (pair[0][:, :, None, None] * pair[1][:, None, :, None] * pair[2][:, None, None, :]).reshape(-1, 8)
+            weights = (
+                pair[0][:, :, None, None] * pair[1][:, None, :, None] * pair[2][:, None, None, :]
+            ).reshape(-1, 8)
             side = resolution + 1
             steps = (CORNERS @ np.array([side * side, side, 1])).astype(np.int32)
             base = (cell[:, 0] * side + cell[:, 1]) * side + cell[:, 2]

@@ -67,9 +67,13 @@ def trace_training_rays(surface: UnitSurface, views: Product, sub_rays: int, see
         alpha = np.clip(rgba[pixels, 3:], 0.0, 1.0)[seen]
         parts.append(_inputs(points, light))
         pixels_of.append((count[seen], rgba[pixels, :3][seen] / alpha, alpha[:, 0] ** 2))
-    inputs = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    position, angles, surroundings, irradiance = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
     count, colour, weight = (np.concatenate(column) for column in zip(*pixels_of, strict=True))
-    return TrainingRays(*inputs, np.cumsum(count) - count, count, colour, weight)
+    return TrainingRays(
+        position, angles, surroundings, irradiance, np.cumsum(count) - count, count, colour, weight
+    )
 
 
 def _inputs(points: Incidence, light: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -84,7 +88,9 @@ def _inputs(points: Incidence, light: np.ndarray) -> tuple[np.ndarray, ...]:
 def encoded_slope(linear: torch.Tensor) -> torch.Tensor:
     """Return the derivative of the sRGB encoding at linear values, those above 1 taken as 1."""
     safe = linear.clamp(SRGB_KNEE, 1.0)
-    return torch.where(linear <= SRGB_KNEE, torch.full_like(linear, 12.92), 1.055 / 2.4 * safe ** (1 / 2.4 - 1))
+    return torch.where(
+        linear <= SRGB_KNEE, torch.full_like(linear, 12.92), 1.055 / 2.4 * safe ** (1 / 2.4 - 1)
+    )
 
 
 def display_loss(predicted: torch.Tensor, colour: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
@@ -111,7 +117,9 @@ def train(
     known = {id(table) for table in tables}
     others = [parameter for parameter in network.parameters() if id(parameter) not in known]
     optimiser = torch.optim.Adam(
-        [{"params": tables, "lr": 4 * learning_rate}, {"params": others, "lr": learning_rate}], eps=1e-12, foreach=True
+        [{"params": tables, "lr": 4 * learning_rate}, {"params": others, "lr": learning_rate}],
+        eps=1e-12,
+        foreach=True,
     )
     rates = [group["lr"] for group in optimiser.param_groups]
     order = np.empty(0, dtype=np.int64)
@@ -123,9 +131,11 @@ def train(
         for group, rate in zip(optimiser.param_groups, rates, strict=True):
             group["lr"] = rate * share
         predicted = _predict(network, grid, rays, batch) * radiance_scale
-        loss = display_loss(predicted, torch.from_numpy(rays.colour[batch]), torch.from_numpy(rays.weight[batch]))
+        loss = display_loss(
+            predicted, torch.from_numpy(rays.colour[batch]), torch.from_numpy(rays.weight[batch])
+        )
         optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+        loss.backward()
         optimiser.step()
     return network
 
@@ -133,7 +143,11 @@ def train(
 def _predict(network: Reflectance, grid: SparseGrid, rays: TrainingRays, batch: np.ndarray) -> torch.Tensor:
     count = rays.count[batch]
     owner = np.repeat(np.arange(len(batch)), count)
-    row = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(rays.first[batch], count)
+    row = (
+        np.arange(len(owner))
+        - np.repeat(np.cumsum(count) - count, count)
+        + np.repeat(rays.first[batch], count)
+    )
     radiance = network(
         grid.interpolation(rays.position[row]),
         torch.from_numpy(rays.angles[row]),

@@ -34,6 +34,10 @@ class VisionNet:
         Arrays of `reflectance.Reflectance` by name, float16.
     radiance_scale
         P / (4 pi^2), watts: what one unit of the network's output is in scene-linear radiance.
+    camera_radius
+        Distance from the origin of the cameras it was trained on, unit frame.
+    sub_rays
+        Rays a pixel that `render` shoots unless asked otherwise.
     """
 
     def __init__(
@@ -42,8 +46,13 @@ class VisionNet:
         frame: UnitFrame,
         grid: SparseGrid,
         weights: Mapping[str, np.ndarray],
+        *,
         radiance_scale: float,
+        camera_radius: float,
+        sub_rays: int = SUB_RAYS,
     ) -> None:
+        self.camera_radius = camera_radius
+        self.sub_rays = sub_rays
         self._surface = UnitSurface(surface, frame)
         self._grid = grid
         self._weights = dict(weights)
@@ -58,11 +67,20 @@ class VisionNet:
 
     def metadata(self) -> dict[str, Any]:
         """Return what the tensors do not say, as JSON."""
-        return {"grid_resolution": self._grid.resolution, "radiance_scale": self._radiance_scale}
+        return {
+            "grid_resolution": self._grid.resolution,
+            "radiance_scale": self._radiance_scale,
+            "camera_radius": self.camera_radius,
+            "sub_rays": self.sub_rays,
+        }
 
     @classmethod
     def from_tensors(
-        cls, tensors: Mapping[str, np.ndarray], metadata: Mapping[str, Any], surface: Surface, frame: UnitFrame
+        cls,
+        tensors: Mapping[str, np.ndarray],
+        metadata: Mapping[str, Any],
+        surface: Surface,
+        frame: UnitFrame,
     ) -> "VisionNet":
         """Return the VisionNet that `tensors` and `metadata` describe.
 
@@ -75,7 +93,15 @@ class VisionNet:
         if "grid" not in own:
             raise FormatError(PREFIX + "grid", "missing")
         grid = SparseGrid.from_bytes(own.pop("grid"), int(metadata["grid_resolution"]))
-        return cls(surface, frame, grid, own, float(metadata["radiance_scale"]))
+        return cls(
+            surface,
+            frame,
+            grid,
+            own,
+            radiance_scale=float(metadata["radiance_scale"]),
+            camera_radius=float(metadata["camera_radius"]),
+            sub_rays=int(metadata["sub_rays"]),
+        )
 
     def _reflectance(self) -> Any:
         """Build the network at the first render: importing torch is slow."""
@@ -85,7 +111,9 @@ class VisionNet:
             from objectfolder.vision.reflectance import Reflectance
 
             network = Reflectance(self._grid.sizes)
-            state = {name: torch.from_numpy(value.astype(np.float32)) for name, value in self._weights.items()}
+            state = {
+                name: torch.from_numpy(value.astype(np.float32)) for name, value in self._weights.items()
+            }
             try:
                 network.load_state_dict(state)
             except RuntimeError as error:
@@ -99,7 +127,7 @@ class VisionNet:
         light_position: np.ndarray,
         resolution: int | tuple[int, int],
         field_of_view_deg: float,
-        sub_rays: int = SUB_RAYS,
+        sub_rays: int | None = None,
     ) -> np.ndarray:
         """Render views; each is computed alone, so a batch equals its views one by one, bit for bit.
 
@@ -114,7 +142,7 @@ class VisionNet:
         field_of_view_deg
             Angle over the longer side.
         sub_rays
-            Rays a pixel, a square number.
+            Rays a pixel, a square number; by default the `sub_rays` of this VisionNet.
 
         Returns
         -------
@@ -129,18 +157,27 @@ class VisionNet:
         cameras = np.asarray(camera_to_world, dtype=np.float64).reshape(-1, 4, 4)
         lights = np.asarray(light_position, dtype=np.float64).reshape(-1, 3)
         if len(cameras) != len(lights):
-            raise QueryError("render", f"{len(cameras)} cameras but {len(lights)} lights", "Give one light a camera.")
+            raise QueryError(
+                "render", f"{len(cameras)} cameras but {len(lights)} lights", "Give one light a camera."
+            )
         if not (np.isfinite(cameras).all() and np.isfinite(lights).all()):
             raise QueryError("render", "a camera or light is not finite")
         size = image_size(resolution)
         images = [
-            self._render_one(camera, light, size, field_of_view_deg, sub_rays)
+            self._render_one(
+                camera, light, size, field_of_view_deg, self.sub_rays if sub_rays is None else sub_rays
+            )
             for camera, light in zip(cameras, lights, strict=True)
         ]
         return np.stack(images) if images else np.zeros((0, *size, 4), dtype=np.float32)
 
     def _render_one(
-        self, camera: np.ndarray, light: np.ndarray, size: tuple[int, int], field_of_view_deg: float, sub_rays: int
+        self,
+        camera: np.ndarray,
+        light: np.ndarray,
+        size: tuple[int, int],
+        field_of_view_deg: float,
+        sub_rays: int,
     ) -> np.ndarray:
         offsets = sub_ray_offsets(sub_rays)
         image = np.zeros((size[0] * size[1], 4))
@@ -221,4 +258,11 @@ def fit_visionnet(
         learning_rate=learning_rate, seed=seed,
     )  # fmt: skip
     weights = {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}
-    return VisionNet(surface, frame, grid, weights, scale)
+    return VisionNet(
+        surface,
+        frame,
+        grid,
+        weights,
+        radiance_scale=scale,
+        camera_radius=float(views.attributes["camera_radius"]),
+    )
