@@ -1,6 +1,7 @@
 """``python -m pipeline STAGE``: what ``dvc.yaml`` runs, and the few commands around it."""
 
 import argparse
+import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +15,7 @@ from pipeline.parameters import read_parameters
 from pipeline.progress import failure_table
 from pipeline.records import read_records, read_table, write_records
 from pipeline.run_log import costs_path, read_failures
-from pipeline.stages import FIDELITY, STAGES
+from pipeline.stages import FIDELITY, OBJECT_FILES, STAGES
 from pipeline.task import Failure
 
 PARAMETERS = "params.yaml"
@@ -37,6 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             changes = selection.select(root / PARAMETERS, options.objects, options.only)
             print("\n".join(changes))
             return 0
+        if options.command == "dataset":
+            return make_dataset(root)
         return show_failures(root)
     except ObjectFolderError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -86,6 +89,18 @@ def make_report(root: Path) -> int:
     return 0
 
 
+def make_dataset(root: Path) -> int:
+    """Run ``dvc repro``, trying again what failed the last time; say what failed and where the report is."""
+    command = [sys.executable, "-m", "dvc", "repro"]
+    if all_failures(root):
+        command.append("--force")  # what is finished is kept all the same
+    code = subprocess.run(command, cwd=root, check=False).returncode
+    failed = show_failures(root)
+    if code == 0:
+        print(f"Object Files: {OBJECT_FILES.folder}/\nReport:       {REPORTS}/index.html")
+    return code or failed
+
+
 def show_failures(root: Path) -> int:
     """Print what failed in the last run of each stage; return 1 if anything did."""
     failures = [
@@ -115,6 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     choose = commands.add_parser("select", help="choose objects in params.yaml")
     choose.add_argument("--objects", help="table of objects, a CSV file")
     choose.add_argument("--only", help="ids with commas between them; empty for all")
+    commands.add_parser("dataset", help="run dvc repro, try failed objects again, say where the report is")
     commands.add_parser("failures", help="show what failed in the last runs; exit 1 if any did")
     return parser
 

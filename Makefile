@@ -1,0 +1,41 @@
+# Two commands suffice: `make dataset` and `make test`. Both make the environment where it is missing.
+
+VENV := .venv
+STAMP := $(VENV)/.installed
+BIN := $(CURDIR)/$(VENV)/bin
+export PATH := $(BIN):$(PATH)
+export DVC_NO_ANALYTICS := 1
+unexport PYTHONPATH
+
+.DEFAULT_GOAL := help
+.PHONY: help environment dataset test lint bench lock
+
+help: ## Say what can be made
+	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  \1\t/' | expand -t 16
+
+environment: $(STAMP) ## Make the environment in .venv, with the system libraries it needs
+
+$(STAMP): pyproject.toml requirements.lock environment.sh
+	@bash environment.sh $(VENV)
+	@touch $@
+
+dataset: $(STAMP) ## Make the data set, doing only what is left to do, and say where its report is
+	@python -m pipeline select $(if $(OBJECTS),--objects "$(OBJECTS)") \
+		$(if $(filter undefined,$(origin ONLY)),,--only "$(ONLY)")
+	@python -m pipeline dataset
+
+test: $(STAMP) ## Check style and types, and run all tests
+	$(MAKE) --no-print-directory lint
+	pytest
+
+lint: $(STAMP) ## Check style and types
+	ruff check .
+	ruff format --check .
+	mypy
+
+bench: $(STAMP) ## Measure speed against error, beside named rivals
+	python -m bench
+
+lock: $(STAMP) ## Write requirements.lock from what is installed
+	python -m pipeline.lock requirements.lock
