@@ -11,7 +11,14 @@ from PIL import Image
 from objectfolder.errors import InputError
 from objectfolder.geometry.material_library import DEFAULT_COLOUR
 from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.textures import corner_colour_atlas, read_texture, rgba_of, tint, uniform_texture
+from objectfolder.geometry.textures import (
+    corner_colour_atlas,
+    read_texture,
+    rgba_of,
+    srgb_encode,
+    tint,
+    uniform_texture,
+)
 
 FORMATS = {".gltf": "glTF", ".glb": "binary glTF", ".ply": "PLY", ".stl": "STL"}
 
@@ -39,9 +46,10 @@ def read_scene(path: Path, *, with_textures: bool = True) -> TexturedMesh:
 
     kind = FORMATS[path.suffix.lower()]
     header = gltf_header(path) if path.suffix.lower() in (".gltf", ".glb") else None
+    # Textures of PLY are read here, as trimesh only logs one that is missing.
+    options = {"skip_materials": True} if path.suffix.lower() == ".ply" else {}
     try:
-        # trimesh logs a traceback for files that it then also raises on.
-        scene = trimesh.load_scene(str(path), process=False)
+        scene = trimesh.load_scene(str(path), process=False, **options)
         nodes = [scene.graph[name] for name in sorted(scene.graph.nodes_geometry)]
         parts = [(np.asarray(transform), scene.geometry[name]) for transform, name in nodes]
     except Exception as problem:
@@ -71,22 +79,27 @@ def _textured(
         coordinates = np.asarray(uv, dtype=np.float64)[faces]
     texture = _base_colour(path, geometry, header) if with_textures else uniform_texture(DEFAULT_COLOUR)
     if with_textures and geometry.visual.kind in ("vertex", "face"):
-        colours = np.asarray(geometry.visual.vertex_colors, dtype=np.float64)[faces] / 255
-        if geometry.visual.kind == "face":
-            colours = np.repeat(
-                np.asarray(geometry.visual.face_colors, dtype=np.float64)[:, None] / 255, 3, axis=1
-            )
+        colours = _corner_colours(geometry, faces)
+        if header is not None:
+            colours[..., :3] = srgb_encode(colours[..., :3])  # glTF's vertex colours are scene-linear
         texture, coordinates = corner_colour_atlas(colours)
     if np.linalg.det(transform[:3, :3]) < 0:
         faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
     return TexturedMesh(vertices, faces, coordinates, (texture,), np.zeros(len(faces), dtype=np.int32))
 
 
+def _corner_colours(geometry: Any, faces: np.ndarray) -> np.ndarray:
+    """RGBA (F, 3, 4) in 0..1 of vertex or face colours."""
+    if geometry.visual.kind == "vertex":
+        return np.asarray(geometry.visual.vertex_colors, dtype=np.float64)[faces] / 255
+    return np.repeat(np.asarray(geometry.visual.face_colors, dtype=np.float64)[:, None] / 255, 3, axis=1)
+
+
 def _base_colour(path: Path, geometry: Any, header: dict[str, Any] | None) -> np.ndarray:
+    if header is None:
+        return _ply_texture(path)
     material = getattr(geometry.visual, "material", None)
-    image = getattr(material, "image", None)
-    if header is not None:
-        image = getattr(material, "baseColorTexture", None)
+    image = getattr(material, "baseColorTexture", None)
     if isinstance(image, Image.Image):
         try:
             texture = rgba_of(image, str(path))
@@ -96,27 +109,29 @@ def _base_colour(path: Path, geometry: Any, header: dict[str, Any] | None) -> np
                 f"its texture cannot be read ({problem})",
                 "Repair the texture, or name another one",
             ) from problem
-        factor = getattr(material, "baseColorFactor", None) if header is not None else None
-        return texture if factor is None else tint(texture, _factor(factor))
-    if header is None:
-        return _ply_texture(path)
+        return tint(texture, _factor(material, header))
     _refuse_missing_texture(path, getattr(material, "name", None), header)
-    factor = getattr(material, "baseColorFactor", None)
-    if factor is None:
-        return uniform_texture(np.ones(3) if material is not None else DEFAULT_COLOUR)
-    return tint(uniform_texture(np.ones(4)), _factor(factor))
+    if material is None:
+        return uniform_texture(DEFAULT_COLOUR)
+    return tint(uniform_texture(np.ones(4)), _factor(material, header))
 
 
-def _factor(values: np.ndarray) -> np.ndarray:
-    """Scene-linear RGBA in 0..1; trimesh turns some factors into bytes."""
-    values = np.asarray(values)
-    factor = values / 255 if values.dtype == np.uint8 else values.astype(np.float64)
-    return np.append(factor, 1.0)[:4]
+def _factor(material: Any, header: dict[str, Any]) -> np.ndarray:
+    """Scene-linear base colour factor RGBA in 0..1.
+
+    Read from the file where the material's name is unique: trimesh rounds it to 8 bits, coarse in the dark.
+    """
+    named = [entry for entry in header.get("materials", []) if entry.get("name") == material.name]
+    if len(named) == 1:
+        factor = named[0].get("pbrMetallicRoughness", {}).get("baseColorFactor", [1, 1, 1, 1])
+        return np.asarray(factor, dtype=np.float64)
+    rounded = material.baseColorFactor
+    return np.ones(4) if rounded is None else np.append(np.asarray(rounded) / 255, 1.0)[:4]
 
 
 def _ply_texture(path: Path) -> np.ndarray:
-    """Texture of a PLY header that trimesh found no image for, or the default colour."""
-    name = ply_texture_name(path)
+    """Texture that a PLY header names, or the default colour (which STL always has)."""
+    name = ply_texture_name(path) if path.suffix.lower() == ".ply" else None
     return uniform_texture(DEFAULT_COLOUR) if name is None else read_texture(path.parent / name)
 
 

@@ -16,12 +16,13 @@ class Shape:
     texture_coordinates: np.ndarray
 
     def textured(self, texture: np.ndarray) -> TexturedMesh:
-        """Return the shape with one (h, w, 4) uint8 texture, without triangles that have a vertex twice."""
+        """Return the shape with one (h, w, 4) uint8 texture, collapsed triangles and unused vertices left out."""
         a, b, c = self.faces.T
         kept = (a != b) & (b != c) & (c != a)
-        faces = self.faces[kept]
+        used, faces = np.unique(self.faces[kept], return_inverse=True)
+        faces = faces.reshape(-1, 3)
         return TexturedMesh(
-            self.vertices,
+            self.vertices[used],
             faces,
             self.texture_coordinates[kept],
             (texture,),

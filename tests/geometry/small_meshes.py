@@ -1,0 +1,82 @@
+"""Small meshes for tests, made by code."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from objectfolder.geometry.mesh import TexturedMesh
+
+CUBE_VERTICES = np.array(
+    [[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)], dtype=np.float64
+)
+CUBE_FACES = np.array(
+    [
+        [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5],
+    ]
+)  # fmt: skip
+
+
+def bare_mesh(vertices: np.ndarray, faces: np.ndarray) -> TexturedMesh:
+    """A mesh of one grey texel."""
+    faces = np.asarray(faces, dtype=np.int64)
+    return TexturedMesh(
+        np.asarray(vertices, dtype=np.float64),
+        faces,
+        np.zeros((len(faces), 3, 2)),
+        (np.full((1, 1, 4), 128, dtype=np.uint8),),
+        np.zeros(len(faces), dtype=np.int32),
+    )
+
+
+def cube(side_m: float = 1.0) -> TexturedMesh:
+    """A closed cube of 12 outward triangles about the origin."""
+    return bare_mesh(side_m * CUBE_VERTICES, CUBE_FACES)
+
+
+def sphere(radius_m: float = 1.0, subdivisions: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and outward faces of a subdivided octahedron projected to the sphere."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    for _ in range(subdivisions):
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
+        ab, bc, ca = (len(vertices) + inverse.reshape(3, -1)).reshape(3, -1)
+        vertices = np.concatenate([vertices, vertices[unique].mean(axis=1)])
+        a, b, c = faces.T
+        faces = np.concatenate(
+            [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
+    return radius_m * vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
+
+
+def checker(size: int = 8) -> np.ndarray:
+    """(size, size, 3) uint8 of distinct colours."""
+    row, column = np.mgrid[:size, :size]
+    step = 255 // (size - 1)
+    return np.stack([row * step, column * step, np.full_like(row, 40)], axis=-1).astype(np.uint8)
+
+
+def write_textured_cube(folder: Path, *, texture: np.ndarray | None = None, side_m: float = 0.1) -> Path:
+    """model.obj, model.mtl and texture.png of a cube whose faces all show the whole texture."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ["mtllib model.mtl", "usemtl skin"]
+    lines += [f"v {x} {y} {z}" for x, y, z in side_m * CUBE_VERTICES]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1"]
+    lines += [
+        "f " + " ".join(f"{vertex + 1}/{corner + 1}" for corner, vertex in enumerate(face))
+        for face in CUBE_FACES
+    ]
+    (folder / "model.obj").write_text("\n".join(lines) + "\n")
+    (folder / "model.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd texture.png\n")
+    Image.fromarray(checker() if texture is None else texture).save(folder / "texture.png")
+    return folder / "model.obj"
+
+
+def canonical_triangles(mesh: TexturedMesh) -> np.ndarray:
+    """(F, 9) positions of the corners in a form that does not depend on vertex or face order."""
+    corners = mesh.vertices[mesh.faces]
+    rotations = np.stack([np.roll(corners, -shift, axis=1).reshape(-1, 9) for shift in range(3)], axis=1)
+    smallest = np.array([min(map(tuple, triple)) for triple in rotations])
+    return smallest[np.lexsort(smallest.T[::-1])]

@@ -1,0 +1,291 @@
+"""Every kind of bad input, by name: one error with file or object, field, finding and remedy."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_meshes import CUBE_FACES, CUBE_VERTICES, checker, write_textured_cube
+
+from objectfolder.catalogue import read_catalogue
+from objectfolder.errors import InputError
+from objectfolder.geometry.ingest import ingest_object
+
+MATERIALS = ("ceramic", "steel", "wood")
+
+
+def write_obj(path: Path, vertices, faces, *, coordinates: bool = False) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    lines += ["f " + " ".join(str(vertex + 1) for vertex in face) for face in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def refused(*arguments) -> InputError:
+    with pytest.raises(InputError) as caught:
+        ingest_object(*arguments)
+    problem = caught.value
+    assert "thing" in problem.where
+    assert problem.remedy
+    assert "\n" not in str(problem)
+    return problem
+
+
+def table(folder: Path, *rows: str, columns: str = "id,mesh,texture,material,length_m") -> Path:
+    path = folder / "objects.csv"
+    path.write_text("\n".join([columns, *rows]) + "\n")
+    return path
+
+
+@pytest.fixture
+def good(tmp_path) -> Path:
+    """Folder with one good object, `good/model.obj`."""
+    write_textured_cube(tmp_path / "good")
+    return tmp_path
+
+
+def assert_only_bad_fails(path: Path, field: str, finding: str) -> InputError:
+    """The object `bad` is refused with row and field; the object `good` is made."""
+    catalogue = read_catalogue(path, MATERIALS)
+    assert [record.id for record in catalogue.records] == ["good"]
+    record = catalogue.records[0]
+    ingest_object(record.mesh, record.texture, record.length_m, record.id)
+    problem = catalogue.errors["bad"]
+    assert f"{path} line 2" in problem.where
+    assert f"field {field}" in problem.where
+    assert finding in problem.finding
+    assert problem.remedy
+    return problem
+
+
+GOOD_ROW = "good,good/model.obj,,steel,as in file"
+
+
+def test_missing_mesh(good):
+    path = table(good, "bad,nowhere/model.obj,,steel,0.1", GOOD_ROW)
+    assert_only_bad_fails(path, "mesh", "nowhere/model.obj does not exist")
+    assert "does not exist" in refused(good / "nowhere.obj", None, None, "thing").finding
+
+
+def test_missing_texture(good):
+    path = table(good, "bad,good/model.obj,nowhere.png,steel,0.1", GOOD_ROW)
+    assert_only_bad_fails(path, "texture", "nowhere.png does not exist")
+
+
+def test_missing_texture_of_the_material_library(good):
+    (good / "good" / "texture.png").unlink()
+    problem = refused(good / "good" / "model.obj", None, None, "thing")
+    assert "model.mtl line 3" in problem.where
+    assert "'texture.png', which is not there" in problem.finding
+
+
+def test_missing_material_library(good):
+    (good / "good" / "model.mtl").unlink()
+    problem = refused(good / "good" / "model.obj", None, None, "thing")
+    assert "material library 'model.mtl', which is not there" in problem.finding
+
+
+def test_unknown_material(good):
+    path = table(good, "bad,good/model.obj,,stel,0.1", GOOD_ROW)
+    problem = assert_only_bad_fails(path, "material", "'stel' is not known")
+    assert "'steel'" in problem.remedy
+
+
+@pytest.mark.parametrize("length", ["0", "-0.1", "nan", "inf", "twelve", "0.0001", "116.98"])
+def test_zero_negative_or_absurd_length(good, length):
+    path = table(good, f"bad,good/model.obj,,steel,{length}", GOOD_ROW)
+    assert_only_bad_fails(path, "length_m", "")
+
+
+def test_length_in_millimetres(good):
+    problem = refused(good / "good" / "model.obj", None, 116.98, "thing")
+    assert "field length_m" in problem.where
+    assert "millimetres" in problem.remedy
+    assert "0.11698" in problem.remedy
+
+
+def test_length_in_millimetres_that_would_pass_as_metres(good):
+    """A 16 mm die given as 16, on a mesh that is in metres."""
+    path = write_textured_cube(good / "die", side_m=0.016)
+    problem = refused(path, None, 16.0, "thing")
+    assert "1000 times" in problem.finding
+    assert "0.016" in problem.remedy
+
+
+def test_mesh_in_millimetres(good):
+    path = write_textured_cube(good / "mm", side_m=80.0)
+    problem = refused(path, None, None, "thing")
+    assert "as in the file, is 80 m" in problem.finding
+    assert "0.08" in problem.remedy
+    product = ingest_object(path, None, 0.08, "thing")
+    np.testing.assert_allclose(product.attributes["length"]["extents_m"], 0.08)
+
+
+def test_large_objects_are_accepted_when_stated(good):
+    product = ingest_object(good / "good" / "model.obj", None, 24.0, "ship")
+    assert "unusual" in product.attributes["warnings"][0]
+
+
+@pytest.mark.parametrize("text", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "# nothing\n"])
+def test_empty_mesh(tmp_path, text):
+    path = tmp_path / "model.obj"
+    path.write_text(text)
+    assert "no faces" in refused(path, None, None, "thing").finding
+
+
+def test_mesh_of_one_point(tmp_path):
+    path = write_obj(tmp_path / "model.obj", np.zeros((3, 3)), [[0, 1, 2]])
+    assert "no faces are left of 1: 1 collapse" in refused(path, None, None, "thing").finding
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e999"])
+def test_nan_vertices(tmp_path, value):
+    path = tmp_path / "model.obj"
+    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 {value} 0\nf 1 2 3\n")
+    problem = refused(path, None, None, "thing")
+    assert "1 of 3 vertices are not finite (the first is vertex 3)" in problem.finding
+
+
+def test_zero_area_faces_are_kept_and_reported(tmp_path):
+    """A vertex half way along an edge of a cube: the sliver keeps the surface closed."""
+    vertices = np.concatenate([0.1 * CUBE_VERTICES, 0.05 * (CUBE_VERTICES[[0]] + CUBE_VERTICES[[1]])])
+    faces = [face for face in CUBE_FACES.tolist() if face != [0, 1, 5]]
+    faces += [[0, 8, 5], [8, 1, 5], [0, 1, 8]]
+    faces = [[0, 8, 5] if face == [0, 8, 5] else face for face in faces]
+    mesh = write_obj(tmp_path / "model.obj", vertices, faces)
+    attributes = ingest_object(mesh, None, None, "thing").attributes
+    assert attributes["topology"]["zero_area_faces"] == 1
+    assert attributes["topology"]["watertight"]
+    assert "1 faces have no area" in attributes["warnings"][0]
+
+
+def test_open_surface_is_made_and_reported(tmp_path):
+    mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES[2:])
+    attributes = ingest_object(mesh, None, None, "thing").attributes
+    assert not attributes["topology"]["watertight"]
+    assert attributes["topology"]["boundary_edges"] == 4
+    assert not attributes["solid"]["meaningful"]
+    assert attributes["wall_thickness"]["effective_m"] is None
+    assert "not closed (4 boundary" in attributes["warnings"][0]
+
+
+def test_several_components_are_made_and_reported(tmp_path):
+    vertices = np.concatenate([0.1 * CUBE_VERTICES, 0.1 * CUBE_VERTICES + 0.5])
+    mesh = write_obj(tmp_path / "model.obj", vertices, np.concatenate([CUBE_FACES, CUBE_FACES + 8]))
+    attributes = ingest_object(mesh, None, None, "thing").attributes
+    assert attributes["topology"]["components"] == 2
+    assert "2 separate pieces" in attributes["warnings"][0]
+    assert attributes["solid"]["volume_m3"] == pytest.approx(0.002)
+
+
+def test_inverted_normals_are_turned_outwards(tmp_path):
+    mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES[:, ::-1])
+    product = ingest_object(mesh, None, None, "thing")
+    assert product.attributes["cleaning"]["faces_reversed"] == 12
+    assert product.attributes["solid"]["volume_m3"] == pytest.approx(0.001)
+
+
+def test_no_uvs_with_a_texture(tmp_path):
+    from PIL import Image
+
+    mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES)
+    Image.fromarray(checker()).save(tmp_path / "texture.png")
+    problem = refused(mesh, tmp_path / "texture.png", None, "thing")
+    assert "12 of 12 faces have a texture but no texture coordinates" in problem.finding
+    assert "Unwrap" in problem.remedy
+
+
+def test_no_uvs_without_a_texture_gives_the_base_colour(tmp_path):
+    mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES)
+    product = ingest_object(mesh, None, None, "thing")
+    np.testing.assert_array_equal(product["texture_0"], [[[204, 204, 204, 255]]])
+
+
+@pytest.mark.parametrize(
+    "texture",
+    [
+        pytest.param(np.dstack([checker(), checker()[..., 0]]), id="4-channel"),
+        pytest.param(checker()[..., 0], id="grey"),
+        pytest.param(checker()[..., 0].astype(np.uint16) * 257, id="16-bit"),
+    ],
+)
+def test_four_channel_grey_and_sixteen_bit_textures(tmp_path, texture):
+    product = ingest_object(write_textured_cube(tmp_path, texture=texture), None, None, "thing")
+    assert product["texture_0"].shape == (8, 8, 4)
+    np.testing.assert_array_equal(product["texture_0"][..., 0], checker()[..., 0])
+    assert (product["texture_0"][..., 3] == 255).all()
+
+
+@pytest.mark.parametrize("content", [b"", b"not an image", b"\x89PNG\r\n\x1a\n broken"])
+def test_texture_that_is_not_an_image(good, content):
+    (good / "other.png").write_bytes(content)
+    problem = refused(good / "good" / "model.obj", good / "other.png", None, "thing")
+    assert "other.png" in problem.where
+    assert "not a readable image" in problem.finding
+
+
+def test_truncated_texture(good):
+    path = good / "good" / "texture.png"
+    path.write_bytes(path.read_bytes()[:-40])
+    assert "not a readable image" in refused(good / "good" / "model.obj", None, None, "thing").finding
+
+
+def test_texture_of_floating_point_values(good):
+    from PIL import Image
+
+    Image.fromarray(np.zeros((4, 4), dtype=np.float32)).save(good / "float.tif")
+    problem = refused(good / "good" / "model.obj", good / "float.tif", None, "thing")
+    assert "floating point" in problem.finding
+
+
+@pytest.mark.parametrize("second", ["good", "GOOD"])
+def test_duplicate_ids(good, second):
+    path = table(good, GOOD_ROW, GOOD_ROW.replace("good,", f"{second},", 1))
+    with pytest.raises(InputError, match=r"line 3, field id: .* is already used in line 2"):
+        read_catalogue(path, MATERIALS)
+
+
+@pytest.mark.parametrize(
+    "object_id",
+    ["../escape", "/absolute", "a/b", "a\\b", "..", ".hidden", "", "with space", "tab\there", "x" * 101, "ü"],
+)
+def test_ids_that_would_escape_the_folder(good, object_id):
+    path = table(good, GOOD_ROW, f'"{object_id}",good/model.obj,,steel,0.1')
+    with pytest.raises(InputError, match=r"line 3, field id: .* cannot be a file name"):
+        read_catalogue(path, MATERIALS)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "glb", "gltf", "ply", "stl"])
+@pytest.mark.parametrize("content", [b"", b"<html>404: not found</html>\n", bytes(range(256)) * 20])
+def test_mesh_file_that_is_not_one(tmp_path, suffix, content):
+    path = tmp_path / f"model.{suffix}"
+    path.write_bytes(content)
+    problem = refused(path, None, None, "thing")
+    assert f"model.{suffix}" in problem.where
+    assert "cannot be read" in problem.finding or "no faces" in problem.finding
+
+
+def test_mesh_of_an_unknown_format(tmp_path):
+    path = tmp_path / "model.fbx"
+    path.write_bytes(b"Kaydara FBX Binary")
+    problem = refused(path, None, None, "thing")
+    assert "'.fbx' is not a known mesh format" in problem.finding
+    assert ".glb" in problem.remedy
+
+
+@pytest.mark.parametrize(
+    ("line", "finding"),
+    [
+        ("f 1 2 9", "vertex 9 of 3 defined so far"),
+        ("f 1 2 0", "vertex 0 of 3"),
+        ("f 1 2", "three corners"),
+        ("v 1 two 3", "could not convert"),
+        ("f 1/1 2/1 3/1", "texture coordinate 1 of 0"),
+    ],
+)
+def test_obj_line_that_cannot_be_read(tmp_path, line, finding):
+    path = tmp_path / "model.obj"
+    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\n")
+    problem = refused(path, None, None, "thing")
+    assert "model.obj line 4" in problem.where
+    assert finding in problem.finding

@@ -1,0 +1,116 @@
+"""The table of objects. Its faults that concern one object are in test_bad_input."""
+
+from pathlib import Path
+
+import pytest
+from small_meshes import write_textured_cube
+
+from objectfolder.catalogue import read_catalogue
+from objectfolder.errors import InputError
+
+MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    write_textured_cube(tmp_path / "cube")
+    return tmp_path
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "objects.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_row_with_every_field(folder):
+    path = write(
+        folder,
+        "\ufeffid,name,mesh,texture,material,length_m,source,licence,attribution,roughness,metallic\n"
+        'cube,"Cube, plain",cube/model.obj,cube/texture.png,wood,0.25,here,CC0-1.0,me,0.4,1\n\n',
+    )
+    (record,) = read_catalogue(path, MATERIALS).records
+    assert (record.id, record.name, record.material, record.length_m) == ("cube", "Cube, plain", "wood", 0.25)
+    assert record.mesh == folder / "cube" / "model.obj"
+    assert record.texture == folder / "cube" / "texture.png"
+    assert (record.source, record.licence, record.attribution) == ("here", "CC0-1.0", "me")
+    assert (record.roughness, record.metallic) == (0.4, 1.0)
+
+
+def test_row_with_the_least(folder):
+    (record,) = read_catalogue(write(folder, "material,id\nsteel,cube\n"), MATERIALS).records
+    assert (record.name, record.mesh, record.texture) == ("cube", folder / "cube" / "model.obj", None)
+    assert (record.length_m, record.roughness, record.metallic) == (None, None, None)
+
+
+@pytest.mark.parametrize("length", ["as in file", "As in file", ""])
+def test_length_as_in_file(folder, length):
+    path = write(folder, f"id,mesh,material,length_m\ncube,cube/model.obj,steel,{length}\n")
+    assert read_catalogue(path, MATERIALS).records[0].length_m is None
+
+
+@pytest.mark.parametrize(
+    ("text", "finding"),
+    [
+        ("id,mesh\ncube,cube/model.obj\n", "has no column 'material'. Add a column 'material'"),
+        (
+            "id,material,lenght_m\ncube,steel,0.1\n",
+            "has no column 'length_m'. Rename 'lenght_m' to 'length_m'",
+        ),
+        ("id,material,id\ncube,steel,cube\n", "repeats the column id"),
+        ("id,material\ncube,steel,0.1\n", "line 2: has 3 cells for 2 columns"),
+        ("id,material\n", "lists no objects"),
+        ("", "has no column 'id'"),
+        ('id,material\n"cube,steel\n', "is not a CSV table"),
+    ],
+)
+def test_table_that_cannot_be_used(folder, text, finding):
+    with pytest.raises(InputError) as caught:
+        read_catalogue(write(folder, text), MATERIALS)
+    assert finding in str(caught.value)
+
+
+def test_table_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=r"objects\.csv: the table of objects does not exist"):
+        read_catalogue(tmp_path / "objects.csv", MATERIALS)
+
+
+def test_table_that_is_not_text(folder):
+    path = folder / "objects.csv"
+    path.write_bytes(b"id,material\n\xff\xfe\x00,steel\n")
+    with pytest.raises(InputError, match="is not a CSV table in UTF-8"):
+        read_catalogue(path, MATERIALS)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("roughness", "1.5"), ("metallic", "shiny"), ("roughness", "nan")]
+)
+def test_appearance_out_of_range(folder, field, value):
+    path = write(folder, f"id,material,{field}\ncube,steel,{value}\n")
+    problem = read_catalogue(path, MATERIALS).errors["cube"]
+    assert f"field {field}" in problem.where
+    assert "not a number in 0..1" in problem.finding
+
+
+def test_several_bad_rows_are_all_reported(folder):
+    text = "id,mesh,material,length_m\na,a.obj,steel,1\nb,cube/model.obj,gold,1\nc,cube/model.obj,steel,-1\n"
+    catalogue = read_catalogue(write(folder, text + "d,cube/model.obj,steel,1\n"), MATERIALS)
+    assert list(catalogue.errors) == ["a", "b", "c"]
+    assert [record.id for record in catalogue.records] == ["d"]
+
+
+def test_select_keeps_what_is_named_and_names_the_nearest(folder):
+    text = "id,mesh,material\ncube,cube/model.obj,steel\nbad,nowhere.obj,steel\nother,cube/model.obj,wood\n"
+    catalogue = read_catalogue(write(folder, text), MATERIALS)
+    selected = catalogue.select(["other", "bad"])
+    assert ([record.id for record in selected.records], list(selected.errors)) == (["other"], ["bad"])
+    with pytest.raises(InputError, match=r"no object 'cuve'\. Did you mean 'cube'\?"):
+        catalogue.select(["cuve"])
+
+
+def test_catalogue_of_real_scans_works_as_it_is(shared_objects: Path):
+    catalogue = read_catalogue(shared_objects / "catalogue.csv", MATERIALS)
+    assert (len(catalogue.records), catalogue.errors) == (100, {})
+    mug = next(record for record in catalogue.records if record.id == "025_mug")
+    assert (mug.material, mug.length_m, mug.texture) == ("steel", None, mug.mesh.parent / "texture.jpg")
+    assert (mug.licence, mug.source) == ("CC BY 4.0", "YCB")

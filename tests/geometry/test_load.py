@@ -1,0 +1,330 @@
+"""Readers of the four formats, material libraries and textures, on files made here."""
+
+import io
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+from small_meshes import (
+    CUBE_FACES,
+    CUBE_VERTICES,
+    canonical_triangles,
+    checker,
+    cube,
+    write_textured_cube,
+)
+
+from objectfolder.errors import InputError
+from objectfolder.geometry.clean import clean
+from objectfolder.geometry.load import load_mesh
+from objectfolder.geometry.source_files import source_files
+from objectfolder.geometry.textures import read_texture
+
+QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+def colours_at_corners(mesh, face: int) -> np.ndarray:
+    """RGB of the texels that the corners of a face lie in, (3, 3)."""
+    texture = mesh.textures[mesh.face_texture[face]]
+    height, width = texture.shape[:2]
+    u, v = mesh.texture_coordinates[face].T
+    column = np.clip((u * width).astype(int), 0, width - 1)
+    row = np.clip(((1 - v) * height).astype(int), 0, height - 1)
+    return texture[row, column, :3]
+
+
+def test_obj_keeps_vertices_and_gives_each_corner_its_own_texture_coordinates(tmp_path):
+    mesh = load_mesh(write_textured_cube(tmp_path))
+    assert mesh.vertices.shape == (8, 3)
+    np.testing.assert_array_equal(mesh.faces, CUBE_FACES)
+    np.testing.assert_array_equal(mesh.texture_coordinates[5], [[0, 0], [1, 0], [1, 1]])
+    np.testing.assert_array_equal(mesh.textures[0][..., :3], checker())
+    # v points up: v = 0 is the bottom row of the image.
+    np.testing.assert_array_equal(colours_at_corners(mesh, 0), checker()[[7, 7, 0], [0, 7, 7]])
+
+
+def test_obj_polygons_negative_indices_continued_lines_comments_and_windows_line_ends(tmp_path):
+    path = tmp_path / "model.obj"
+    path.write_bytes(
+        b"# a quad\r\nv 0 0 0\r\nv 1 0 0 # corner\r\nv 1 1 0\r\nv 0 1 0\r\nf -4 -3 \\\r\n -2 -1\r\n"
+    )
+    mesh = load_mesh(path)
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
+
+
+def test_obj_negative_indices_count_back_from_the_line_they_stand_on(tmp_path):
+    path = tmp_path / "model.obj"
+    path.write_text(QUAD + "f -4 -3 -2\nv 5 5 5\nf -1 1 2\n")
+    np.testing.assert_array_equal(load_mesh(path).faces, [[0, 1, 2], [4, 0, 1]])
+
+
+def test_obj_normals_without_texture_coordinates(tmp_path):
+    path = tmp_path / "model.obj"
+    path.write_text(QUAD + "vn 0 0 1\nf 1//1 2//1 3//1 4//1\n")
+    mesh = load_mesh(path)
+    assert mesh.textures[0].shape == (1, 1, 4)
+    assert not mesh.texture_coordinates.any()
+
+
+def test_obj_with_several_materials_colours_and_textures(tmp_path):
+    (tmp_path / "skin.png").write_bytes(png(checker()))
+    (tmp_path / "parts.mtl").write_text(
+        "newmtl red\nKd 1 0 0\nnewmtl skin\nmap_Kd skin.png\nnewmtl again\nmap_Kd skin.png\n"
+    )
+    path = tmp_path / "model.obj"
+    faces = "usemtl red\nf 1 2 3\nusemtl skin\nf 1/1 3/2 4/3\nusemtl again\nf 1/1 4/2 2/3\n"
+    path.write_text("mtllib parts.mtl\n" + QUAD + "vt 0 0\nvt 1 0\nvt 1 1\n" + faces)
+    mesh = load_mesh(path)
+    np.testing.assert_array_equal(mesh.face_texture, [0, 1, 1])
+    np.testing.assert_array_equal(mesh.textures[0], [[[255, 0, 0, 255]]])
+    assert len(mesh.textures) == 2
+
+
+@pytest.mark.parametrize(
+    ("statement", "file"),
+    [
+        ("map_Kd texture.png  ", "texture.png"),
+        ("map_Kd my texture.png", "my texture.png"),
+        ("map_Kd -clamp on -s 1 1 1 texture.png", "texture.png"),
+        ("map_Kd maps\\texture.png", "maps/texture.png"),
+        ("map_Kd C:\\work\\texture.png", "texture.png"),
+        ("map_Kd texture.png", "textures/texture.png"),
+        ("map_Kd texture.png", "../materials/textures/texture.png"),
+    ],
+)
+def test_texture_of_a_material_library_is_found(tmp_path, statement, file):
+    path = write_textured_cube(tmp_path / "meshes")
+    texture = path.parent / "texture.png"
+    wanted = path.parent / file
+    wanted.parent.mkdir(parents=True, exist_ok=True)
+    texture.rename(wanted)
+    (path.parent / "model.mtl").write_text(f"newmtl skin\n{statement}\n")
+    np.testing.assert_array_equal(load_mesh(path).textures[0][..., :3], checker())
+
+
+def test_scaled_texture_is_refused(tmp_path):
+    path = write_textured_cube(tmp_path)
+    (tmp_path / "model.mtl").write_text("newmtl skin\nmap_Kd -s 2 2 1 texture.png\n")
+    with pytest.raises(InputError, match=r"model\.mtl line 2.*option -s 2 2 1 is not supported"):
+        load_mesh(path)
+
+
+def test_named_texture_replaces_what_the_mesh_names(tmp_path):
+    path = write_textured_cube(tmp_path)
+    (tmp_path / "model.mtl").unlink()
+    (tmp_path / "other.png").write_bytes(png(checker(4)))
+    assert load_mesh(path, tmp_path / "other.png").textures[0].shape == (4, 4, 4)
+
+
+def test_shape_alone_needs_no_textures(tmp_path):
+    path = write_textured_cube(tmp_path)
+    (tmp_path / "texture.png").unlink()
+    assert len(load_mesh(path, with_textures=False).faces) == 12
+
+
+def test_obj_vertex_colours_become_a_texture(tmp_path):
+    path = tmp_path / "model.obj"
+    path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 3\n")
+    np.testing.assert_array_equal(
+        colours_at_corners(load_mesh(path), 0), [[255, 0, 0], [0, 255, 0], [0, 0, 255]]
+    )
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "glb", "gltf", "obj"])
+def test_all_formats_give_the_same_cube(tmp_path, suffix):
+    exported = trimesh.Trimesh(0.1 * CUBE_VERTICES, CUBE_FACES, process=False)
+    path = tmp_path / f"model.{suffix}"
+    if suffix == "gltf":
+        for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(exported)).items():
+            (tmp_path / name).write_bytes(data)
+    else:
+        exported.export(path)
+    mesh, _ = clean(load_mesh(path))
+    np.testing.assert_allclose(canonical_triangles(mesh), canonical_triangles(cube(0.1)), atol=1e-7)
+
+
+def test_ascii_stl(tmp_path):
+    path = tmp_path / "model.STL"
+    path.write_text(
+        trimesh.exchange.stl.export_stl_ascii(trimesh.Trimesh(CUBE_VERTICES, CUBE_FACES, process=False))
+    )
+    mesh, report = clean(load_mesh(path))
+    assert (len(mesh.vertices), len(mesh.faces), report.vertices_welded) == (8, 12, 28)
+
+
+def test_ply_with_vertex_colours(tmp_path):
+    colours = np.random.default_rng(0).integers(0, 256, (8, 4), dtype=np.uint8)
+    trimesh.Trimesh(CUBE_VERTICES, CUBE_FACES, vertex_colors=colours, process=False).export(
+        tmp_path / "model.ply"
+    )
+    mesh = load_mesh(tmp_path / "model.ply")
+    for face in range(12):
+        np.testing.assert_array_equal(colours_at_corners(mesh, face), colours[mesh.faces[face], :3])
+
+
+def test_ply_with_texture_coordinates_and_a_texture_file(tmp_path):
+    (tmp_path / "skin.png").write_bytes(png(checker()))
+    header = (
+        "ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex 3\n"
+        "property float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    path = tmp_path / "model.ply"
+    path.write_text(header + "0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n3 0 1 2\n")
+    mesh = load_mesh(path)
+    np.testing.assert_array_equal(colours_at_corners(mesh, 0), checker()[[7, 7, 0], [0, 7, 7]])
+    assert source_files(path) == (path, tmp_path / "skin.png")
+    (tmp_path / "skin.png").unlink()
+    with pytest.raises(InputError, match=r"skin\.png: the texture file does not exist"):
+        load_mesh(path)
+
+
+def png(image: np.ndarray) -> bytes:
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "PNG")
+    return data.getvalue()
+
+
+def write_gltf(path: Path, *, node: dict, material: dict | None = None, with_file: bool = True) -> Path:
+    """A triangle with texture coordinates, in a node with a transform, textured by texture.png."""
+    positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], dtype="<f4")
+    coordinates = np.array([[0, 1], [1, 1], [1, 0]], dtype="<f4")  # v down
+    indices = np.array([0, 1, 2], dtype="<u4")
+    blob = positions.tobytes() + coordinates.tobytes() + indices.tobytes()
+    (path.parent / "model.bin").write_bytes(blob)
+    if with_file:
+        (path.parent / "texture.png").write_bytes(png(checker()))
+    header = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, **node}],
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}
+        ],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, **(material or {})}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "texture.png"}],
+        "buffers": [{"uri": "model.bin", "byteLength": len(blob)}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 24},
+            {"buffer": 0, "byteOffset": 60, "byteLength": 12},
+        ],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": 3,
+                "type": "VEC3",
+                "min": [0, 0, 0],
+                "max": [1, 1, 0],
+            },
+            {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5125, "count": 3, "type": "SCALAR"},
+        ],
+    }
+    path.write_text(json.dumps(header))
+    return path
+
+
+def test_gltf_applies_node_transforms_and_points_v_up(tmp_path):
+    path = write_gltf(tmp_path / "model.gltf", node={"translation": [0, 0, 5], "scale": [2, 2, 2]})
+    mesh = load_mesh(path)
+    np.testing.assert_allclose(mesh.vertices[mesh.faces[0]], [[0, 0, 5], [2, 0, 5], [2, 2, 5]])
+    np.testing.assert_allclose(mesh.texture_coordinates[0], [[0, 0], [1, 0], [1, 1]])
+    np.testing.assert_array_equal(colours_at_corners(mesh, 0), checker()[[7, 7, 0], [0, 7, 7]])
+    assert set(source_files(path)) == {path, tmp_path / "model.bin", tmp_path / "texture.png"}
+
+
+def test_gltf_mirrored_node_keeps_its_outside(tmp_path):
+    path = write_gltf(tmp_path / "model.gltf", node={"scale": [-1, 1, 1]})
+    normal = load_mesh(path).surface.face_normals[0]
+    np.testing.assert_allclose(normal, [0, 0, 1])
+
+
+def test_gltf_base_colour_factor_is_linear_and_multiplies(tmp_path):
+    path = write_gltf(tmp_path / "model.gltf", node={}, material={"baseColorFactor": [0.5, 1, 1, 1]})
+    texture = load_mesh(path).textures[0]
+    np.testing.assert_array_equal(texture[..., 1:3], checker()[..., 1:3])
+    # Half of the light of white is 188 of 255 when encoded.
+    np.testing.assert_array_equal(
+        texture[7, :, 0], round(255 * (1.055 * (0.5 * linear(252)) ** (1 / 2.4) - 0.055))
+    )
+
+
+def linear(level: int) -> float:
+    return float(((level / 255 + 0.055) / 1.055) ** 2.4)
+
+
+def test_gltf_with_a_missing_texture_is_refused(tmp_path):
+    path = write_gltf(tmp_path / "model.gltf", node={}, with_file=False)
+    with pytest.raises(InputError, match=r"base colour texture 'texture\.png'.* is missing"):
+        load_mesh(path)
+
+
+def test_gltf_with_an_unsupported_extension_is_refused(tmp_path):
+    path = write_gltf(tmp_path / "model.gltf", node={})
+    header = json.loads(path.read_text()) | {"extensionsRequired": ["KHR_draco_mesh_compression"]}
+    path.write_text(json.dumps(header))
+    with pytest.raises(InputError, match=r"KHR_draco_mesh_compression.*Export it without compression"):
+        load_mesh(path)
+
+
+def test_glb_cut_short_is_refused(tmp_path):
+    path = tmp_path / "model.glb"
+    trimesh.Trimesh(CUBE_VERTICES, CUBE_FACES, process=False).export(path)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"model\.glb: cannot be read as binary glTF"):
+        load_mesh(path)
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12))
+    with pytest.raises(InputError, match=r"model\.glb: cannot be read as binary glTF"):
+        load_mesh(path)
+
+
+def save_texture(path: Path, values: np.ndarray, mode: str | None = None) -> Path:
+    image = Image.fromarray(values)
+    (image if mode is None else image.convert(mode)).save(path)
+    return path
+
+
+def test_textures_of_every_kind_become_rgba(tmp_path):
+    grey = np.arange(64, dtype=np.uint8).reshape(8, 8) * 4
+    rgb = checker()
+    rgba = np.dstack([rgb, np.full((8, 8), 77, dtype=np.uint8)])
+    expected_grey = np.dstack([grey, grey, grey])
+    cases = {
+        "grey.png": (save_texture(tmp_path / "grey.png", grey), expected_grey),
+        "grey16.png": (save_texture(tmp_path / "grey16.png", grey.astype(np.uint16) * 257), expected_grey),
+        "grey16.tif": (save_texture(tmp_path / "grey16.tif", grey.astype(np.uint16) * 257), expected_grey),
+        "rgb.png": (save_texture(tmp_path / "rgb.png", rgb), rgb),
+        "rgba.png": (save_texture(tmp_path / "rgba.png", rgba), rgb),
+        "rgb.webp": (tmp_path / "rgb.webp", rgb),
+        "cmyk.tif": (save_texture(tmp_path / "cmyk.tif", rgb, "CMYK"), rgb),
+        "palette.png": (save_texture(tmp_path / "palette.png", rgb, "P"), None),
+    }
+    Image.fromarray(rgb).save(tmp_path / "rgb.webp", lossless=True)
+    for name, (path, expected) in cases.items():
+        texture = read_texture(path)
+        assert (texture.shape, texture.dtype) == ((8, 8, 4), np.uint8), name
+        if expected is not None:
+            np.testing.assert_array_equal(texture[..., :3], expected, err_msg=name)
+    assert read_texture(tmp_path / "rgba.png")[0, 0, 3] == 77
+
+
+def test_objects_are_opaque_whatever_the_alpha_of_the_texture(tmp_path):
+    rgba = np.dstack([checker(), np.zeros((8, 8), dtype=np.uint8)])
+    mesh = load_mesh(write_textured_cube(tmp_path, texture=rgba))
+    np.testing.assert_array_equal(mesh.textures[0][..., :3], checker())
+    assert (mesh.textures[0][..., 3] == 255).all()
+
+
+def test_source_files_of_an_obj(tmp_path):
+    path = write_textured_cube(tmp_path)
+    assert source_files(path) == (path, tmp_path / "model.mtl", tmp_path / "texture.png")
+    other = tmp_path / "other.png"
+    assert source_files(path, other) == (path, other)
