@@ -2,6 +2,7 @@
 
 import math
 import statistics
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -62,19 +63,12 @@ def speed_error_chart(rows: Sequence[Mapping[str, Any]], column: str) -> Chart |
     rows
         Rows of one sense, as `tables.speed_error_rows` gives them.
     """
-    known = [row for row in rows if row["error"] is not None and row[column] is not None and row[column] > 0]
-    settings = list(dict.fromkeys(row["setting"] for row in known))
-    middle = []
-    for setting in settings:
-        of_setting = [row for row in known if row["setting"] == setting]
-        middle.append(
-            (
-                statistics.median(row[column] for row in of_setting),
-                statistics.median(row["error"] for row in of_setting),
-                setting,
-            )
-        )
-    middle.sort()
+    known = [row for row in rows if row["error"] is not None and (row[column] or 0) > 0]
+    middle = sorted(
+        (row[column], row["error"], row["label"])
+        for row in setting_medians(rows)
+        if row["error"] is not None and (row[column] or 0) > 0
+    )
     if len({x for x, _, _ in middle}) < 2:
         return None
     x_axis = _LogAxis([row[column] for row in known], LEFT, WIDTH - RIGHT)
@@ -86,7 +80,7 @@ def speed_error_chart(rows: Sequence[Mapping[str, Any]], column: str) -> Chart |
     markers = [_marker(x_axis.position(x), y_axis.position(y), label) for x, y, label in middle]
     seconds = column == "seconds_per_query"
     return Chart(
-        "seconds a query" if seconds else "bytes read for the query's sense",
+        "seconds a query" if seconds else "bytes",
         known[0]["error_unit"],
         x_axis.ticks(seconds_text if seconds else bytes_text),
         y_axis.ticks(),
@@ -94,6 +88,30 @@ def speed_error_chart(rows: Sequence[Mapping[str, Any]], column: str) -> Chart |
         _path([(marker.x, marker.y) for marker in markers]),
         markers,
     )
+
+
+def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return one row a setting with its label and medians over objects of error, seconds and bytes.
+
+    Objects are matched step by step: the first setting of each, the second, and so on, because a number
+    of modes differs between objects where a share of them does not.
+    """
+    steps: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    for row in rows:
+        own = (row["object"], row["setting"])
+        steps.setdefault((row["setting"], counts[own]), []).append(row)
+        counts[own] += 1
+    medians: list[dict[str, Any]] = []
+    settings = list(dict.fromkeys(setting for setting, _ in steps))
+    order = sorted(steps, key=lambda step: (settings.index(step[0]), step[1]))
+    for setting, step in ((name[0], steps[name]) for name in order):
+        row = {"label": _label(setting, step), "error_unit": step[0]["error_unit"]}
+        for column in ("error", "seconds_per_query", "bytes"):
+            known = [each[column] for each in step if each[column] is not None]
+            row[column] = statistics.median(known) if known else None
+        medians.append(row)
+    return medians
 
 
 def seconds_text(seconds: float) -> str:
@@ -110,6 +128,14 @@ def bytes_text(size: float) -> str:
         if size >= factor * 0.9999:
             return f"{size / factor:.3g} {unit}"
     return f"{size:.0f} B"
+
+
+def _label(setting: str, step: Sequence[Mapping[str, Any]]) -> str:
+    name = setting.replace("_", " ")
+    values = sorted({row["value"] for row in step if row["value"] is not None})
+    if not values:
+        return name
+    return f"{name} {values[0]:g}" + (f" to {values[-1]:g}" if len(values) > 1 else "")
 
 
 def _path(points: Sequence[tuple[float, float]]) -> str:

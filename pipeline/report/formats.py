@@ -40,10 +40,10 @@ def digits(value: Any, count: int = 3) -> str:
 
 
 def megabytes(size: Any) -> str:
-    """Return bytes in kB below a tenth of a MB (a million bytes), else in MB."""
+    """Return bytes in MB (a million bytes), in whole kB below one."""
     if size is None:
         return NOTHING
-    return f"{number(size / 1e3, 1)} kB" if size < 1e5 else f"{number(size / 1e6, 2)} MB"
+    return f"{number(size / 1e3, 0)} kB" if size < 999_500 else f"{number(size / 1e6, 2)} MB"
 
 
 def percent(share: Any) -> str:

@@ -76,10 +76,10 @@ def speed_error_rows(records: Sequence[Record], costs: Costs) -> list[dict[str, 
                 {
                     "object": record.object_id,
                     "sense": str(entry.get("sense") or ""),
-                    "setting": setting_name(entry.get("setting")),
+                    "setting": str(entry.get("setting") or ""),
                     "value": number_at(entry, "value"),
                     "seconds_per_query": costs.seconds_per_query(
-                        record.object_id, str(entry.get("key") or "")
+                        record.object_id, str(entry.get("key") or ""), record.fingerprints
                     ),
                     "bytes": number_at(entry, "bytes"),
                     "error": number_at(entry, "error"),
@@ -111,13 +111,6 @@ def object_columns(records: Sequence[Record], costs: Costs) -> tuple[str, ...]:
         *(f"bytes.{part}" for part in BYTE_PARTS),
         *(f"cpu_seconds.{stage}" for stage in _stage_names(records, costs)),
     )
-
-
-def setting_name(setting: Any) -> str:
-    """Return a setting, text or a mapping of parameters, as one short text."""
-    if isinstance(setting, Mapping):
-        return ", ".join(f"{name} {value}" for name, value in sorted(setting.items()))
-    return "" if setting is None else str(setting)
 
 
 def _stage_names(records: Sequence[Record], costs: Costs) -> tuple[str, ...]:

@@ -2,189 +2,25 @@
 
 import csv
 import json
-import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 
 from objectfolder.errors import InputError
-from objectfolder.store import Array, Product, write_product
+from objectfolder.store import Product, write_product
 from pipeline.report import write_report
-from pipeline.report.charts import bytes_text, seconds_text, speed_error_chart
+from pipeline.report.charts import bytes_text, seconds_text, setting_medians, speed_error_chart
+from pipeline.report.costs import read_costs
 from pipeline.report.formats import MINUS, NOTHING, TIMES, digits, licence_link, megabytes, number, web_link
 from pipeline.report.measures import HEADLINE, number_at
 from pipeline.report.pictures import difference_picture
 from pipeline.report.sounds import sound_pair
 
 HOSTILE = "<script>alert('x')</script> & \"mug\""
-COST_COLUMNS = [
-    "object",
-    "stage",
-    "fingerprint",
-    "cpu_seconds",
-    "wall_seconds",
-    "peak_memory_mb",
-    "key",
-    "seconds_per_query",
-]
-
-
-def views(count: int, height: int, width: int, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shaded balls on white, and the same with noise."""
-    generator = np.random.default_rng(seed)
-    y, x = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
-    truth = np.full((count, height, width, 3), 255, np.uint8)
-    for image, light in zip(truth, generator.normal(size=(count, 3)), strict=True):
-        z = np.sqrt(np.maximum(0.5 - x * x - y * y, 0))
-        shade = 40 + 180 * np.clip(np.stack([x, -y, z], -1) @ (light / np.linalg.norm(light)), 0, 1)
-        image[z > 0] = (shade[..., None] * [1.0, 0.8, 0.6])[z > 0]
-    answer = np.clip(truth + noise * generator.normal(size=truth.shape) * (truth != 255), 0, 255)
-    return truth, answer.astype(np.uint8)
-
-
-def fidelity(
-    object_id: str,
-    *,
-    name: str | None = None,
-    audible: bool = True,
-    shift: float = 0.0,
-    size: int = 32,
-    kept: int = 4,
-) -> Product:
-    """A fidelity product; `shift` makes every measure worse by as many dB."""
-    view_truth, view_answer = views(kept, size, size, 2 + shift, 1)
-    touch_truth, touch_answer = views(kept, size * 5 // 4, size * 15 // 16, 1 + shift, 2)
-    time = np.arange(66150 if audible else 0) / 44100
-    partials = [(561.6 * 1.7**index, 2.0 + 6.0 * index**1.5) for index in range(7)]
-    truth = np.stack([sum(np.exp(-c * time) * np.sin(2 * np.pi * f * time) * 1e-6 for f, c in partials)] * 2)
-    strikes = truth if audible else np.zeros((0, 0))
-    attributes = {
-        "object": {
-            "id": object_id,
-            "name": name or object_id,
-            "material": "ceramic",
-            "licence": "CC BY 4.0",
-            "attribution": "A. Maker",
-            "source": "https://example.org/scan",
-            "length_m": 0.16,
-        },
-        "vision": {
-            "psnr_db": 43.0 - shift,
-            "psnr_foreground_db": 35.0 - shift,
-            "ssim": 0.993 - shift / 1000,
-            "noise_floor_db": 57.0,
-            "trivial_psnr_db": 21.0,
-            "trivial_psnr_foreground_db": 13.0,
-            "trivial_ssim": 0.8,
-            "held_out_views": 8,
-            "training_views": 60,
-            "resolution": size,
-            "sub_rays": 16,
-            "per_view": [],
-        },
-        "audio": {
-            "audible": audible,
-            "modes": 73 if audible else 0,
-            "first_frequency_hz": 561.6 if audible else None,
-            "frequency_limit_hz": 20000,
-            "frequency_error_cents": 0.001 + shift if audible else None,
-            "damping_error_relative": 1e-7 if audible else None,
-            "gain_error_db": -30.0 + shift if audible else None,
-            "gain_error_by_mode_median_db": -31.0 + shift if audible else None,
-            "stft_distance": 1e-6 if audible else None,
-            "envelope_distance": 1e-3 if audible else None,
-            "solver_error_estimate_cents": 12.0 if audible else None,
-            "count_certificate": {},
-            "held_out_points": 64,
-            "modes_table": [
-                {"frequency_hz": f, "damping_per_s": c, "t60_s": 3 * math.log(10) / c}
-                for f, c in partials * 4
-            ]
-            if audible
-            else [],
-        },
-        "touch": {
-            "psnr_db": 52.0 - shift,
-            "psnr_contact_db": 47.0 - shift,
-            "ssim": 0.999,
-            "empty_psnr_db": 29.6,
-            "empty_psnr_contact_db": 20.0,
-            "empty_ssim": 0.94,
-            "held_out_touches": 24,
-            "unreachable_share": 0.13,
-            "surface_bytes": 60_000,
-        },
-        "bytes": {
-            "total": 1_500_000 + round(1000 * shift),
-            "surface": 60_000,
-            "vision": 900_000,
-            "audio": 500_000,
-            "touch": 0,
-            "metadata": 40_000,
-        },
-        "speed_error": [
-            {
-                "sense": sense,
-                "setting": f"{unit} {value}",
-                "value": value,
-                "error": error + shift,
-                "error_unit": "PSNR, dB" if sense != "audio" else "gain error, dB",
-                "bytes": size_bytes,
-                "key": f"{sense}-{value}",
-            }
-            for sense, unit, value, error, size_bytes in (
-                ("vision", "sub-rays", 1, 29.0, 900_000),
-                ("vision", "sub-rays", 4, 36.5, 900_000),
-                ("vision", "sub-rays", 16, 40.9, 900_000),
-                ("vision", "sub-rays", 64, 43.5, 900_000),
-                ("audio", "modes", 10, -12.0, 70_000),
-                ("audio", "modes", 30, -21.0, 210_000),
-                ("audio", "modes", 73, -30.0, 500_000),
-                ("touch", "samples", 1, 44.0, 60_000),
-                ("touch", "samples", 4, 49.0, 60_000),
-                ("touch", "samples", 16, 52.0, 60_000),
-            )
-            if audible or sense != "audio"
-        ],
-        "definitions": {"vision.psnr_db": "Own words of the product."},
-        "provenance": {"fingerprints": {"views": "new"}},
-    }
-    images = ("query", "y", "x", "channel")
-    return Product(
-        {
-            "vision_truth": Array(view_truth, images, "1", "simulated view"),
-            "vision_answer": Array(view_answer, images, "1", "view of the Object File"),
-            "touch_truth": Array(touch_truth, images, "1", "simulated touch"),
-            "touch_answer": Array(touch_answer, images, "1", "touch of the Object File"),
-            "strike_truth": Array(strikes.astype(np.float32), ("strike", "sample"), "1", "sound"),
-            "strike_answer": Array((0.98 * strikes).astype(np.float32), ("strike", "sample"), "1", "sound"),
-        },
-        attributes,
-    )
-
-
-FAILURE = {"object": "broken", "stage": "objects", "error": "model.obj: no faces <b>", "remedy": "Repair it."}
-
-
-def write_costs(path: Path, objects: list[str]) -> Path:
-    rows: list[dict[str, object]] = []
-    for object_id in objects:
-        for stage, seconds in zip(
-            ["objects", "views", "modes", "touches", "encode", "fidelity"], (2, 40, 60, 5, 50, 9), strict=True
-        ):
-            cost = {"object": object_id, "stage": stage, "cpu_seconds": seconds, "wall_seconds": seconds}
-            rows.append(cost | {"fingerprint": "new", "peak_memory_mb": 400})
-        rows.append({"object": object_id, "stage": "views", "fingerprint": "old", "cpu_seconds": 999})
-        for key, seconds in (("vision-1", 0.01), ("vision-4", 0.04), ("vision-16", 0.15), ("vision-64", 0.6)):
-            rows.append({"object": object_id, "stage": "query", "key": key, "seconds_per_query": seconds})
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COST_COLUMNS, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -284,10 +120,10 @@ def test_speed_error_table_joins_the_seconds(report: Path) -> None:
         "error_unit",
     ]
     assert [row["object"] for row in rows] == ["die"] * 7 + ["mug"] * 10
-    seconds = {(row["object"], row["setting"]): row["seconds_per_query"] for row in rows}
-    assert seconds["mug", "sub-rays 16"] == "0.15"
-    assert seconds["die", "sub-rays 16"] == ""
-    assert seconds["mug", "modes 30"] == ""
+    seconds = {(row["object"], row["setting"], row["value"]): row["seconds_per_query"] for row in rows}
+    assert seconds["mug", "sub_rays", "16"] == "0.15"
+    assert seconds["die", "sub_rays", "16"] == ""
+    assert seconds["mug", "modes", "30"] == ""
 
 
 def test_page_makes_no_request(report: Path) -> None:
@@ -383,17 +219,41 @@ def test_a_product_with_missing_parts_is_still_an_object(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "finding"),
-    [
-        ("object,stage,cpu_seconds\nmug,views,fast\n", "line 2.*'fast', not a number"),
-        ("id,seconds\nmug,1\n", "no column"),
-    ],
+    ("content", "finding"),
+    [(b"id,seconds\nmug,1\n", "no column object and stage"), (b"\xff\xfe", "not a table")],
 )
-def test_a_cost_table_that_is_none_is_refused(tmp_path: Path, text: str, finding: str) -> None:
-    (tmp_path / "costs.csv").write_text(text)
+def test_a_cost_table_that_is_none_is_refused(tmp_path: Path, content: bytes, finding: str) -> None:
+    (tmp_path / "costs.csv").write_bytes(content)
     with pytest.raises(InputError, match=finding):
         write_report(tmp_path, tmp_path / "costs.csv", tmp_path / "reports", [])
     assert not (tmp_path / "reports").exists()
+
+
+def test_a_cost_line_cut_short_counts_as_not_measured(tmp_path: Path) -> None:
+    rows = "mug,views,a,1.5,2,300,,\nmug,modes,b,7mug,modes,b,7.5,8,300,,\nmug,encode"
+    (tmp_path / "costs.csv").write_text(",".join(COST_COLUMNS) + "\n" + rows)
+    costs = read_costs(tmp_path / "costs.csv")
+    views, modes, encode = (costs.stage("mug", stage, {}) for stage in ("views", "modes", "encode"))
+    assert views is not None
+    assert views.cpu_seconds == 1.5
+    assert modes is not None
+    assert modes.cpu_seconds is None
+    assert encode is not None
+    assert encode.cpu_seconds is None
+
+
+def test_settings_are_matched_step_by_step() -> None:
+    def row(object_id: str, value: float, error: float | None) -> dict[str, object]:
+        common = {"object": object_id, "setting": "mode_count", "error_unit": "dB", "seconds_per_query": None}
+        return common | {"value": value, "error": error, "bytes": 100 * value}
+
+    rows = [row("bell", 10, -5.0), row("bell", 40, -25.0), row("mug", 20, -15.0), row("mug", 80, None)]
+    first, second = setting_medians(rows)
+    assert (first["label"], first["error"], first["bytes"]) == ("mode count 10 to 20", -10.0, 1500)
+    assert (second["label"], second["error"]) == ("mode count 40 to 80", -25.0)
+    chart = speed_error_chart(rows, "bytes")
+    assert chart is not None
+    assert len(chart.curves) == 2
 
 
 def test_difference_is_amplified_around_grey() -> None:
@@ -418,7 +278,8 @@ def test_a_chart_needs_two_settings_that_differ() -> None:
     rows = [
         {
             "object": "mug",
-            "setting": f"{n}",
+            "setting": "n",
+            "value": n,
             "error": 30.0 + n,
             "error_unit": "dB",
             "bytes": 100.0 * n,
@@ -431,7 +292,7 @@ def test_a_chart_needs_two_settings_that_differ() -> None:
     assert speed_error_chart(rows, "seconds_per_query") is None
     chart = speed_error_chart(rows, "bytes")
     assert chart is not None
-    assert [marker.label for marker in chart.markers] == ["1", "2", "3"]
+    assert [marker.label for marker in chart.markers] == ["n 1", "n 2", "n 3"]
     assert all(chart.left <= marker.x <= chart.right for marker in chart.markers)
     assert all(chart.top <= tick.position <= chart.bottom for tick in chart.y_ticks)
 
@@ -444,7 +305,7 @@ def test_numbers_and_links_are_printed_for_people() -> None:
         "20\u202f000",
     )
     assert (digits(0.00123), digits(1.5e-7), digits(0.0)) == ("0.00123", f"1.50 {TIMES} 10⁻⁷", "0")
-    assert (megabytes(60_000), megabytes(1_504_000), megabytes(None)) == ("60.0 kB", "1.50 MB", NOTHING)
+    assert (megabytes(60_000), megabytes(1_504_000), megabytes(None)) == ("60 kB", "1.50 MB", NOTHING)
     assert (seconds_text(0.15), seconds_text(2e-5), bytes_text(2000)) == ("150 ms", "20 µs", "2 kB")
     assert licence_link("cc-by-4.0") == "https://creativecommons.org/licenses/by/4.0/"
     assert licence_link("all rights reserved") is None

@@ -1,0 +1,177 @@
+"""Fidelity products and cost tables made by code, for tests of the report."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from objectfolder.store import Array, Product
+
+COST_COLUMNS = [
+    "object",
+    "stage",
+    "fingerprint",
+    "cpu_seconds",
+    "wall_seconds",
+    "peak_memory_mb",
+    "key",
+    "seconds_per_query",
+]
+
+
+def views(count: int, height: int, width: int, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shaded balls on white, and the same with noise."""
+    generator = np.random.default_rng(seed)
+    y, x = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
+    truth = np.full((count, height, width, 3), 255, np.uint8)
+    for image, light in zip(truth, generator.normal(size=(count, 3)), strict=True):
+        z = np.sqrt(np.maximum(0.5 - x * x - y * y, 0))
+        shade = 40 + 180 * np.clip(np.stack([x, -y, z], -1) @ (light / np.linalg.norm(light)), 0, 1)
+        image[z > 0] = (shade[..., None] * [1.0, 0.8, 0.6])[z > 0]
+    answer = np.clip(truth + noise * generator.normal(size=truth.shape) * (truth != 255), 0, 255)
+    return truth, answer.astype(np.uint8)
+
+
+def fidelity(
+    object_id: str,
+    *,
+    name: str | None = None,
+    audible: bool = True,
+    shift: float = 0.0,
+    size: int = 32,
+    kept: int = 4,
+) -> Product:
+    """A fidelity product; `shift` makes every measure worse by as many dB."""
+    view_truth, view_answer = views(kept, size, size, 2 + shift, 1)
+    touch_truth, touch_answer = views(kept, size * 5 // 4, size * 15 // 16, 1 + shift, 2)
+    time = np.arange(66150 if audible else 0) / 44100
+    partials = [(561.6 * 1.7**index, 2.0 + 6.0 * index**1.5) for index in range(7)]
+    truth = np.stack([sum(np.exp(-c * time) * np.sin(2 * np.pi * f * time) * 1e-6 for f, c in partials)] * 2)
+    strikes = truth if audible else np.zeros((0, 0))
+    attributes = {
+        "object": {
+            "id": object_id,
+            "name": name or object_id,
+            "material": "ceramic",
+            "licence": "CC BY 4.0",
+            "attribution": "A. Maker",
+            "source": "https://example.org/scan",
+            "length_m": 0.16,
+        },
+        "vision": {
+            "psnr_db": 43.0 - shift,
+            "psnr_foreground_db": 35.0 - shift,
+            "ssim": 0.993 - shift / 1000,
+            "noise_floor_db": 57.0,
+            "trivial_psnr_db": 21.0,
+            "trivial_psnr_foreground_db": 13.0,
+            "trivial_ssim": 0.8,
+            "held_out_views": 8,
+            "training_views": 60,
+            "resolution": size,
+            "sub_rays": 16,
+            "per_view": [],
+        },
+        "audio": {
+            "audible": audible,
+            "modes": 73 if audible else 0,
+            "first_frequency_hz": 561.6 if audible else None,
+            "frequency_limit_hz": 20000,
+            "frequency_error_cents": 0.001 + shift if audible else None,
+            "damping_error_relative": 1e-7 if audible else None,
+            "gain_error_db": -30.0 + shift if audible else None,
+            "gain_error_by_mode_median_db": -31.0 + shift if audible else None,
+            "stft_distance": 1e-6 if audible else None,
+            "envelope_distance": 1e-3 if audible else None,
+            "solver_error_estimate_cents": 12.0 if audible else None,
+            "count_certificate": {},
+            "held_out_points": 64,
+            "modes_table": [
+                {"frequency_hz": f, "damping_per_s": c, "t60_s": 3 * math.log(10) / c}
+                for f, c in partials * 4
+            ]
+            if audible
+            else [],
+        },
+        "touch": {
+            "psnr_db": 52.0 - shift,
+            "psnr_contact_db": 47.0 - shift,
+            "ssim": 0.999,
+            "empty_psnr_db": 29.6,
+            "empty_psnr_contact_db": 20.0,
+            "empty_ssim": 0.94,
+            "held_out_touches": 24,
+            "unreachable_share": 0.13,
+            "surface_bytes": 60_000,
+        },
+        "bytes": {
+            "total": 1_500_000 + round(1000 * shift),
+            "surface": 60_000,
+            "vision": 900_000,
+            "audio": 500_000,
+            "touch": 0,
+            "metadata": 40_000,
+        },
+        "speed_error": [
+            {
+                "sense": sense,
+                "setting": unit,
+                "value": value,
+                "error": error + shift,
+                "error_unit": "PSNR, dB" if sense != "audio" else "gain error, dB",
+                "bytes": size_bytes,
+                "key": f"{sense}.{unit}={value:g}",
+            }
+            for sense, unit, value, error, size_bytes in (
+                ("vision", "sub_rays", 1, 29.0, 900_000),
+                ("vision", "sub_rays", 4, 36.5, 900_000),
+                ("vision", "sub_rays", 16, 40.9, 900_000),
+                ("vision", "sub_rays", 64, 43.5, 900_000),
+                ("audio", "modes", 10, -12.0, 70_000),
+                ("audio", "modes", 30, -21.0, 210_000),
+                ("audio", "modes", 73, -30.0, 500_000),
+                ("touch", "samples", 1, 44.0, 60_000),
+                ("touch", "samples", 4, 49.0, 60_000),
+                ("touch", "samples", 16, 52.0, 60_000),
+            )
+            if audible or sense != "audio"
+        ],
+        "definitions": {"vision.psnr_db": "Own words of the product."},
+        "provenance": {"fingerprints": {"views": "new", "fidelity": "new"}},
+    }
+    images = ("query", "y", "x", "channel")
+    return Product(
+        {
+            "vision_truth": Array(view_truth, images, "1", "simulated view"),
+            "vision_answer": Array(view_answer, images, "1", "view of the Object File"),
+            "touch_truth": Array(touch_truth, images, "1", "simulated touch"),
+            "touch_answer": Array(touch_answer, images, "1", "touch of the Object File"),
+            "strike_truth": Array(strikes.astype(np.float32), ("strike", "sample"), "1", "sound"),
+            "strike_answer": Array((0.98 * strikes).astype(np.float32), ("strike", "sample"), "1", "sound"),
+        },
+        attributes,
+    )
+
+
+FAILURE = {"object": "broken", "stage": "objects", "error": "model.obj: no faces <b>", "remedy": "Repair it."}
+
+
+def write_costs(path: Path, objects: list[str]) -> Path:
+    rows: list[dict[str, object]] = []
+    for object_id in objects:
+        for stage, seconds in zip(
+            ["objects", "views", "modes", "touches", "encode", "fidelity"], (2, 40, 60, 5, 50, 9), strict=True
+        ):
+            cost = {"object": object_id, "stage": stage, "cpu_seconds": seconds, "wall_seconds": seconds}
+            rows.append(cost | {"fingerprint": "new", "peak_memory_mb": 400})
+        rows.append({"object": object_id, "stage": "views", "fingerprint": "old", "cpu_seconds": 999})
+        for rays, seconds in ((1, 0.01), (4, 0.04), (16, 0.15), (64, 0.6)):
+            query = {"object": object_id, "stage": "query", "key": f"vision.sub_rays={rays}"}
+            rows.append(query | {"fingerprint": "new", "seconds_per_query": seconds})
+            rows.append(query | {"fingerprint": "old", "seconds_per_query": 99})
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COST_COLUMNS, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
