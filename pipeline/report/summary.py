@@ -40,6 +40,7 @@ class StageRow:
 
 
 def summary_row(measure: Measure, records: Sequence[Record]) -> SummaryRow:
+    """Return mean and worst of a measure; silent objects leave those of audio."""
     known = [
         (value, record.object_id)
         for record in records
@@ -59,6 +60,7 @@ def summary_row(measure: Measure, records: Sequence[Record]) -> SummaryRow:
 
 
 def stage_rows(records: Sequence[Record], costs: Costs) -> list[StageRow]:
+    """Return what each stage took, in the order of the pipeline."""
     rows, medians = [], {}
     for stage in costs.stage_names({record.object_id for record in records}):
         found = [costs.stage(record.object_id, stage, record.fingerprints) for record in records]
@@ -123,5 +125,6 @@ def split(records: Sequence[Record]) -> list[tuple[str, str, list[float], list[f
 
 
 def mean(values: Sequence[float | None]) -> float | None:
+    """Return the mean of the values that are there, None where none is."""
     known = [value for value in values if value is not None]
     return statistics.fmean(known) if known else None
