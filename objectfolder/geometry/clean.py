@@ -124,9 +124,10 @@ def _folded_and_repeated(faces: np.ndarray, solid: np.ndarray) -> tuple[np.ndarr
     table = edge_table(triples)
     turns = np.roll(faces[rows], -1, axis=1)
     ascending = np.count_nonzero(turns > faces[rows], axis=1) == 2
+    order, ends = np.argsort(triple, kind="stable"), np.cumsum(counts)
     for group in shared:
-        members = rows[triple == group]
-        forward, backward = members[ascending[triple == group]], members[~ascending[triple == group]]
+        members = order[ends[group] - counts[group] : ends[group]]
+        forward, backward = rows[members[ascending[members]]], rows[members[~ascending[members]]]
         pairs = min(len(forward), len(backward))
         folded[forward[:pairs]] = folded[backward[:pairs]] = True
         rest = np.concatenate([forward[pairs:], backward[pairs:]])

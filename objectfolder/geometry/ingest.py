@@ -20,7 +20,12 @@ from objectfolder.store import Array, Product
 
 
 def ingest_object(
-    mesh_path: Path, texture_path: Path | None, length_m: float | None, object_id: str
+    mesh_path: Path,
+    texture_path: Path | None,
+    length_m: float | None,
+    object_id: str,
+    *,
+    with_textures: bool = True,
 ) -> Product:
     """Load, clean, scale and measure one object.
 
@@ -34,6 +39,8 @@ def ingest_object(
         Longest side of the bounding box in metres; None takes the file to be in metres.
     object_id
         Names the object in errors.
+    with_textures
+        False leaves colours unread, and files that name textures that are missing usable for sound and touch.
 
     Returns
     -------
@@ -48,10 +55,12 @@ def ingest_object(
         Anything that keeps the object from being used, with object or file, finding and remedy.
     """
     try:
-        mesh, report = clean(load_mesh(mesh_path, texture_path), f"{object_id} ({mesh_path})")
+        mesh, report = clean(
+            load_mesh(mesh_path, texture_path, with_textures=with_textures), f"{object_id} ({mesh_path})"
+        )
         mesh, warnings = with_length(mesh, length_m, f"{object_id} ({mesh_path})")
     except InputError as problem:
-        if problem.where.startswith(object_id):
+        if problem.where.startswith(f"{object_id} ("):
             raise
         raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
     topology = topology_of(mesh.vertices, mesh.faces)

@@ -89,3 +89,10 @@ def test_all_real_scans_are_ingested_and_most_are_closed(shared_objects: Path):
         assert attributes["cleaning"]["unorientable_patches"] == 0
         assert attributes["solid"]["meaningful"] or not attributes["topology"]["watertight"]
     assert closed == 94
+
+
+def test_shape_alone_is_ingested_where_textures_are_missing(tmp_path):
+    path = write_textured_cube(tmp_path)
+    (tmp_path / "texture.png").unlink()
+    product = ingest_object(path, None, None, "cube", with_textures=False)
+    assert product["texture_0"].shape == (1, 1, 4)

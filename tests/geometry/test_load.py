@@ -170,7 +170,8 @@ def test_ply_with_texture_coordinates_and_a_texture_file(tmp_path):
     (tmp_path / "skin.png").write_bytes(png(checker()))
     header = (
         "ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex 3\n"
-        "property float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n"
+        "property float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t\n"
+        "element face 1\n"
         "property list uchar int vertex_indices\nend_header\n"
     )
     path = tmp_path / "model.ply"

@@ -16,7 +16,7 @@ class Shape:
     texture_coordinates: np.ndarray
 
     def textured(self, texture: np.ndarray) -> TexturedMesh:
-        """Return the shape with one (h, w, 4) uint8 texture, collapsed triangles and unused vertices left out."""
+        """Return the shape with one (h, w, 4) uint8 texture, without collapsed faces and unused vertices."""
         a, b, c = self.faces.T
         kept = (a != b) & (b != c) & (c != a)
         used, faces = np.unique(self.faces[kept], return_inverse=True)
