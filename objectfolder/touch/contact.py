@@ -29,7 +29,8 @@ def indentations(triangles: np.ndarray, sensor: Sensor) -> np.ndarray:
 
     The indentation gel_x(y, z) - x is concave over a triangle, so its maximum over the part of the
     triangle under the gel and ahead of the camera is at the one point where the gel is parallel to the
-    triangle, or on a border: an edge of the triangle, or of the gel. All have closed forms.
+    triangle, or on a border: an edge of the triangle, or of the gel. All have closed forms. Of a face
+    that crosses the camera's near plane, and so fills the sensor, only the ends of the cut are tried.
 
     Parameters
     ----------

@@ -63,15 +63,12 @@ def contact_frame(normal: np.ndarray) -> np.ndarray:
     there the limit from +x is taken.
     """
     x, y, z = (float(part) for part in normal)
-    lateral = x * x + y * y
-    if z > 0:
-        inverse = 1 / (1 + z)
-    elif lateral > 0:
-        inverse = (1 - z) / lateral
-    else:
-        return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-    right = np.array([1 - x * x * inverse, -x * y * inverse, -x])
-    up = np.array([-x * y * inverse, 1 - y * y * inverse, -y])
+    lateral = float(np.hypot(x, y))
+    cosine, sine = (x / lateral, y / lateral) if lateral > 0 else (1.0, 0.0)
+    # 1 - z without cancellation: above, lateral^2 / (1 + z).
+    turn = lateral * lateral / (1 + z) if z > 0 else 1 - z
+    right = np.array([1 - turn * cosine * cosine, -turn * cosine * sine, -x])
+    up = np.array([-turn * cosine * sine, 1 - turn * sine * sine, -y])
     return np.stack([-np.array([x, y, z]), -right, up], axis=1)
 
 

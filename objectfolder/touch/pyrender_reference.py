@@ -104,3 +104,17 @@ class ReferenceRenderer:
     def close(self) -> None:
         """Free the OpenGL context."""
         self._renderer.delete()
+
+
+def render_reference(
+    vertices: np.ndarray, faces: np.ndarray, sensor: Sensor, sensor_to_object: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Render poses (n, 4, 4) in one go, for a process of its own: images and camera depths, stacked."""
+    renderer = ReferenceRenderer(sensor)
+    try:
+        surface = Surface(vertices, faces)
+        results = [renderer.render(surface, pose) for pose in sensor_to_object]
+    finally:
+        renderer.close()
+    images, depths = zip(*results, strict=True)
+    return np.stack(images), np.stack(depths)

@@ -19,14 +19,14 @@ def simulate_touches(
     touches: int,
     held_out_touches: int,
     depth_m: tuple[float, float] = (0.0005, 0.002),
-    tilt_deg: tuple[float, float] = (0.0, 0.0),
+    tilt_deg: float = 15.0,
     at_vertices: bool = False,
     samples: int = 2,
     seed: int = 0,
 ) -> Product:
     """Press `sensor` against a surface at points drawn uniformly by area.
 
-    Depth and tilt are uniform in their ranges, the azimuth of the tilt uniform round the normal. The
+    Depth is uniform in its range, tilt from 0 to its limit, its azimuth round the normal. The
     held-out touches have a random stream of their own: they do not change with the number of the others.
 
     Parameters
@@ -37,10 +37,13 @@ def simulate_touches(
         What to press.
     touches, held_out_touches
         How many of each.
-    depth_m, tilt_deg
-        Lowest and highest; equal for a fixed one.
+    depth_m
+        Least and most, from first contact.
+    tilt_deg
+        Most, from the contact normal.
     at_vertices
-        Instead of `touches` random points, one touch at every vertex that a face uses.
+        Instead of random points, one touch at each vertex; at `touches` of them, drawn without
+        replacement, where there are more.
     samples
         Samples along each side of a pixel.
     seed
@@ -55,9 +58,7 @@ def simulate_touches(
         ``no_contact`` (y, x, channel), the image of the untouched gel. Attributes: ``sensor``,
         ``samples``, ``reachable_fraction``.
     """
-    training = surface.sample(touches, seed).points
-    if at_vertices:
-        training = surface.vertices[np.unique(surface.faces)]
+    training = _vertices(surface, touches, seed) if at_vertices else surface.sample(touches, seed).points
     held_out_seed = int(np.random.SeedSequence([seed, HELD_OUT_STREAM]).generate_state(1)[0])
     points = np.concatenate([training, surface.sample(held_out_touches, held_out_seed).points])
     held_out = np.arange(len(points)) >= len(training)
@@ -93,13 +94,19 @@ def simulate_touches(
     )
 
 
-def _queries(
-    count: int, depth_m: tuple[float, float], tilt_deg: tuple[float, float], seed: int
-) -> np.ndarray:
+def _vertices(surface: Surface, count: int, seed: int) -> np.ndarray:
+    """Up to `count` of the vertices that faces use, in their order."""
+    used = np.unique(surface.faces)
+    if len(used) > count:
+        used = np.sort(np.random.default_rng(seed).choice(used, count, replace=False))
+    return surface.vertices[used]
+
+
+def _queries(count: int, depth_m: tuple[float, float], tilt_deg: float, seed: int) -> np.ndarray:
     """Depth, tilt and azimuth (count, 3)."""
     random = np.random.default_rng([seed, 2]).random((count, 3))
-    low = np.array([depth_m[0], tilt_deg[0], 0.0])
-    high = np.array([depth_m[1], tilt_deg[1], 360.0])
+    low = np.array([depth_m[0], 0.0, 0.0])
+    high = np.array([depth_m[1], tilt_deg, 360.0])
     return np.asarray(low + random * (high - low))
 
 

@@ -1,0 +1,171 @@
+"""Shapes on which touch simulators go wrong, by name."""
+
+import numpy as np
+import pytest
+from touch_shapes import box, joined, mug, psnr_db, sphere
+
+from objectfolder.geometry.surface import Surface
+from objectfolder.touch.camera import no_contact_image
+from objectfolder.touch.image import render_poses
+from objectfolder.touch.press import Touches, press
+from objectfolder.touch.sensor import Sensor
+
+SENSOR = Sensor()
+CUBE = Surface(*box((0, 0, 0), (0.06, 0.06, 0.06)))
+
+
+def touch(surface: Surface, point: list[float], depth: float = 0.001, samples: int = 2) -> Touches:
+    return press(surface, SENSOR, np.array([point]), depth_m=depth, samples=samples)
+
+
+def test_sharp_edge() -> None:
+    found = touch(CUBE, [0.06, 0.03, 0.06])
+    assert found.reachable[0]
+    assert found.first_contact_offset_m[0] < 1e-9
+    # Two faces at 45 degrees: a ridge about twice as wide as deep, and as long as the gel's sag allows.
+    rows, columns = np.nonzero(found.mask[0])
+    assert found.mask[0].sum() > 300
+    extent = sorted([np.ptp(rows), np.ptp(columns)])
+    assert extent[1] > 5 * extent[0]
+    assert 0.0009 < found.depth[0].max() <= 0.001
+
+
+def test_corner() -> None:
+    found = touch(CUBE, [0.06, 0.06, 0.06], depth=0.002)
+    assert found.reachable[0]
+    assert found.depth[0].max() > 0.0018
+    row, column = np.argwhere(found.mask[0]).mean(axis=0)
+    assert abs(row - 79.5) < 3
+    assert abs(column - 59.5) < 3
+
+
+def test_box_with_eight_vertices_in_the_middle_of_a_face() -> None:
+    found = touch(CUBE, [0.03, 0.03, 0.06])
+    assert np.allclose(found.normals[0], [0, 0, 1])
+    # The contact is the gel's own disc, a circle in the centre.
+    assert found.contact_area_m2[0] == pytest.approx(np.pi * 0.0081**2, rel=0.02)
+
+
+def test_flat_face_of_a_metre() -> None:
+    large = Surface(*box((-0.5, -0.5, -1), (0.5, 0.5, 0)))
+    small = Surface(*box((-0.03, -0.03, -1), (0.03, 0.03, 0)))
+    points = [0.0, 0.0, 0.0]
+    assert (touch(large, points).rgb == touch(small, points).rgb).all()
+    off_centre = touch(large, [0.31, -0.47, 0.0])
+    assert psnr_db(off_centre.rgb, touch(large, points).rgb) > 60
+
+
+def test_face_that_reaches_behind_the_camera() -> None:
+    # A sloping plane of a metre, under the gel on one side and level with the camera on the other.
+    plane = Surface(
+        np.array([[0, -1, -1], [0, 1, -1], [0.08, 1, 1], [0.08, -1, 1.0]]), [[0, 1, 2], [0, 2, 3]]
+    )
+    image = render_poses(plane, SENSOR, np.eye(4)[None], samples=1)[0]
+    x = 0.04 + 0.04 * 0.015
+    assert not image.mask.any()
+    lower = plane.vertices - [x - 0.021, 0, 0]
+    image = render_poses(Surface(lower, plane.faces), SENSOR, np.eye(4)[None], samples=1)[0]
+    assert image.mask[80, 60]
+    assert image.depth[80, 60] == pytest.approx(0.001, abs=3e-5)
+
+
+def test_inside_of_a_mug() -> None:
+    cup = Surface(*mug())
+    inside = touch(cup, [0.041, 0.0, 0.055], depth=0.0008)
+    assert np.allclose(inside.normals[0], [-1, 0, 0], atol=1e-3)
+    assert inside.reachable[0]
+    assert inside.mask[0].sum() > 1000
+    outside = touch(cup, [0.045, 0.0, 0.05], depth=0.0008)
+    assert outside.reachable[0]
+    # The gel follows the hollow wall further than the round one.
+    assert inside.contact_area_m2[0] > 1.5 * outside.contact_area_m2[0]
+
+
+def test_inside_of_a_narrow_tube_the_sensor_cannot_stand() -> None:
+    tube = Surface(*mug(radius=0.012))
+    found = touch(tube, [0.008, 0.0, 0.05])
+    assert not found.reachable[0]
+    assert found.depth[0].max() <= found.penetration_m[0] + 1e-12
+    assert found.penetration_m[0] <= 0.001
+
+
+def test_bottom_of_a_mug_that_the_housing_does_not_fit() -> None:
+    wide = touch(Surface(*mug(radius=0.06)), [0.0, 0.0, 0.004])
+    narrow = touch(Surface(*mug(radius=0.02)), [0.0, 0.0, 0.004])
+    assert wide.reachable[0]
+    assert not narrow.reachable[0]
+
+
+def test_object_smaller_than_the_gel() -> None:
+    grain = Surface(*sphere(0.0015, 3))
+    found = touch(grain, [0.0, 0.0, 0.0015], depth=0.001)
+    assert found.reachable[0]
+    assert 50 < found.mask[0].sum() < 500
+    assert found.depth[0].max() == pytest.approx(0.001, abs=3e-5)
+
+
+def test_depth_of_zero_shows_the_untouched_gel() -> None:
+    found = touch(CUBE, [0.03, 0.03, 0.06], depth=0.0)
+    assert (found.rgb[0] == no_contact_image(SENSOR)).all()
+    assert not found.mask.any()
+    assert found.contact_area_m2[0] == found.penetration_m[0] == 0.0
+    assert found.reachable[0]
+
+
+def test_flipped_shell_is_as_visible_as_the_shell() -> None:
+    vertices, faces = sphere(0.02, 4)
+    pose = press(Surface(vertices, faces), SENSOR, vertices[:3]).sensor_to_object
+    shell = render_poses(Surface(vertices, faces), SENSOR, pose)
+    flipped = render_poses(Surface(vertices, faces[:, ::-1]), SENSOR, pose)
+    for one, other in zip(shell, flipped, strict=True):
+        assert one.mask.sum() > 500
+        assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
+
+
+def test_open_shell_is_visible_from_both_sides() -> None:
+    # A pressed square: from behind, its faces turn their backs to the sensor.
+    square = np.array([[-0.03, -0.03, 0], [0.03, -0.03, 0], [0.03, 0.03, 0], [-0.03, 0.03, 0.0]])
+    up = press(Surface(square, [[0, 1, 2], [0, 2, 3]]), SENSOR, np.zeros((1, 3)))
+    down = render_poses(Surface(square, [[2, 1, 0], [3, 2, 0]]), SENSOR, up.sensor_to_object)[0]
+    assert (up.rgb[0] == down.rgb).all()
+    assert down.mask.sum() > 1000
+
+
+def test_degenerate_faces_change_nothing() -> None:
+    vertices, faces = sphere(0.02, 3)
+    extra = np.array([[0, 0, 1], [5, 5, 5], [7, 8, 7]])
+    collinear = np.array([[0.0, 0.0, 0.021], [0.001, 0.0, 0.021], [0.002, 0.0, 0.021]])
+    more = np.concatenate([vertices, collinear])
+    last = len(vertices) + np.arange(3)
+    spoilt = Surface(more, np.concatenate([faces, extra, last[None]]))
+    point = vertices[40:41]
+    one, other = press(Surface(vertices, faces), SENSOR, point), press(spoilt, SENSOR, point)
+    assert (one.rgb == other.rgb).all()
+    assert np.isfinite(other.sensor_to_object).all()
+
+
+def test_scissors_have_points_that_cannot_be_reached() -> None:
+    # Two blades, one higher, crossing at a small angle: the lower is reached only away from the upper.
+    lower = box((0.0, -0.006, 0.0), (0.12, 0.006, 0.002))
+    upper = box((0.0, -0.006, 0.003), (0.06, 0.006, 0.005))
+    scissors = Surface(*joined(lower, upper))
+    covered = touch(scissors, [0.055, 0.0, 0.002])
+    assert not covered.reachable[0]
+    beside = touch(scissors, [0.063, 0.0, 0.002])
+    # The upper blade meets the gel first: 3 mm higher, less the gel's sag 3 mm out.
+    assert beside.first_contact_offset_m[0] == pytest.approx(0.003 - 0.000137, abs=3e-5)
+    assert not beside.reachable[0]
+    assert beside.penetration_m[0] == 0.001
+    assert beside.depth[0].max() <= 0.001
+    assert beside.mask[0].any()
+    assert touch(scissors, [0.1, 0.0, 0.002]).reachable[0]
+    assert touch(scissors, [0.03, 0.0, 0.005]).reachable[0]
+
+
+def test_a_part_that_only_the_housing_meets_makes_a_point_unreachable() -> None:
+    floor = box((-0.05, -0.05, -0.01), (0.05, 0.05, 0.0))
+    pillar = box((0.0125, -0.01, 0.0), (0.0130, 0.01, 0.02))
+    found = touch(Surface(*joined(floor, pillar)), [0.0, 0.0, 0.0])
+    assert found.first_contact_offset_m[0] < 1e-9
+    assert not found.reachable[0]
+    assert touch(Surface(*floor), [0.0, 0.0, 0.0]).reachable[0]

@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from touch_shapes import box, sphere
+
+from objectfolder.geometry.surface import Surface
+from objectfolder.touch.gel import gel_surface
+from objectfolder.touch.patch import FacePatches
+from objectfolder.touch.pose import contact_frame, contact_normal, first_touch_pose, tilted
+from objectfolder.touch.sensor import Sensor
+
+COORDINATE = st.floats(-1, 1).filter(lambda value: value == 0 or abs(value) > 1e-150)
+NORMALS = (
+    st.tuples(COORDINATE, COORDINATE, COORDINATE)
+    .map(np.array)
+    .filter(lambda v: np.linalg.norm(v) > 1e-3)
+    .map(lambda v: v / np.linalg.norm(v))
+)
+ANGLES = st.floats(0, 2 * np.pi)
+
+
+def is_rotation(frame: np.ndarray) -> bool:
+    return np.allclose(frame @ frame.T, np.eye(3), atol=1e-12) and np.linalg.det(frame) > 0
+
+
+@given(NORMALS)
+def test_a_contact_frame_is_a_rotation_that_looks_against_the_normal(normal: np.ndarray) -> None:
+    frame = contact_frame(normal)
+    assert is_rotation(frame)
+    assert np.allclose(frame[:, 0], -normal, atol=1e-15)
+
+
+@given(NORMALS, NORMALS, st.floats(0, 1e-3))
+def test_the_roll_is_smooth_away_from_its_pole(normal: np.ndarray, towards: np.ndarray, step: float) -> None:
+    if normal[2] < -0.8:
+        normal = -normal
+    moved = normal + step * towards
+    moved /= np.linalg.norm(moved)
+    change = np.linalg.norm(contact_frame(moved) - contact_frame(normal))
+    # The frame turns at most 1 + 2 / (1 + z) <= 11 times as fast as the normal.
+    assert change <= 12 * np.linalg.norm(moved - normal) + 1e-12
+
+
+@pytest.mark.parametrize("lateral", [0.0, 1e-300, 1e-160, 1e-16, 1e-9])
+def test_the_roll_is_defined_at_and_round_its_pole(lateral: float) -> None:
+    frame = contact_frame(np.array([lateral, 0.0, -np.sqrt(1 - lateral**2)]))
+    assert is_rotation(frame)
+    assert np.allclose(frame, contact_frame(np.array([0.0, 0.0, -1.0])), atol=1e-8)
+
+
+def test_on_a_table_top_the_images_right_and_top_are_the_objects_x_and_y() -> None:
+    frame = contact_frame(np.array([0.0, 0.0, 1.0]))
+    assert np.allclose(-frame[:, 1], [1, 0, 0])
+    assert np.allclose(frame[:, 2], [0, 1, 0])
+
+
+@given(NORMALS, st.floats(0, np.radians(45)), ANGLES)
+def test_a_tilt_leans_the_sensor_by_its_angle_towards_its_azimuth(
+    normal: np.ndarray, tilt: float, azimuth: float
+) -> None:
+    frame = contact_frame(normal)
+    leaned = tilted(frame, tilt, azimuth)
+    assert is_rotation(leaned)
+    back = -leaned[:, 0]
+    right, top = -frame[:, 1], frame[:, 2]
+    towards = np.cos(azimuth) * right + np.sin(azimuth) * top
+    assert np.allclose(back, np.cos(tilt) * normal + np.sin(tilt) * towards, atol=1e-12)
+
+
+@given(NORMALS, st.floats(0, np.radians(15)), ANGLES)
+def test_a_tilted_gel_touches_a_flat_surface_at_the_point_and_nowhere_else(
+    normal: np.ndarray, tilt: float, azimuth: float
+) -> None:
+    sensor, point = Sensor(), np.array([0.1, -0.2, 0.3])
+    pose = first_touch_pose(sensor, point, normal, tilt, azimuth)
+    y, z = np.meshgrid(np.linspace(-0.01, 0.01, 41), np.linspace(0.0, 0.03, 41))
+    gel = np.stack([gel_surface(sensor, y, z), y, z], axis=-1) @ pose[:3, :3].T + pose[:3, 3]
+    height = (gel - point) @ normal
+    assert height.min() > -1e-12
+    assert np.linalg.norm(gel - point, axis=-1)[height < 1e-7].max(initial=0.0) < 5e-4
+
+
+def mean_normal(surface: Surface, point: list[float]) -> np.ndarray:
+    closest = surface.closest_points(np.array([point]))
+    shading = surface.normals_at(closest.face, closest.barycentric)[0]
+    return contact_normal(FacePatches(surface), closest.points[0], shading, 0.002)
+
+
+def test_the_mean_normal_on_an_edge_of_a_box_halves_the_angle() -> None:
+    cube = Surface(*box((0, 0, 0), (0.05, 0.05, 0.05)))
+    assert np.allclose(mean_normal(cube, [0.05, 0.02, 0.05]), np.array([1, 0, 1]) / np.sqrt(2), atol=1e-9)
+    assert np.allclose(mean_normal(cube, [0.05, 0.05, 0.05]), np.ones(3) / np.sqrt(3), atol=1e-9)
+    assert np.allclose(mean_normal(cube, [0.05, 0.02, 0.03]), [1, 0, 0], atol=1e-12)
+
+
+def test_the_mean_normal_near_an_edge_is_the_closed_form() -> None:
+    # One millimetre from the edge: a disc of 2 mm cut by a chord at 1 mm, and over the edge a
+    # segment of the disc of sqrt(3) mm.
+    cube = Surface(*box((0, 0, 0), (0.05, 0.05, 0.05)))
+    inner = 4 * (np.pi - np.arccos(0.5)) + np.sqrt(3)
+    expected = np.array([3 * np.pi / 2, 0, inner])
+    found = mean_normal(cube, [0.049, 0.025, 0.05])
+    assert np.allclose(found, expected / np.linalg.norm(expected), atol=1e-9)
+
+
+def test_the_other_side_of_a_thin_blade_does_not_count() -> None:
+    blade = Surface(*box((0, 0, 0), (0.05, 0.02, 0.0004)))
+    assert np.allclose(mean_normal(blade, [0.02, 0.01, 0.0004]), [0, 0, 1], atol=1e-12)
+    assert np.allclose(mean_normal(blade, [0.02, 0.01, 0.0]), [0, 0, -1], atol=1e-12)
+
+
+def test_the_mean_normal_moves_smoothly_with_the_point() -> None:
+    surface = Surface(*box((0, 0, 0), (0.05, 0.05, 0.001)))
+    path = [[0.05 - s, 0.025, 0.001] for s in np.linspace(0.004, 0.0001, 40)]
+    normals = np.array([mean_normal(surface, point) for point in path])
+    turns = np.degrees(np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1, 1)))
+    assert turns.max() < 5
+
+
+def test_the_mean_normal_of_a_sphere_is_radial() -> None:
+    surface = Surface(*sphere(0.02))
+    samples = surface.sample(20, 0)
+    found = [mean_normal(surface, point) for point in samples.points]
+    radial = samples.points / np.linalg.norm(samples.points, axis=1, keepdims=True)
+    assert np.sum(found * radial, axis=1).min() > np.cos(np.radians(0.5))

@@ -1,0 +1,73 @@
+"""The renderer against OpenGL. Needs EGL (libegl1 and Mesa): without it these fail, and say so."""
+
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from touch_shapes import box, bumpy, psnr_db, torus
+
+from objectfolder.geometry.surface import Surface
+from objectfolder.touch.camera import no_contact_image, ray_grid
+from objectfolder.touch.gel import gel_surface
+from objectfolder.touch.press import press
+from objectfolder.touch.pyrender_reference import render_reference
+from objectfolder.touch.sensor import Sensor
+
+SENSOR = Sensor()
+SURFACES = {
+    "bumpy ball": bumpy(),
+    "torus": Surface(*torus()),
+    "box": Surface(*box((0, 0, 0), (0.05, 0.04, 0.03))),
+}
+
+
+def reference(surface: Surface, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Images and camera depths from a process of its own: OpenGL and forks do not go together."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(render_reference, surface.vertices, surface.faces, SENSOR, poses).result()
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_images_agree_with_opengl(name: str) -> None:
+    surface = SURFACES[name]
+    points = surface.sample(6, 2).points
+    if name == "box":
+        points = np.concatenate([points, surface.vertices[[7]], [[0.05, 0.02, 0.03]]])
+    touch = press(surface, SENSOR, points, depth_m=0.0012, tilt_deg=7.0, azimuth_deg=40.0)
+    images, depths = reference(surface, touch.sensor_to_object)
+    background = no_contact_image(SENSOR)
+    seen = touch.mask.sum(axis=(1, 2)) > 100
+    assert seen.sum() >= 5
+    for index in np.flatnonzero(seen):
+        # Coverage differs by a fraction of a sample along outlines, and nowhere else.
+        assert psnr_db(images[index], touch.rgb[index]) > 41
+        assert psnr_db(images[index], background) < psnr_db(images[index], touch.rgb[index]) - 8
+        inner = eroded(touch.mask[index])
+        if name != "box":
+            assert psnr_db(images[index], touch.rgb[index], inner) > 45
+        indentation = indentation_of(depths[index])
+        # OpenGL's depth is that of a sample up to 0.4 pixels off the centre, on slopes up to 45 degrees.
+        assert np.abs(indentation - touch.depth[index])[inner].max() < 2.5e-4
+        assert np.median(np.abs(indentation - touch.depth[index])[inner]) < 5e-5
+
+
+def test_the_untouched_gel_agrees_with_opengl_to_a_grey_level() -> None:
+    pose = np.eye(4)
+    pose[0, 3] = -1.0
+    images, _ = reference(SURFACES["box"], pose[None])
+    assert np.abs(images[0].astype(int) - no_contact_image(SENSOR)).max() <= 1
+
+
+def eroded(mask: np.ndarray) -> np.ndarray:
+    inner = mask.copy()
+    for axis in (0, 1):
+        for step in (-2, -1, 1, 2):
+            inner &= np.roll(mask, step, axis)
+    return inner
+
+
+def indentation_of(camera_depth: np.ndarray) -> np.ndarray:
+    grid = ray_grid(SENSOR, 1)
+    x = camera_depth.astype(np.float64)
+    return gel_surface(SENSOR, grid.u * x, 0.015 + grid.v[:, None] * x) - x
