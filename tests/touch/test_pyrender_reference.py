@@ -47,9 +47,13 @@ def test_images_agree_with_opengl(name: str) -> None:
         if name != "box":
             assert psnr_db(images[index], touch.rgb[index], inner) > 45
         indentation = indentation_of(depths[index])
-        # OpenGL's depth is that of a sample up to 0.4 pixels off the centre, on slopes up to 45 degrees.
-        assert np.abs(indentation - touch.depth[index])[inner].max() < 2.5e-4
-        assert np.median(np.abs(indentation - touch.depth[index])[inner]) < 5e-5
+        # OpenGL's depth is that of a sample up to 0.4 pixels off the centre: between the neighbours' on smooth ground.
+        around = np.stack([np.roll(touch.depth[index], (i - 1, j - 1), (0, 1)) for i, j in np.ndindex(3, 3)])[
+            :, inner
+        ]
+        slack = 2e-4 if name == "box" else 3e-5
+        assert (indentation[inner] < around.max(axis=0) + slack).all()
+        assert (indentation[inner] > around.min(axis=0) - slack).all()
 
 
 def test_the_untouched_gel_agrees_with_opengl_to_a_grey_level() -> None:
