@@ -28,10 +28,11 @@ def held_out_truth(views: Product) -> tuple[np.ndarray, np.ndarray]:
 def held_out_answer(file: ObjectFile, views: Product, sub_rays: int | None = None) -> np.ndarray:
     """Render the held-out views from the Object File, (n, h, w, 3) uint8 on white."""
     held_out = views["held_out"]
+    height, width = views["rgba"].shape[1:3]
     return file.render(
         file.frame.camera_to_object(views["camera_to_world"][held_out]),
         file.frame.to_object(views["light_position"][held_out]),
-        resolution=views["rgba"].shape[1:3],
+        resolution=(height, width),
         field_of_view=float(views.attributes["field_of_view_deg"]),
         sub_rays=sub_rays,
     )

@@ -79,16 +79,16 @@ def held_out_gains(modes: Product) -> np.ndarray:
     return modes["mode_shapes"][modes["held_out"]].astype(np.float64)
 
 
-def sound_pairs(
-    file: ObjectFile, modes: Product, count: int = SOUNDS_COMPARED, modes_kept: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Strike held-out points along x, y and z in turn with 1 N s: truth and Object File, (n, samples).
-
-    With `modes_kept` the Object File sounds only so many of its lowest modes.
-    """
+def struck(modes: Product, count: int = SOUNDS_COMPARED) -> tuple[np.ndarray, np.ndarray]:
+    """Return held-out points (n, 3) and impulses of 1 N s along x, y and z in turn."""
     points = modes["points"][modes["held_out"]][:count]
-    impulses = np.eye(3)[np.arange(len(points)) % 3]
-    amplitudes = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[:count])
+    return points, np.eye(3)[np.arange(len(points)) % 3]
+
+
+def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarray]:
+    """Strike held-out points (see `struck`): truth and Object File, (n, samples) each."""
+    points, impulses = struck(modes)
+    amplitudes = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)])
     truth = strike(
         modes["frequencies_hz"],
         modes["dampings_per_s"],
@@ -96,4 +96,4 @@ def sound_pairs(
         DURATION_S,
         SAMPLE_RATE_HZ,
     )
-    return truth, file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ, modes_kept)
+    return truth, file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ)

@@ -1,5 +1,9 @@
 """Everything measured of one Object File against its ground truth, on held-out queries."""
 
+import contextlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +13,6 @@ from objectfolder.fidelity.sounds import stft_distance
 from objectfolder.geometry.surface_codec import decode_surface, encode_surface
 from objectfolder.object_file import ObjectFile
 from objectfolder.store import Array, Product
-from objectfolder.touch.shading import no_contact_image
 from objectfolder.touch.touchnet import TouchNet
 from objectfolder.vision.visionnet import SUB_RAYS as SUB_RAYS_DEFAULT
 
@@ -19,22 +22,33 @@ MODE_SHARES = (0.25, 0.5, 1.0)
 SURFACE_STEPS_M = (128e-6, 32e-6, 8e-6)
 
 
-def verify_object(
-    file: ObjectFile, views: Product, modes: Product, touches: Product
-) -> tuple[Product, ObjectFile]:
-    """Measure a file's fidelity, and write the summary into it.
+@dataclass(frozen=True)
+class Verification:
+    """What was measured of one Object File.
 
-    Returns
-    -------
-    product
+    Parameters
+    ----------
+    measures
         Attributes ``vision``, ``audio``, ``touch``, ``bytes``, ``speed_error``, ``definitions``; arrays of
         a few held-out pairs to look at and listen to.
     file
-        The same Object File with its fidelity in its description.
+        The Object File with its fidelity in its description.
+    query_seconds
+        CPU seconds a query at each setting of ``speed_error``, by its ``key``; of this machine and this
+        moment, and so no part of the measures.
     """
-    sight_summary, sight_rows, sight_arrays = _sight(file, views)
-    sound_summary, sound_rows, sound_arrays = _sound(file, modes)
-    feel_summary, feel_rows, feel_arrays = _feel(file, touches)
+
+    measures: Product
+    file: ObjectFile
+    query_seconds: dict[str, float]
+
+
+def verify_object(file: ObjectFile, views: Product, modes: Product, touches: Product) -> Verification:
+    """Measure a file's fidelity on the held-out part of its ground truth."""
+    seconds: dict[str, float] = {}
+    sight_summary, sight_rows, sight_arrays = _sight(file, views, seconds)
+    sound_summary, sound_rows, sound_arrays = _sound(file, modes, seconds)
+    feel_summary, feel_rows, feel_arrays = _feel(file, touches, seconds)
     summary = {
         "vision": _scalars(sight_summary),
         "audio": _scalars(sound_summary),
@@ -52,12 +66,25 @@ def verify_object(
         "speed_error": [*sight_rows, *sound_rows, *feel_rows],
         "definitions": {**sight.DEFINITIONS, **sound.DEFINITIONS, **feel.DEFINITIONS},
     }
-    return Product({**sight_arrays, **sound_arrays, **feel_arrays}, attributes), verified
+    measures = Product({**sight_arrays, **sound_arrays, **feel_arrays}, attributes)
+    return Verification(measures, verified, seconds)
 
 
 def _scalars(summary: dict[str, Any]) -> dict[str, Any]:
     """What of a summary travels in the Object File: no tables."""
     return {key: value for key, value in summary.items() if not isinstance(value, list | dict)}
+
+
+@contextlib.contextmanager
+def _timed(seconds: dict[str, float], key: str, queries: int) -> Iterator[None]:
+    """Note the CPU seconds a query of what is done inside."""
+    begin = time.process_time()
+    yield
+    seconds[key] = (time.process_time() - begin) / max(queries, 1)
+
+
+def _key(sense: str, setting: str, value: float) -> str:
+    return f"{sense}.{setting}={value:g}"
 
 
 def _row(sense: str, setting: str, value: float, error: float | None, unit: str, size: int) -> dict[str, Any]:
@@ -68,11 +95,13 @@ def _row(sense: str, setting: str, value: float, error: float | None, unit: str,
         "error": error,
         "error_unit": unit,
         "bytes": size,
-        "key": f"{sense}.{setting}={value:g}",
+        "key": _key(sense, setting, value),
     }
 
 
-def _sight(file: ObjectFile, views: Product) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
+def _sight(
+    file: ObjectFile, views: Product, seconds: dict[str, float]
+) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
     truth, foreground = sight.held_out_truth(views)
     answer = sight.held_out_answer(file, views)
     trivial = sight.measure_sight(truth, foreground, sight.trivial_answer(views))
@@ -80,7 +109,8 @@ def _sight(file: ObjectFile, views: Product) -> tuple[dict[str, Any], list[dict[
     parts = file.bytes_by_part()
     rows = []
     for sub_rays in SUB_RAYS:
-        images = sight.held_out_answer(file, views, sub_rays)
+        with _timed(seconds, _key("vision", "sub_rays", sub_rays), len(truth)):
+            images = sight.held_out_answer(file, views, sub_rays)
         psnr = sight.measure_sight(truth, foreground, images)["psnr_db"]
         rows.append(_row("vision", "sub_rays", sub_rays, psnr, "PSNR dB", parts["vision"] + parts["surface"]))
     order = np.argsort([row["psnr_db"] for row in measured["per_view"]], kind="stable")
@@ -104,7 +134,9 @@ def _sight(file: ObjectFile, views: Product) -> tuple[dict[str, Any], list[dict[
     return summary, rows, arrays
 
 
-def _sound(file: ObjectFile, modes: Product) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
+def _sound(
+    file: ObjectFile, modes: Product, seconds: dict[str, float]
+) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
     summary = sound.measure_sound(file, modes)
     count = len(file.modes.frequencies_hz)
     rows = []
@@ -112,9 +144,11 @@ def _sound(file: ObjectFile, modes: Product) -> tuple[dict[str, Any], list[dict[
     if count:
         truth, answer = sound.sound_pairs(file, modes)
         pairs = np.stack([truth[:PICTURES], answer[:PICTURES]])
+        points, impulses = sound.struck(modes)
         for share in MODE_SHARES:
             kept = max(1, round(share * count))
-            _, partial = sound.sound_pairs(file, modes, modes_kept=kept)
+            with _timed(seconds, _key("audio", "modes", kept), len(points)):
+                partial = file.strike(points, impulses, sound.DURATION_S, sound.SAMPLE_RATE_HZ, kept)
             error = 10 * np.log10(max(stft_distance(truth, partial, sound.SAMPLE_RATE_HZ), 1e-30))
             size = round(file.bytes_by_part()["audio"] * kept / count)
             rows.append(_row("audio", "modes", kept, float(error), "STFT distance dB", size))
@@ -127,7 +161,7 @@ def _sound(file: ObjectFile, modes: Product) -> tuple[dict[str, Any], list[dict[
 
 
 def _feel(
-    file: ObjectFile, touches: Product
+    file: ObjectFile, touches: Product, seconds: dict[str, float]
 ) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
     held_out = touches["held_out"]
     truth, mask = touches["rgb"][held_out], touches["mask"][held_out]
@@ -135,14 +169,15 @@ def _feel(
     angles = (touches["tilt_deg"][held_out], touches["azimuth_deg"][held_out])
     answer = file.press(*queries, *angles)
     measured = feel.measure_feel(truth, mask, answer.rgb, answer.mask)
-    blank = np.broadcast_to(no_contact_image(file.touch.sensor), truth.shape)
+    blank = np.broadcast_to(file.touch.no_contact, truth.shape)
     empty = feel.measure_feel(truth, mask, blank, np.zeros_like(mask))
     rows = []
     for step in SURFACE_STEPS_M:
         tensors = encode_surface(file.surface, step)
-        coarse = TouchNet(decode_surface(tensors), file.touch.sensor).press(
-            queries[0], depth_m=queries[1], tilt_deg=angles[0], azimuth_deg=angles[1]
-        )
+        net = TouchNet(decode_surface(tensors), file.touch.sensor)
+        net.press(queries[0][:1])  # prepares the surface
+        with _timed(seconds, _key("touch", "surface_step_um", step * 1e6), len(truth)):
+            coarse = net.press(queries[0], depth_m=queries[1], tilt_deg=angles[0], azimuth_deg=angles[1])
         error = feel.measure_feel(truth, mask, coarse.rgb, coarse.mask)["psnr_contact_db"]
         size = sum(tensor.nbytes for tensor in tensors.values())
         rows.append(_row("touch", "surface_step_um", step * 1e6, error, "contact PSNR dB", size))

@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     material = find_material(read_materials(Path(options.materials)), options.material, options.materials)
     started = time.process_time()
     surface = textured_mesh_of(
-        ingest_object(Path(options.mesh), None, options.length, Path(options.mesh).stem)
+        ingest_object(Path(options.mesh), None, options.length, Path(options.mesh).stem, with_textures=False)
     ).surface
     ingested = time.process_time()
     modes = simulate_modes(

@@ -2,14 +2,13 @@
 
 from objectfolder.fidelity.verification import verify_object as verify
 from objectfolder.object_file import ObjectFile
-from objectfolder.store import Product, read_product
-from objectfolder.tensor_file import TensorFile
-from pipeline.task import Request
+from objectfolder.store import read_product
+from pipeline.task import Request, Timed
 
 DESCRIBED = ("name", "source", "licence", "attribution")
 
 
-def verify_object(request: Request) -> tuple[TensorFile, Product]:
+def verify_object(request: Request) -> Timed:
     """Return the Object File with its name and fidelity, and the measures with pictures and sounds."""
     record = request.record
     encoded = ObjectFile.load(request.inputs["encoded"])
@@ -17,10 +16,11 @@ def verify_object(request: Request) -> tuple[TensorFile, Product]:
         object={"id": request.object_id, **{key: record[key] for key in DESCRIBED}},
         material={**record["material"], "citation": record["material_citation"]},
     )
-    measures, verified = verify(
+    verification = verify(
         named,
         read_product(request.inputs["views"]),
         read_product(request.inputs["modes"]),
         read_product(request.inputs["touches"]),
     )
-    return verified.content(), measures
+    products = (verification.file.content(), verification.measures)
+    return Timed(products, verification.query_seconds)
