@@ -10,7 +10,13 @@ libraries=(libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 l
   libegl1 libgl1-mesa-dri libgbm1)
 
 as_root() {
-  if [ "$(id -u)" = 0 ]; then "$@"; elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then sudo -n "$@"; else return 1; fi
+  if [ "$(id -u)" = 0 ]; then
+    "$@"
+  elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
+    sudo -n "$@"
+  else
+    return 1
+  fi
 }
 
 # Install Debian packages, or say which ones and stop.
@@ -57,15 +63,16 @@ if command -v dpkg-query >/dev/null; then
   missing=()
   for library in "${libraries[@]}"; do
     # A package may be there under a successor's name (libgl1t64 and the like).
-    dpkg-query -W -f '${Status}\n' "$library" "${library}t64" 2>/dev/null | grep -q 'ok installed' || missing+=("$library")
+    status=$(dpkg-query -W -f '${Status}\n' "$library" "${library}t64" 2>/dev/null || true)
+    [[ $status == *'ok installed'* ]] || missing+=("$library")
   done
   need_packages ${missing[@]+"${missing[@]}"}
 fi
 
 pip=("$folder/bin/python" -m pip --disable-pip-version-check)
 if [ -n "${TORCH_INDEX:-}" ]; then
-  "${pip[@]}" install -q --index-url "$TORCH_INDEX" "$(grep '^torch==' requirements.lock)"
+  "${pip[@]}" install -qq --index-url "$TORCH_INDEX" "$(grep '^torch==' requirements.lock)"
 fi
 echo "Installing packages (a few minutes the first time)"
-"${pip[@]}" install -q --retries 5 -r requirements.lock
-"${pip[@]}" install -q --no-deps -e .
+"${pip[@]}" install -qq --retries 5 -r requirements.lock
+"${pip[@]}" install -qq --no-deps -e .

@@ -13,10 +13,11 @@ from objectfolder.errors import InputError
 from objectfolder.geometry.clean import CleaningReport, clean
 from objectfolder.geometry.length import with_length
 from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.mesh_product import mesh_arrays
+from objectfolder.geometry.mesh_product import textured_mesh_of as textured_mesh_of
 from objectfolder.geometry.solid_properties import Topology, solid_properties, topology_of
 from objectfolder.geometry.wall_thickness import wall_thickness
-from objectfolder.store import Array, Product
+from objectfolder.store import Product
 
 
 def ingest_object(
@@ -82,37 +83,7 @@ def ingest_object(
             "texture": _digest(mesh.texture_coordinates, mesh.face_texture, *mesh.textures),
         },
     }
-    return Product(_arrays(mesh), attributes)
-
-
-def textured_mesh_of(product: Product) -> TexturedMesh:
-    """Return the mesh that `ingest_object` put into a product."""
-    count = sum(name.startswith("texture_") and name[8:].isdigit() for name in product.arrays)
-    return TexturedMesh(
-        product["vertices"],
-        product["faces"],
-        product["texture_coordinates"],
-        tuple(product[f"texture_{index}"] for index in range(count)),
-        product["face_texture"],
-    )
-
-
-def _arrays(mesh: TexturedMesh) -> dict[str, Array]:
-    arrays = {
-        "vertices": Array(mesh.vertices, ("vertex", "axis"), "m", "Vertex positions, object frame", False),
-        "faces": Array(
-            mesh.faces, ("face", "corner"), "1", "Vertex indices, counter-clockwise outside", False
-        ),
-        "texture_coordinates": Array(
-            mesh.texture_coordinates, ("face", "corner", "uv"), "1", "Texture coordinates, v up", False
-        ),
-        "face_texture": Array(mesh.face_texture, ("face",), "1", "Texture index of each face", False),
-    }
-    for index, texture in enumerate(mesh.textures):
-        arrays[f"texture_{index}"] = Array(
-            texture, ("y", "x", "channel"), "1", "Base colour RGBA, sRGB-encoded, row 0 on top", False
-        )
-    return arrays
+    return Product(mesh_arrays(mesh), attributes)
 
 
 def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> list[str]:

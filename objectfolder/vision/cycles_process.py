@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-import objectfolder
 from objectfolder.errors import SimulationError
 from objectfolder.vision.cycles import Scene, Shots, save_request
 
@@ -57,7 +56,7 @@ def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
 
 
 def _run(request: Path, result: Path) -> None:
-    package_root = str(Path(objectfolder.__file__).resolve().parent.parent)
+    package_root = str(Path(__file__).resolve().parents[2])
     search_path = os.pathsep.join(filter(None, [package_root, os.environ.get("PYTHONPATH", "")]))
     finished = subprocess.run(
         [sys.executable, "-m", "objectfolder.vision.cycles", str(request), str(result)],

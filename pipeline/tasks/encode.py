@@ -1,7 +1,7 @@
 """Task of stage `encode`: ground truth to an Object File that is neither named nor measured yet."""
 
 from objectfolder.encoding import encode_object as encode
-from objectfolder.geometry.ingest import textured_mesh_of
+from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.store import read_product
 from objectfolder.tensor_file import TensorFile
 from objectfolder.touch.sensor import Sensor

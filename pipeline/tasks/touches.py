@@ -1,6 +1,6 @@
 """Task of stage `touches`: what the sensor feels."""
 
-from objectfolder.geometry.ingest import textured_mesh_of
+from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.store import Product, read_product
 from objectfolder.touch.sensor import Sensor
 from objectfolder.touch.touches import simulate_touches

@@ -1,6 +1,6 @@
 """Task of stage `views`: what the object looks like, by path tracing."""
 
-from objectfolder.geometry.ingest import textured_mesh_of
+from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.store import Product, read_product
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.views import simulate_views

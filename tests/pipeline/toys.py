@@ -1,5 +1,6 @@
 """A data set of toys: a package of task bodies that count their executions, and stages over them."""
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
@@ -56,6 +57,32 @@ def encode(request):
     return TensorFile(tensors, {"format": "toy"}), Product({}, {"psnr_db": 40.0})
 '''
 
+DRIVER = '''
+"""Converge one toy stage, as a process of its own."""
+
+import json
+import sys
+from pathlib import Path
+
+sys.path.insert(0, "@TESTS@")
+from toys import Toys
+
+from pipeline.cluster import read_place, run_calls
+from pipeline.converge import converge
+
+if __name__ == "__main__":
+    root = Path.cwd()
+    toys = Toys(root, "@PACKAGE@")
+    toys.rows = json.loads(Path("rows.json").read_text())
+    for row in toys.rows.values():
+        row["mesh"] = Path(row["mesh"])
+    stage = getattr(toys, sys.argv[1])
+    summary = converge(
+        stage, root, toys.parameters, toys.rows, lambda calls: run_calls(calls, read_place(root), root)
+    )
+    sys.exit(summary.exit_code(allow_failures=len(sys.argv) > 2))
+'''
+
 INGESTED = ProductKind("data/ingested", stage="ingest")
 TUNED = ProductKind("data/tuned")
 FILES = ProductKind("data/files", TENSORS)
@@ -69,12 +96,13 @@ class Toys:
         self.root = root
         self.package = package
         self.rows: dict[str, dict[str, object]] = {}
-        (root / package).mkdir()
-        (root / package / "__init__.py").write_text("")
         self.tasks = root / package / "tasks.py"
-        self.tasks.write_text(TASKS)
-        (root / "params.yaml").write_text((REPOSITORY / "params.yaml").read_text())
-        self.set_parameter("training_views", 5)
+        if not self.tasks.exists():
+            self.tasks.parent.mkdir()
+            (root / package / "__init__.py").write_text("")
+            self.tasks.write_text(TASKS)
+            (root / "params.yaml").write_text((REPOSITORY / "params.yaml").read_text())
+            self.set_parameter("training_views", 5)
         self.ingest = Stage(
             "ingest",
             f"{package}.tasks:ingest",
@@ -115,6 +143,12 @@ class Toys:
     def converge(self, *stages: Stage, run=None) -> list[Summary]:  # type: ignore[no-untyped-def]
         stages = stages or (self.ingest, self.tune, self.encode)
         return [converge(stage, self.root, self.parameters, self.rows, run or run_here) for stage in stages]
+
+    def save(self) -> None:
+        """Write what a driver process needs."""
+        (self.root / "rows.json").write_text(json.dumps(self.rows, default=str))
+        driver = DRIVER.replace("@TESTS@", str(Path(__file__).parent)).replace("@PACKAGE@", self.package)
+        (self.root / "driver.py").write_text(driver)
 
     def executed(self) -> list[str]:
         """Executions since the last time this was asked, sorted."""
