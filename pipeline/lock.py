@@ -36,7 +36,7 @@ def pinned(project: str, extras: tuple[str, ...]) -> dict[str, str]:
         distribution = importlib.metadata.distribution(name)
         if name != project:
             found[name] = distribution.version.partition("+")[0]
-        environment = {**default_environment(), "extra": extra}
+        environment = {**{key: str(value) for key, value in default_environment().items()}, "extra": extra}
         for text in distribution.requires or []:
             requirement = Requirement(text)
             if requirement.marker is None or requirement.marker.evaluate(environment):
