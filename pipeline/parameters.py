@@ -54,7 +54,7 @@ class TouchParameters:
     touches: int
     held_out_touches: int
     depth_m: tuple[float, float]
-    tilt_deg: tuple[float, float]
+    tilt_deg: float
     at_vertices: bool
 
 
