@@ -49,7 +49,8 @@ class Progress:
             self._done += 1
         else:
             self._failed += 1
-        if self._stream.isatty() or time.monotonic() - self._said > QUIET_INTERVAL_S:
+        due = time.monotonic() - self._said > QUIET_INTERVAL_S and self._expected
+        if self._stream.isatty() or due:
             self._say(self.line(), end=False)
 
     def close(self) -> None:
