@@ -15,6 +15,7 @@ LIGHT_RADIUS = 1.0
 FIELD_OF_VIEW_DEG = 39.6
 # Within this cosine of the pole the z axis no longer fixes the roll and y takes its place.
 POLE_COSINE = 0.9999
+GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 def uniform_on_sphere(count: int, radius: float, generator: np.random.Generator) -> np.ndarray:
@@ -87,18 +88,20 @@ def focal_length_px(resolution: int | tuple[int, int], field_of_view_deg: float)
 
 
 def sub_ray_offsets(sub_rays: int) -> np.ndarray:
-    """Return (s * s, 2) positions (x, y) in the unit pixel: the cell centres of an s x s grid.
+    """Return (k, 2) positions (x, y) in the unit pixel: a Fibonacci lattice, centred.
+
+    Its projections on both axes and on any slanted line are even, so that the share of the rays on one
+    side of an edge is close to the area there; an axis-aligned grid of 64 knows only 8 heights.
 
     Raises
     ------
     QueryError
-        `sub_rays` that is not a positive square number.
+        Fewer than one ray.
     """
-    side = math.isqrt(max(sub_rays, 0))
-    if side < 1 or side * side != sub_rays:
-        raise QueryError("sub_rays", f"{sub_rays} is not a positive square number", "Use 1, 4, 16 or 64.")
-    centres = (np.arange(side) + 0.5) / side
-    return np.stack(np.meshgrid(centres, centres), axis=-1).reshape(-1, 2)
+    if sub_rays < 1:
+        raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 4, 16 or 64.")
+    index = np.arange(sub_rays)
+    return np.stack([(index + 0.5) / sub_rays, (index * GOLDEN_RATIO + 0.5) % 1.0], axis=1)
 
 
 def pixel_rays(

@@ -41,7 +41,7 @@ class SparseGrid:
 
     @classmethod
     def within_budget(cls, points: np.ndarray, corners: int, finest: int) -> "SparseGrid":
-        """Return the finest grid, of at most `finest` cells a side and `corners` corners in its last level."""
+        """Return the finest grid, of at most `finest` cells a side and `corners` finest corners."""
         resolution = finest
         while True:
             grid = cls.of_points(points, resolution)

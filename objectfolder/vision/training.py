@@ -47,15 +47,16 @@ def trace_training_rays(surface: UnitSurface, views: Product, sub_rays: int, see
     random = np.random.default_rng(seed)
     chosen = np.flatnonzero(~views["held_out"])
     height, width = views["rgba"].shape[1:3]
-    offsets, cell = sub_ray_offsets(sub_rays), 1.0 / math.isqrt(sub_rays)
+    offsets = sub_ray_offsets(sub_rays)
     parts: list[tuple[np.ndarray, ...]] = []
     pixels_of: list[tuple[np.ndarray, ...]] = []
     for view in chosen:
         rgba = views["rgba"][view].astype(np.float32).reshape(-1, 4)
         pixels = np.flatnonzero(rgba[:, 3] > 0)
-        jitter = (random.random((len(pixels), sub_rays, 2)) - 0.5) * cell
+        # The lattice, shifted at random around each pixel.
+        shifted = (offsets + random.random((len(pixels), 1, 2))) % 1.0
         origins, directions = pixel_rays(
-            views["camera_to_world"][view], pixels, offsets + jitter, (height, width),
+            views["camera_to_world"][view], pixels, shifted, (height, width),
             views.attributes["field_of_view_deg"],
         )  # fmt: skip
         face, barycentric = surface.first_hits(origins, directions)

@@ -1,6 +1,7 @@
 """VisionNet: an object's appearance under any point light, from any camera."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,14 +10,13 @@ from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
-from objectfolder.vision.cameras import image_size, pixel_rays, sub_ray_offsets
+from objectfolder.vision.cameras import image_size
 from objectfolder.vision.incidence import UnitSurface
+from objectfolder.vision.pixel_integration import integrate_pixels
 from objectfolder.vision.sparse_grid import SparseGrid, covering_points
 
 PREFIX = "vision."
 SUB_RAYS = 64
-# Rays shaded at a time: bounds the memory of a render.
-CHUNK = 1 << 16
 
 
 class VisionNet:
@@ -142,7 +142,8 @@ class VisionNet:
         field_of_view_deg
             Angle over the longer side.
         sub_rays
-            Rays a pixel, a square number; by default the `sub_rays` of this VisionNet.
+            Rays in a pixel where something ends, and an eighth of them elsewhere; by default the
+            `sub_rays` of this VisionNet.
 
         Returns
         -------
@@ -152,7 +153,7 @@ class VisionNet:
         Raises
         ------
         QueryError
-            Shapes that do not match, values that are not finite, no pixels, sub-rays that are no square.
+            Shapes that do not match, values that are not finite, no pixels, no sub-rays.
         """
         cameras = np.asarray(camera_to_world, dtype=np.float64).reshape(-1, 4, 4)
         lights = np.asarray(light_position, dtype=np.float64).reshape(-1, 3)
@@ -163,41 +164,25 @@ class VisionNet:
         if not (np.isfinite(cameras).all() and np.isfinite(lights).all()):
             raise QueryError("render", "a camera or light is not finite")
         size = image_size(resolution)
+        rays = self.sub_rays if sub_rays is None else sub_rays
+        corners = self._surface.triangles.reshape(-1, 3)
         images = [
-            self._render_one(
-                camera, light, size, field_of_view_deg, self.sub_rays if sub_rays is None else sub_rays
+            integrate_pixels(
+                partial(self.radiance, light=light), camera, size, field_of_view_deg, rays, corners
             )
             for camera, light in zip(cameras, lights, strict=True)
         ]
         return np.stack(images) if images else np.zeros((0, *size, 4), dtype=np.float32)
 
-    def _render_one(
-        self,
-        camera: np.ndarray,
-        light: np.ndarray,
-        size: tuple[int, int],
-        field_of_view_deg: float,
-        sub_rays: int,
-    ) -> np.ndarray:
-        offsets = sub_ray_offsets(sub_rays)
-        image = np.zeros((size[0] * size[1], 4))
-        step = max(1, CHUNK // sub_rays)
-        for start in range(0, len(image), step):
-            pixels = np.arange(start, min(start + step, len(image)))
-            _, directions = pixel_rays(camera, pixels, offsets, size, field_of_view_deg)
-            rgba = self.radiance(camera[:3, 3], directions, light)
-            image[pixels] = rgba.reshape(len(pixels), sub_rays, 4).mean(axis=1)
-        return image.reshape(*size, 4).astype(np.float32)
-
-    def radiance(self, origin: np.ndarray, directions: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """Return (n, 4) scene-linear premultiplied RGBA along rays from one origin, unit frame."""
+    def radiance(self, origins: np.ndarray, directions: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return (n, 4) float32 scene-linear premultiplied RGBA along (n, 3) rays, unit frame."""
         import torch
 
         from objectfolder.vision.reflectance import angle_inputs, surrounding_inputs
 
         network = self._reflectance()
         rgba = np.zeros((len(directions), 4), dtype=np.float32)
-        face, barycentric = self._surface.first_hits(np.broadcast_to(origin, directions.shape), directions)
+        face, barycentric = self._surface.first_hits(origins, directions)
         hit = np.flatnonzero(face >= 0)
         if len(hit) == 0:
             return rgba
@@ -219,10 +204,10 @@ def fit_visionnet(
     frame: UnitFrame,
     views: Product,
     *,
-    steps: int = 1500,
+    steps: int = 1200,
     batch_pixels: int = 1024,
     training_sub_rays: int = 4,
-    learning_rate: float = 5e-3,
+    learning_rate: float = 1e-2,
     grid_corners: int = 110_000,
     grid_resolution: int = 128,
     seed: int = 0,
@@ -240,7 +225,7 @@ def fit_visionnet(
     steps, batch_pixels, learning_rate
         Steps of Adam, pixels a step, and its rate.
     training_sub_rays
-        Rays through each training pixel, a square number.
+        Rays through each training pixel.
     grid_corners, grid_resolution
         At most this many corners at the finest level, and at most this many cells a side (a multiple of 8).
     seed
