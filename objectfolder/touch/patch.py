@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from objectfolder.errors import QueryError
 from objectfolder.geometry.surface import Surface
 
 
@@ -12,14 +13,23 @@ class FacePatches:
     ----------
     surface
         Any triangle surface. Faces without area are left out.
+
+    Raises
+    ------
+    QueryError
+        A surface without area.
     """
 
     def __init__(self, surface: Surface) -> None:
-        kept = np.flatnonzero(surface.face_areas > 0)
+        kept = surface.face_areas > 0
+        if not kept.any():
+            raise QueryError("surface", "no face has an area", "Touch needs a surface.")
+        if not kept.all():
+            surface = Surface(surface.vertices, surface.faces[kept])
         self.surface = surface
-        self.triangles = surface.vertices[surface.faces[kept]]
-        self.face_normals = surface.face_normals[kept]
-        self.corner_normals = surface.corner_normals[kept]
+        self.triangles = surface.vertices[surface.faces]
+        self.face_normals = surface.face_normals
+        self.corner_normals = surface.corner_normals
         low, high = self.triangles.min(axis=1), self.triangles.max(axis=1)
         self._centres = np.ascontiguousarray(((low + high) / 2).T)
         spread = self.triangles - self._centres.T[:, None]

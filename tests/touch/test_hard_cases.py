@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from touch_shapes import box, joined, mug, psnr_db, sphere
 
+from objectfolder.errors import QueryError
 from objectfolder.geometry.surface import Surface
 from objectfolder.touch.camera import no_contact_image
 from objectfolder.touch.image import render_poses
@@ -142,6 +143,16 @@ def test_degenerate_faces_change_nothing() -> None:
     one, other = press(Surface(vertices, faces), SENSOR, point), press(spoilt, SENSOR, point)
     assert (one.rgb == other.rgb).all()
     assert np.isfinite(other.sensor_to_object).all()
+    # The nearest face is one without area: what it belongs to is touched.
+    needle = press(spoilt, SENSOR, np.array([[0.001, 0.0, 0.021]]))
+    assert needle.reachable[0]
+    assert np.linalg.norm(needle.points[0]) < 0.0201
+
+
+def test_a_surface_without_area_cannot_be_touched() -> None:
+    needle = Surface(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), [[0, 1, 2]])
+    with pytest.raises(QueryError, match="no face has an area"):
+        touch(needle, [0.5, 0.0, 0.0])
 
 
 def test_scissors_have_points_that_cannot_be_reached() -> None:
