@@ -91,24 +91,26 @@ def read_catalogue(path: Path, materials: Iterable[str]) -> Catalogue:
     -------
     Catalogue
         Rows in order; a row with a fault of its own is in `errors` under its id, so that the others go on.
+        Rows that share an id are all at fault.
 
     Raises
     ------
     InputError
-        The table is missing or is no CSV, lacks a column, repeats an id, or has an id that is not safe as a
-        file name.
+        The table is missing or is no CSV, or lacks a column.
     """
     path = Path(path)
     known_materials = tuple(materials)
     columns, rows = _rows(path)
-    _check_ids(path, rows)
+    faulty = _faulty_ids(path, rows)
     records: list[ObjectRecord] = []
     errors: dict[str, InputError] = {}
     for line, row in rows:
         try:
+            if line in faulty:
+                raise faulty[line]
             records.append(_record(path, columns, line, row, known_materials))
         except InputError as problem:
-            errors[row["id"]] = problem
+            errors[row["id"] or f"line {line}"] = problem
     return Catalogue(tuple(records), errors)
 
 
@@ -155,24 +157,29 @@ def _check_columns(path: Path, columns: list[str]) -> None:
             raise InputError(str(path), f"has no column {name!r}", remedy)
 
 
-def _check_ids(path: Path, rows: list[tuple[int, dict[str, str]]]) -> None:
-    seen: dict[str, int] = {}
+def _faulty_ids(path: Path, rows: list[tuple[int, dict[str, str]]]) -> dict[int, InputError]:
+    """Return, by line, why the id of a row names no file or no one object."""
+    lines: dict[str, list[int]] = {}
+    for line, row in rows:
+        # File systems that ignore case would let one object overwrite the other.
+        lines.setdefault(row["id"].casefold(), []).append(line)
+    errors: dict[int, InputError] = {}
     for line, row in rows:
         object_id = row["id"]
+        others = [str(other) for other in lines[object_id.casefold()] if other != line]
         if not _SAFE_ID.fullmatch(object_id):
-            raise InputError(
+            errors[line] = InputError(
                 f"{path} line {line}, field id",
                 f"{object_id!r} cannot be a file name",
                 "Use at most 100 letters, digits, '_', '-' and '.', not starting with '.'",
             )
-        # File systems that ignore case would let one object overwrite the other.
-        first = seen.setdefault(object_id.casefold(), line)
-        if first != line:
-            raise InputError(
+        elif others:
+            errors[line] = InputError(
                 f"{path} line {line}, field id",
-                f"{object_id!r} is already used in line {first} (upper and lower case count as equal)",
+                f"{object_id!r} is also used in line {', '.join(others)} (case does not count)",
                 "Give each object its own id",
             )
+    return errors
 
 
 def _record(
