@@ -1,0 +1,117 @@
+"""Materials: elasticity, density, damping and plain looks, read from a table."""
+
+import csv
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from objectfolder.errors import InputError
+
+
+@dataclass(frozen=True)
+class Material:
+    """An isotropic elastic material with Rayleigh damping.
+
+    Attributes
+    ----------
+    name : lower case
+    density_kg_m3, youngs_modulus_pa : positive
+    poisson_ratio : in (-1, 0.5)
+    rayleigh_alpha_per_s, rayleigh_beta_s : damping matrix alpha M + beta K, not negative
+    roughness, metallic : defaults of the looks, in [0, 1]
+    citation : where the numbers come from
+    """
+
+    name: str
+    density_kg_m3: float
+    youngs_modulus_pa: float
+    poisson_ratio: float
+    rayleigh_alpha_per_s: float
+    rayleigh_beta_s: float
+    roughness: float
+    metallic: float
+    citation: str
+
+    @property
+    def shear_speed_m_s(self) -> float:
+        """Speed of shear waves sqrt(mu / rho), mu = E / (2 (1 + nu))."""
+        return math.sqrt(self.youngs_modulus_pa / (2 * (1 + self.poisson_ratio)) / self.density_kg_m3)
+
+
+COLUMNS = tuple(field.name for field in fields(Material))
+# Open and closed ends of what is physically possible.
+RANGES = {
+    "density_kg_m3": ("positive", lambda x: x > 0),
+    "youngs_modulus_pa": ("positive", lambda x: x > 0),
+    "poisson_ratio": ("between -1 and 0.5, both excluded", lambda x: -1 < x < 0.5),
+    "rayleigh_alpha_per_s": ("zero or positive", lambda x: x >= 0),
+    "rayleigh_beta_s": ("zero or positive", lambda x: x >= 0),
+    "roughness": ("between 0 and 1", lambda x: 0 <= x <= 1),
+    "metallic": ("between 0 and 1", lambda x: 0 <= x <= 1),
+}
+
+
+def read_materials(path: Path | str) -> dict[str, Material]:
+    """Read a CSV table of materials, by lower-case name.
+
+    Raises
+    ------
+    InputError
+        Naming the file, row and column of a value that is missing, not a number or impossible; of a name
+        that comes twice; of a column that is missing.
+    """
+    path = Path(path)
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), f"cannot be read ({error})", "Give a CSV table of materials.") from error
+    if not rows:
+        raise InputError(str(path), "no materials", f"Give one a row, with columns {', '.join(COLUMNS)}.")
+    missing = [column for column in COLUMNS if column not in rows[0]]
+    if missing:
+        raise InputError(
+            str(path), f"column {missing[0]} is missing", f"Needed are {', '.join(COLUMNS)}."
+        )
+    materials: dict[str, Material] = {}
+    for number, row in enumerate(rows, start=2):
+        where = f"{path}, row {number}"
+        name = (row["name"] or "").strip().lower()
+        if not name:
+            raise InputError(where, "name is empty", "Name the material.")
+        if name in materials:
+            raise InputError(where, f"material {name} comes twice", "Keep one of the rows.")
+        numbers = {column: _number(where, column, row[column]) for column in RANGES}
+        materials[name] = Material(name=name, citation=(row["citation"] or "").strip(), **numbers)
+    return materials
+
+
+def find_material(materials: Mapping[str, Material], name: str, where: str) -> Material:
+    """Return the material of that name, case ignored.
+
+    Raises
+    ------
+    InputError
+        For an unknown name: says `where` it was met and which names are known.
+    """
+    key = name.strip().lower()
+    if key not in materials:
+        near = difflib.get_close_matches(key, materials, n=1)
+        hint = f"Did you mean {near[0]}? " if near else ""
+        raise InputError(
+            where, f"unknown material {name!r}", f"{hint}Known are {', '.join(sorted(materials))}."
+        )
+    return materials[key]
+
+
+def _number(where: str, column: str, text: str | None) -> float:
+    meaning, holds = RANGES[column]
+    try:
+        value = float(text or "")
+    except ValueError:
+        raise InputError(where, f"{column} is {text!r}, not a number", f"It must be {meaning}.") from None
+    if not (math.isfinite(value) and holds(value)):
+        raise InputError(where, f"{column} is {value:g}", f"It must be {meaning}.")
+    return value

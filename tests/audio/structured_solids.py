@@ -1,0 +1,71 @@
+"""Solids meshed by formula, so that physics is tested apart from the mesher."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from objectfolder.audio.materials import Material
+from objectfolder.audio.tetrahedra import Solid, clean
+
+
+def box(cells: Sequence[int], size: Sequence[float]) -> Solid:
+    """A box of size metres, each cell cut into the six tetrahedra of Kuhn."""
+    counts = np.array(cells)
+    grid = np.stack(np.meshgrid(*[np.arange(n + 1) for n in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    first = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    strides = np.array([(counts[1] + 1) * (counts[2] + 1), counts[2] + 1, 1])
+    tetrahedra = []
+    for path in itertools.permutations(range(3)):
+        corners = [first]
+        for axis in path:
+            corners.append(corners[-1] + np.eye(3, dtype=int)[axis])
+        tetrahedra.append(np.stack([corner @ strides for corner in corners], axis=1))
+    vertices = grid / counts * np.array(size)
+    return clean(vertices, np.concatenate(tetrahedra), {})
+
+
+def ball(cells: int, radius: float) -> Solid:
+    """A ball: the cube with its shells drawn to spheres, of the volume of the true ball."""
+    cube = box((cells, cells, cells), (2, 2, 2))
+    x = cube.vertices - 1
+    longest, norm = np.abs(x).max(axis=1, keepdims=True), np.linalg.norm(x, axis=1, keepdims=True)
+    drawn = clean(x * longest / np.maximum(norm, 1e-300), cube.tetrahedra, {})
+    scale = radius * (4 * np.pi / 3 / drawn.volume_m3) ** (1 / 3)
+    return clean(drawn.vertices * scale, drawn.tetrahedra, {})
+
+
+def moved(solid: Solid, offset: Sequence[float]) -> Solid:
+    """The solid elsewhere."""
+    return clean(solid.vertices + np.array(offset), solid.tetrahedra, {})
+
+
+def together(*solids: Solid) -> Solid:
+    """Several solids as one object."""
+    starts = np.cumsum([0, *[len(solid.vertices) for solid in solids]])
+    return clean(
+        np.concatenate([solid.vertices for solid in solids]),
+        np.concatenate(
+            [solid.tetrahedra + start for solid, start in zip(solids, starts[:-1], strict=True)]
+        ),
+        {},
+    )
+
+
+def material(poisson_ratio: float = 0.19, youngs_modulus_pa: float = 7.2e10, **changes: float) -> Material:
+    """Ceramic, or something near it."""
+    given = {
+        "density_kg_m3": 2700.0,
+        "rayleigh_alpha_per_s": 6.0,
+        "rayleigh_beta_s": 1e-7,
+        "roughness": 0.3,
+        "metallic": 0.0,
+        **changes,
+    }
+    return Material(
+        name="test",
+        youngs_modulus_pa=youngs_modulus_pa,
+        poisson_ratio=poisson_ratio,
+        citation="",
+        **given,
+    )

@@ -1,0 +1,63 @@
+"""The table of materials and its errors."""
+
+from pathlib import Path
+
+import pytest
+
+from objectfolder.audio.materials import find_material, read_materials
+from objectfolder.errors import InputError
+
+TABLE = Path(__file__).parents[2] / "data" / "materials.csv"
+
+
+def test_the_seven_materials_of_the_papers() -> None:
+    materials = read_materials(TABLE)
+    assert sorted(materials) == ["ceramic", "glass", "iron", "plastic", "polycarbonate", "steel", "wood"]
+    steel = materials["steel"]
+    assert (steel.density_kg_m3, steel.youngs_modulus_pa, steel.poisson_ratio) == (7850, 2e11, 0.29)
+    assert (steel.rayleigh_alpha_per_s, steel.rayleigh_beta_s) == (5, 3e-8)
+    assert steel.shear_speed_m_s == pytest.approx(3142.464, rel=1e-6)
+    assert all(material.citation for material in materials.values())
+
+
+def test_an_unknown_material_names_the_place_and_the_known_ones() -> None:
+    materials = read_materials(TABLE)
+    assert find_material(materials, " Ceramic ", "here").name == "ceramic"
+    with pytest.raises(InputError, match=r"objects.csv, row 3: unknown material 'stel'.*Did you mean steel"):
+        find_material(materials, "stel", "objects.csv, row 3")
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("poisson_ratio", "0.5"),
+        ("poisson_ratio", "-1"),
+        ("density_kg_m3", "0"),
+        ("youngs_modulus_pa", "nan"),
+        ("youngs_modulus_pa", "inf"),
+        ("rayleigh_beta_s", "-1e-7"),
+        ("roughness", "1.5"),
+        ("metallic", "shiny"),
+    ],
+)
+def test_an_impossible_value_names_file_row_and_column(tmp_path: Path, column: str, value: str) -> None:
+    header, *rows = TABLE.read_text().splitlines()
+    cells = rows[1].split(",", 8)
+    cells[header.split(",").index(column)] = value
+    path = tmp_path / "materials.csv"
+    path.write_text("\n".join([header, rows[0], ",".join(cells)]) + "\n")
+    with pytest.raises(InputError, match=rf"materials\.csv, row 3: {column}"):
+        read_materials(path)
+
+
+def test_missing_columns_doubles_and_files_are_named(tmp_path: Path) -> None:
+    text = TABLE.read_text()
+    path = tmp_path / "materials.csv"
+    path.write_text(text.replace("poisson_ratio", "nu"))
+    with pytest.raises(InputError, match="poisson_ratio is missing"):
+        read_materials(path)
+    path.write_text(text + text.splitlines()[1] + "\n")
+    with pytest.raises(InputError, match="ceramic comes twice"):
+        read_materials(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_materials(tmp_path / "none.csv")
