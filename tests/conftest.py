@@ -1,9 +1,22 @@
 """Shared fixtures."""
 
+import dataclasses
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
+
+from objectfolder.audio.materials import read_materials
+from objectfolder.audio.modes import simulate_modes
+from objectfolder.encoding import encode_object
+from objectfolder.fidelity.verification import verify_object
+from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.touches import simulate_touches
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.views import simulate_views
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -15,3 +28,59 @@ def shared_objects() -> Path:
     if not (folder / "catalogue.csv").is_file():
         pytest.skip(f"no scanned objects at {folder}; set OBJECTFOLDER_SCANS to a folder with catalogue.csv")
     return folder
+
+
+@pytest.fixture(scope="session")
+def glass_bar() -> TexturedMesh:
+    """A 120 x 30 x 8 mm bar with a striped texture."""
+    box = trimesh.creation.box((0.12, 0.03, 0.008)).subdivide_to_size(0.02)
+    stripes = np.zeros((8, 64, 4), dtype=np.uint8)
+    stripes[..., 3] = 255
+    stripes[:, :, 0] = np.where(np.arange(64) // 8 % 2, 210, 60)
+    stripes[:, :, 1] = 140
+    corners = np.asarray(box.vertices)[box.faces]
+    return TexturedMesh(
+        np.asarray(box.vertices, dtype=np.float64),
+        np.asarray(box.faces, dtype=np.int64),
+        corners[..., :2] / (0.12, 0.03) + 0.5,
+        (stripes,),
+        np.zeros(len(box.faces), dtype=np.int32),
+    )
+
+
+@pytest.fixture(scope="session")
+def small_file(glass_bar: TexturedMesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A verified Object File of the bar, simulated and fitted at a very small size by the real tasks."""
+    surface, sensor = glass_bar.surface, Sensor()
+    glass = read_materials(REPOSITORY / "data" / "materials.csv")["glass"]
+    views = simulate_views(
+        glass_bar,
+        Appearance(glass.roughness, glass.metallic),
+        resolution=24,
+        field_of_view_deg=39.6,
+        camera_radius=2.5,
+        training_views=6,
+        training_samples=4,
+        held_out_views=2,
+        held_out_samples=16,
+        seed=0,
+    )
+    modes = simulate_modes(surface, glass, training_points=120, held_out_points=20, seed=0)
+    touches = simulate_touches(surface, sensor, touches=1, held_out_touches=6, seed=0)
+    described = {
+        "object": {
+            "id": "bar",
+            "name": "Glass bar",
+            "source": "made by code",
+            "licence": "CC0-1.0",
+            "attribution": "the tests",
+        },
+        "material": dataclasses.asdict(glass),
+        "provenance": {},
+    }
+    file = encode_object(
+        surface, views, modes, sensor, described, visionnet={"steps": 60}, audionet={}, seed=0
+    )
+    path = tmp_path_factory.mktemp("object") / "bar.safetensors"
+    verify_object(file, views, modes, touches).file.save(path)
+    return path
