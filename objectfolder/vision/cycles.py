@@ -203,10 +203,10 @@ def _set_up_render(shots: Shots, path: str) -> None:
 def _add_object(scene: Scene) -> None:
     import bpy
 
-    faces = np.ascontiguousarray(scene.faces, dtype=np.int32)
+    points, normals, faces = split_at_creases(scene)
     mesh = bpy.data.meshes.new("object")
-    mesh.vertices.add(len(scene.vertices))
-    mesh.vertices.foreach_set("co", scene.vertices.astype(np.float32).ravel())
+    mesh.vertices.add(len(points))
+    mesh.vertices.foreach_set("co", points.ravel())
     mesh.loops.add(faces.size)
     mesh.loops.foreach_set("vertex_index", faces.ravel())
     mesh.polygons.add(len(faces))
@@ -216,11 +216,23 @@ def _add_object(scene: Scene) -> None:
     coordinates = mesh.uv_layers.new(name="texture")
     coordinates.data.foreach_set("uv", scene.texture_coordinates.astype(np.float32).ravel())
     mesh.shade_smooth()
-    normals = mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "CORNER")
-    normals.data.foreach_set("vector", scene.corner_normals.astype(np.float32).ravel())
+    mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", normals.ravel())
     for texture in scene.textures:
         mesh.materials.append(_material(texture, scene.appearance))
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("object", mesh))
+
+
+def split_at_creases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points (n, 3), a normal for each (n, 3), both float32, and faces (f, 3) int32.
+
+    A vertex is repeated for each of its normals: Cycles shades with corner normals but lifts shadow rays
+    with those of the vertices, so that a crease between shared vertices would lie in its own shadow.
+    """
+    normals = scene.corner_normals.reshape(-1, 3).astype(np.float32)
+    keys = np.column_stack([scene.faces.ravel(), np.round(normals * 2**20)]).astype(np.int64)
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    points = scene.vertices[scene.faces.ravel()[first]].astype(np.float32)
+    return points, normals[first], inverse.reshape(-1, 3).astype(np.int32)
 
 
 def _material(texture: np.ndarray, appearance: Appearance) -> Any:
