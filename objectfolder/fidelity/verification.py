@@ -19,7 +19,7 @@ from objectfolder.vision.visionnet import SUB_RAYS as SUB_RAYS_DEFAULT
 PICTURES = 4
 SUB_RAYS = (1, 4, 16)
 MODE_SHARES = (0.25, 0.5, 1.0)
-SURFACE_STEPS_M = (128e-6, 32e-6, 8e-6)
+SURFACE_STEPS_M = (64e-6, 8e-6, 1e-6)
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.geometry.surface import Surface
 
-QUANTISATION_STEP_M = 8e-6
+QUANTISATION_STEP_M = 1e-6
 STEPS_ALONG_LONGEST_SIDE = 1 << 14
 LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 1, "pb": 0}]
 
 
 def quantisation_step(surface: Surface) -> float:
-    """Grid step, metres: 8 micrometres, or finer so that the longest side has 2^14 steps."""
+    """Grid step, metres: 1 micrometre (what scans are written in), or finer so that the longest side has 2^14 steps."""
     return min(QUANTISATION_STEP_M, float(np.ptp(surface.bounds, axis=0).max()) / STEPS_ALONG_LONGEST_SIDE)
 
 

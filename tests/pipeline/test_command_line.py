@@ -1,0 +1,159 @@
+"""The `objectfolder` command as a user types it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from PIL import Image
+from scipy.io import wavfile
+
+import objectfolder
+from pipeline.command_line import main
+from tests.conftest import REPOSITORY
+
+
+def _last_line(capsys: pytest.CaptureFixture[str]) -> str:
+    error = capsys.readouterr().err.strip()
+    assert "\n" not in error, error
+    return error
+
+
+def test_help_shows_every_command_with_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    for command in ("build", "info", "sample", "render", "strike", "press", "modes"):
+        assert f"objectfolder {command} " in text
+
+
+def test_info_tells_licence_size_and_fidelity(small_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(small_file)]) == 0
+    text = capsys.readouterr().out
+    assert "CC0-1.0" in text
+    assert "264 triangles" in text
+    assert "PSNR" in text
+    assert main(["info", str(small_file), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["object"]["id"] == "bar"
+
+
+def test_sampled_queries_feed_render_strike_and_press(small_file: Path, tmp_path: Path) -> None:
+    queries, file = tmp_path / "queries", str(small_file)
+    assert main(["sample", file, "--views", "2", "--contacts", "3", "--seed", "4", "-o", str(queries)]) == 0
+    views = np.load(queries / "views.npy")
+    assert views.shape == (2, 6)
+    np.testing.assert_allclose(np.linalg.norm(views[:, :3], axis=1), 2.5)
+    np.testing.assert_allclose(np.linalg.norm(views[:, 3:], axis=1), 1.0)
+
+    images = tmp_path / "images"
+    assert (
+        main(["render", file, "--views", str(queries / "views.npy"), "--resolution", "20", "-o", str(images)])
+        == 0
+    )
+    bar = objectfolder.load(small_file)
+    cameras, lights = bar.sample_views(2, seed=4)
+    for index, expected in enumerate(bar.render(cameras, lights, resolution=20)):
+        np.testing.assert_array_equal(np.asarray(Image.open(images / f"{index:04d}.png")), expected)
+
+    sounds, contacts = tmp_path / "sounds", ["--points", str(queries / "points.npy")]
+    strike = ["strike", file, *contacts, "--forces", str(queries / "forces.npy"), "--duration", "0.1"]
+    assert main([*strike, "-o", str(sounds)]) == 0
+    points, normals = bar.sample_contacts(3, seed=4)
+    for index, expected in enumerate(bar.strike(points, -normals, duration=0.1)):
+        rate, sound = wavfile.read(sounds / f"{index:04d}.wav")
+        assert rate == 44100
+        assert sound.dtype == np.float32
+        np.testing.assert_array_equal(sound, expected)
+
+    touches = tmp_path / "touches"
+    assert main(["press", file, *contacts, "--depth", "0.0015", "-o", str(touches)]) == 0
+    assert len(json.loads((touches / "labels.json").read_text())["reachable"]) == 3
+    expected_touches = bar.press(points, 0.0015)
+    np.testing.assert_array_equal(np.load(touches / "depth.npy"), expected_touches.depth)
+    np.testing.assert_array_equal(np.asarray(Image.open(touches / "0002.png")), expected_touches.rgb[2])
+
+
+def test_errors_are_one_line_with_a_remedy(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(tmp_path / "none.safetensors")]) == 1
+    assert "none.safetensors: no such file. Check the path." in _last_line(capsys)
+    np.save(tmp_path / "flat.npy", np.zeros(6))
+    assert (
+        main(["render", str(small_file), "--views", str(tmp_path / "flat.npy"), "-o", str(tmp_path / "x")])
+        == 1
+    )
+    assert "Give an (n, 6) array" in _last_line(capsys)
+    np.save(tmp_path / "pickle.npy", np.array([{}], dtype=object), allow_pickle=True)
+    assert (
+        main(["press", str(small_file), "--points", str(tmp_path / "pickle.npy"), "-o", str(tmp_path / "x")])
+        == 1
+    )
+    assert "pickle.npy" in _last_line(capsys)
+    np.save(tmp_path / "far.npy", np.ones((1, 3)))
+    assert (
+        main(["press", str(small_file), "--points", str(tmp_path / "far.npy"), "-o", str(tmp_path / "x")])
+        == 1
+    )
+    assert "mm off the surface" in _last_line(capsys)
+
+
+def test_a_wrong_material_or_mesh_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh, output = tmp_path / "box.obj", ["-o", str(tmp_path / "box.safetensors")]
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
+    assert main(["build", str(mesh), "--material", "cheese", *output]) == 1
+    assert "ceramic" in _last_line(capsys)
+    assert main(["build", str(tmp_path / "no.obj"), "--material", "glass", *output]) == 1
+    assert "no.obj" in _last_line(capsys)
+    assert main(["build", str(mesh), "--material", "glass", "--length", "-1", *output]) == 1
+    assert "--length" in _last_line(capsys)
+    assert not (tmp_path / "box.safetensors").exists()
+
+
+def test_modes_prints_a_beam_as_beam_theory_has_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = tmp_path / "beam.stl"
+    trimesh.creation.box((0.1, 0.01, 0.005)).export(mesh)
+    assert main(["modes", str(mesh), "--material", "ceramic", "--max-frequency", "14000", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert {
+        "frequencies_hz",
+        "dampings_per_s",
+        "count_certificate",
+        "error_estimate_cents",
+        "seconds",
+    } <= set(result)
+    # Three-dimensional Ritz solution of the free 100 x 10 x 5 mm ceramic beam.
+    expected = [2631.6, 5134.8, 7146.0, 12404.2, 13405.7, 13718.3]
+    np.testing.assert_allclose(result["frequencies_hz"], expected, rtol=5e-3)
+
+
+@pytest.mark.slow
+def test_build_makes_a_verified_file_and_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = yaml.safe_load((REPOSITORY / "params.yaml").read_text())
+    sizes = content["sizes"]["default"]
+    sizes["vision"].update(
+        resolution=24, training_views=4, training_samples=4, held_out_views=2, held_out_samples=16
+    )
+    sizes["touch"].update(touches=2, held_out_touches=4)
+    sizes["encode"]["visionnet"].update(steps=20)
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(content))
+    mesh, output = tmp_path / "box.ply", tmp_path / "box.safetensors"
+    trimesh.creation.box((0.1, 0.04, 0.01)).export(mesh)
+    build = ["build", str(mesh), "--material", "steel", "--length", "0.2", "--keep", str(tmp_path / "truth")]
+    build += ["--params", str(tmp_path / "params.yaml"), "-o", str(output)]
+    assert main(build) == 0
+    text = capsys.readouterr().out
+    assert "vision" in text
+    assert "CPU-s" in text
+    box = objectfolder.load(output)
+    assert np.ptp(box.surface.bounds, axis=0).max() == pytest.approx(0.2, rel=1e-3)
+    assert box.description["fidelity"]["audio"]["audible"]
+    first = output.read_bytes()
+    views = (tmp_path / "truth" / "data" / "views" / "box.zarr.zip").stat().st_mtime_ns
+    assert main(build) == 0
+    assert output.read_bytes() == first
+    assert (tmp_path / "truth" / "data" / "views" / "box.zarr.zip").stat().st_mtime_ns == views
