@@ -128,7 +128,11 @@ def test_modes_prints_a_beam_as_beam_theory_has_it(
     } <= set(result)
     # Three-dimensional Ritz solution of the free 100 x 10 x 5 mm ceramic beam.
     expected = [2631.6, 5134.8, 7146.0, 12404.2, 13405.7, 13718.3]
-    np.testing.assert_allclose(result["frequencies_hz"], expected, rtol=5e-3)
+    np.testing.assert_allclose(result["frequencies_hz"], expected, rtol=0.02)
+    bending = [0, 1, 2, 4, 5]
+    np.testing.assert_allclose(
+        np.array(result["frequencies_hz"])[bending], np.array(expected)[bending], rtol=1e-3
+    )
 
 
 @pytest.mark.slow
