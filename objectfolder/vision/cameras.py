@@ -92,14 +92,7 @@ def sub_ray_offsets(sub_rays: int) -> np.ndarray:
 
     Its projections on both axes and on any slanted line are even, so that the share of the rays on one
     side of an edge is close to the area there; an axis-aligned grid of 64 knows only 8 heights.
-
-    Raises
-    ------
-    QueryError
-        Fewer than one ray.
     """
-    if sub_rays < 1:
-        raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 4, 16 or 64.")
     index = np.arange(sub_rays)
     return np.stack([(index + 0.5) / sub_rays, (index * GOLDEN_RATIO + 0.5) % 1.0], axis=1)
 

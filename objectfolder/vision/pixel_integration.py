@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import focal_length_px, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compositing import composite_on_white
 
@@ -46,7 +47,14 @@ def integrate_pixels(
     -------
     np.ndarray
         (height, width, 4) float32.
+
+    Raises
+    ------
+    QueryError
+        Fewer than one ray.
     """
+    if sub_rays < 1:
+        raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 4, 16 or 64.")
     few = max(1, sub_rays // SAVING)
 
     def traced(pixels: np.ndarray, count: int) -> np.ndarray:

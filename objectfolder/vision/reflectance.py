@@ -13,14 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from objectfolder.vision.incidence import Incidence
-
-WIDTH = 64
-# Features a corner of each level holds, coarse to fine.
-FEATURES = (8, 8, 4, 3)
-# The coarse levels that the bounced light may depend on: finer ones would fit the renderer's noise.
-COARSE_LEVELS = 2
-ANGLES = 12
-SURROUNDINGS = 31
+from objectfolder.vision.network_layout import ANGLES, COARSE_LEVELS, FEATURES, SURROUNDINGS, WIDTH
 
 
 class _Interpolate(torch.autograd.Function):
@@ -109,7 +102,7 @@ class Reflectance(nn.Module):
             nn.ReLU(),
             nn.Linear(WIDTH, 3),
         )
-        self.albedo = nn.Linear(features, 3)
+        self.albedo = nn.Linear(features + 3, 3)
         # GGX width of the highlight that the network scales: log alpha.
         self.log_alpha = nn.Parameter(torch.tensor(math.log(0.25)))
 
@@ -117,13 +110,14 @@ class Reflectance(nn.Module):
         """Draw the starting weights."""
         with torch.no_grad():
             for table in self.tables:
-                table.uniform_(-0.1, 0.1, generator=generator)
+                table.uniform_(-0.001, 0.001, generator=generator)
             for module in self.modules():
                 if isinstance(module, nn.Linear):
                     bound = math.sqrt(6.0 / module.in_features)
                     module.weight.uniform_(-bound, bound, generator=generator)
                     module.bias.zero_()
-            for perceptron, bias in ((self.direct, (-1.0,) * 3 + (-3.0,) * 3), (self.bounced, (-4.0,) * 3)):
+            for perceptron, bias in ((self.direct, (0.0,) * 3 + (-3.0,) * 3), (self.bounced, (-4.0,) * 3)):
+                perceptron.get_parameter("4.weight").mul_(0.1)
                 perceptron.get_parameter("4.bias").copy_(torch.tensor(bias))
 
     def forward(
@@ -140,6 +134,7 @@ class Reflectance(nn.Module):
         middle = angles[:, -1:]
         alpha2 = torch.exp(2 * self.log_alpha)
         lobe = alpha2 / (4 * (middle * middle * (alpha2 - 1) + 1) ** 2)
-        reflectance = functional.softplus(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
+        albedo = torch.sigmoid(self.albedo(torch.cat([features, angles[:, :3]], dim=1)))
+        reflectance = albedo * 2 * torch.sigmoid(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
         light = functional.softplus(self.bounced(torch.cat([*levels[:COARSE_LEVELS], surroundings], dim=1)))
-        return irradiance[:, None] * reflectance + torch.sigmoid(self.albedo(features)) * light
+        return irradiance[:, None] * reflectance + albedo * light

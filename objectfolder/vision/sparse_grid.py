@@ -62,6 +62,8 @@ class SparseGrid:
         """
         try:
             bits = np.frombuffer(zlib.decompress(data.tobytes()), dtype=np.uint8)
+            if len(bits) != (resolution**3 + 7) // 8 or resolution % 8:
+                raise ValueError(f"{len(bits)} bytes")
             return cls(np.unpackbits(bits, count=resolution**3).astype(bool).reshape((resolution,) * 3))
         except (zlib.error, ValueError) as error:
             raise FormatError("vision.grid", f"not a grid of {resolution} cells a side ({error})") from error

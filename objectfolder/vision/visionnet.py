@@ -12,6 +12,7 @@ from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
 from objectfolder.vision.cameras import image_size
 from objectfolder.vision.incidence import UnitSurface
+from objectfolder.vision.network_layout import weight_shapes
 from objectfolder.vision.pixel_integration import integrate_pixels
 from objectfolder.vision.sparse_grid import SparseGrid, covering_points
 
@@ -93,6 +94,11 @@ class VisionNet:
         if "grid" not in own:
             raise FormatError(PREFIX + "grid", "missing")
         grid = SparseGrid.from_bytes(own.pop("grid"), int(metadata["grid_resolution"]))
+        expected = weight_shapes(grid.sizes)
+        for name in sorted(expected.keys() | own.keys()):
+            found = own[name].shape if name in own else None
+            if found != expected.get(name):
+                raise FormatError(PREFIX + name, f"shape {found}, expected {expected.get(name)}")
         return cls(
             surface,
             frame,

@@ -1,0 +1,35 @@
+"""Sizes of the network's parts, apart from torch so that opening an Object File checks them at once."""
+
+from collections.abc import Sequence
+
+WIDTH = 64
+# Features a corner of each level holds, coarse to fine.
+FEATURES = (8, 8, 4, 3)
+# The coarse levels that the bounced light may depend on: finer ones would fit the renderer's noise.
+COARSE_LEVELS = 2
+ANGLES = 12
+SURROUNDINGS = 31
+
+
+def weight_shapes(sizes: Sequence[int]) -> dict[str, tuple[int, ...]]:
+    """Return the shape of each weight of `reflectance.Reflectance` by name.
+
+    Parameters
+    ----------
+    sizes
+        Corners of each grid level, coarse to fine.
+    """
+    features = sum(FEATURES)
+    shapes: dict[str, tuple[int, ...]] = {"log_alpha": ()}
+    for level, size in enumerate(sizes):
+        shapes[f"tables.{level}"] = (size, FEATURES[level])
+    layers = {
+        "direct": (features + ANGLES, WIDTH, WIDTH, 6),
+        "bounced": (sum(FEATURES[:COARSE_LEVELS]) + SURROUNDINGS, WIDTH, WIDTH, 3),
+    }
+    for name, widths in layers.items():
+        for index, (inputs, outputs) in enumerate(zip(widths, widths[1:], strict=False)):
+            shapes[f"{name}.{2 * index}.weight"] = (outputs, inputs)
+            shapes[f"{name}.{2 * index}.bias"] = (outputs,)
+    shapes["albedo.weight"], shapes["albedo.bias"] = (3, features + 3), (3,)
+    return shapes
