@@ -1,7 +1,8 @@
-"""The process in which task bodies run: ``python -m pipeline.child PARENT_PID``.
+"""The process in which task bodies run: ``python -m pipeline.child PARENT_PID SCRATCH_FOLDER``.
 
 It reads pickled calls from standard input and answers with pickled outcomes on what was standard
-output; the task's own output goes to standard error. It dies with its parent.
+output; the task's own output goes to standard error. It works in a scratch folder, where native code
+may leave what it likes, and dies with its parent.
 """
 
 import contextlib
@@ -80,6 +81,7 @@ def main() -> None:
     """Serve calls until standard input ends."""
     parent = int(sys.argv[1])
     _die_with(parent)
+    os.chdir(sys.argv[2])
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what native code prints must not mix with the answers
     calls = sys.stdin.buffer

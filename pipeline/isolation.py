@@ -50,6 +50,7 @@ class Child:
     def __init__(self, root: Path, settings: ChildSettings) -> None:
         self._root = root
         self._settings = settings
+        self._scratch = tempfile.TemporaryDirectory(prefix="objectfolder-task-")
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (lives as long as this object)
         self._process: subprocess.Popen[bytes] | None = None
         self._served = 0
@@ -61,6 +62,7 @@ class Child:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+        self._scratch.cleanup()
 
     def run(self, call: Call) -> Outcome:
         """Run a call; whatever happens to the child becomes a failure of this call alone."""
@@ -86,7 +88,7 @@ class Child:
         return Outcome(call.request.object_id, self._reason(call.request.object_id, bool(ready)))
 
     def close(self) -> None:
-        """End the child."""
+        """End the child; the next call starts another."""
         if self._process is not None and self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.close()
@@ -101,7 +103,7 @@ class Child:
             environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "PYTHONHASHSEED": "0"}
             environment.update(dict.fromkeys(THREADS, str(self._settings.threads)))
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "pipeline.child", str(os.getpid())],
+                [sys.executable, "-m", "pipeline.child", str(os.getpid()), self._scratch.name],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._log,

@@ -233,6 +233,7 @@ def _run(
                 capture_output=True,
                 text=True,
                 timeout=filling.time_limit_s,
+                cwd=folder,  # fTetWild leaves files where it runs
                 check=False,
                 env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
             )

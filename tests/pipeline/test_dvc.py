@@ -126,6 +126,7 @@ def test_failure_stops_the_stages_behind_it_and_is_made_good(repository):
     )
 
 
+@pytest.mark.slow
 def test_fresh_clone_with_one_object_changed_computes_that_object(repository, tmp_path_factory):
     toys = repository.toys
     store = tmp_path_factory.mktemp("store")

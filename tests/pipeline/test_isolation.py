@@ -70,6 +70,29 @@ def test_poison_on_the_cluster_fails_itself_and_nothing_else(toys):
     assert len(toys.executed()) == len(names)
 
 
+def test_a_running_scheduler_is_used_by_address(toys, monkeypatch):
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, host="127.0.0.1", dashboard_address=None, memory_limit=0
+    ) as cluster:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
+        outcomes = list(run_calls(calls_of(toys, ["good_0", "kill", "good_1"]), Place(), toys.root))
+    assert {outcome.object_id: outcome.failure is None for outcome in outcomes} == {
+        "good_0": True,
+        "kill": False,
+        "good_1": True,
+    }
+
+
+def test_tasks_work_in_a_scratch_folder(toys):
+    poison = {"litter": "from pathlib import Path; Path('left_behind').write_text('x'); 1 / 0"}
+    with Child(toys.root, ChildSettings()) as child:
+        (call,) = calls_of(toys, ["litter"], poison)
+        assert "ZeroDivisionError" in child.run(call).failure.error
+    assert not (toys.root / "left_behind").exists()
+
+
 def test_hung_task_is_ended_with_what_it_started(toys):
     marker = toys.root / "still_there"
     body = (
