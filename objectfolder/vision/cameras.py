@@ -25,8 +25,8 @@ def uniform_on_sphere(count: int, radius: float, generator: np.random.Generator)
     sides of at most 1/2 there, its corners reach at most 0.866, so a light is never inside the object
     and at least 0.134 from it; the inverse square law still spans a factor of 200.
     """
-    height = generator.uniform(-1.0, 1.0, count)
-    angle = generator.uniform(0.0, 2.0 * math.pi, count)
+    # Point by point, so that the first of many are the same as few.
+    height, angle = (generator.random((count, 2)) * [2.0, 2.0 * math.pi] - [1.0, 0.0]).T
     ring = np.sqrt(1.0 - height**2)
     return radius * np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
 

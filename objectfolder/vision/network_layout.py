@@ -1,6 +1,7 @@
 """Sizes of the network's parts, apart from torch so that opening an Object File checks them at once."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 WIDTH = 64
 # Features a corner of each level holds, coarse to fine.
@@ -28,7 +29,7 @@ def weight_shapes(sizes: Sequence[int]) -> dict[str, tuple[int, ...]]:
         "bounced": (sum(FEATURES[:COARSE_LEVELS]) + SURROUNDINGS, WIDTH, WIDTH, 3),
     }
     for name, widths in layers.items():
-        for index, (inputs, outputs) in enumerate(zip(widths, widths[1:], strict=False)):
+        for index, (inputs, outputs) in enumerate(pairwise(widths)):
             shapes[f"{name}.{2 * index}.weight"] = (outputs, inputs)
             shapes[f"{name}.{2 * index}.bias"] = (outputs,)
     shapes["albedo.weight"], shapes["albedo.bias"] = (3, features + 3), (3,)

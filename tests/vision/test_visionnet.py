@@ -1,0 +1,135 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from vision_shapes import cube
+
+from objectfolder.errors import FormatError, QueryError
+from objectfolder.geometry.frames import UnitFrame
+from objectfolder.store import Product
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.cameras import look_at
+from objectfolder.vision.compositing import composite_on_white
+from objectfolder.vision.views import simulate_views
+from objectfolder.vision.visionnet import VisionNet, fit_visionnet
+
+TINY = {"steps": 300, "batch_pixels": 512, "grid_resolution": 32}
+
+
+@pytest.fixture(scope="module")
+def views() -> Product:
+    return simulate_views(
+        cube(), Appearance(), resolution=40, training_views=30, training_samples=16,
+        held_out_views=6, held_out_samples=64, seed=1,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fitted(views: Product) -> VisionNet:
+    return fit_visionnet(
+        cube().surface, UnitFrame.from_dict(views.attributes["frame"]), views, **TINY, seed=0
+    )
+
+
+def psnr(truth: np.ndarray, answer: np.ndarray) -> float:
+    return float(-10 * np.log10(np.mean((composite_on_white(truth) - composite_on_white(answer)) ** 2)))
+
+
+def test_held_out_views_are_far_better_than_the_trivial_answers(views, fitted):
+    held_out = views["held_out"]
+    truth = views["rgba"][held_out].astype(np.float64)
+    answer = fitted.render(
+        views["camera_to_world"][held_out], views["light_position"][held_out], 40, 39.6, 64
+    )
+    alpha = truth[..., 3:]
+    training = views["rgba"][~held_out].astype(np.float64)
+    mean_colour = training[..., :3].sum(axis=(0, 1, 2)) / training[..., 3].sum()
+    # Each silhouette in its own view's mean colour, which the trivial answer could not even know.
+    best = truth[..., :3].sum(axis=(1, 2), keepdims=True) / alpha.sum(axis=(1, 2), keepdims=True)
+    trivial = max(
+        psnr(truth, np.concatenate([colour * alpha, alpha], axis=-1)) for colour in (mean_colour, best)
+    )
+    np.testing.assert_allclose(answer[..., 3:], alpha, atol=0.15)
+    assert psnr(truth, answer) > max(34.0, trivial + 10)
+
+
+def test_the_truth_of_held_out_views_plays_no_part_in_the_fit(views, fitted):
+    rgba = views["rgba"].copy()
+    rgba[views["held_out"]] = 0.5
+    spoilt = Product(
+        {**views.arrays, "rgba": dataclasses.replace(views.arrays["rgba"], data=rgba)}, views.attributes
+    )
+    again = fit_visionnet(
+        cube().surface, UnitFrame.from_dict(views.attributes["frame"]), spoilt, **TINY, seed=0
+    )
+    for name, tensor in fitted.tensors().items():
+        np.testing.assert_array_equal(tensor, again.tensors()[name], err_msg=name)
+
+
+def test_a_batch_answers_as_its_views_do_and_survives_its_tensors(views, fitted):
+    surface, frame = cube().surface, UnitFrame.from_dict(views.attributes["frame"])
+    again = VisionNet.from_tensors(fitted.tensors(), fitted.metadata(), surface, frame)
+    cameras, lights = views["camera_to_world"][:3], views["light_position"][:3]
+    batch = fitted.render(cameras, lights, (30, 44), 39.6, 16)
+    assert batch.shape == (3, 30, 44, 4)
+    assert batch.dtype == np.float32
+    for index in range(3):
+        np.testing.assert_array_equal(
+            again.render(cameras[index], lights[index], (30, 44), 39.6, 16)[0], batch[index]
+        )
+
+
+def test_weights_are_half_precision_and_tensors_are_named(fitted):
+    tensors = fitted.tensors()
+    assert all(name.startswith("vision.") for name in tensors)
+    assert {tensor.dtype for tensor in tensors.values()} == {np.dtype(np.float16), np.dtype(np.uint8)}
+
+
+def test_a_camera_that_looks_away_sees_nothing(fitted):
+    away = look_at(np.array([[0.0, 0.0, 2.5]]), target=np.array([0.0, 0.0, 5.0]))
+    image = fitted.render(away, np.array([[0.0, 0.0, 1.0]]), 16, 39.6)
+    assert not image.any()
+    assert fitted.render(np.zeros((0, 4, 4)), np.zeros((0, 3)), 16, 39.6).shape == (0, 16, 16, 4)
+
+
+def test_cameras_at_the_poles_and_inside_the_box_are_answered(fitted):
+    poles = look_at(
+        np.array([[0.0, 0.0, 2.5], [0.0, 0.0, -2.5], [0.2, 0.1, 0.0]]), target=np.array([0, 0, 0.01])
+    )
+    images = fitted.render(poles, np.array([[0.0, 0.0, 1.0]] * 3), 16, 39.6)
+    assert np.isfinite(images).all()
+    assert (images[:, 8, 8, 3] == 1).all()
+    assert images[0, 8, 8, :3].max() > 10 * images[1, 8, 8, :3].max()
+
+
+def test_few_rays_in_even_pixels_change_little(views, fitted):
+    camera, light = views["camera_to_world"][-1], views["light_position"][-1]
+    assert psnr(fitted.render(camera, light, 40, 39.6, 256), fitted.render(camera, light, 40, 39.6, 64)) > 40
+
+
+@pytest.mark.parametrize(("change", "word"), [
+    ({"light_position": np.zeros((2, 3))}, "one light a camera"),
+    ({"light_position": np.full((1, 3), np.nan)}, "finite"),
+    ({"resolution": 0}, "resolution"),
+    ({"sub_rays": 0}, "sub_rays"),
+])  # fmt: skip
+def test_queries_without_an_answer_are_refused(fitted, change, word):
+    query = {
+        "camera_to_world": look_at(np.array([[0.0, 0.0, 2.5]])),
+        "light_position": np.array([[0.0, 0.0, 1.0]]),
+        "resolution": 8,
+        "field_of_view_deg": 39.6,
+    }
+    with pytest.raises(QueryError, match=word):
+        fitted.render(**{**query, **change})
+
+
+def test_foreign_tensors_are_refused_by_name(views, fitted):
+    surface, frame = cube().surface, UnitFrame.from_dict(views.attributes["frame"])
+    tensors = fitted.tensors()
+    without = {name: tensor for name, tensor in tensors.items() if name != "vision.grid"}
+    with pytest.raises(FormatError, match=r"vision\.grid"):
+        VisionNet.from_tensors(without, fitted.metadata(), surface, frame)
+    misshapen = {**tensors, "vision.albedo.weight": tensors["vision.albedo.weight"][:, 1:]}
+    with pytest.raises(FormatError, match=r"vision\.albedo\.weight"):
+        VisionNet.from_tensors(misshapen, fitted.metadata(), surface, frame)
