@@ -11,6 +11,7 @@ import importlib.metadata
 import importlib.util
 import json
 import platform
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 from objectfolder.errors import InputError
 
 PACKAGES = ("objectfolder", "pipeline")
+_DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 # Wording of errors and bookkeeping of provenance decide no number of a product.
 NEUTRAL_MODULES = frozenset({"objectfolder.errors", "objectfolder.provenance"})
 
@@ -53,9 +55,10 @@ def seed_from(base_seed: int, task: str, object_id: str) -> int:
 def code_identity(module: str) -> dict[str, str]:
     """Return digests of the normalised source of `module` and of every package module it imports.
 
-    Imports are followed through the source, function-level ones included, inside `PACKAGES` and the
-    package of `module`; nothing is imported. Comments, docstrings and layout do not count. The
-    ``__init__`` of a package counts only where a name that is no submodule is imported from it.
+    Imports are followed through the source, function-level ones and modules named in a string (to be
+    run as a process) included, inside `PACKAGES` and the package of `module`; nothing is imported.
+    Comments, docstrings and layout do not count. The ``__init__`` of a package counts only where a name
+    that is no submodule is imported from it.
 
     Parameters
     ----------
@@ -149,6 +152,10 @@ def _imported(tree: ast.AST, package: str, roots: frozenset[str]) -> set[str]:
             if origin.split(".")[0] in roots:
                 names = (f"{origin}.{alias.name}" for alias in node.names)
                 modules.update(name if _source_path(name) else origin for name in names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
+            name = node.value
+            if name.split(".")[0] in roots and _DOTTED.fullmatch(name) and _source_path(name):
+                modules.add(name)
     return modules
 
 

@@ -101,3 +101,9 @@ def test_an_init_counts_where_a_name_is_taken_from_it(package):
     name, folder = package
     (folder / "lazy.py").write_text(f"from {name}.inner import LOOSE\n")
     assert f"{name}.inner" in code_identity(f"{name}.task")
+
+
+def test_a_module_run_by_name_counts(package):
+    name, folder = package
+    (folder / "lazy.py").write_text(f"COMMAND = ['python', '-m', '{name}.stranger']\n")
+    assert f"{name}.stranger" in code_identity(f"{name}.task")
