@@ -6,8 +6,14 @@ import pytest
 import yaml
 from toys import REPOSITORY
 
-from objectfolder.provenance import code_identity
-from pipeline.stages import STAGES
+from objectfolder.audio.materials import read_materials
+from objectfolder.catalogue import ObjectRecord
+from objectfolder.provenance import code_identity, fingerprint
+from objectfolder.store import Product, write_product
+from objectfolder.tensor_file import TensorFile, write_tensor_file
+from pipeline.parameters import read_parameters
+from pipeline.records import row_of
+from pipeline.stages import MODES, STAGES
 
 DVC = yaml.safe_load((REPOSITORY / "dvc.yaml").read_text())["stages"]
 
@@ -69,3 +75,59 @@ def test_lock_names_no_place_and_no_build():
 def test_make_says_what_it_can_do():
     said = subprocess.run(["make", "help"], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     assert "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]" in said
+
+
+MATERIALS = read_materials(REPOSITORY / "data" / "materials.csv")
+
+
+def products_of_a_former_run(root):
+    """Products of every kind, with the attributes that later stages go by."""
+    for stage in STAGES.values():
+        for path in stage.targets(root, "mug"):
+            made = {"fingerprint": f"{path.parent.name} made first"}
+            if path.name.endswith(".safetensors"):
+                write_tensor_file(path, TensorFile({}, made))
+            else:
+                more = {"digests": {"geometry": "g", "texture": "t"}, "sensor": {"pixels": 1}}
+                write_product(path, Product({}, {**made, **more}))
+
+
+def wanted(root, **changes):
+    """Fingerprint of every stage for a steel mug with `changes` to its record."""
+    mesh = root / "mug.obj"
+    mesh.write_text("v 0 0 0\n")
+    described = {
+        "id": "mug", "name": "Mug", "mesh": mesh, "texture": None, "material": "steel", "length_m": None,
+        "source": "", "licence": "CC0", "attribution": "", **changes,
+    }  # fmt: skip
+    record = ObjectRecord(**described)
+    row = row_of(record, MATERIALS[record.material])
+    parameters = read_parameters(REPOSITORY / "params.yaml")
+    return {
+        name: fingerprint(stage.prepare(root, parameters, "mug", row)[1]) for name, stage in STAGES.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "stages"),
+    [
+        ({"material": "iron"}, {"modes", "fidelity"}),  # looks as steel does
+        ({"material": "wood"}, {"views", "modes", "fidelity"}),
+        ({"roughness": 0.9}, {"views"}),
+        ({"name": "Cup"}, {"fidelity"}),
+        ({"licence": "CC BY 4.0"}, {"fidelity"}),
+        ({"length_m": 0.1}, {"objects"}),
+    ],
+)
+def test_a_change_concerns_the_stages_that_read_it(tmp_path, change, stages):
+    products_of_a_former_run(tmp_path)
+    before, after = wanted(tmp_path), wanted(tmp_path, **change)
+    assert {name for name in STAGES if before[name] != after[name]} == stages
+
+
+def test_new_modes_are_encoded_and_verified_and_nothing_else(tmp_path):
+    products_of_a_former_run(tmp_path)
+    before = wanted(tmp_path)
+    write_product(MODES.path(tmp_path, "mug"), Product({}, {"fingerprint": "made again"}))
+    after = wanted(tmp_path)
+    assert {name for name in STAGES if before[name] != after[name]} == {"encode", "fidelity"}
