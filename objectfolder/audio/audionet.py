@@ -4,7 +4,8 @@ Mode shapes are interpolated from control points by a Gaussian-process mean with
 
     k(x, x') = matern_7/2(|x - x'| / l) (1 + g n . n')
 
-of position x and surface normal n. The second factor lets the two sides of a wall move by a common part plus a
+of position x and surface normal n. The second factor lets the two sides of a wall move by a common part
+plus a
 part that turns with the normal, as the cross-section of a bent wall does; positions alone would need points
 closer together than the wall is thick. Gains at the control points are the least-squares fit to all training
 points, stored in 8 bits with one scale a mode and axis. Everything a query needs is numpy.
@@ -22,7 +23,7 @@ from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
 
 Floats = NDArray[np.float64]
-KERNEL = {"length": 0.2, "normal_weight": 0.02, "ridge": 1e-7}
+KERNEL = {"length": 0.15, "normal_weight": 0.02, "ridge": 1e-5}
 # In the spread of control points a turn of the normal counts as this share of the object's size.
 NORMAL_REACH = 0.03
 FIRST_CONTROL_POINTS = 200
@@ -39,7 +40,9 @@ class AudioNet:
     radiation_weights : (modes,) float64, kg^-1/2; see `strike`
     """
 
-    def __init__(self, tensors: Mapping[str, np.ndarray], metadata: Mapping[str, Any], surface: Surface) -> None:
+    def __init__(
+        self, tensors: Mapping[str, np.ndarray], metadata: Mapping[str, Any], surface: Surface
+    ) -> None:
         self._tensors = dict(tensors)
         self._metadata = dict(metadata)
         self._surface = surface
@@ -106,7 +109,8 @@ class AudioNet:
         Returns
         -------
         ndarray
-            (n, 3, modes) float64, kg^-1/2. Each point is answered on its own, so batches equal single queries.
+            (n, 3, modes) float64, kg^-1/2. Each point is answered on its own, so batches equal single
+            queries.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         modes = len(self.frequencies_hz)
@@ -139,7 +143,9 @@ def kernel(
     difference = [x[:, None, axis] - centres[None, :, axis] for axis in range(3)]
     squared = difference[0] ** 2 + difference[1] ** 2 + difference[2] ** 2
     r = np.sqrt(7 * squared) / (parameters["length"] * size)
-    cosine = sum(n[:, None, axis] * normals[None, :, axis] for axis in range(3))
+    cosine = np.zeros_like(r)
+    for axis in range(3):
+        cosine += n[:, None, axis] * normals[None, :, axis]
     return (1 + r + 0.4 * r**2 + r**3 / 15) * np.exp(-r) * (1 + parameters["normal_weight"] * cosine)
 
 
@@ -153,14 +159,15 @@ def fit_audionet(
     surface: Surface,
     modes: Product,
     *,
-    goal_db: float = -32.0,
-    most_bytes: int = 600_000,
+    goal_db: float = -30.0,
+    most_bytes: int = 900_000,
 ) -> AudioNet:
     """Fit the field of gains to the training points of solved modes.
 
-    The number of control points doubles until points left out of the fit (every eighth training point) are met
-    within `goal_db`, or gains would take more than `most_bytes`, or the training points are used up; the last fit
-    is to all training points.
+    The number of control points grows by halves until points left out of the fit (every eighth training
+    point) are met
+    within `goal_db`, or gains would take more than `most_bytes`, or there is one for every two training
+    points; the last fit is to all training points.
 
     Parameters
     ----------
@@ -181,7 +188,8 @@ def fit_audionet(
     size = _size(surface)
     normals = normals_of(surface, points) if count else np.zeros_like(points)
     normals = normals.astype(np.float16).astype(np.float64)
-    most = min(len(points), most_bytes // (3 * count)) if count else 0
+    # More control points than half the training points fit the points rather than the field between them.
+    most = min(-(-len(points) // 2), max(1, most_bytes // (3 * count))) if count else 0
     order = spread(np.concatenate([points, NORMAL_REACH * size * normals], axis=1), most)
 
     checked = np.arange(len(points)) % 8 == 7
@@ -192,11 +200,12 @@ def fit_audionet(
         values = _fit(points, normals, shapes, chosen, ~checked, size)
         error = _predict(points[checked], normals[checked], points[chosen], normals[chosen], values, size)
         error -= shapes[checked]
-        norm = np.linalg.norm(shapes[checked])
-        reached = float(20 * np.log10(max(np.linalg.norm(error) / norm, 1e-12))) if checked.any() else None
+        if checked.any():
+            ratio = float(np.linalg.norm(error) / np.linalg.norm(shapes[checked]))
+            reached = float(20 * np.log10(max(ratio, 1e-12)))
         if controls == most or (reached is not None and reached <= goal_db):
             break
-        controls = min(2 * controls, most)
+        controls = min(controls * 3 // 2, most)
     chosen = order[:controls]
     values = _fit(points, normals, shapes, chosen, np.full(len(points), True), size)
     scales = np.maximum(np.abs(values).max(axis=0, initial=0.0), 1e-30) / 127
@@ -240,7 +249,7 @@ def _fit(
     used: NDArray[np.bool_],
     size: float,
 ) -> Floats:
-    """Gains at the chosen control points, (controls, columns): least squares over the used training points."""
+    """Gains at the chosen control points, (controls, columns): least squares over the used points."""
     centres, towards = points[chosen], normals[chosen]
     gram = kernel(centres, towards, centres, towards, KERNEL, size)
     lower = np.linalg.cholesky(gram + KERNEL["ridge"] * np.eye(len(gram)))
@@ -250,9 +259,7 @@ def _fit(
     return lower @ np.linalg.solve(normal_matrix, whitened @ shapes[used])
 
 
-def _predict(
-    x: Floats, n: Floats, centres: Floats, normals: Floats, values: Floats, size: float
-) -> Floats:
+def _predict(x: Floats, n: Floats, centres: Floats, normals: Floats, values: Floats, size: float) -> Floats:
     gram = kernel(centres, normals, centres, normals, KERNEL, size)
     gram += KERNEL["ridge"] * np.eye(len(gram))
     return kernel(x, n, centres, normals, KERNEL, size) @ np.linalg.solve(gram, values)

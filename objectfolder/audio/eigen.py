@@ -18,6 +18,8 @@ from objectfolder.errors import SimulationError
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 BLOCK = 16
+# Unknowns up to which a dense solver is used.
+DENSE = 900
 
 
 def factorise(matrix: sparse.csc_matrix) -> SuperLU:
@@ -111,7 +113,8 @@ def lowest_elastic(
 ) -> Eigenpairs:
     """Elastic pairs of the pencil in ascending order: all below `below`, or the first `at_most` of them.
 
-    Returned are the wanted pairs and at least one more converged pair beyond, so that a caller can cut in a gap.
+    Returned are the wanted pairs and at least one more converged pair beyond, so that a caller can cut in
+    a gap.
 
     Parameters
     ----------
@@ -124,16 +127,22 @@ def lowest_elastic(
     shift
         sigma < 0, of the order of the first elastic eigenvalue.
     tolerance
-        Bound on the residual |(A - theta) x|_M of A = (K - sigma M)^-1 M relative to theta = 1 / (lambda - sigma).
+        Bound on the residual |(A - theta) x|_M of A = (K - sigma M)^-1 M relative to theta = 1 / (lambda -
+        sigma).
 
     Raises
     ------
     SimulationError
         When the iteration does not converge in 400 blocks.
     """
-    factors = factorise(stiffness - shift * mass)
     size = stiffness.shape[0]
-    block = min(BLOCK, max(1, (size - rigid.shape[1]) // 4))
+    if size <= DENSE:
+        values, vectors = linalg.eigh(stiffness.toarray(), mass.toarray())
+        values, vectors = values[rigid.shape[1] :], vectors[:, rigid.shape[1] :]
+        kept = min(int(np.count_nonzero(values < below)), at_most) + 1
+        return Eigenpairs(values[:kept], vectors[:, :kept], 0)
+    factors = factorise(stiffness - shift * mass)
+    block = BLOCK
     generator = np.random.default_rng(seed)
     mass_rigid = mass @ rigid
 
@@ -168,9 +177,8 @@ def lowest_elastic(
         theta, ritz = linalg.eigh(projected)
         theta, ritz = theta[::-1], ritz[:, ::-1]
         residual = np.linalg.norm(remainder @ ritz[-block:], axis=0)
-        exhausted = width + block > size - rigid.shape[1]
         wanted = _wanted(theta, shift, below, at_most)
-        if exhausted or (wanted < width and np.all(residual[:wanted] <= tolerance * theta[:wanted])):
+        if wanted < width and np.all(residual[:wanted] <= tolerance * theta[:wanted]):
             values = shift + 1 / theta[:wanted]
             return Eigenpairs(values, basis @ ritz[:, :wanted], solves)
         if width + block > capacity and width > 2 * wanted:

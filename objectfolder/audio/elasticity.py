@@ -1,6 +1,7 @@
 """Isotropic linear elasticity on tetrahedra: mass and stiffness of a free body, in dimensionless form.
 
-With lengths in units of L, speeds in units of the shear speed c_s = sqrt(mu / rho) and density 1, the weak form is
+With lengths in units of L, speeds in units of the shear speed c_s = sqrt(mu / rho) and density 1, the weak
+form is
 
     lambda' (div u)(div v) + 2 eps(u) : eps(v)  =  eta^2 u . v,     lambda' = 2 nu / (1 - 2 nu),
 
@@ -44,7 +45,8 @@ def element_stiffness(space: LagrangeSpace, poisson_ratio: float, elements: slic
 def assemble(space: LagrangeSpace, poisson_ratio: float) -> tuple[sparse.csc_matrix, sparse.csc_matrix]:
     """Stiffness and mass matrices, each (3 node_count, 3 node_count) float64 CSC, unknown 3 node + axis.
 
-    The spatial unit of `space.vertices` is L. The mass matrix is consistent, so the mass of the body is its volume.
+    The spatial unit of `space.vertices` is L. The mass matrix is consistent, so the mass of the body is
+    its volume.
     """
     mass_reference, _ = reference_integrals(space.order)
     count = mass_reference.shape[0]
@@ -64,7 +66,7 @@ def assemble(space: LagrangeSpace, poisson_ratio: float) -> tuple[sparse.csc_mat
         gather = sparse.csr_matrix(
             (np.ones(len(where)), (target, np.arange(len(where)))), shape=(len(touched), len(where))
         )
-        blocks[touched] += gather @ local
+        blocks[touched] += np.asarray(gather @ local)
     _, volumes = space.gradients_and_volumes()
     mass = np.bincount(position, (volumes[:, None] * mass_reference.ravel()).ravel(), minlength=len(key))
 

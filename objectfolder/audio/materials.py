@@ -72,9 +72,7 @@ def read_materials(path: Path | str) -> dict[str, Material]:
         raise InputError(str(path), "no materials", f"Give one a row, with columns {', '.join(COLUMNS)}.")
     missing = [column for column in COLUMNS if column not in rows[0]]
     if missing:
-        raise InputError(
-            str(path), f"column {missing[0]} is missing", f"Needed are {', '.join(COLUMNS)}."
-        )
+        raise InputError(str(path), f"column {missing[0]} is missing", f"Needed are {', '.join(COLUMNS)}.")
     materials: dict[str, Material] = {}
     for number, row in enumerate(rows, start=2):
         where = f"{path}, row {number}"

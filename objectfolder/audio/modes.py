@@ -105,7 +105,8 @@ def modes_of_solid(
     -------
     Product
         Arrays: `frequencies_hz` (mode,) of the damped mode sqrt(lambda - c^2) / 2 pi; `eigenvalues` (mode,)
-        lambda = omega^2, rad^2/s^2; `dampings_per_s` (mode,) c = (alpha + beta lambda) / 2; `residuals` (mode,);
+        lambda = omega^2, rad^2/s^2; `dampings_per_s` (mode,) c = (alpha + beta lambda) / 2; `residuals`
+        (mode,);
         `radiation_weights` (mode,), rms over the surface of the normal component of the mode, kg^-1/2;
         `points` (point, 3) metres; `mode_shapes` (point, 3, mode) float32, u^T M u = 1, kg^-1/2;
         `held_out` (point,) bool. Without an audible mode all of (mode,) have length 0 and `audible` is false.

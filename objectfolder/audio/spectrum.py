@@ -20,7 +20,7 @@ CUT_CHOICES = 16
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Elastic modes below a limit, in dimensionless form (lengths in L, eigenvalues eta^2 = (omega L / c_s)^2).
+    """Elastic modes below a limit, dimensionless: lengths in L, eigenvalues eta^2 = (omega L / c_s)^2.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ def unknowns(solid: Solid, order: int) -> int:
 def boundary_barycentric(
     faces: NDArray[np.int64], opposite: NDArray[np.int64], local: NDArray[np.int64], weights: Floats
 ) -> Floats:
-    """Barycentric coordinates in the element, (n, 4), of points given by `weights` (n, 3) on boundary triangles.
+    """Barycentric coordinates in the element, (n, 4), of points given by `weights` (n, 3) on its faces.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """The sound of struck modes: a bank of decaying sines at true amplitude.
 
-Amplitude contract. An impulse J (newton seconds) at a point x starts mode i with the modal velocity phi_i(x) . J,
-phi_i of unit modal mass (kg^-1/2). The part of it that moves air is the normal velocity of the surface, whose root
-mean square over the surface is r_i per unit of modal velocity (`radiation_weights`). The sound is
+Amplitude contract. An impulse J (newton seconds) at a point x starts mode i with the modal velocity
+phi_i(x) . J,
+phi_i of unit modal mass (kg^-1/2). The part of it that moves air is the normal velocity of the surface,
+whose root mean square over the surface is r_i per unit of modal velocity (`radiation_weights`). The sound is
 
     s(t) = sum_i amplitude_i exp(-c_i t) sin(2 pi f_i t),     amplitude_i = (phi_i(x) . J) r_i,
 
@@ -42,14 +43,14 @@ def strike(
     Returns
     -------
     ndarray
-        (n, samples) float32, samples = round(duration_s sample_rate_hz), the first at t = 0. Computed in float64;
-        a row does not depend on the other rows.
+        (n, samples) float32, samples = round(duration_s sample_rate_hz), the first at t = 0. Computed in
+        float64; a row does not depend on the other rows.
 
     Raises
     ------
     QueryError
-        Values that are not finite, negative frequencies or dampings (a mode that does not ring has no frequency),
-        a duration or rate that is not positive, or shapes that do not agree.
+        Values that are not finite, negative frequencies or dampings (a mode that does not ring has no
+        frequency), a duration or rate that is not positive, or shapes that do not agree.
     """
     frequencies = np.asarray(frequencies_hz, dtype=np.float64).reshape(-1)
     dampings = np.asarray(dampings_per_s, dtype=np.float64).reshape(-1)
@@ -74,7 +75,7 @@ def strike(
     rate = -dampings[audible] + 2j * np.pi * frequencies[audible]
     given = given[:, audible]
 
-    # exp(rate t) at sample b B + j is the product of two short tables; the sum over modes is a matrix product.
+    # exp(rate t) at sample b B + j is a product of two short tables; the sum over modes is a matrix product.
     inner = max(1, math.isqrt(max(samples - 1, 0)) + 1)
     outer = -(-samples // inner) if samples else 0
     coarse = np.exp(np.outer(np.arange(outer) * (inner / sample_rate_hz), rate))

@@ -34,18 +34,23 @@ class Filling:
 
     Attributes
     ----------
-    edge_length : target edge over the diagonal of the bounding box
+    edge_length : target edge over the diagonal of the bounding box; up to twice that for a bulky solid, where
+        `bulk_elements` equal tetrahedra fill the volume
+    bulk_elements : see `edge_length`
     epsilon_per_wall : envelope over the median wall thickness, and over 2/3 of its 5 % quantile by area
     simplification_per_wall : rms distance that simplification may move the surface, over the 5 % quantile
     target_faces : faces the surface is simplified to, more where that distance demands it
+    most_faces : from here on 2.5 times that distance will do
     stop_energy : conformal AMIPS energy at which fTetWild stops improving elements (regular: 3)
     time_limit_s : wall time after which the filling is started again coarser, and then given up
     """
 
     edge_length: float = 0.1
+    bulk_elements: int = 800
     epsilon_per_wall: float = 1 / 15
     simplification_per_wall: float = 1 / 7
     target_faces: int = 800
+    most_faces: int = 2500
     stop_energy: float = 100.0
     time_limit_s: float = 240.0
 
@@ -116,12 +121,15 @@ def fill(surface: Surface, filling: Filling | None = None, *, name: str = "surfa
     thickness = min(1.5 * thin, median)
     epsilon = float(np.clip(thickness * filling.epsilon_per_wall, 1e-4 * diagonal, 1.5e-3 * diagonal))
     allowed = float(np.clip(thin * filling.simplification_per_wall, epsilon, 1.5e-3 * diagonal))
+    signed = _signed_volume(surface)
+    bulk = (8.5 * (signed or 0.0) / filling.bulk_elements) ** (1 / 3) / diagonal
+    edge = float(np.clip(bulk, filling.edge_length, 2 * filling.edge_length))
     attempts = [
         (epsilon, allowed, filling.stop_energy),
         (2 * epsilon, 2 * allowed, 10 * filling.stop_energy),
     ]
-    for attempt, (envelope, movement, energy) in enumerate(attempts):
-        raw = _run(surface, envelope, movement, energy, filling)
+    for envelope, movement, energy in attempts:
+        raw = _run(surface, envelope, movement, energy, edge, filling)
         if raw is not None and len(raw["tetrahedra"]):
             break
     else:
@@ -132,14 +140,16 @@ def fill(surface: Surface, filling: Filling | None = None, *, name: str = "surfa
             else "it encloses no volume",
             "Check that the surface is closed or nearly so, or simplify it.",
         )
-    signed = _signed_volume(surface)
     report = {
-        "filling": {**asdict(filling), "attempt": attempt},
+        "filling": asdict(filling),
+        "first_attempt": (envelope, movement, energy) == attempts[0],
+        "edge_m": edge * diagonal,
         "epsilon_m": envelope,
         "wall_thin_m": wall.thin_m,
         "wall_median_m": wall.median_m,
         "simplified_faces": int(raw["faces"]),
         "simplification_moved_rms_m": float(raw["moved_m"]),
+        "reproducible": bool(raw["reproducible"]),
     }
     solid = clean(raw["vertices"], raw["tetrahedra"].astype(np.int64), report, name=name)
     solid.report["volume_error"] = None if signed is None else solid.volume_m3 / signed - 1
@@ -209,7 +219,7 @@ def _signed_volume(surface: Surface) -> float | None:
 
 
 def _run(
-    surface: Surface, epsilon: float, allowed: float, energy: float, filling: Filling
+    surface: Surface, epsilon: float, allowed: float, energy: float, edge: float, filling: Filling
 ) -> dict[str, NDArray[Any]] | None:
     """Fill in a child process; None when the time is up."""
     with tempfile.TemporaryDirectory() as folder:
@@ -221,7 +231,8 @@ def _run(
             epsilon_m=epsilon,
             allowed_m=allowed,
             target_faces=filling.target_faces,
-            edge_length=filling.edge_length,
+            most_faces=filling.most_faces,
+            edge_length=edge,
             stop_energy=energy,
         )
         command = [sys.executable, "-m", "objectfolder.audio.tetwild_process", str(source), str(target)]

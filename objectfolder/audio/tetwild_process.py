@@ -1,10 +1,13 @@
-"""Child process that fills a surface with tetrahedra: ``python -m objectfolder.audio.tetwild_process IN OUT``.
+"""Child process that fills a surface: ``python -m objectfolder.audio.tetwild_process IN OUT``.
 
 A process of its own because the filling is native code without a way to stop it. IN and OUT are .npz files:
 IN holds `vertices`, `faces` and the numbers of `tetrahedra.Filling`; OUT holds `vertices`, `tetrahedra`, the
 faces the surface was simplified to and by how much it moved.
 """
 
+import ctypes
+import mmap
+import platform
 import sys
 
 import numpy as np
@@ -17,11 +20,12 @@ from objectfolder.geometry.surface import Surface
 Floats = NDArray[np.float64]
 
 
-def simplify(surface: Surface, target_faces: int, allowed_m: float) -> tuple[Surface, float]:
-    """Fewest faces (from `target_faces` on, 1.4 times a step) that keep the surface, and by how much it moved.
+def simplify(surface: Surface, target_faces: int, most_faces: int, allowed_m: float) -> tuple[Surface, float]:
+    """Fewest faces (from `target_faces` on, 1.4 times a step) that keep the surface, and its rms movement.
 
     Quadric edge collapse (VTK). The measure is the root mean square over area of the distance between the two
-    surfaces, both ways; a surface that cannot be kept within `allowed_m`, and within 1 % of the volume, is left
+    surfaces, both ways. Kept means within `allowed_m` and 1 % of the volume; from `most_faces` on, where more
+    faces would cost more than they bring, within 2.5 times as much. A surface that cannot be kept is left
     as it is, with distance 0.
     """
     faces = target_faces
@@ -33,9 +37,11 @@ def simplify(surface: Surface, target_faces: int, allowed_m: float) -> tuple[Sur
         there = candidate.closest_points(surface.sample(1024, 0).points).distance
         back = surface.closest_points(candidate.sample(1024, 1).points).distance
         moved = float(np.sqrt(np.mean(np.concatenate([there, back]) ** 2)))
-        if moved <= allowed_m and abs(_signed_volume(candidate) - volume) <= 0.01 * abs(volume):
+        patience = 2.5 if faces >= most_faces else 1.0
+        lost = abs(_signed_volume(candidate) - volume)
+        if moved <= patience * allowed_m and lost <= 0.01 * patience * abs(volume):
             return candidate, moved
-        faces = int(1.4 * faces)
+        faces = most_faces if faces < most_faces < 1.4 * faces else int(1.4 * faces)
     return surface, 0.0
 
 
@@ -44,13 +50,44 @@ def _signed_volume(surface: Surface) -> float:
     return float(np.linalg.det(corner).sum() / 6)
 
 
+def fix_random_device() -> bool:
+    """Make ``std::random_device`` of this process return 42; whether that could be done.
+
+    fTetWild seeds its shuffles from it and offers no seed, so that two runs give two meshes. The first
+    instructions of libstdc++'s function are replaced by "return 42", in this short-lived process only.
+    """
+    code = {"x86_64": b"\xb8\x2a\x00\x00\x00\xc3", "aarch64": b"\x40\x05\x80\x52\xc0\x03\x5f\xd6"}
+    instructions = code.get(platform.machine())
+    if instructions is None or sys.platform != "linux":
+        return False
+    try:
+        function = ctypes.CDLL("libstdc++.so.6")["_ZNSt13random_device9_M_getvalEv"]
+        address = ctypes.cast(function, ctypes.c_void_p).value or 0
+        page = mmap.PAGESIZE
+        first = address - address % page
+        length = address + len(instructions) - first
+        readable, writable, executable = 1, 2, 4
+        libc = ctypes.CDLL(None, use_errno=True)
+        libc.mprotect.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
+        if libc.mprotect(first, length, readable | writable | executable) != 0:
+            return False
+        ctypes.memmove(address, instructions, len(instructions))
+        libc.mprotect(first, length, readable | executable)
+    except (OSError, AttributeError):
+        return False
+    return True
+
+
 def main(source: str, target: str) -> None:
     """Read, simplify, fill, write."""
     given = np.load(source)
     surface = Surface(given["vertices"], given["faces"])
     epsilon = float(given["epsilon_m"])
     diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
-    shell, moved = simplify(surface, int(given["target_faces"]), float(given["allowed_m"]))
+    reproducible = fix_random_device()
+    shell, moved = simplify(
+        surface, int(given["target_faces"]), int(given["most_faces"]), float(given["allowed_m"])
+    )
     vertices, tetrahedra = pytetwild.tetrahedralize(
         shell.vertices,
         shell.faces.astype(np.int32),
@@ -60,7 +97,14 @@ def main(source: str, target: str) -> None:
         num_threads=1,
         quiet=True,
     )
-    np.savez(target, vertices=vertices, tetrahedra=tetrahedra, faces=len(shell.faces), moved_m=moved)
+    np.savez(
+        target,
+        vertices=vertices,
+        tetrahedra=tetrahedra,
+        faces=len(shell.faces),
+        moved_m=moved,
+        reproducible=reproducible,
+    )
 
 
 if __name__ == "__main__":

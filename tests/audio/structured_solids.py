@@ -45,9 +45,7 @@ def together(*solids: Solid) -> Solid:
     starts = np.cumsum([0, *[len(solid.vertices) for solid in solids]])
     return clean(
         np.concatenate([solid.vertices for solid in solids]),
-        np.concatenate(
-            [solid.tetrahedra + start for solid, start in zip(solids, starts[:-1], strict=True)]
-        ),
+        np.concatenate([solid.tetrahedra + start for solid, start in zip(solids, starts[:-1], strict=True)]),
         {},
     )
 

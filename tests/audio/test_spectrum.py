@@ -7,7 +7,7 @@ from structured_solids import ball, box, material, moved, together
 from objectfolder.audio.eigen import count_below
 from objectfolder.audio.elasticity import assemble
 from objectfolder.audio.spectrum import Spectrum, first_frequencies, relative_errors, solve_spectrum, space_on
-from objectfolder.audio.tetrahedra import Solid
+from objectfolder.audio.tetrahedra import Solid, clean
 
 
 def spectrum(
@@ -27,10 +27,10 @@ def spectrum(
 
 def test_ball_has_lambs_modes() -> None:
     """H. Lamb 1882: eta = omega R / c_s, nu 0.25; T2 five-fold, S2 five-fold, S1 three-fold, T3/S3, S0."""
-    eta = np.sqrt(spectrum(ball(8, 1.0), 1.0, 0.25, 13, order=2).eta_squared)
-    np.testing.assert_allclose(eta[:5], 2.501133, rtol=5e-3)
-    np.testing.assert_allclose(eta[5:10], 2.639869, rtol=5e-3)
-    np.testing.assert_allclose(eta[10:13], 3.42453, rtol=5e-3)
+    eta = np.sqrt(spectrum(ball(6, 1.0), 1.0, 0.25, 13, order=2).eta_squared)
+    np.testing.assert_allclose(eta[:5], 2.501133, rtol=8e-3)
+    np.testing.assert_allclose(eta[5:10], 2.639869, rtol=8e-3)
+    np.testing.assert_allclose(eta[10:13], 3.42453, rtol=8e-3)
 
 
 def test_cube_has_demarests_modes_and_the_exact_lame_mode() -> None:
@@ -93,10 +93,8 @@ def test_six_rigid_motions_a_body_are_dropped_by_count() -> None:
 
 def test_bodies_that_touch_along_an_edge_are_parted() -> None:
     cube = box((2, 2, 2), (1, 1, 1))
-    vertices = np.concatenate([cube.vertices, cube.vertices + [1, 1, 0]])
+    vertices = np.concatenate([cube.vertices, cube.vertices + np.array([1, 1, 0])])
     welded, index = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
-    from objectfolder.audio.tetrahedra import clean
-
     hinged = clean(
         welded,
         index.reshape(-1)[np.concatenate([cube.tetrahedra, cube.tetrahedra + len(cube.vertices)])],
@@ -107,8 +105,6 @@ def test_bodies_that_touch_along_an_edge_are_parted() -> None:
 
 
 def test_flat_inverted_and_crumb_elements_do_no_harm() -> None:
-    from objectfolder.audio.tetrahedra import clean
-
     cube = box((2, 2, 2), (1, 1, 1))
     crumb = np.array([[9, 9, 9], [9.01, 9, 9], [9, 9.01, 9], [9, 9, 9.01]])
     vertices = np.concatenate([cube.vertices, crumb])
@@ -125,8 +121,6 @@ def test_nothing_depends_on_the_orientation() -> None:
     solid = box((4, 2, 1), (1, 0.5, 0.2))
     turn, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))
     turned = Solid(solid.vertices @ turn.T, solid.tetrahedra, solid.component, {})
-    from objectfolder.audio.tetrahedra import clean
-
     turned = clean(turned.vertices, turned.tetrahedra, {})
     np.testing.assert_allclose(
         spectrum(turned, 1.0, 0.3, 8, 2).eta_squared, spectrum(solid, 1.0, 0.3, 8, 2).eta_squared, rtol=1e-8

@@ -35,7 +35,9 @@ def test_it_is_linear_in_the_amplitudes(count: int, seed: int, a: float, b: floa
     frequencies, dampings, amplitudes = modes(count, seed)
     mixed = strike(frequencies, dampings, a * amplitudes[0] + b * amplitudes[1], 0.05, 44100)
     apart = strike(frequencies, dampings, amplitudes, 0.05, 44100)
-    np.testing.assert_allclose(mixed[0], a * apart[0] + b * apart[1], atol=3e-6 * (1 + abs(a) + abs(b)) * count)
+    np.testing.assert_allclose(
+        mixed[0], a * apart[0] + b * apart[1], atol=3e-6 * (1 + abs(a) + abs(b)) * count
+    )
 
 
 @settings(max_examples=20, deadline=None)
@@ -44,7 +46,9 @@ def test_a_batch_answers_as_single_strikes_do(count: int, seed: int) -> None:
     frequencies, dampings, amplitudes = modes(count, seed)
     together = strike(frequencies, dampings, amplitudes, 0.03, 16000)
     for index, amplitude in enumerate(amplitudes):
-        np.testing.assert_array_equal(strike(frequencies, dampings, amplitude, 0.03, 16000)[0], together[index])
+        np.testing.assert_array_equal(
+            strike(frequencies, dampings, amplitude, 0.03, 16000)[0], together[index]
+        )
 
 
 def test_no_force_and_no_mode_are_silence() -> None:

@@ -1,0 +1,198 @@
+"""From a surface and a material to the product of modes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from structured_solids import box, material
+
+from objectfolder.audio.modes import modes_of_solid, simulate_modes
+from objectfolder.audio.tetrahedra import Solid, clean, fill
+from objectfolder.errors import SimulationError
+from objectfolder.geometry.surface import Surface
+from objectfolder.store import Product, read_product, write_product
+
+BAR = (0.1, 0.02, 0.01)
+
+
+def surface_of(solid: Solid) -> Surface:
+    return Surface(solid.vertices, solid.boundary()[0])
+
+
+def bar_modes(scale: float = 1.0, order: int = 2, max_modes: int = 256, **changes: float) -> Product:
+    solid = box((6, 2, 1), tuple(scale * side for side in BAR))
+    return modes_of_solid(
+        surface_of(solid),
+        solid,
+        material(**changes),
+        max_frequency_hz=40000.0 / scale,
+        max_modes=max_modes,
+        training_points=120,
+        held_out_points=30,
+        seed=0,
+        order=order,
+    )
+
+
+@pytest.fixture(scope="module")
+def bar() -> Product:
+    return bar_modes()
+
+
+def test_the_product_says_what_it_holds(bar: Product, tmp_path: Path) -> None:
+    count = len(bar["frequencies_hz"])
+    assert bar.attributes["audible"]
+    assert count == bar.attributes["count_certificate"]["elastic_found"]
+    assert bar.attributes["count_certificate"]["counted"] == count + 6
+    assert bar.attributes["count_certificate"]["holds"]
+    assert bar["mode_shapes"].shape == (150, 3, count)
+    assert bar["mode_shapes"].dtype == np.float32
+    assert bar["held_out"].sum() == 30
+    assert bar.attributes["mass_kg"] == pytest.approx(2700 * np.prod(BAR))
+    assert bar.attributes["volume_m3"] == pytest.approx(np.prod(BAR))
+    assert np.all(np.diff(bar["frequencies_hz"]) >= 0)
+    assert bar["residuals"].max() < 1e-4
+    assert bar.attributes["rigid_frequency_hz"] < 0.1
+    assert 0 < bar.attributes["error_estimate_cents"] < 300
+    write_product(tmp_path / "bar.zarr.zip", bar)
+    again = read_product(tmp_path / "bar.zarr.zip")
+    np.testing.assert_array_equal(again["mode_shapes"], bar["mode_shapes"])
+
+
+def test_damping_is_rayleighs(bar: Product) -> None:
+    eigenvalues, dampings = bar["eigenvalues"], bar["dampings_per_s"]
+    np.testing.assert_allclose(dampings, (6 + 1e-7 * eigenvalues) / 2)
+    np.testing.assert_allclose(bar["frequencies_hz"], np.sqrt(eigenvalues - dampings**2) / (2 * np.pi))
+
+
+def test_mode_shapes_have_unit_modal_mass(bar: Product) -> None:
+    """A bar's bending modes: the mean over the volume of |u|^2 is 1 / mass; the surface's is near it."""
+    mean = np.mean(np.sum(bar["mode_shapes"].astype(float) ** 2, axis=1), axis=0)
+    assert np.all((mean * bar.attributes["mass_kg"] > 0.8) & (mean * bar.attributes["mass_kg"] < 2.5))
+    assert np.all(bar["radiation_weights"] ** 2 < 3 / bar.attributes["mass_kg"])
+    assert np.all(bar["radiation_weights"] > 0)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_size_scales_frequencies_and_loses_no_mode(scale: float) -> None:
+    undamped = {"rayleigh_alpha_per_s": 0.0, "rayleigh_beta_s": 0.0}
+    bar, other = bar_modes(**undamped), bar_modes(scale, **undamped)
+    assert len(other["frequencies_hz"]) == len(bar["frequencies_hz"])
+    np.testing.assert_allclose(other["eigenvalues"] * scale**2, bar["eigenvalues"], rtol=1e-7)
+    here, there = (np.linalg.norm(product["mode_shapes"], axis=(0, 1)) for product in (bar, other))
+    np.testing.assert_allclose(there * scale**1.5, here, rtol=1e-4)
+
+
+def test_too_many_modes_end_the_band_in_a_gap(bar: Product) -> None:
+    fewer = bar_modes(max_modes=4)
+    kept = len(fewer["frequencies_hz"])
+    limit = fewer.attributes["stated_frequency_limit_hz"]
+    assert 1 <= kept <= 4
+    assert bar["frequencies_hz"][kept - 1] < limit < bar["frequencies_hz"][kept]
+    assert fewer.attributes["count_certificate"]["holds"]
+    assert bar.attributes["stated_frequency_limit_hz"] == pytest.approx(40000)
+
+
+def test_what_does_not_ring_is_left_out_and_counted() -> None:
+    creeping = bar_modes(rayleigh_beta_s=3e-5)
+    assert creeping.attributes["overdamped_modes"] > 0
+    assert np.all(creeping["dampings_per_s"] ** 2 < creeping["eigenvalues"])
+    assert np.isfinite(creeping["frequencies_hz"]).all()
+
+
+def test_a_die_is_silent_and_still_an_object(tmp_path: Path) -> None:
+    die = trimesh.creation.box((0.016, 0.016, 0.016))
+    product = simulate_modes(
+        Surface(die.vertices, die.faces),
+        material(0.37, 2.4e9, density_kg_m3=1190.0),
+        training_points=50,
+        held_out_points=10,
+        seed=0,
+    )
+    assert not product.attributes["audible"]
+    assert product.attributes["count_certificate"]["counted"] == 6
+    assert product["frequencies_hz"].shape == (0,)
+    assert product["mode_shapes"].shape == (60, 3, 0)
+    assert product.attributes["mass_kg"] == pytest.approx(1190 * 0.016**3, rel=0.01)
+    write_product(tmp_path / "die.zarr.zip", product)
+    assert read_product(tmp_path / "die.zarr.zip")["mode_shapes"].shape == (60, 3, 0)
+
+
+def test_an_open_overlapping_surface_becomes_one_solid_with_the_frequencies_of_a_bar() -> None:
+    """Two boxes that overlap, one without its lid: their union is a bar of 100 x 10 x 5 mm."""
+    left = trimesh.creation.box((0.06, 0.01, 0.005))
+    right = trimesh.creation.box((0.06, 0.01, 0.005))
+    left.apply_translation((0.03, 0, 0))
+    right.apply_translation((0.07, 0, 0))
+    hidden = left.face_normals[:, 0] > 0.5
+    vertices = np.concatenate([left.vertices, right.vertices])
+    faces = np.concatenate([left.faces[~hidden], right.faces + len(left.vertices)])
+    product = simulate_modes(
+        Surface(vertices, faces), material(), training_points=40, held_out_points=10, seed=1
+    )
+    again = simulate_modes(
+        Surface(vertices, faces), material(), training_points=40, held_out_points=10, seed=1
+    )
+    assert product.attributes["discretisation"]["bodies"] == 1
+    assert product.attributes["discretisation"]["volume_error"] is None
+    np.testing.assert_allclose(product["frequencies_hz"][[0, 1, 2]], [2631.6, 5134.8, 7146.0], rtol=0.01)
+    np.testing.assert_array_equal(product["mode_shapes"], again["mode_shapes"])
+
+
+def test_a_sheet_without_volume_is_refused_by_name() -> None:
+    sheet = Surface(
+        np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    )
+    with pytest.raises(SimulationError, match=r"sheet\.obj"):
+        fill(sheet, name="sheet.obj")
+
+
+def test_hidden_points_are_read_where_they_lie() -> None:
+    solid = box((8, 2, 2), (0.1, 0.02, 0.02))
+    inside = Surface(
+        np.array([[0.02, 0.01, 0.01], [0.08, 0.01, 0.01], [0.08, 0.012, 0.012]]), np.array([[0, 1, 2]])
+    )
+    product = modes_of_solid(
+        inside,
+        solid,
+        material(),
+        max_frequency_hz=20000.0,
+        max_modes=3,
+        training_points=20,
+        held_out_points=2,
+        seed=0,
+        order=2,
+    )
+    assert product.attributes["transfer_distance_max_m"] == 0.0
+
+
+def test_bodies_are_numbered_from_zero() -> None:
+    solid = clean(*_two_apart())
+    assert solid.components == 2
+    assert solid.report["body_volume_shares"] == pytest.approx([0.5, 0.5])
+
+
+def _two_apart() -> tuple[np.ndarray, np.ndarray, dict]:
+    one = box((1, 1, 1), (1, 1, 1))
+    vertices = np.concatenate([one.vertices, one.vertices + 3])
+    return vertices, np.concatenate([one.tetrahedra, one.tetrahedra + len(one.vertices)]), {}
+
+
+@pytest.mark.slow
+def test_a_scanned_mug_rings(shared_objects: Path) -> None:
+    from objectfolder.audio.materials import read_materials
+    from objectfolder.geometry.load import load_mesh
+
+    steel = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")["steel"]
+    mesh = load_mesh(shared_objects / "025_mug" / "model.obj", with_textures=False)
+    product = simulate_modes(
+        mesh.surface, steel, max_modes=40, training_points=1500, held_out_points=200, seed=0
+    )
+    attributes = product.attributes
+    assert attributes["discretisation"]["order"] == 3
+    assert attributes["count_certificate"]["holds"]
+    assert attributes["error_estimate_cents"] < 60
+    assert abs(attributes["discretisation"]["volume_error"]) < 0.01
+    # Cubic elements, 190 000 unknowns on twice as many tetrahedra: 2805, 2832, 3140 Hz.
+    np.testing.assert_allclose(product["frequencies_hz"][:3], [2805, 2832, 3140], rtol=0.03)
