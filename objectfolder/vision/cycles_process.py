@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.errors import SimulationError
-from objectfolder.vision.cycles import Scene, Shots, save_request
+from objectfolder.vision.render_request import Scene, Shots, save_request
 
 # Blender's memory grows with every render.
 VIEWS_PER_PROCESS = 120

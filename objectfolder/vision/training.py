@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from objectfolder.errors import InputError
 from objectfolder.store import Product
 from objectfolder.vision.cameras import pixel_rays, sub_ray_offsets
 from objectfolder.vision.compositing import SRGB_KNEE
 from objectfolder.vision.incidence import Incidence, UnitSurface
 from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
 from objectfolder.vision.sparse_grid import SparseGrid
-
-BRIGHTEST = 1.0
 
 
 @dataclass(frozen=True)
@@ -42,10 +41,21 @@ class TrainingRays:
     weight: np.ndarray
 
 
-def trace_training_rays(surface: UnitSurface, views: Product, sub_rays: int, seed: int) -> TrainingRays:
-    """Trace `sub_rays` jittered rays through each covered pixel of the views that are not held out."""
+def trace_training_rays(
+    surface: UnitSurface, views: Product, sub_rays: int, most_pixels: int, seed: int
+) -> TrainingRays:
+    """Trace `sub_rays` jittered rays through covered pixels of the views that are not held out.
+
+    All of them, or a random choice of about `most_pixels`: it bounds memory at 190 bytes a ray.
+
+    Raises
+    ------
+    InputError
+        No training view shows the object.
+    """
     random = np.random.default_rng(seed)
     chosen = np.flatnonzero(~views["held_out"])
+    share = most_pixels / max(1, sum(int(np.count_nonzero(views["rgba"][view][..., 3])) for view in chosen))
     height, width = views["rgba"].shape[1:3]
     offsets = sub_ray_offsets(sub_rays)
     parts: list[tuple[np.ndarray, ...]] = []
@@ -53,6 +63,8 @@ def trace_training_rays(surface: UnitSurface, views: Product, sub_rays: int, see
     for view in chosen:
         rgba = views["rgba"][view].astype(np.float32).reshape(-1, 4)
         pixels = np.flatnonzero(rgba[:, 3] > 0)
+        if share < 1:
+            pixels = pixels[random.random(len(pixels)) < share]
         # The lattice, shifted at random around each pixel.
         shifted = (offsets + random.random((len(pixels), 1, 2))) % 1.0
         origins, directions = pixel_rays(
@@ -68,6 +80,8 @@ def trace_training_rays(surface: UnitSurface, views: Product, sub_rays: int, see
         alpha = np.clip(rgba[pixels, 3:], 0.0, 1.0)[seen]
         parts.append(_inputs(points, light))
         pixels_of.append((count[seen], rgba[pixels, :3][seen] / alpha, alpha[:, 0] ** 2))
+    if sum(len(counts) for counts, _, _ in pixels_of) == 0:
+        raise InputError("views", "no training view shows the object", "Render more views.")
     position, angles, surroundings, irradiance = (
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
@@ -100,7 +114,7 @@ def display_loss(predicted: torch.Tensor, colour: torch.Tensor, weight: torch.Te
     Linearised (as in RawNeRF, Mildenhall et al. 2022) because the encoding of a noisy value is darker
     in mean than the encoding of its mean. Both above 1 is no error: white is white.
     """
-    over = (predicted > BRIGHTEST) & (colour > BRIGHTEST)
+    over = (predicted > 1.0) & (colour > 1.0)
     error = (predicted - colour) * encoded_slope(predicted.detach()) * ~over
     return (error**2 * weight[:, None]).sum() / (3 * weight.sum())
 

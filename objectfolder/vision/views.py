@@ -20,8 +20,8 @@ from objectfolder.vision.cameras import (
     uniform_on_sphere,
 )
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.cycles import BOUNCES, LIGHT_POWER_W, Scene, Shots
 from objectfolder.vision.cycles_process import render_in_children
+from objectfolder.vision.render_request import BOUNCES, LIGHT_POWER_W, Scene, Shots
 
 # Held-out views rendered a second time to measure the noise that is left in them.
 NOISE_VIEWS = 2

@@ -213,6 +213,7 @@ def fit_visionnet(
     steps: int = 1200,
     batch_pixels: int = 1024,
     training_sub_rays: int = 4,
+    training_pixels: int = 600_000,
     learning_rate: float = 1e-2,
     grid_corners: int = 110_000,
     grid_resolution: int = 128,
@@ -230,17 +231,22 @@ def fit_visionnet(
         Product of `views.simulate_views`.
     steps, batch_pixels, learning_rate
         Steps of Adam, pixels a step, and its rate.
-    training_sub_rays
-        Rays through each training pixel.
+    training_sub_rays, training_pixels
+        Rays through each training pixel, and how many pixels to choose from all training views at most.
     grid_corners, grid_resolution
         At most this many corners at the finest level, and at most this many cells a side (a multiple of 8).
     seed
         Of initial weights, batches and rays.
+
+    Raises
+    ------
+    InputError
+        No training view shows the object.
     """
     from objectfolder.vision.training import trace_training_rays, train
 
     unit_surface = UnitSurface(surface, frame)
-    rays = trace_training_rays(unit_surface, views, training_sub_rays, seed)
+    rays = trace_training_rays(unit_surface, views, training_sub_rays, training_pixels, seed)
     points = covering_points(surface, frame.to_unit(surface.vertices), grid_resolution)
     grid = SparseGrid.within_budget(np.concatenate([points, rays.position]), grid_corners, grid_resolution)
     scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)

@@ -11,8 +11,8 @@ from objectfolder.vision import cycles_process
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import srgb_decode
-from objectfolder.vision.cycles import Scene, Shots, load_request, save_request
 from objectfolder.vision.cycles_process import render_in_children
+from objectfolder.vision.render_request import Scene, Shots, load_request, save_request
 from objectfolder.vision.views import simulate_views
 
 LAMBERT = Appearance(roughness=1.0, metallic=0.0, specular=0.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from vision_shapes import cube
 
-from objectfolder.errors import FormatError, QueryError
+from objectfolder.errors import FormatError, InputError, QueryError
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.store import Product
 from objectfolder.vision.appearance import Appearance
@@ -133,3 +133,10 @@ def test_foreign_tensors_are_refused_by_name(views, fitted):
     misshapen = {**tensors, "vision.albedo.weight": tensors["vision.albedo.weight"][:, 1:]}
     with pytest.raises(FormatError, match=r"vision\.albedo\.weight"):
         VisionNet.from_tensors(misshapen, fitted.metadata(), surface, frame)
+
+
+def test_views_that_never_show_the_object_cannot_be_fitted(views):
+    empty = dataclasses.replace(views.arrays["rgba"], data=np.zeros_like(views["rgba"]))
+    blank = Product({**views.arrays, "rgba": empty}, views.attributes)
+    with pytest.raises(InputError, match="no training view"):
+        fit_visionnet(cube().surface, UnitFrame.from_dict(views.attributes["frame"]), blank, **TINY, seed=0)
