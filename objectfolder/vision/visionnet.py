@@ -221,6 +221,8 @@ def fit_visionnet(
 ) -> VisionNet:
     """Fit a VisionNet to the views that are not held out.
 
+    Equal arguments give equal weights on the same number of torch threads.
+
     Parameters
     ----------
     surface

@@ -69,6 +69,19 @@ def test_creases_of_a_welded_mesh_cast_no_shadow_on_their_own_faces():
     np.testing.assert_allclose(image[4:29, 4:29, 1].astype(float), expected, rtol=0.01)
 
 
+def test_each_face_has_its_texture_and_texture_alpha_is_ignored():
+    red, green = np.full((2, 2, 4), [200, 0, 0, 255], np.uint8), np.full((2, 2, 4), [0, 200, 0, 0], np.uint8)
+    mesh = cube()
+    upper = mesh.surface.face_normals[:, 2] > 0.5
+    mesh = dataclasses.replace(mesh, textures=(red, green), face_texture=upper.astype(np.int32))
+    cameras = look_at(np.array([[0.0, 0.0, 2.5], [0.0, -2.5, 0.0]]))
+    lights = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    images = render_in_children(scene_of(mesh), Shots(cameras, lights, np.zeros(2, int), 4, 9, 9, 30.0))
+    assert (images[:, 4, 4, 3] == 1).all()
+    assert images[0, 4, 4, 1] > 0.1 > 0.01 > images[0, 4, 4, 0]
+    assert images[1, 4, 4, 0] > 0.1 > 0.01 > images[1, 4, 4, 1]
+
+
 def test_projected_vertices_lie_on_the_rendered_silhouette():
     mesh = cube()
     pose = look_at(np.array([[1.2, -1.9, 1.1]]))
