@@ -149,7 +149,6 @@ def fill(surface: Surface, filling: Filling | None = None, *, name: str = "surfa
         "wall_median_m": wall.median_m,
         "simplified_faces": int(raw["faces"]),
         "simplification_moved_rms_m": float(raw["moved_m"]),
-        "reproducible": bool(raw["reproducible"]),
     }
     solid = clean(raw["vertices"], raw["tetrahedra"].astype(np.int64), report, name=name)
     solid.report["volume_error"] = None if signed is None else solid.volume_m3 / signed - 1

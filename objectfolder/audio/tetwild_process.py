@@ -5,16 +5,16 @@ IN holds `vertices`, `faces` and the numbers of `tetrahedra.Filling`; OUT holds 
 faces the surface was simplified to and by how much it moved.
 """
 
-import ctypes
-import mmap
-import platform
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytetwild
 import pyvista
 from numpy.typing import NDArray
+from pytetwild import PyfTetWildWrapper
 
+from objectfolder.audio.seeded_random_device import seed_random_device
 from objectfolder.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -50,41 +50,13 @@ def _signed_volume(surface: Surface) -> float:
     return float(np.linalg.det(corner).sum() / 6)
 
 
-def fix_random_device() -> bool:
-    """Make ``std::random_device`` of this process return 42; whether that could be done.
-
-    fTetWild seeds its shuffles from it and offers no seed, so that two runs give two meshes. The first
-    instructions of libstdc++'s function are replaced by "return 42", in this short-lived process only.
-    """
-    code = {"x86_64": b"\xb8\x2a\x00\x00\x00\xc3", "aarch64": b"\x40\x05\x80\x52\xc0\x03\x5f\xd6"}
-    instructions = code.get(platform.machine())
-    if instructions is None or sys.platform != "linux":
-        return False
-    try:
-        function = ctypes.CDLL("libstdc++.so.6")["_ZNSt13random_device9_M_getvalEv"]
-        address = ctypes.cast(function, ctypes.c_void_p).value or 0
-        page = mmap.PAGESIZE
-        first = address - address % page
-        length = address + len(instructions) - first
-        readable, writable, executable = 1, 2, 4
-        libc = ctypes.CDLL(None, use_errno=True)
-        libc.mprotect.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
-        if libc.mprotect(first, length, readable | writable | executable) != 0:
-            return False
-        ctypes.memmove(address, instructions, len(instructions))
-        libc.mprotect(first, length, readable | executable)
-    except (OSError, AttributeError):
-        return False
-    return True
-
-
 def main(source: str, target: str) -> None:
     """Read, simplify, fill, write."""
     given = np.load(source)
     surface = Surface(given["vertices"], given["faces"])
     epsilon = float(given["epsilon_m"])
     diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
-    reproducible = fix_random_device()
+    seed_random_device(Path(PyfTetWildWrapper.__file__), 0)
     shell, moved = simplify(
         surface, int(given["target_faces"]), int(given["most_faces"]), float(given["allowed_m"])
     )
@@ -103,7 +75,6 @@ def main(source: str, target: str) -> None:
         tetrahedra=tetrahedra,
         faces=len(shell.faces),
         moved_m=moved,
-        reproducible=reproducible,
     )
 
 
