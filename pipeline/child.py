@@ -47,6 +47,7 @@ def receive(stream: IO[bytes]) -> Any:
 def execute(call: Call) -> Outcome:
     """Run a task body, write its products with their provenance, and say what it cost."""
     begin, cpu = time.perf_counter(), _cpu_seconds()
+    offspring = _largest_offspring_bytes()
     _reset_peak()
     failure = None
     query_seconds: Mapping[str, float] = {}
@@ -71,7 +72,7 @@ def execute(call: Call) -> Outcome:
         failure,
         time.perf_counter() - begin,
         _cpu_seconds() - cpu,
-        _peak_bytes(),
+        max(_peak_bytes(), _largest_offspring_bytes() if _largest_offspring_bytes() > offspring else 0),
         call.fingerprint,
         query_seconds,
     )
@@ -113,6 +114,11 @@ def _die_with(parent: int) -> None:
 def _cpu_seconds() -> float:
     used = (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
+
+
+def _largest_offspring_bytes() -> int:
+    """Return the peak of the largest process this one ever started and waited for."""
+    return 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
 
 
 def _reset_peak() -> None:
