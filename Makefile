@@ -31,7 +31,7 @@ test: $(STAMP) ## Check style and types, and run all tests
 
 lint: $(STAMP) ## Check style and types
 	ruff check .
-	ruff format --check .
+	ruff format --check --exclude '*.md' .
 	mypy
 
 bench: $(STAMP) ## Measure speed against error, beside named rivals
