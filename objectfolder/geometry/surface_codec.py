@@ -19,7 +19,7 @@ LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc
 
 
 def quantisation_step(surface: Surface) -> float:
-    """Grid step, metres: 1 micrometre (what scans are written in), or finer so that the longest side has 2^14 steps."""
+    """Grid step, metres: 1 micrometre (as scans are written), or finer: 2^14 steps along the longest side."""
     return min(QUANTISATION_STEP_M, float(np.ptp(surface.bounds, axis=0).max()) / STEPS_ALONG_LONGEST_SIDE)
 
 

@@ -30,7 +30,6 @@ def run(options: argparse.Namespace) -> None:
     """Solve and print."""
     from objectfolder.audio.materials import find_material, read_materials
     from objectfolder.audio.modes import simulate_modes
-
     from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
 
     material = find_material(read_materials(Path(options.materials)), options.material, options.materials)
