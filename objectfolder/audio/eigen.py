@@ -151,41 +151,46 @@ def lowest_elastic(
 
     start = without_rigid(factors.solve(generator.standard_normal((size, block))))
     current, _ = orthonormalise(start, mass)
-    basis = np.zeros((size, 0))
-    mass_basis = np.zeros((size, 0))
-    projected = np.zeros((0, 0))
     capacity = max(3 * min(at_most, 4096) + 4 * block, 10 * block)
+    basis = np.empty((size, capacity + block), order="F")
+    mass_basis = np.empty_like(basis)
+    projected = np.zeros((0, 0))
+    width = 0
     solves = block
-    for _ in range(400):
-        mass_current = mass @ current
-        basis = np.concatenate([basis, current], axis=1)
-        mass_basis = np.concatenate([mass_basis, mass_current], axis=1)
-        image = without_rigid(factors.solve(mass_current))
+    for step in range(400):
+        here = slice(width, width + block)
+        width += block
+        basis[:, here] = current
+        mass_basis[:, here] = mass @ current
+        image = without_rigid(factors.solve(mass_basis[:, here]))
         solves += block
-        coefficients = mass_basis.T @ image
-        image -= basis @ coefficients
-        again = mass_basis.T @ image
-        image -= basis @ again
-        coefficients += again
-        width = basis.shape[1]
+        coefficients = np.zeros((width, block))
+        for _ in range(2):  # orthogonalised twice: once leaves rounding errors that grow
+            part = mass_basis[:, :width].T @ image
+            image -= basis[:, :width] @ part
+            coefficients += part
         grown = np.zeros((width, width))
         grown[:-block, :-block] = projected
         grown[:, -block:] = coefficients
         grown[-block:, :] = coefficients.T
         projected = grown
         current, remainder = orthonormalise(without_rigid(image), mass)
+        full = width + block > capacity
+        if width > 16 * block and step % 3 and not full:
+            continue  # the small eigenproblem is not free either
         theta, ritz = linalg.eigh(projected)
         theta, ritz = theta[::-1], ritz[:, ::-1]
         residual = np.linalg.norm(remainder @ ritz[-block:], axis=0)
         wanted = _wanted(theta, shift, below, at_most)
         if wanted < width and np.all(residual[:wanted] <= tolerance * theta[:wanted]):
             values = shift + 1 / theta[:wanted]
-            return Eigenpairs(values, basis @ ritz[:, :wanted], solves)
-        if width + block > capacity and width > 2 * wanted:
+            return Eigenpairs(values, basis[:, :width] @ ritz[:, :wanted], solves)
+        if full:
             kept = min(width - block, wanted + 2 * block)
-            basis = basis @ ritz[:, :kept]
-            mass_basis = mass_basis @ ritz[:, :kept]
+            basis[:, :kept] = basis[:, :width] @ ritz[:, :kept]
+            mass_basis[:, :kept] = mass_basis[:, :width] @ ritz[:, :kept]
             projected = np.diag(theta[:kept])
+            width = kept
     raise SimulationError(
         "eigenvalue solver",
         f"no convergence after {solves} solves of {size} unknowns",
