@@ -67,7 +67,10 @@ class VisionNetParameters:
 
 @dataclass(frozen=True)
 class AudioNetParameters:
-    """Effort of fitting AudioNet."""
+    """Effort of fitting AudioNet: the gain error to reach, decibels, and the bytes not to exceed."""
+
+    goal_db: float
+    most_bytes: int
 
 
 @dataclass(frozen=True)

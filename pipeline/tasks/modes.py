@@ -12,4 +12,5 @@ def compute_modes(request: Request) -> Product:
     surface = textured_mesh_of(read_product(request.inputs["objects"])).surface
     # Appearance and citation mean nothing to sound, and are no part of what this task reads.
     material = Material(**request.record["material"], roughness=0.5, metallic=0.0, citation="")
-    return simulate_modes(surface, material, **request.parameters["audio"], seed=request.seed)
+    audio = request.parameters["audio"]
+    return simulate_modes(surface, material, **audio, seed=request.seed, name=request.object_id)

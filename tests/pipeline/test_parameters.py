@@ -32,7 +32,7 @@ def test_both_sizes_are_whole(tmp_path):
         ("size: default", "size: papr", "size: 'papr' is not described. Known sizes are default, paper."),
         ("seed: 0", "seed: zero", "params.yaml: seed is 'zero'. It must be a int."),
         ("seed: 0", "seed: true", "params.yaml: seed is True"),
-        ("max_modes: 256", "max_modes: 2.5", "sizes.default.audio.max_modes is 2.5"),
+        ("max_modes: 128", "max_modes: 2.5", "sizes.default.audio.max_modes is 2.5"),
         ("20000.0", "2e4", "write 1.0e-3, not 1e-3"),
         ("[0.0005, 0.002]", "[0.0005]", "touch.depth_m is [0.0005]. It must be a list of 2 values."),
         ("[0.0005, 0.002]", "[0.0005, deep]", "sizes.default.touch.depth_m[1] is 'deep'"),
