@@ -8,7 +8,7 @@ export DVC_NO_ANALYTICS := 1
 unexport PYTHONPATH
 
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset test lint bench lock
+.PHONY: help environment dataset test lint lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -34,8 +34,6 @@ lint: $(STAMP) ## Check style and types
 	ruff format --check --exclude '*.md' .
 	mypy
 
-bench: $(STAMP) ## Measure speed against error, beside named rivals
-	python -m bench
 
 lock: $(STAMP) ## Write requirements.lock from what is installed
 	python -m pipeline.lock requirements.lock

@@ -6,8 +6,6 @@ is whole.
 """
 
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError
 
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)
@@ -81,27 +80,16 @@ def write_product(path: Path | str, product: Product) -> None:
 
     path = Path(path)
     json.dumps(product.attributes, allow_nan=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
     store: dict[str, Any] = {}
     group = zarr.open_group(zarr.storage.MemoryStore(store), mode="w", zarr_format=3)
     group.attrs.update(dict(product.attributes))
     for name in sorted(product.arrays):
         _write_array(group, name, product.arrays[name])
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
-                for key in sorted(store):
-                    entry = zipfile.ZipInfo(key, ZIP_DATE)
-                    entry.external_attr = 0o644 << 16
-                    archive.writestr(entry, store[key].to_bytes())
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with atomic_write(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for key in sorted(store):
+            entry = zipfile.ZipInfo(key, ZIP_DATE)
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, store[key].to_bytes())
 
 
 def _write_array(group: Any, name: str, array: Array) -> None:

@@ -9,7 +9,6 @@ import hashlib
 import json
 import math
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError
 from objectfolder.provenance import canonical_json
 
@@ -60,20 +60,9 @@ def write_tensor_file(path: Path | str, content: TensorFile) -> None:
     ValueError
         An array of a type that the format does not know, or metadata that JSON does not.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     data = to_bytes(content)
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with atomic_write(path) as file:
+        file.write(data)
 
 
 def to_bytes(content: TensorFile) -> bytes:

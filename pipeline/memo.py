@@ -7,9 +7,9 @@ system can), so a product damaged in place leaves its memo whole. ``OBJECTFOLDER
 import contextlib
 import os
 import shutil
-import tempfile
 from pathlib import Path
 
+from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError, InputError
 from pipeline import products
 
@@ -85,21 +85,9 @@ def memo_name(path: Path) -> str:
 
 def copy_file(source: Path, target: Path) -> None:
     """Copy a file atomically, by reference where the file system can."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(
-        prefix=f".{target.name}.", suffix=products.PARTIAL, dir=target.parent
-    )
-    try:
-        with os.fdopen(descriptor, "wb") as file, open(source, "rb") as original:
-            if not _clone(original.fileno(), file.fileno()):
-                shutil.copyfileobj(original, file, 1 << 20)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with atomic_write(target) as file, open(source, "rb") as original:
+        if not _clone(original.fileno(), file.fileno()):
+            shutil.copyfileobj(original, file, 1 << 20)
 
 
 def _clone(source: int, target: int) -> bool:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError
 from objectfolder.store import Product, read_attributes, write_product
 from objectfolder.tensor_file import DIGEST, TensorFile, read_metadata, read_tensor_file, write_tensor_file
 
 ZARR = ".zarr.zip"
 TENSORS = ".safetensors"
-PARTIAL = ".partial"
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,13 @@ the first depend on neither the table's place nor columns that mean nothing to t
 """
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from objectfolder.atomic import atomic_write
 from objectfolder.audio.materials import Material, read_materials
-
 from objectfolder.catalogue import ObjectRecord, read_catalogue
 from objectfolder.errors import InputError
 from objectfolder.geometry.source_files import source_files
@@ -66,10 +65,8 @@ def write_records(root: Path, records: Records) -> None:
         },
         "refused": [asdict(failure) for failure in records.refused],
     }
-    path = root / RECORDS
-    temporary = path.with_name(f".{path.name}.partial")
-    temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+    with atomic_write(root / RECORDS) as file:
+        file.write(json.dumps(content, indent=1, ensure_ascii=False).encode() + b"\n")
 
 
 def read_records(root: Path) -> Records:

@@ -1,9 +1,9 @@
 """Choosing objects in ``params.yaml``, with its comments kept."""
 
-import os
 from pathlib import Path
 from typing import Any
 
+from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
 from pipeline.parameters import read_parameters
 
@@ -60,7 +60,5 @@ def _edit(path: Path, table: str, only: list[str]) -> None:
     # In place, so that the list keeps its style and comments.
     ids: Any = content["objects"]["only"]
     ids[:] = only
-    temporary = path.with_name(f".{path.name}.partial")
-    with temporary.open("w", encoding="utf-8") as file:
+    with atomic_write(path) as file:
         yaml.dump(content, file)
-    os.replace(temporary, path)

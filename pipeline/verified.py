@@ -1,9 +1,9 @@
 """Which products were checked whole, by size, time and inode, so that each is read through only once."""
 
 import json
-import os
 from pathlib import Path
 
+from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError
 from pipeline import products
 
@@ -44,10 +44,8 @@ class Verified:
     def save(self) -> None:
         """Write the cache, without files that are gone."""
         self._seen = {key: state for key, state in self._seen.items() if (self._root / key).exists()}
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self._path.with_name(f"{self._path.name}.{os.getpid()}.partial")
-        temporary.write_text(json.dumps(self._seen))
-        os.replace(temporary, self._path)
+        with atomic_write(self._path) as file:
+            file.write(json.dumps(self._seen).encode())
 
     def _key(self, path: Path) -> str:
         return path.relative_to(self._root).as_posix()

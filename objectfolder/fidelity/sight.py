@@ -47,7 +47,7 @@ def measure_sight(truth: np.ndarray, foreground: np.ndarray, answer: np.ndarray)
         ``psnr_db``, ``psnr_foreground_db``, ``ssim``: means over the views (foreground: over the views
         that show the object), and ``per_view``.
     """
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"view": index, "psnr_db": psnr_db(t, a), "psnr_foreground_db": psnr_db(t, a, f), "ssim": ssim(t, a)}
         for index, (t, a, f) in enumerate(zip(truth, answer, foreground, strict=True))
     ]
@@ -58,7 +58,7 @@ def measure_sight(truth: np.ndarray, foreground: np.ndarray, answer: np.ndarray)
     }
     for row in rows:
         if not np.isfinite(row["psnr_foreground_db"]):
-            row["psnr_foreground_db"] = None  # type: ignore[assignment]
+            row["psnr_foreground_db"] = None
     return {**means, "per_view": rows}
 
 

@@ -78,9 +78,7 @@ class BoundingBoxTree:
             keep &= self.low[level][node, 0] <= self.high[level][node, 0]
             query, node = query[keep], node[keep]
             if level < self.depth:
-                query = np.repeat(query, 2)
-                node = np.repeat(node * 2, 2)
-                node[1::2] += 1
+                query, node = _children(query, node)
         face = self.order[node].ravel()
         query = np.repeat(query, LEAF_TRIANGLES)
         return query[face >= 0], face[face >= 0]
@@ -93,11 +91,8 @@ class BoundingBoxTree:
             query, face = self._leaf_pairs(origins[part], directions[part], limits)
             distance, _ = intersect(self.triangles[face], origins[part][query], directions[part][query])
             hit = np.isfinite(distance)
-            query, face, distance = query[hit], face[hit], distance[hit]
-            order = np.lexsort((face, distance, query))
-            first = np.ones(len(order), dtype=bool)
-            first[1:] = query[order][1:] != query[order][:-1]
-            result[part.start + query[order][first]] = face[order][first]
+            query, face = _least(query[hit], face[hit], distance[hit])
+            result[part.start + query] = face
         return result
 
     def occluded(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -130,9 +125,7 @@ class BoundingBoxTree:
                 keep = full & (nearest <= bound[query] * (1 + 1e-12))
                 query, node = query[keep], node[keep]
                 if level < self.depth:
-                    query = np.repeat(query, 2)
-                    node = np.repeat(node * 2, 2)
-                    node[1::2] += 1
+                    query, node = _children(query, node)
             face = self.order[node].ravel()
             query = np.repeat(query, LEAF_TRIANGLES)
             query, face = query[face >= 0], face[face >= 0]
@@ -140,11 +133,25 @@ class BoundingBoxTree:
             closest = np.einsum("ij,ijk->ik", barycentric, self.triangles[face])
             gap = closest - near_points[query]
             squared = np.einsum("ij,ij->i", gap, gap)
-            order = np.lexsort((face, squared, query))
-            first = np.ones(len(order), dtype=bool)
-            first[1:] = query[order][1:] != query[order][:-1]
-            result[part.start + query[order][first]] = face[order][first]
+            query, face = _least(query, face, squared)
+            result[part.start + query] = face
         return result
+
+
+def _children(query: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of queries with both children of their nodes."""
+    children = np.repeat(node * 2, 2)
+    children[1::2] += 1
+    return np.repeat(query, 2), children
+
+
+def _least(query: np.ndarray, face: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each query once, with its face of least value; the lowest face among equals."""
+    order = np.lexsort((face, value, query))
+    query, face = query[order], face[order]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = query[1:] != query[:-1]
+    return query[first], face[first]
 
 
 def intersect(

@@ -3,12 +3,11 @@
 Everything is a function of the fidelity products and the cost table: no time, host or path gets in.
 """
 
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from objectfolder.atomic import atomic_write
 from pipeline.report.costs import read_costs
 from pipeline.report.page import render_page
 from pipeline.report.records import read_failures, read_records
@@ -59,20 +58,6 @@ def write_report(
         "speed_error.csv": csv_text(SPEED_ERROR_COLUMNS, speed_error_rows(records, costs)),
         "index.html": page,
     }
-    Path(reports_folder).mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
-        _write_atomically(Path(reports_folder) / name, text)
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+        with atomic_write(Path(reports_folder) / name) as file:
+            file.write(text.encode())
