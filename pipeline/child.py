@@ -6,25 +6,23 @@ may leave what it likes, and dies with its parent.
 """
 
 import contextlib
-import ctypes
 import importlib
 import os
 import pickle
 import resource
 import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
+from objectfolder.child_process import end_with
 from pipeline import memo, products
 from pipeline.task import Call, Outcome, Timed, failure_of
 
 LENGTH_BYTES = 8
-PR_SET_PDEATHSIG = 1
 
 
 def send(stream: IO[bytes], message: Any) -> None:
@@ -81,7 +79,7 @@ def execute(call: Call) -> Outcome:
 def main() -> None:
     """Serve calls until standard input ends."""
     parent = int(sys.argv[1])
-    _die_with(parent)
+    end_with(parent)
     os.chdir(sys.argv[2])
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what native code prints must not mix with the answers
@@ -94,21 +92,6 @@ def main() -> None:
         send(answers, outcome)
     answers.flush()
     os._exit(0)  # native libraries that crash while they are taken down have nothing left to lose
-
-
-def _die_with(parent: int) -> None:
-    """End this process when its parent ends, whatever it is computing."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1)
-        os._exit(1)
-
-    if os.getppid() != parent:
-        os._exit(1)
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _cpu_seconds() -> float:

@@ -100,7 +100,12 @@ class Child:
         if self._process is None or self._process.poll() is not None:
             self._kill()
             self._served = 0
-            environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE", "PYTHONHASHSEED": "0"}
+            environment = {
+                **os.environ,
+                "OMP_WAIT_POLICY": "PASSIVE",
+                "PYTHONHASHSEED": "0",
+                "TMPDIR": self._scratch.name,
+            }
             environment.update(dict.fromkeys(THREADS, str(self._settings.threads)))
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "pipeline.child", str(os.getpid()), self._scratch.name],

@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 LOCAL_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # outward; face k is opposite corner k
 SMALLEST_SHARE = 1e-3
+PATIENCE = 10  # wall seconds for a CPU second: a busy machine must not change what comes out
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Filling:
     target_faces : faces the surface is simplified to, more where that distance demands it
     most_faces : from here on 2.5 times that distance will do
     stop_energy : conformal AMIPS energy at which fTetWild stops improving elements (regular: 3)
-    time_limit_s : wall time after which the filling is started again coarser, and then given up
+    time_limit_s : CPU time after which the filling is started again coarser, and then given up
     """
 
     edge_length: float = 0.1
@@ -135,7 +136,7 @@ def fill(surface: Surface, filling: Filling | None = None, *, name: str = "surfa
     else:
         raise SimulationError(
             name,
-            f"no solid came of filling it within {filling.time_limit_s:.0f} s a try"
+            f"no solid came of filling it within {filling.time_limit_s:.0f} CPU-s a try"
             if raw is None
             else "it encloses no volume",
             "Check that the surface is closed or nearly so, or simplify it.",
@@ -233,6 +234,7 @@ def _run(
             most_faces=filling.most_faces,
             edge_length=edge,
             stop_energy=energy,
+            time_limit_s=filling.time_limit_s,
         )
         command = [sys.executable, "-m", "objectfolder.audio.tetwild_process", str(source), str(target)]
         root = str(Path(__file__).parents[2])
@@ -242,7 +244,7 @@ def _run(
                 command,
                 capture_output=True,
                 text=True,
-                timeout=filling.time_limit_s,
+                timeout=PATIENCE * filling.time_limit_s,
                 cwd=folder,  # fTetWild leaves files where it runs
                 check=False,
                 env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},

@@ -5,6 +5,8 @@ IN holds `vertices`, `faces` and the numbers of `tetrahedra.Filling`; OUT holds 
 faces the surface was simplified to and by how much it moved.
 """
 
+import os
+import resource
 import sys
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 from pytetwild import PyfTetWildWrapper
 
 from objectfolder.audio.seeded_random_device import seed_random_device
+from objectfolder.child_process import end_with
 from objectfolder.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -53,6 +56,8 @@ def _signed_volume(surface: Surface) -> float:
 def main(source: str, target: str) -> None:
     """Read, simplify, fill, write."""
     given = np.load(source)
+    limit = int(given["time_limit_s"])
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
     surface = Surface(given["vertices"], given["faces"])
     epsilon = float(given["epsilon_m"])
     diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
@@ -79,4 +84,5 @@ def main(source: str, target: str) -> None:
 
 
 if __name__ == "__main__":
+    end_with(os.getppid())
     main(sys.argv[1], sys.argv[2])

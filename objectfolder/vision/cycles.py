@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from objectfolder.child_process import end_with
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.render_request import Scene, Shots, load_request
 
@@ -189,4 +190,5 @@ def _read_image(path: str) -> np.ndarray:
 
 
 if __name__ == "__main__":
+    end_with(os.getppid())
     np.save(Path(sys.argv[2]), render(*load_request(Path(sys.argv[1]))))
