@@ -192,7 +192,8 @@ class ObjectFile:
         linear
             Return premultiplied scene-linear RGBA instead of 8-bit sRGB on white.
         sub_rays
-            Rays a pixel, a square number; the stored default if None. More is slower and closer to the truth.
+            Rays in a pixel where something ends (others get an eighth); the stored default, 64, if None. More
+            is slower and closer to the truth.
 
         Returns
         -------
