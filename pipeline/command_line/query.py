@@ -29,7 +29,9 @@ def add_commands(commands: Any) -> None:
     )
     rendered.add_argument("--resolution", type=int, default=256, help="pixels a side (default 256)")
     rendered.add_argument("--field-of-view", type=float, default=39.6, help="degrees (default 39.6)")
-    rendered.add_argument("--sub-rays", type=int, help="rays in an edge pixel: slower and closer (default 64)")
+    rendered.add_argument(
+        "--sub-rays", type=int, help="rays in an edge pixel: slower and closer (default 64)"
+    )
     _output(rendered, "folder for 0000.png and so on")
 
     struck = _command(commands, "strike", strike, "strike points and write float WAV files")
