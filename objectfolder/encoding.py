@@ -36,7 +36,7 @@ def encode_object(
     sensor
         The tactile sensor of the data set.
     description
-        Keys ``object``, ``material`` and ``provenance``.
+        Keys ``object``, ``material``, ``body`` and ``provenance``.
     visionnet, audionet
         Keyword arguments of `fit_visionnet` and `fit_audionet`.
     seed

@@ -28,7 +28,18 @@ from objectfolder.vision.visionnet import VisionNet
 FORMAT = "objectfolder"
 FORMAT_VERSION = 1
 SURFACE_TOLERANCE_M = 1e-3
-REQUIRED = ("object", "material", "frame", "vision", "audio", "touch", "provenance", "fidelity")
+REQUIRED = (
+    "object",
+    "material",
+    "body",
+    "frame",
+    "modes",
+    "vision",
+    "audio",
+    "touch",
+    "provenance",
+    "fidelity",
+)
 
 
 class ObjectFile:
@@ -82,17 +93,24 @@ class ObjectFile:
     ) -> "ObjectFile":
         """Put the parts together as they will be read back from a file.
 
+        Frequencies and dampings are in the description, too, for readers of nothing but the header.
+
         Parameters
         ----------
         surface_tensors
             What `encode_surface` returned; the encoders were fitted on its decoded form.
         description
-            Keys ``object``, ``material``, ``provenance`` and ``fidelity`` (None before it is measured).
+            Keys ``object``, ``material``, ``body``, ``provenance`` and ``fidelity``; None
+            for what is not known yet.
         """
         tensors = {**surface_tensors, **vision.tensors(), **modes.tensors(), **touch.tensors()}
         said = {
             **description,
             "frame": frame.to_dict(),
+            "modes": {
+                "frequencies_hz": modes.frequencies_hz.tolist(),
+                "dampings_per_s": modes.dampings_per_s.tolist(),
+            },
             "vision": vision.metadata(),
             "audio": modes.metadata(),
             "touch": touch.metadata(),

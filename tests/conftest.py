@@ -76,6 +76,7 @@ def small_file(glass_bar: TexturedMesh, tmp_path_factory: pytest.TempPathFactory
             "attribution": "the tests",
         },
         "material": dataclasses.asdict(glass),
+        "body": None,
         "provenance": {},
     }
     file = encode_object(

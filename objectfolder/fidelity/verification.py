@@ -28,8 +28,8 @@ class Verification:
     Parameters
     ----------
     measures
-        Attributes ``vision``, ``audio``, ``touch``, ``bytes``, ``speed_error``, ``definitions``; arrays of
-        a few held-out pairs to look at and listen to.
+        Attributes ``object``, ``body``, ``vision``, ``audio``, ``touch``, ``bytes``, ``speed_error``,
+        ``definitions``; arrays of a few held-out pairs to look at and listen to.
     file
         The Object File with its fidelity in its description.
     query_seconds
@@ -58,6 +58,7 @@ def verify_object(file: ObjectFile, views: Product, modes: Product, touches: Pro
     metadata = sum(len(value) for value in verified.content().metadata.values())
     attributes = {
         "object": {**file.description["object"], "material": file.description["material"]["name"]},
+        "body": file.description["body"],
         "vision": sight_summary,
         "audio": sound_summary,
         "touch": feel_summary,

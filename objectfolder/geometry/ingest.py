@@ -4,8 +4,10 @@ Nothing here depends on the material: masses are volumes, to be multiplied by a 
 """
 
 import hashlib
+import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -68,9 +70,7 @@ def ingest_object(
     solid = solid_properties(mesh.vertices, mesh.faces)
     is_solid = topology.watertight and topology.consistent and solid.volume_m3 > 0
     thickness = wall_thickness(mesh.surface, solid.volume_m3 if is_solid else None)
-    attributes = {
-        "object_id": object_id,
-        "source": {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None},
+    attributes: dict[str, Any] = {
         "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
         "area_m2": mesh.surface.area,
         "cleaning": report.to_dict(),
@@ -78,7 +78,14 @@ def ingest_object(
         "solid": {"meaningful": is_solid, **solid.to_dict()},
         "wall_thickness": thickness.to_dict(),
         "warnings": warnings + _warnings(report, topology, is_solid),
+    }
+    body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
+    source = {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None}
+    attributes |= {
+        "object_id": object_id,
+        "source": source,
         "digests": {
+            "body": body,
             "geometry": _digest(mesh.vertices, mesh.faces),
             "texture": _digest(mesh.texture_coordinates, mesh.face_texture, *mesh.textures),
         },

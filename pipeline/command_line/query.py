@@ -61,6 +61,11 @@ def show(options: argparse.Namespace) -> None:
     print(f"licence      {said['licence']}; {said['attribution']}")
     print(f"size         {' x '.join(f'{side:.4g}' for side in np.ptp(file.surface.bounds, axis=0))} m")
     print(f"surface      {len(file.surface.faces)} triangles")
+    if body := file.description["body"]:
+        closed = "watertight" if body["watertight"] else "open: mass of the filled solid"
+        mass = body["mass_kg"] if body["mass_kg"] is not None else body["filled_mass_kg"]
+        wall = "unknown" if body["wall_median_m"] is None else f"{body['wall_median_m'] * 1e3:.2g} mm"
+        print(f"body         {mass:.4g} kg ({closed}), pieces {body['components']}, median wall {wall}")
     sound = f"{len(modes)} modes, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else "no audible mode"
     print(f"sound        {sound}")
     print(f"bytes        {Path(options.file).stat().st_size} ({_pairs(file.bytes_by_part())})")

@@ -156,6 +156,16 @@ RANKING = tuple(
 )
 # Every number an object's row holds beside its name, bytes and costs.
 OBJECT_NUMBERS = {
+    "body": (
+        "components",
+        "area_m2",
+        "volume_m3",
+        "mass_kg",
+        "filled_mass_kg",
+        "wall_effective_m",
+        "wall_median_m",
+        "wall_thin_m",
+    ),
     "vision": (
         "psnr_db",
         "psnr_foreground_db",

@@ -19,7 +19,7 @@ def encode_object(request: Request) -> TensorFile:
         Sensor.from_dict(touches.attributes["sensor"]),
         # What the object is called and made of is written when it is verified, so that a change of
         # name fits nothing again.
-        {"object": {"id": request.object_id}, "material": None, "provenance": None},
+        {"object": {"id": request.object_id}, "material": None, "body": None, "provenance": None},
         visionnet=effort["visionnet"],
         audionet=effort["audionet"],
         seed=request.seed,

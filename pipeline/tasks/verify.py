@@ -1,8 +1,9 @@
 """Task of stage `fidelity`: an encoded object against its ground truth."""
 
+from objectfolder.body import body_of
 from objectfolder.fidelity.verification import verify_object as verify
 from objectfolder.object_file import ObjectFile
-from objectfolder.store import read_product
+from objectfolder.store import read_attributes, read_product
 from pipeline.task import Request, Timed
 
 DESCRIBED = ("name", "source", "licence", "attribution")
@@ -12,14 +13,18 @@ def verify_object(request: Request) -> Timed:
     """Return the Object File with its name and fidelity, and the measures with pictures and sounds."""
     record = request.record
     encoded = ObjectFile.load(request.inputs["encoded"])
+    measured = read_attributes(request.inputs["objects"])
+    modes = read_product(request.inputs["modes"])
+    density = record["material"]["density_kg_m3"]
     named = encoded.with_description(
+        body=body_of(measured, density, modes.attributes["volume_m3"]),
         object={"id": request.object_id, **{key: record[key] for key in DESCRIBED}},
         material={**record["material"], "citation": record["material_citation"]},
     )
     verification = verify(
         named,
         read_product(request.inputs["views"]),
-        read_product(request.inputs["modes"]),
+        modes,
         read_product(request.inputs["touches"]),
     )
     products = (verification.file.content(), verification.measures)
