@@ -64,7 +64,7 @@ STAGES = {
             "pipeline.tasks.verify:verify_object",
             (OBJECT_FILES, FIDELITY),
             inputs=(
-                ProductInput(OBJECTS, ("body",)),
+                ProductInput(OBJECTS, ("digests.body",)),
                 ProductInput(ENCODED),
                 ProductInput(VIEWS),
                 ProductInput(MODES),
