@@ -17,7 +17,7 @@ from objectfolder.audio.strike import strike
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.surface import ClosestPoints, Surface
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
+from objectfolder.geometry.surface_codec import decode_surface
 from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.touch.press import Touches
 from objectfolder.touch.touchnet import TouchNet
@@ -115,12 +115,10 @@ class ObjectFile:
             "audio": modes.metadata(),
             "touch": touch.metadata(),
         }
-        return cls.of_tensors(tensors, said, "Object File")
+        return cls.of_tensors(tensors, said)
 
     @classmethod
-    def of_tensors(
-        cls, tensors: Mapping[str, np.ndarray], description: Mapping[str, Any], where: str
-    ) -> "ObjectFile":
+    def of_tensors(cls, tensors: Mapping[str, np.ndarray], description: Mapping[str, Any]) -> "ObjectFile":
         """Build the object from stored tensors, checking every one of them."""
         surface = decode_surface(dict(tensors))
         frame = UnitFrame.from_dict(description["frame"])
@@ -153,7 +151,7 @@ class ObjectFile:
             )
         try:
             description = {key: json.loads(content.metadata[key]) for key in REQUIRED}
-            return cls.of_tensors(content.tensors, description, where)
+            return cls.of_tensors(content.tensors, description)
         except FormatError as error:
             raise FormatError(where, str(error), "Fetch or build it again.") from error
         except (KeyError, ValueError, TypeError, IndexError) as error:
@@ -383,6 +381,3 @@ def _rows(values: np.ndarray, name: str) -> np.ndarray:
     if not np.isfinite(rows).all():
         raise QueryError(name, "not finite", "Give numbers.")
     return rows
-
-
-__all__ = ["FORMAT_VERSION", "ObjectFile", "encode_surface"]
