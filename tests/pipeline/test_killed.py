@@ -98,6 +98,8 @@ def test_interrupted_by_the_keyboard_ends_all_processes(toys):
         cwd=toys.root,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
+        # A shell lets its background jobs, and so these tests in one, ignore interrupts.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     deadline = time.monotonic() + 20
     while not any("tune" in line for line in _log(toys.root)) and time.monotonic() < deadline:
