@@ -41,6 +41,7 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
         "solver_error_estimate_cents": modes.attributes["error_estimate_cents"],
         "count_certificate": modes.attributes["count_certificate"],
+        "training_points": int((~modes["held_out"]).sum()),
         "held_out_points": len(truth),
         "modes_table": [
             {

@@ -189,6 +189,7 @@ def _feel(
         "empty_psnr_db": empty["psnr_db"],
         "empty_psnr_contact_db": empty["psnr_contact_db"],
         "empty_ssim": empty["ssim"],
+        "training_touches": 0,  # the surface and the sensor are all there is
         "held_out_touches": int(held_out.sum()),
         "unreachable_share": float(1.0 - touches["reachable"].mean()),
         "surface_bytes": file.bytes_by_part()["surface"],
