@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.fidelity import feel, sight, sound
+from objectfolder.fidelity.images import psnr_db
 from objectfolder.fidelity.sounds import stft_distance
 from objectfolder.geometry.surface_codec import decode_surface, encode_surface
 from objectfolder.object_file import ObjectFile
@@ -99,6 +100,12 @@ def _row(sense: str, setting: str, value: float, error: float | None, unit: str,
     }
 
 
+def _spread(values: list[float]) -> np.ndarray:
+    """Return indices of at most `PICTURES` values from the least to the greatest, evenly by rank."""
+    order = np.argsort(values, kind="stable")
+    return order[np.unique(np.linspace(0, len(order) - 1, PICTURES).round().astype(int))]
+
+
 def _sight(
     file: ObjectFile, views: Product, seconds: dict[str, float]
 ) -> tuple[dict[str, Any], list[dict[str, Any]], dict[str, Array]]:
@@ -116,8 +123,7 @@ def _sight(
     for sub_rays, images in answers.items():
         psnr = sight.measure_sight(truth, foreground, images)["psnr_db"]
         rows.append(_row("vision", "sub_rays", sub_rays, psnr, "PSNR dB", parts["vision"] + parts["surface"]))
-    order = np.argsort([row["psnr_db"] for row in measured["per_view"]], kind="stable")
-    shown = order[np.unique(np.linspace(0, len(order) - 1, PICTURES).round().astype(int))]
+    shown = _spread([row["psnr_db"] for row in measured["per_view"]])
     summary = {
         **measured,
         "noise_floor_db": views.attributes["noise_floor_db"],
@@ -194,11 +200,14 @@ def _feel(
         "unreachable_share": float(1.0 - touches["reachable"].mean()),
         "surface_bytes": file.bytes_by_part()["surface"],
     }
-    contact_pixels = mask.sum(axis=(1, 2))
-    shown = np.sort(np.argsort(-contact_pixels, kind="stable")[:PICTURES])
+    region = mask | answer.mask
+    touching = np.flatnonzero(region.any(axis=(1, 2)))
+    if len(touching) == 0:
+        touching = np.arange(len(truth))
+    shown = touching[_spread([psnr_db(truth[i], answer.rgb[i], region[i]) for i in touching])]
     dims = ("picture", "y", "x", "channel")
     arrays = {
-        "touch_truth": Array(truth[shown], dims, "1", "held-out touches with the largest contact: truth"),
+        "touch_truth": Array(truth[shown], dims, "1", "held-out touches with a contact, worst first: truth"),
         "touch_answer": Array(answer.rgb[shown], dims, "1", "the same touches: Object File"),
     }
     return summary, rows, arrays
