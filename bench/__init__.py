@@ -1,1 +1,1 @@
-"""Timed comparisons: ``python -m bench.NAME`` measures, and writes ``bench/results/NAME.json`` and ``.png``."""
+"""Timed comparisons: ``python -m bench.NAME`` writes ``bench/results/NAME.json`` and ``NAME.png``."""

@@ -59,7 +59,7 @@ def write(
 
 
 def versions() -> dict[str, Any]:
-    """Return the versions of python, packages and project that decide the figures; None where one is absent."""
+    """Return the versions of python, packages and project that decide the figures; None for one absent."""
     found: dict[str, Any] = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
