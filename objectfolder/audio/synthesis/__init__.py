@@ -1,0 +1,20 @@
+"""Sound from modes: the mode bank, forces, contacts, streams, and what reaches a listener."""
+
+from objectfolder.audio.synthesis.air import Air, Listener
+from objectfolder.audio.synthesis.bank import mode_bank
+from objectfolder.audio.synthesis.force import driven_bank
+from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
+from objectfolder.audio.synthesis.voices import Voices
+from objectfolder.audio.synthesis.wav import write_wav
+
+__all__ = [
+    "Air",
+    "ContactBody",
+    "HertzContact",
+    "Listener",
+    "Voices",
+    "driven_bank",
+    "mass_at_contact",
+    "mode_bank",
+    "write_wav",
+]

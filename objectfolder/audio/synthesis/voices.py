@@ -1,0 +1,223 @@
+"""Contacts as they come, sound as blocks: the mode bank for a scene that goes on.
+
+The modes are linear, so what has been struck rings as one: after its contact a voice is added to the motion
+of the modes, and a block costs the same however many contacts came before. A mode falls silent when its
+lifetime has passed since the latest contact, and is then no longer computed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from objectfolder.audio.synthesis.bank import FLOOR_DB, Bank, interleaved
+from objectfolder.audio.synthesis.force import FORCE_BLOCK, ForceTables
+from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.errors import QueryError
+
+Floats = NDArray[np.float64]
+LONGEST_BLOCK = 1024
+MOST_VOICES = 4096
+MOST_ONSET_SAMPLES = 1 << 22
+
+
+@dataclass(eq=False)
+class Voice:
+    """A contact that has not begun or not ended: `onset` (k,) from sample `start` on, then `coefficients`."""
+
+    start: int
+    onset: Floats
+    coefficients: tuple[Floats, Floats]
+
+
+class Voices:
+    """A stream of sound.
+
+    Parameters
+    ----------
+    eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db
+        As for `mode_bank`; modes that would alias are left out.
+    output_weights
+        (modes,) factors of what is heard of each mode; one by default.
+
+    Attributes
+    ----------
+    now : samples given so far, the index of the next one
+    """
+
+    def __init__(
+        self,
+        eigenvalues: ArrayLike,
+        dampings_per_s: ArrayLike,
+        sample_rate_hz: float,
+        *,
+        response: str = "velocity",
+        output_weights: ArrayLike | None = None,
+        floor_db: float = FLOOR_DB,
+    ) -> None:
+        given = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
+        factors = (
+            np.ones(len(given)) if output_weights is None else np.asarray(output_weights, dtype=np.float64)
+        )
+        if factors.shape != (len(given),) or not np.isfinite(factors).all():
+            raise QueryError("output_weights", f"shape {factors.shape}, or not finite", "Give one a mode.")
+        self._given = len(given)
+        audible = np.flatnonzero(given.audible())
+        sounding = given.take(audible)
+        displacement, velocity = sounding.response_weights(response)
+        weights = (displacement * factors[audible], velocity * factors[audible])
+        self._bank = Bank(sounding, weights, LONGEST_BLOCK, floor_db)
+        self._columns = audible[self._bank.order]
+        self._basis = self._bank.oscillators.basis(np.arange(LONGEST_BLOCK + 1))
+        self._fine = interleaved(*self._basis).T.copy()
+        self._forces: ForceTables | None = None
+        self._ringing = np.zeros((2, len(sounding)))
+        self._age = math.inf
+        self._voices: list[Voice] = []
+        self.now = 0
+
+    @property
+    def waiting(self) -> int:
+        """Voices whose contact has not begun or not ended."""
+        return len(self._voices)
+
+    @property
+    def ringing_modes(self) -> int:
+        """Modes that are still computed."""
+        return int(np.searchsorted(-self._bank.lifetimes, -self._age, side="left"))
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing sounds and nothing waits."""
+        return not self._voices and self.ringing_modes == 0
+
+    def strike(self, amplitudes: ArrayLike, *, at: float | None = None, pulse_s: float | None = None) -> None:
+        """Let an impulse or a half-sine pulse begin.
+
+        Parameters
+        ----------
+        amplitudes
+            (modes,) modal velocity that the whole impulse gives.
+        at
+            Sample at which it begins, `now` or later, whole or not; `now` if None.
+        pulse_s
+            Duration of the pulse, seconds; an ideal impulse if None.
+
+        Raises
+        ------
+        QueryError
+            Values that are not finite, a time that has passed, or more than `MOST_VOICES` contacts or
+            `MOST_ONSET_SAMPLES` samples of contact waiting.
+        """
+        given = np.asarray(amplitudes, dtype=np.float64).reshape(-1)
+        begin, ahead = self._beginning(at)
+        if given.shape != (self._given,) or not np.isfinite(given).all():
+            raise QueryError("amplitudes", f"shape {given.shape}, or not finite", f"Give ({self._given},).")
+        if pulse_s is not None and not 0 < pulse_s < math.inf:
+            raise QueryError("pulse_s", f"{pulse_s} s", "Give seconds; None for an ideal impulse.")
+        self._make_room(0 if pulse_s is None else pulse_s * self._rate)
+        onset, coefficients = self._bank.onset(given[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
+        self._voices.append(Voice(begin, onset[0], coefficients))
+
+    def push(self, gains: ArrayLike, forces: ArrayLike, *, at: int | None = None) -> None:
+        """Let a sampled force begin; see `driven_bank`.
+
+        Parameters
+        ----------
+        gains
+            (directions, modes) modal velocity an impulse of 1 N s gives.
+        forces
+            (k, directions) newtons.
+        at
+            Whole sample at which the first of them acts.
+        """
+        fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces, dtype=np.float64)
+        begin, ahead = self._beginning(at)
+        if ahead:
+            raise QueryError("at", f"{at}", "Sampled forces begin on a sample.")
+        if pushes.ndim != 2 or fields.shape != (pushes.shape[1], self._given):
+            raise QueryError(
+                "gains, forces",
+                f"shapes {fields.shape} and {pushes.shape} for {self._given} modes",
+                "Give (directions, modes) and (k, directions).",
+            )
+        if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
+            raise QueryError("gains, forces", "not finite", "Give numbers.")
+        self._make_room(len(pushes))
+        if self._forces is None:
+            self._forces = ForceTables(self._bank.oscillators, self._bank.weights, FORCE_BLOCK)
+        onset, state = self._forces.respond(fields[:, self._columns], pushes, len(pushes))
+        self._voices.append(Voice(begin, onset, self._bank.coefficients(state, 0.0)))
+
+    def block(self, samples: int) -> Floats:
+        """Return the next samples (samples,) float64.
+
+        Raises
+        ------
+        QueryError
+            A number that is not positive.
+        """
+        if samples < 1:
+            raise QueryError("samples", f"{samples}", "Give one or more.")
+        sound = np.zeros(samples)
+        for start in range(0, samples, LONGEST_BLOCK):
+            self._fill(sound[start : start + LONGEST_BLOCK])
+        return sound
+
+    @property
+    def _rate(self) -> float:
+        return self._bank.oscillators.sample_rate_hz
+
+    def _beginning(self, at: float | None) -> tuple[int, float]:
+        """First sample at or after a time, and by how much it is after."""
+        at = self.now if at is None else at
+        if not (math.isfinite(at) and at >= self.now):
+            raise QueryError("at", f"sample {at}, the next is {self.now}", "Give one to come.")
+        return math.ceil(at), math.ceil(at) - at
+
+    def _make_room(self, samples: float) -> None:
+        """Refuse a contact of so many samples that would make the memory grow without bound."""
+        waiting = sum(len(voice.onset) for voice in self._voices)
+        if len(self._voices) >= MOST_VOICES or waiting + samples > MOST_ONSET_SAMPLES:
+            finding = f"{len(self._voices)} contacts wait, {waiting} samples of them"
+            raise QueryError("voices", finding, "Take blocks before adding more.")
+
+    def _fill(self, sound: Floats) -> None:
+        """Add the next samples to `sound`."""
+        count = len(sound)
+        living = self.ringing_modes
+        if living:
+            sound += self._free(self._ringing[:, :living], count)
+            self._ringing[:, :living] = self._later(self._ringing[:, :living], count)
+        self._ringing[:, living:] = 0
+        self._age += count
+        for voice in [voice for voice in self._voices if voice.start < self.now + count]:
+            begin = voice.start - self.now
+            heard = voice.onset[max(0, -begin) : count - begin]
+            sound[max(0, begin) : max(0, begin) + len(heard)] += heard
+            rest = count - begin - len(voice.onset)  # samples of this block after the contact
+            if rest > 0:
+                coefficients = np.concatenate(voice.coefficients)
+                sound[count - rest :] += self._free(coefficients, rest)
+                self._ringing += self._later(coefficients, rest)
+                self._age = min(self._age, rest)
+                self._voices.remove(voice)
+        self.now += count
+
+    def _free(self, coefficients: Floats, samples: int) -> Floats:
+        """Free motion (samples,) from coefficients (2, modes)."""
+        rows = coefficients.T.reshape(-1)
+        return np.asarray(rows @ self._fine[: len(rows), :samples])
+
+    def _later(self, coefficients: Floats, samples: int) -> Floats:
+        """Coefficients (2, modes) so many samples later."""
+        living = coefficients.shape[1]
+        first, second = (part[samples : samples + 1, :living] for part in self._basis)
+        modes = self._bank.oscillators if living == self._ringing.shape[1] else self._shorter(living)
+        m0, m1, m2, m3 = modes.shift_matrix((first, second))
+        a, b = coefficients
+        return np.concatenate([m0 * a + m1 * b, m2 * a + m3 * b])
+
+    def _shorter(self, living: int) -> Oscillators:
+        return self._bank.oscillators.take(np.arange(living))

@@ -1,0 +1,124 @@
+"""Hertz contact against the integrated collision, and the mass a body offers against its motion."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from objectfolder.audio.synthesis import ContactBody, HertzContact, mass_at_contact
+from objectfolder.audio.synthesis.hertz import half_sine_peak_n
+from objectfolder.errors import QueryError
+
+STEEL = {"youngs_modulus_pa": 2.0e11, "poisson_ratio": 0.29}
+CERAMIC = {"youngs_modulus_pa": 7.2e10, "poisson_ratio": 0.19}
+
+
+def contact() -> HertzContact:
+    ball = ContactBody(**STEEL, radius_m=0.005, mass_kg=0.0041)
+    cup = ContactBody(**CERAMIC, radius_m=0.04, mass_kg=0.3)
+    return HertzContact.between(ball, cup)
+
+
+@pytest.mark.parametrize("speed", [0.05, 1.0, 6.0])
+def test_duration_approach_and_peak_are_those_of_the_integrated_collision(speed: float) -> None:
+    """m x'' = -k x^(3/2) from x = 0 at a speed until it is 0 again."""
+    found = contact()
+
+    def motion(t, state):
+        return [state[1], -found.stiffness / found.mass_kg * max(state[0], 0.0) ** 1.5]
+
+    def parted(t, state):
+        return state[0] if t > 0 else 1.0
+
+    def turned(t, state):
+        return state[1]
+
+    parted.terminal, parted.direction = True, -1
+    solved = solve_ivp(
+        motion,
+        (0, 1e-2),
+        [0.0, speed],
+        "DOP853",
+        events=(parted, turned),
+        rtol=1e-12,
+        atol=1e-16,
+        max_step=1e-6,
+    )
+    assert found.duration_s(speed) == pytest.approx(solved.t_events[0][0], rel=1e-6)
+    deepest = solved.y_events[1][0][0]
+    assert found.approach_m(speed) == pytest.approx(deepest, rel=1e-8)
+    assert found.peak_force_n(speed) == pytest.approx(found.stiffness * deepest**1.5, rel=1e-8)
+
+
+def test_published_values() -> None:
+    """Two 10 mm steel balls at 1 m/s: Johnson's 2.87 (m^2 / (R E*^2 v))^(1/5)."""
+    ball = ContactBody(**STEEL, radius_m=0.005, mass_kg=4.1e-3)
+    found = HertzContact.between(ball, ball)
+    assert found.mass_kg == pytest.approx(2.05e-3)
+    assert found.radius_m == pytest.approx(2.5e-3)
+    expected = 2.87 * (found.mass_kg**2 / (found.radius_m * found.modulus_pa**2 * 1.0)) ** 0.2
+    assert found.duration_s(1.0) == pytest.approx(expected, rel=2e-3)
+
+
+def test_a_half_sine_of_the_same_impulse_and_duration_has_nearly_the_same_peak() -> None:
+    found = contact()
+    impulse = found.impulse_n_s(2.0)
+    peak = half_sine_peak_n(impulse, found.duration_s(2.0))
+    # 2 m v pi / (2 T) over k d^(3/2), whose ratio is a number: pi / 2.9432 * 2 / 2.5
+    assert peak / found.peak_force_n(2.0) == pytest.approx(np.pi / 2.9432 / 1.25, rel=1e-4)
+
+
+def test_speed_and_impulse_are_inverse_with_any_restitution() -> None:
+    found = contact()
+    for restitution in (0.0, 0.4, 1.0):
+        speeds = np.array([0.1, 3.0])
+        impulses = found.impulse_n_s(speeds, restitution)
+        np.testing.assert_allclose(found.speed_m_s(impulses, restitution), speeds)
+        np.testing.assert_allclose(impulses, (1 + restitution) * found.mass_kg * speeds)
+
+
+def test_a_support_that_is_flat_and_does_not_move() -> None:
+    table = ContactBody(**CERAMIC, radius_m=np.inf, mass_kg=np.inf)
+    ball = ContactBody(**STEEL, radius_m=0.005, mass_kg=0.0041)
+    found = HertzContact.between(ball, table)
+    assert found.radius_m == pytest.approx(0.005)
+    assert found.mass_kg == pytest.approx(0.0041)
+    with pytest.raises(QueryError, match="flat"):
+        HertzContact.between(table, table)
+
+
+def test_the_mass_at_a_contact_is_impulse_over_the_velocity_it_gives_that_point() -> None:
+    mass, inertia = 0.3, np.array([[2e-4, 1e-5, 0], [1e-5, 3e-4, -2e-5], [0, -2e-5, 1.5e-4]])
+    centre, point = np.array([0.01, 0.0, 0.02]), np.array([0.05, -0.02, 0.03])
+    normal = np.array([0.6, 0.0, -0.8])
+    impulse = 0.02 * normal
+    spin = np.linalg.solve(inertia, np.cross(point - centre, impulse))
+    velocity = impulse / mass + np.cross(spin, point - centre)
+    expected = 0.02 / (velocity @ normal)
+    assert mass_at_contact(mass, inertia, centre, point, 3 * normal) == pytest.approx(expected, rel=1e-12)
+    assert mass_at_contact(mass, inertia, centre, centre + 0.1 * normal, normal) == pytest.approx(mass)
+    assert expected < mass
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"youngs_modulus_pa": 0.0},
+        {"youngs_modulus_pa": np.nan},
+        {"youngs_modulus_pa": np.inf},
+        {"radius_m": -1.0},
+        {"mass_kg": np.nan},
+        {"poisson_ratio": 0.6},
+        {"poisson_ratio": np.nan},
+    ],
+)
+def test_impossible_bodies_are_refused(change: dict) -> None:
+    with pytest.raises(QueryError, match="contact"):
+        ContactBody(**({**STEEL, "radius_m": 0.005, "mass_kg": 0.0041} | change))
+
+
+def test_speeds_that_part_and_foreign_restitution_are_refused() -> None:
+    for speed in (0.0, -1.0, np.nan):
+        with pytest.raises(QueryError, match="contact"):
+            contact().duration_s(speed)
+    with pytest.raises(QueryError, match="restitution"):
+        contact().impulse_n_s(1.0, 1.5)

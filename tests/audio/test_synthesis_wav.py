@@ -1,0 +1,54 @@
+"""WAV files against scipy's reader."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import wavfile
+
+from objectfolder.audio.synthesis import write_wav
+from objectfolder.errors import QueryError
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 4), st.integers(0, 300), st.integers(1, 200_000), st.floats(-10, 10))
+def test_what_is_written_is_read_with_its_true_values(
+    tmp_path_factory: pytest.TempPathFactory, channels: int, samples: int, rate: int, gain: float
+) -> None:
+    path = tmp_path_factory.mktemp("wav") / "sound.wav"
+    sound = 30 * np.random.default_rng(samples).normal(size=(channels, samples))
+    write_wav(path, sound, rate, gain=gain)
+    if samples == 0:
+        assert path.stat().st_size == 58
+        return
+    found_rate, found = wavfile.read(path)
+    assert found_rate == rate
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found.reshape(samples, channels), (sound.T * gain).astype(np.float32))
+
+
+def test_one_channel_may_be_flat(tmp_path: Path) -> None:
+    write_wav(tmp_path / "a.wav", [0.0, 2.5, -7.0], 8000)
+    np.testing.assert_array_equal(wavfile.read(tmp_path / "a.wav")[1], np.float32([0.0, 2.5, -7.0]))
+
+
+@pytest.mark.parametrize(
+    ("sound", "rate", "gain"),
+    [
+        ([np.nan], 8000, 1.0),
+        ([1e39], 8000, 1.0),
+        ([1.0], 8000, np.inf),
+        ([1.0], 8000.5, 1.0),
+        ([1.0], 0, 1.0),
+        (np.zeros((2, 2, 2)), 8000, 1.0),
+        (np.zeros((0, 2)), 8000, 1.0),
+    ],
+)
+def test_what_wav_cannot_hold_is_refused_and_leaves_nothing(
+    tmp_path: Path, sound: np.ndarray, rate: float, gain: float
+) -> None:
+    with pytest.raises(QueryError):
+        write_wav(tmp_path / "a.wav", sound, rate, gain=gain)
+    assert not list(tmp_path.iterdir())
