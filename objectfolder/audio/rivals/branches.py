@@ -1,0 +1,162 @@
+"""The network both papers use for sound: one multi-layer perceptron for a unit force along each axis.
+
+Eight layers of 256 with ReLU; the input joins again before the sixth layer; the output is linear; coordinates
+come with their sines and cosines at 1, 2, 4 .. 512 radians a unit; weights start by Xavier's uniform rule. So
+it is in the authors' public inference code, where each branch also carries a layer of 256 to 128 that
+nothing reads (`UNREAD_PARAMETERS`); it is in their file sizes and not here.
+
+Training is not published. Decided here: Adam with a rate that falls from 5e-4 by a factor 10 (as for the
+radiance fields the network comes from), mean squared error of outputs scaled to [0, 1] by the least and
+largest training value of each branch (the scaling is in the inference code).
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+DEPTH, WIDTH, JOINED = 8, 256, 5  # the input joins again at layer `JOINED`, counted from 0
+OCTAVES = 10
+UNREAD_PARAMETERS = WIDTH * 128 + 128
+AXES = 3
+FIRST_RATE, LAST_RATE = 5e-4, 5e-5
+
+Batch = tuple[Tensor, Tensor, Tensor]
+
+
+def encode(coordinates: Tensor) -> Tensor:
+    """Coordinates (n, d) with sines and cosines at `OCTAVES` frequencies, (n, d (1 + 2 octaves))."""
+    parts = [coordinates]
+    for octave in range(OCTAVES):
+        angle = coordinates * 2.0**octave
+        parts += [angle.sin(), angle.cos()]
+    return torch.cat(parts, dim=-1)
+
+
+class Branch(nn.Module):
+    """One perceptron: encoded coordinates (n, inputs) to (n, outputs)."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        entering = [inputs, *[WIDTH + (inputs if layer == JOINED else 0) for layer in range(1, DEPTH)]]
+        layers = [nn.Linear(size, WIDTH) for size in entering]
+        self.hidden = nn.ModuleList(layers)
+        self.output = nn.Linear(WIDTH, outputs)
+        for layer in layers:
+            nn.init.xavier_uniform_(layer.weight, gain=nn.init.calculate_gain("relu"))
+            nn.init.zeros_(layer.bias)
+        nn.init.xavier_uniform_(self.output.weight)
+        nn.init.zeros_(self.output.bias)
+
+    def forward(self, encoded: Tensor) -> Tensor:
+        """Evaluate."""
+        value = encoded
+        for index, layer in enumerate(self.hidden):
+            if index == JOINED:
+                value = torch.cat([encoded, value], dim=-1)
+            value = torch.relu(layer(value))
+        return torch.as_tensor(self.output(value))
+
+
+class Branches(nn.Module):
+    """Three perceptrons on the same coordinates (n, d): (n, 3, outputs), axis by axis of the unit force."""
+
+    def __init__(self, dimensions: int, outputs: int) -> None:
+        super().__init__()
+        inputs = dimensions * (1 + 2 * OCTAVES)
+        self.axes = nn.ModuleList([Branch(inputs, outputs) for _ in range(AXES)])
+
+    def forward(self, coordinates: Tensor) -> Tensor:
+        """Evaluate."""
+        encoded = encode(coordinates)
+        return torch.stack([branch(encoded) for branch in self.axes], dim=1)
+
+
+@dataclass(frozen=True)
+class Training:
+    """What a fit did.
+
+    Attributes
+    ----------
+    steps : of the optimiser
+    losses : (steps,) float64 of each batch, in squares of the scaled output
+    cpu_s : CPU seconds of this process
+    """
+
+    steps: int
+    losses: NDArray[np.float64]
+    cpu_s: float
+
+
+def train(
+    network: Branches, batches: Callable[[int], Iterator[Batch]], steps: int, device: torch.device
+) -> Training:
+    """Fit to batches of coordinates (n, d), targets (n, 3, outputs) and weights (n,) of mean 1."""
+    start = time.process_time()
+    network.to(device).train()
+    optimiser = torch.optim.Adam(network.parameters(), lr=FIRST_RATE)
+    fall = (LAST_RATE / FIRST_RATE) ** (1 / max(steps, 1))
+    schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, fall)
+    losses = np.zeros(steps)
+    for step, (coordinates, targets, weights) in enumerate(batches(steps)):
+        optimiser.zero_grad()
+        squares = (network(coordinates) - targets).square().mean(dim=(1, 2))
+        loss = (squares * weights).mean()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        losses[step] = loss.item()
+    network.eval()
+    return Training(steps, losses, time.process_time() - start)
+
+
+@contextmanager
+def one_thread(seed: int) -> Iterator[None]:
+    """One thread and seeded weights for the block, so that a seed gives the same network."""
+    threads = torch.get_num_threads()
+    state = torch.random.get_rng_state()
+    torch.set_num_threads(1)
+    torch.manual_seed(seed)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.random.set_rng_state(state)
+
+
+@dataclass(frozen=True)
+class UnitRange:
+    """Affine map of values to [0, 1].
+
+    Attributes
+    ----------
+    lowest, extent : broadcastable against the values
+    """
+
+    lowest: NDArray[np.float64]
+    extent: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, values: NDArray[np.floating], axis: tuple[int, ...] | None = None) -> "UnitRange":
+        """Range of `values` over `axis`; of constant values the extent is 1."""
+        lowest = np.asarray(values.min(axis=axis, keepdims=True), dtype=np.float64)
+        extent = np.asarray(values.max(axis=axis, keepdims=True), dtype=np.float64) - lowest
+        return cls(lowest, np.where(extent > 0, extent, 1.0))
+
+    def to_unit(self, values: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Values in [0, 1] within the range."""
+        return np.asarray((values - self.lowest) / self.extent, dtype=np.float64)
+
+    def from_unit(self, values: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Undo `to_unit`."""
+        return np.asarray(values * self.extent + self.lowest, dtype=np.float64)
+
+
+def stored_bytes(network: Branches, numbers: int) -> int:
+    """Bytes of the weights in single precision and of `numbers` other numbers in double precision."""
+    return 4 * sum(parameter.numel() for parameter in network.parameters()) + 8 * numbers
