@@ -6,14 +6,15 @@ seconds, seconds.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from objectfolder.audio.audionet import AudioNet
-from objectfolder.audio.strike import strike
+from objectfolder.audio.synthesis.bank import samples_of
+from objectfolder.audio.synthesis.struck_body import BodyStream, Pulse, RigidBody, StruckBody
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.surface import ClosestPoints, Surface
@@ -258,51 +259,119 @@ class ObjectFile:
         duration: float = 2.0,
         sample_rate: float = 44100,
         modes: int | None = None,
+        *,
+        pulse: Pulse = None,
+        listener: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Sound the object under impulses.
+        """Sound the object under contacts.
 
         Parameters
         ----------
         points
             (3,) or (n, 3) contacts, metres, within `surface_tolerance_m` of the surface.
         forces
-            (3,) or (n, 3) impulses, newton seconds (the papers' unit forces lasting one second).
+            (3,) or (n, 3) impulses, newton seconds (the papers' unit forces lasting one second); or (n, k, 3)
+            newtons at the samples from t = 0 on, linear between them.
         duration
             Seconds.
         sample_rate
             Hertz; modes above 0.45 of it are left out, they would alias.
         modes
             Sound only so many of the lowest modes; all by default.
+        pulse
+            How an impulse is spent: None, at once; seconds, one or (n,), as half a sine of that length; or
+            a `ContactBody` that strikes and parts again without loss, whose Hertz contact with the object
+            (flat where it is struck) gives the length.
+        listener
+            (3,) or (channels, 3) metres, object frame, for instance two ears. The answer is then the pressure
+            in free air of the modes and of the accelerating body (its click), later by the way from the
+            object. The models are approximate and are described in `objectfolder.audio.synthesis.air`.
 
         Returns
         -------
         ndarray
             (n, samples) float32 at true amplitude: metres a second of rms surface velocity along the normal,
             linear in the force, zeros for an object without audible modes (`modes.frequencies_hz` is empty).
+            With a listener pascals, and (n, channels, samples) for a listener (channels, 3).
 
         Raises
         ------
         QueryError
-            A contact off the surface (with its distance), or values that are not finite.
+            A contact off the surface (with its distance), or values that are not finite; a listener to an
+            object of unknown mass.
         """
-        contacts = self.project(points)
-        impulses = _rows(forces, "forces")
-        if len(impulses) not in (1, len(contacts.points)):
-            raise QueryError(
-                "forces", f"{len(impulses)} for {len(contacts.points)} points", "Give one a point."
+        contacts, pushes, ears = self._sound_query(points, forces, listener)
+        body = self._struck_body(modes)
+        samples = samples_of(duration, sample_rate)
+        sound = np.empty((len(contacts), 1 if ears is None else len(ears), samples), dtype=np.float32)
+        for rows, part in body.sounds(contacts, pushes, duration, sample_rate, pulse=pulse, listeners=ears):
+            sound[rows] = part
+        return sound[:, 0] if listener is None or np.ndim(listener) < 2 else sound
+
+    def strikes(
+        self,
+        points: np.ndarray,
+        forces: np.ndarray,
+        duration: float = 2.0,
+        sample_rate: float = 44100,
+        modes: int | None = None,
+        *,
+        pulse: Pulse = None,
+        listener: np.ndarray | None = None,
+    ) -> Iterator[tuple[slice, np.ndarray]]:
+        """Sound any number of contacts in bounded memory: yield rows and what `strike` answers for them."""
+        contacts, pushes, ears = self._sound_query(points, forces, listener)
+        body = self._struck_body(modes)
+        for rows, part in body.sounds(contacts, pushes, duration, sample_rate, pulse=pulse, listeners=ears):
+            yield rows, part[:, 0] if listener is None or np.ndim(listener) < 2 else part
+
+    def stream(self, sample_rate: float = 44100, *, listener: np.ndarray | None = None) -> "ObjectStream":
+        """Return a silent stream: contacts are added as they come, sound is taken in blocks.
+
+        Parameters
+        ----------
+        listener
+            As for `strike`.
+        """
+        ears = None if listener is None else _rows(listener, "listener")
+        return ObjectStream(self, self._struck_body(None).stream(sample_rate, ears))
+
+    def _sound_query(
+        self, points: np.ndarray, forces: np.ndarray, listener: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return contacts on the surface (n, 3), a force each, and listeners (channels, 3)."""
+        contacts = self.project(points).points
+        pushes = np.asarray(forces, dtype=np.float64)
+        if pushes.ndim != 3:
+            pushes = _rows(pushes, "forces")
+        elif pushes.shape[2] != 3 or not np.isfinite(pushes).all():
+            raise QueryError("forces", f"shape {pushes.shape}, or not finite", "Give (n, k, 3) newtons.")
+        if len(pushes) not in (1, len(contacts)):
+            raise QueryError("forces", f"{len(pushes)} for {len(contacts)} points", "Give one a point.")
+        pushes = np.broadcast_to(pushes, (len(contacts), *pushes.shape[1:]))
+        return contacts, pushes, None if listener is None else _rows(listener, "listener")
+
+    def _struck_body(self, modes: int | None) -> StruckBody:
+        """Modes and body as synthesis takes them."""
+        net, body, material = self.modes, self.description.get("body"), self.description.get("material")
+        rigid = None
+        if body:
+            closed = body["inertia_kg_m2"] is not None
+            # The solid that sounds may be lighter than the closed surface: a container with a stated wall.
+            share = body["filled_mass_kg"] / body["mass_kg"] if closed else 1.0
+            rigid = RigidBody(
+                float(body["filled_mass_kg"]),
+                np.asarray(body["centre_of_mass_m"]) if closed else self.surface.bounds.mean(axis=0),
+                share * np.asarray(body["inertia_kg_m2"]) if closed else None,
+                float(self.surface.area),
             )
-        if not (np.isfinite(duration) and duration > 0 and np.isfinite(sample_rate) and sample_rate > 0):
-            raise QueryError(
-                "duration, sample_rate", f"{duration} s, {sample_rate} Hz", "Give positive numbers."
-            )
-        gains = self.modes.gains(contacts.points)
-        amplitudes = np.einsum("nk,nkm->nm", np.broadcast_to(impulses, contacts.points.shape), gains)
-        return strike(
-            self.modes.frequencies_hz[:modes],
-            self.modes.dampings_per_s[:modes],
-            (amplitudes * self.modes.radiation_weights)[:, :modes],
-            duration,
-            sample_rate,
+        return StruckBody(
+            _eigenvalues(net)[:modes],
+            net.dampings_per_s[:modes],
+            net.radiation_weights[:modes],
+            net.gains,
+            rigid,
+            (material["youngs_modulus_pa"], material["poisson_ratio"]) if material else None,
         )
 
     def press(
@@ -369,6 +438,68 @@ class ObjectFile:
         """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3)."""
         samples = self.surface.sample(count, seed)
         return samples.points, samples.normals
+
+
+class ObjectStream:
+    """The sound of an object in a scene that goes on; `ObjectFile.stream` makes one.
+
+    Attributes
+    ----------
+    now : samples given so far, the index of the next one
+    silent : whether nothing sounds and nothing waits
+    """
+
+    def __init__(self, file: ObjectFile, stream: BodyStream) -> None:
+        self._file = file
+        self._stream = stream
+
+    @property
+    def now(self) -> int:
+        """Samples given so far."""
+        return self._stream.now
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing sounds and nothing waits."""
+        return self._stream.silent
+
+    def strike(
+        self, point: np.ndarray, force: np.ndarray, *, at: float | None = None, pulse: Pulse = None
+    ) -> None:
+        """Let a contact begin.
+
+        Parameters
+        ----------
+        point
+            (3,) metres, within the tolerance of the surface.
+        force
+            (3,) newton seconds, or (k, 3) newtons at the samples.
+        at
+            Sample at which it begins, `now` or later.
+        pulse
+            As for `ObjectFile.strike`.
+
+        Raises
+        ------
+        QueryError
+            As for `ObjectFile.strike`; a sample that has passed.
+        """
+        pushed = np.asarray(force, dtype=np.float64)
+        given = pushed[None] if pushed.ndim == 2 else pushed
+        contacts, pushes, _ = self._file._sound_query(np.reshape(point, (1, 3)), given, None)
+        self._stream.strike(contacts[0], pushes[0], at, pulse)
+
+    def block(self, samples: int) -> np.ndarray:
+        """Return the next samples (channels, samples) float64, in the unit `ObjectFile.strike` answers in."""
+        return self._stream.block(samples)
+
+
+def _eigenvalues(net: AudioNet) -> np.ndarray:
+    """Undamped omega^2 (modes,) of a net that stores damped frequencies."""
+    stored = getattr(net, "eigenvalues", None)
+    if stored is not None:
+        return np.asarray(stored, dtype=np.float64)
+    return (2 * np.pi * net.frequencies_hz) ** 2 + net.dampings_per_s**2
 
 
 def _rows(values: np.ndarray, name: str) -> np.ndarray:

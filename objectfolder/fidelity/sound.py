@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.audio.strike import strike
+from objectfolder.audio.synthesis import mode_bank
 from objectfolder.fidelity.sounds import (
     cents,
     envelope_distance,
@@ -90,11 +90,11 @@ def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarra
     """Strike held-out points (see `struck`): truth and Object File, (n, samples) each."""
     points, impulses = struck(modes)
     amplitudes = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)])
-    truth = strike(
-        modes["frequencies_hz"],
+    truth = mode_bank(
+        modes["eigenvalues"],
         modes["dampings_per_s"],
         amplitudes * modes["radiation_weights"],
         DURATION_S,
         SAMPLE_RATE_HZ,
     )
-    return truth, file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ)
+    return truth.astype(np.float32), file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ)

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 
 import objectfolder
+from objectfolder.audio.synthesis import ContactBody
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
+
+MATERIALS = Path(__file__).parents[2] / "data" / "materials.csv"
 
 
 def add_commands(commands: Any) -> None:
@@ -37,10 +40,35 @@ def add_commands(commands: Any) -> None:
     struck = _command(commands, "strike", strike, "strike points and write float WAV files")
     struck.add_argument("--points", required=True, metavar="POINTS.npy", help="(n, 3) metres, object frame")
     struck.add_argument(
-        "--forces", required=True, metavar="FORCES.npy", help="(n, 3) impulses, newton seconds"
+        "--forces",
+        required=True,
+        metavar="FORCES.npy",
+        help="(n, 3) impulses, newton seconds; or (n, k, 3) newtons at the samples",
     )
     struck.add_argument("--duration", type=float, default=2.0, help="seconds (default 2)")
     struck.add_argument("--sample-rate", type=int, default=44100, help="hertz (default 44100)")
+    contact = struck.add_mutually_exclusive_group()
+    contact.add_argument(
+        "--pulse", type=float, metavar="SECONDS", help="spend each impulse as half a sine of this length"
+    )
+    contact.add_argument(
+        "--striker",
+        nargs=3,
+        metavar=("MATERIAL", "RADIUS", "MASS"),
+        help="what strikes: a row of the materials table, its radius at the contact (m) and its mass (kg); "
+        "the length of the pulse is that of the Hertz contact",
+    )
+    struck.add_argument(
+        "--listener",
+        nargs=3,
+        type=float,
+        action="append",
+        metavar=("X", "Y", "Z"),
+        help="write the pressure there (Pa, approximate), not surface velocity (m/s); metres, object frame; "
+        "twice for stereo",
+    )
+    struck.add_argument("--gain", type=float, default=1.0, help="factor of what is written (default 1)")
+    struck.add_argument("--materials", default=str(MATERIALS), help="materials table (CSV)")
     _output(struck, "folder for 0000.wav and so on")
 
     pressed = _command(commands, "press", press, "press the sensor and write PNG images and depth maps")
@@ -131,16 +159,44 @@ def render(options: argparse.Namespace) -> None:
 
 def strike(options: argparse.Namespace) -> None:
     """Strike a file of contacts and write one float WAV each."""
-    from scipy.io import wavfile
+    from objectfolder.audio.synthesis import write_wav
 
     file = objectfolder.load(options.file)
-    points, forces = _read(options.points, 3), _read(options.forces, 3)
-    sounds = file.strike(points, forces, options.duration, options.sample_rate)
+    points, forces = _read(options.points, 3), _read(options.forces, 3, sampled=True)
+    parts = file.strikes(
+        points,
+        forces,
+        options.duration,
+        options.sample_rate,
+        pulse=_striker(options) if options.striker else options.pulse,
+        listener=options.listener,
+    )
     folder = _folder(options.output)
-    for index, sound in enumerate(sounds):
-        wavfile.write(folder / f"{index:04d}.wav", options.sample_rate, sound)
-    peak = float(np.abs(sounds).max(initial=0.0))
-    print(f"{folder}: {len(sounds)} sounds of {options.duration} s, peak {peak:.3g} m/s")
+    peak = 0.0
+    for rows, sounds in parts:
+        for index, sound in zip(range(rows.start, rows.stop), sounds, strict=True):
+            write_wav(folder / f"{index:04d}.wav", sound, options.sample_rate, gain=options.gain)
+        peak = max(peak, float(np.abs(sounds).max(initial=0.0)))
+    unit = "Pa" if options.listener else "m/s"
+    written = "" if options.gain == 1 else f", written times {options.gain:g}"
+    print(f"{folder}: {len(points)} sounds of {options.duration} s, peak {peak:.3g} {unit}{written}")
+
+
+def _striker(options: argparse.Namespace) -> ContactBody:
+    """Return the body that strikes."""
+    from objectfolder.audio.materials import find_material, read_materials
+
+    name, *numbers = options.striker
+    material = find_material(read_materials(options.materials), name, options.materials)
+    try:
+        radius, mass = (float(number) for number in numbers)
+    except ValueError:
+        raise InputError(
+            "--striker",
+            f"{' '.join(numbers)}: not numbers",
+            "Give MATERIAL RADIUS MASS, metres and kilograms.",
+        ) from None
+    return ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius, mass)
 
 
 def press(options: argparse.Namespace) -> None:
@@ -183,15 +239,23 @@ def _folder(path: str) -> Path:
     return folder
 
 
-def _read(path: str, columns: int) -> np.ndarray:
-    """Read an (n, columns) array of finite numbers from an .npy file; pickles are refused."""
+def _read(path: str, columns: int, *, sampled: bool = False) -> np.ndarray:
+    """Read an (n, columns) array of finite numbers from an .npy file; pickles are refused.
+
+    With `sampled` it may be (n, k, columns).
+    """
     try:
         values = np.load(path, allow_pickle=False)
     except ValueError as error:
         raise InputError(
             path, f"not an .npy file of numbers ({error})", "Write it with numpy.save."
         ) from error
-    if values.ndim != 2 or values.shape[1] != columns or not np.issubdtype(values.dtype, np.number):
+    dimensions = (2, 3) if sampled else (2,)
+    if (
+        values.ndim not in dimensions
+        or values.shape[-1] != columns
+        or not np.issubdtype(values.dtype, np.number)
+    ):
         raise InputError(path, f"shape {values.shape}", f"Give an (n, {columns}) array.")
     if not np.isfinite(values).all():
         raise InputError(path, "holds values that are not finite", "Give numbers.")

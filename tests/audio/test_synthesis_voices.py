@@ -47,7 +47,7 @@ def test_blocks_of_any_size_are_the_offline_sound_to_1e_10(sizes: list[int], see
         (at, a, pulse)
         for at, a, pulse in zip((0, 130.25, 131, 4000.5), amplitudes, (None, 3e-4, None, 0.011), strict=True)
     ]
-    streamed = blocks_of(Voices(eigenvalues, dampings, RATE), sizes, samples, events)
+    streamed = blocks_of(Voices.of_modes(eigenvalues, dampings, RATE), sizes, samples, events)
     offline = sum(
         mode_bank(eigenvalues, dampings, a, samples / RATE, RATE, pulse_s=pulse, delay_s=at / RATE)[0]
         for at, a, pulse in events
@@ -57,7 +57,7 @@ def test_blocks_of_any_size_are_the_offline_sound_to_1e_10(sizes: list[int], see
 
 def test_seconds_of_blocks_keep_the_phase_of_undamped_modes() -> None:
     eigenvalues = (2 * np.pi * np.array([440.0, 7001.3, 19500.0])) ** 2
-    voices = Voices(eigenvalues, np.zeros(3), RATE)
+    voices = Voices.of_modes(eigenvalues, np.zeros(3), RATE)
     voices.strike(np.ones(3))
     streamed = np.concatenate([voices.block(128) for _ in range(4000)])
     offline = mode_bank(eigenvalues, np.zeros(3), np.ones(3), 4000 * 128 / RATE, RATE)[0]
@@ -66,7 +66,7 @@ def test_seconds_of_blocks_keep_the_phase_of_undamped_modes() -> None:
 
 def test_a_contact_begins_at_its_sample_within_a_block() -> None:
     eigenvalues, dampings = modes(5, 1)
-    voices = Voices(eigenvalues, dampings, RATE)
+    voices = Voices.of_modes(eigenvalues, dampings, RATE)
     voices.block(64)
     voices.strike(np.ones(5), at=64 + 37)
     block = voices.block(64)
@@ -78,7 +78,7 @@ def test_sampled_forces_stream_as_they_sound_offline() -> None:
     eigenvalues, dampings = modes(8, 2)
     random = np.random.default_rng(5)
     gains, force = random.normal(size=(3, 8)), random.normal(size=(777, 3))
-    voices = Voices(eigenvalues, dampings, RATE)
+    voices = Voices.of_modes(eigenvalues, dampings, RATE)
     voices.push(gains, force, at=55)
     streamed = np.concatenate([voices.block(90) for _ in range(40)])
     offline = driven_bank(eigenvalues, dampings, gains, force, 3600 / RATE, RATE, delay_samples=55)[0]
@@ -88,7 +88,7 @@ def test_sampled_forces_stream_as_they_sound_offline() -> None:
 def test_output_weights_and_response_are_those_of_the_bank() -> None:
     eigenvalues, dampings = modes(6, 3)
     weights, amplitudes = np.arange(1.0, 7.0), np.ones(6)
-    voices = Voices(eigenvalues, dampings, RATE, response="displacement", output_weights=weights)
+    voices = Voices.of_modes(eigenvalues, dampings, RATE, response="displacement", output_weights=weights)
     voices.strike(amplitudes, pulse_s=1e-3)
     offline = mode_bank(
         eigenvalues, dampings, weights * amplitudes, 0.02, RATE, response="displacement", pulse_s=1e-3
@@ -101,7 +101,7 @@ def test_voices_retire_when_they_are_inaudible() -> None:
         (2 * np.pi * np.array([500.0, 3000.0, 9000.0])) ** 2,
         np.array([30.0, 100.0, 900.0]),
     )
-    voices = Voices(eigenvalues, dampings, RATE, floor_db=-100.0)
+    voices = Voices.of_modes(eigenvalues, dampings, RATE, floor_db=-100.0)
     assert voices.silent
     voices.strike(np.ones(3))
     assert voices.waiting == 1
@@ -120,7 +120,7 @@ def test_voices_retire_when_they_are_inaudible() -> None:
 
 def test_memory_and_work_do_not_grow_with_contacts() -> None:
     eigenvalues, dampings = modes(32, 4)
-    voices = Voices(eigenvalues, dampings, RATE)
+    voices = Voices.of_modes(eigenvalues, dampings, RATE)
     random = np.random.default_rng(6)
 
     def play(contacts: int) -> None:
@@ -141,21 +141,21 @@ def test_memory_and_work_do_not_grow_with_contacts() -> None:
 
 
 def test_waiting_contacts_are_bounded() -> None:
-    voices = Voices([1e7], [1.0], RATE)
+    voices = Voices.of_modes([1e7], [1.0], RATE)
     for _ in range(MOST_VOICES):
         voices.strike([1.0], at=1e6)
     with pytest.raises(QueryError, match="contacts wait"):
         voices.strike([1.0])
-    other = Voices([1e7], [1.0], RATE)
+    other = Voices.of_modes([1e7], [1.0], RATE)
     with pytest.raises(QueryError, match="contacts wait"):
         other.strike([1.0], pulse_s=1000.0)
 
 
 def test_no_mode_is_silence_and_zero_force_is_zeros() -> None:
-    empty = Voices([], [], RATE)
+    empty = Voices.of_modes([], [], RATE)
     empty.strike([])
     assert not empty.block(100).any()
-    voices = Voices([1e7, 1e9], [1.0, 1e5], RATE)
+    voices = Voices.of_modes([1e7, 1e9], [1.0, 1e5], RATE)
     voices.strike([0.0, 0.0], pulse_s=1e-3)
     assert not voices.block(1000).any()
 
@@ -173,14 +173,14 @@ def test_no_mode_is_silence_and_zero_force_is_zeros() -> None:
     ],
 )
 def test_impossible_contacts_are_refused(amplitudes: list, options: dict) -> None:
-    voices = Voices([1e7], [1.0], RATE)
+    voices = Voices.of_modes([1e7], [1.0], RATE)
     with pytest.raises(QueryError):
         voices.strike(amplitudes, **options)
     assert voices.waiting == 0
 
 
 def test_a_sample_that_has_passed_and_an_empty_block_are_refused() -> None:
-    voices = Voices([1e7], [1.0], RATE)
+    voices = Voices.of_modes([1e7], [1.0], RATE)
     voices.block(10)
     with pytest.raises(QueryError, match="at"):
         voices.strike([1.0], at=9)

@@ -11,8 +11,16 @@ from PIL import Image
 from scipy.io import wavfile
 
 import objectfolder
+from objectfolder.audio.synthesis import ContactBody
 from pipeline.command_line import main
 from tests.conftest import REPOSITORY
+
+BAR = {
+    "mass_kg": 0.0749,
+    "filled_mass_kg": 0.0749,
+    "centre_of_mass_m": [0.0, 0.0, 0.0],
+    "inertia_kg_m2": [[6.0e-6, 0, 0], [0, 9.0e-5, 0], [0, 0, 9.5e-5]],
+}
 
 
 def _last_line(capsys: pytest.CaptureFixture[str]) -> str:
@@ -39,7 +47,9 @@ def test_info_tells_licence_size_and_fidelity(small_file: Path, capsys: pytest.C
     assert json.loads(capsys.readouterr().out)["object"]["id"] == "bar"
 
 
-def test_sampled_queries_feed_render_strike_and_press(small_file: Path, tmp_path: Path) -> None:
+def test_sampled_queries_feed_render_strike_and_press(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     queries, file = tmp_path / "queries", str(small_file)
     assert main(["sample", file, "--views", "2", "--contacts", "3", "--seed", "4", "-o", str(queries)]) == 0
     views = np.load(queries / "views.npy")
@@ -66,6 +76,29 @@ def test_sampled_queries_feed_render_strike_and_press(small_file: Path, tmp_path
         assert rate == 44100
         assert sound.dtype == np.float32
         np.testing.assert_array_equal(sound, expected)
+
+    ears = ["--listener", "0.5", "-0.1", "0.3", "--listener", "0.5", "0.1", "0.3"]
+    assert (
+        main([*strike, "--striker", "glass", "0.004", "0.002", *ears, "--gain", "2", "-o", str(sounds)]) == 1
+    )
+    assert "mass" in capsys.readouterr().err
+    bar = bar.with_description(body=BAR)
+    bar.save(tmp_path / "bar.safetensors")
+    strike[1] = str(tmp_path / "bar.safetensors")
+    assert (
+        main([*strike, "--striker", "glass", "0.004", "0.002", *ears, "--gain", "2", "-o", str(sounds)]) == 0
+    )
+    assert " Pa, written times 2" in capsys.readouterr().out
+    expected = bar.strike(
+        points,
+        -normals,
+        duration=0.1,
+        pulse=ContactBody(6.2e10, 0.2, 0.004, 0.002),
+        listener=np.array([[0.5, -0.1, 0.3], [0.5, 0.1, 0.3]]),
+    )
+    for index in range(3):
+        _, sound = wavfile.read(sounds / f"{index:04d}.wav")
+        np.testing.assert_array_equal(sound, 2 * expected[index].T)
 
     touches = tmp_path / "touches"
     assert main(["press", file, *contacts, "--depth", "0.0015", "-o", str(touches)]) == 0

@@ -264,7 +264,8 @@ def forced(response: HalfSine, weights: tuple[Floats, Floats], amplitudes: Float
     # Sums along rows, and products of a row each, have the same bits whatever the other rows are.
     of_sine = (amplitudes * (weights[0] * sine - weights[1] * pulse * cosine)).sum(axis=1)
     of_cosine = (amplitudes * (weights[0] * cosine + weights[1] * pulse * sine)).sum(axis=1)
-    added: Floats = np.outer(of_sine, np.sin(pulse * times)) + np.outer(of_cosine, np.cos(pulse * times))
+    phase = pulse * times
+    added = of_sine[:, None] * np.sin(phase) + of_cosine[:, None] * np.cos(phase)
     if len(response.resonant):
         which = response.resonant
         displacement, velocity = response.resonance(times)

@@ -32,14 +32,16 @@ class Voice:
 
 
 class Voices:
-    """A stream of sound.
+    """A stream of sound; `Voices.of_modes` makes one.
 
     Parameters
     ----------
-    eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db
-        As for `mode_bank`; modes that would alias are left out.
-    output_weights
-        (modes,) factors of what is heard of each mode; one by default.
+    oscillators
+        Those that sound.
+    weights
+        (modes,) of displacement and of velocity in what is heard.
+    columns
+        (modes,) which of the amplitudes of a contact, `all_modes` of them, are theirs; all by default.
 
     Attributes
     ----------
@@ -48,6 +50,28 @@ class Voices:
 
     def __init__(
         self,
+        oscillators: Oscillators,
+        weights: tuple[Floats, Floats],
+        *,
+        columns: NDArray[np.int64] | None = None,
+        all_modes: int | None = None,
+        floor_db: float = FLOOR_DB,
+    ) -> None:
+        columns = np.arange(len(oscillators)) if columns is None else columns
+        self._given = len(oscillators) if all_modes is None else all_modes
+        self._bank = Bank(oscillators, weights, LONGEST_BLOCK, floor_db)
+        self._columns = columns[self._bank.order]
+        self._basis = self._bank.oscillators.basis(np.arange(LONGEST_BLOCK + 1))
+        self._fine = interleaved(*self._basis).T.copy()
+        self._forces: ForceTables | None = None
+        self._ringing = np.zeros((2, len(oscillators)))
+        self._age = math.inf
+        self._voices: list[Voice] = []
+        self.now = 0
+
+    @classmethod
+    def of_modes(
+        cls,
         eigenvalues: ArrayLike,
         dampings_per_s: ArrayLike,
         sample_rate_hz: float,
@@ -55,27 +79,32 @@ class Voices:
         response: str = "velocity",
         output_weights: ArrayLike | None = None,
         floor_db: float = FLOOR_DB,
-    ) -> None:
+    ) -> "Voices":
+        """Return a silent stream.
+
+        Parameters
+        ----------
+        eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db
+            As for `mode_bank`; modes that would alias are left out.
+        output_weights
+            (modes,) factors of what is heard of each mode; one by default.
+
+        Raises
+        ------
+        QueryError
+            As for `mode_bank`.
+        """
         given = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-        factors = (
-            np.ones(len(given)) if output_weights is None else np.asarray(output_weights, dtype=np.float64)
-        )
+        factors = np.ones(len(given))
+        if output_weights is not None:
+            factors = np.asarray(output_weights, dtype=np.float64)
         if factors.shape != (len(given),) or not np.isfinite(factors).all():
             raise QueryError("output_weights", f"shape {factors.shape}, or not finite", "Give one a mode.")
-        self._given = len(given)
-        audible = np.flatnonzero(given.audible())
-        sounding = given.take(audible)
+        columns = np.flatnonzero(given.audible())
+        sounding, factors = given.take(columns), factors[columns]
         displacement, velocity = sounding.response_weights(response)
-        weights = (displacement * factors[audible], velocity * factors[audible])
-        self._bank = Bank(sounding, weights, LONGEST_BLOCK, floor_db)
-        self._columns = audible[self._bank.order]
-        self._basis = self._bank.oscillators.basis(np.arange(LONGEST_BLOCK + 1))
-        self._fine = interleaved(*self._basis).T.copy()
-        self._forces: ForceTables | None = None
-        self._ringing = np.zeros((2, len(sounding)))
-        self._age = math.inf
-        self._voices: list[Voice] = []
-        self.now = 0
+        weights = (displacement * factors, velocity * factors)
+        return cls(sounding, weights, columns=columns, all_modes=len(given), floor_db=floor_db)
 
     @property
     def waiting(self) -> int:

@@ -1,0 +1,288 @@
+"""A struck object: its modes and its mass under contacts, as surface velocity or pressure at listeners."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from objectfolder.audio.synthesis.air import Air, Listener
+from objectfolder.audio.synthesis.bank import FLOOR_DB, ring, samples_of
+from objectfolder.audio.synthesis.force import drive
+from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
+from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.voices import Voices
+from objectfolder.errors import QueryError
+
+Floats = NDArray[np.float64]
+Pulse = float | ArrayLike | ContactBody | None
+CHUNK_NUMBERS = 1 << 20  # of gains and of samples held at once
+FLAT = np.inf
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """An object as a whole.
+
+    Attributes
+    ----------
+    mass_kg : positive
+    centre_m : (3,) centre of mass
+    inertia_kg_m2 : (3, 3) about it, None where it is not known
+    area_m2 : of the surface
+    """
+
+    mass_kg: float
+    centre_m: Floats
+    inertia_kg_m2: Floats | None
+    area_m2: float
+
+    def mass_towards(self, point: Floats, direction: Floats) -> float:
+        """Mass offered to a push at a point; the whole mass where the inertia is not known."""
+        if self.inertia_kg_m2 is None:
+            return self.mass_kg
+        return mass_at_contact(self.mass_kg, self.inertia_kg_m2, self.centre_m, point, direction)
+
+
+@dataclass(frozen=True)
+class StruckBody:
+    """Modes on a surface, and what is known of the body.
+
+    Attributes
+    ----------
+    eigenvalues, dampings_per_s, radiation_weights : (modes,) as in `mode_bank`
+    gains : from points (n, 3) to (n, 3, modes), modal velocity an impulse of 1 N s along each axis gives
+    rigid : mass and area, None where unknown: then nothing is heard at a listener
+    elasticity : Young's modulus (Pa) and Poisson's ratio, None where unknown
+    """
+
+    eigenvalues: Floats
+    dampings_per_s: Floats
+    radiation_weights: Floats
+    gains: Callable[[Floats], Floats]
+    rigid: RigidBody | None
+    elasticity: tuple[float, float] | None
+
+    def sounds(
+        self,
+        points: Floats,
+        forces: Floats,
+        duration_s: float,
+        sample_rate_hz: float,
+        *,
+        pulse: Pulse = None,
+        listeners: Floats | None = None,
+        floor_db: float = FLOOR_DB,
+    ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+        """Yield the sounds of some contacts at a time; see `ObjectFile.strike`.
+
+        Parameters
+        ----------
+        points
+            (n, 3) on the surface.
+        forces
+            (n, 3) newton seconds, or (n, k, 3) newtons at the samples.
+        listeners
+            (channels, 3), or None for the surface velocity, which is one channel.
+
+        Returns
+        -------
+        iterator
+            Rows and their sounds (rows, channels, samples) float32. Each row is what it is alone; working
+            memory does not grow with n.
+        """
+        pulses = self._pulses(points, forces, pulse)
+        samples = samples_of(duration_s, sample_rate_hz)
+        channels = list(self._channels(sample_rate_hz, listeners))
+        numbers = 3 * len(self.eigenvalues) + len(channels) * samples + 1
+        step = max(1, CHUNK_NUMBERS // numbers)
+        for start in range(0, len(points), step):
+            rows = slice(start, min(start + step, len(points)))
+            sound = np.zeros((rows.stop - start, len(channels), samples), dtype=np.float32)
+            gains = self._modal_gains(points[rows])
+            own = pulses[rows] if isinstance(pulses, np.ndarray) else pulses
+            part = np.empty((len(sound), samples))
+            for channel, sources in enumerate(channels):
+                total = np.zeros_like(part)
+                for source in sources:
+                    source.write(gains, forces[rows], own, part, floor_db)
+                    total += part
+                sound[:, channel] = total
+            yield rows, sound
+
+    def stream(self, sample_rate_hz: float, listeners: Floats | None = None) -> "BodyStream":
+        """Return a silent stream with a channel a listener; see `ObjectFile.stream`."""
+        return BodyStream(self, sample_rate_hz, listeners)
+
+    def _modal_gains(self, points: Floats) -> Floats:
+        if len(self.eigenvalues) == 0:
+            return np.zeros((len(points), 3, 0))
+        return np.asarray(self.gains(points)[:, :, : len(self.eigenvalues)] * self.radiation_weights)
+
+    def _pulses(self, points: Floats, forces: Floats, pulse: Pulse) -> float | Floats | None:
+        """Durations of the pulses, seconds."""
+        if pulse is None:
+            return None
+        if forces.ndim == 3:
+            raise QueryError("pulse", "given with sampled forces", "Forces (n, k, 3) are their own profile.")
+        if not isinstance(pulse, ContactBody):
+            durations = np.asarray(pulse, dtype=np.float64)
+            return float(durations) if durations.ndim == 0 else durations
+        if self.rigid is None or self.elasticity is None:
+            raise QueryError("pulse", "the object's mass or elasticity is unknown", "Give seconds.")
+        impulses = np.linalg.norm(forces, axis=1)
+        found = np.ones(len(points))
+        for index in np.flatnonzero(impulses > 0):
+            mass = self.rigid.mass_towards(points[index], forces[index])
+            # The object's own curvature is not known; a striker is nearly always the sharper one.
+            contact = HertzContact.between(pulse, ContactBody(*self.elasticity, FLAT, mass))
+            found[index] = contact.duration_s(contact.speed_m_s(impulses[index]))
+        return found
+
+    def _channels(self, sample_rate_hz: float, listeners: Floats | None) -> Iterator[list["Source"]]:
+        """Sources of what is heard in each channel."""
+        given = Oscillators.checked(self.eigenvalues, self.dampings_per_s, sample_rate_hz)
+        columns = np.flatnonzero(given.audible())
+        modes = given.take(columns)
+        still = np.zeros(len(modes))
+        if listeners is None:
+            yield [Source(modes, (still, still + 1), columns, None, 0.0)]
+            return
+        if self.rigid is None:
+            raise QueryError("listener", "the file does not say the object's mass", "Build the file again.")
+        for position in listeners:
+            listener = Listener.at(position, self.rigid.centre_m, self.rigid.area_m2, Air())
+            heard = listener.modal_weights(modes.frequencies_hz)
+            click, weights = listener.click_oscillator(sample_rate_hz)
+            yield [
+                Source(modes, (still, heard), columns, None, listener.delay_s),
+                Source(
+                    click, weights, np.array([0]), listener.click_gains(self.rigid.mass_kg), listener.delay_s
+                ),
+            ]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Oscillators as one channel hears them.
+
+    Attributes
+    ----------
+    oscillators, weights, columns : as for `ring`
+    gains : (3, modes) of a source that does not depend on the contact; None for the modes of the surface
+    delay_s : on the way to the listener
+    """
+
+    oscillators: Oscillators
+    weights: tuple[Floats, Floats]
+    columns: NDArray[np.int64]
+    gains: Floats | None
+    delay_s: float
+
+    def field(self, gains: Floats) -> Floats:
+        """Gains (n, 3, modes): its own, or of those of the surface."""
+        if self.gains is None:
+            return gains
+        return np.broadcast_to(self.gains, (len(gains), *self.gains.shape))
+
+    @property
+    def delay_samples(self) -> int:
+        """Nearest whole number of samples."""
+        return round(self.delay_s * self.oscillators.sample_rate_hz)
+
+    def write(
+        self, gains: Floats, forces: Floats, pulse_s: float | Floats | None, sound: Floats, floor_db: float
+    ) -> None:
+        """Write the sound (n, samples) of contacts with gains (n, 3, modes); `sound` is overwritten."""
+        field = self.field(gains)
+        if forces.ndim == 3:
+            driven = field[:, :, self.columns]
+            drive(
+                self.oscillators,
+                self.weights,
+                driven,
+                forces,
+                sound,
+                delay_samples=self.delay_samples,
+                floor_db=floor_db,
+            )
+            return
+        ring(
+            self.oscillators,
+            self.weights,
+            along(forces, field),
+            sound,
+            columns=self.columns,
+            pulse_s=pulse_s,
+            delay_s=self.delay_s,
+            floor_db=floor_db,
+        )
+
+
+class BodyStream:
+    """A struck object as a stream of blocks.
+
+    Attributes
+    ----------
+    now : samples given so far
+    """
+
+    def __init__(self, body: StruckBody, sample_rate_hz: float, listeners: Floats | None) -> None:
+        self._body = body
+        self._rate = sample_rate_hz
+        self._channels = [
+            [
+                (
+                    source,
+                    Voices(
+                        source.oscillators,
+                        source.weights,
+                        columns=source.columns,
+                        all_modes=len(body.eigenvalues) if source.gains is None else 1,
+                    ),
+                )
+                for source in sources
+            ]
+            for sources in body._channels(sample_rate_hz, listeners)
+        ]
+
+    @property
+    def now(self) -> int:
+        """Samples given so far, the index of the next one."""
+        return self._channels[0][0][1].now
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing sounds and nothing waits."""
+        return all(voices.silent for sources in self._channels for _, voices in sources)
+
+    def strike(self, point: Floats, force: Floats, at: float | None = None, pulse: Pulse = None) -> None:
+        """Let a contact begin at a sample, `now` if None, plus the way to each listener.
+
+        Parameters
+        ----------
+        point
+            (3,) on the surface.
+        force
+            (3,) newton seconds, or (k, 3) newtons at the samples (then `at` and the way are whole samples).
+        """
+        at = self.now if at is None else at
+        points, forces = point[None], force[None]
+        pulses = self._body._pulses(points, forces, pulse)
+        pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
+        gains = self._body._modal_gains(points)
+        for source, voices in (pair for sources in self._channels for pair in sources):
+            field = source.field(gains)
+            if forces.ndim == 3:
+                voices.push(field[0], force, at=round(at) + source.delay_samples)
+            else:
+                voices.strike(along(forces, field)[0], at=at + source.delay_s * self._rate, pulse_s=pulse_s)
+
+    def block(self, samples: int) -> Floats:
+        """Return the next samples (channels, samples) float64: m/s, or Pa at listeners."""
+        return np.stack([sum(voices.block(samples) for _, voices in sources) for sources in self._channels])
+
+
+def along(forces: Floats, gains: Floats) -> Floats:
+    """Amplitudes (n, modes) of forces (n, 3) on gains (n, 3, modes), a row like it is alone."""
+    return np.asarray((forces[:, :, None] * gains).sum(axis=1))

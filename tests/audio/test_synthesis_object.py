@@ -1,0 +1,228 @@
+"""Contacts on an Object File: pulses, listeners, streams, and what has no audible mode."""
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import objectfolder
+from objectfolder.audio.synthesis import ContactBody, HertzContact
+from objectfolder.audio.synthesis.struck_body import RigidBody, StruckBody
+from objectfolder.errors import QueryError
+from objectfolder.object_file import ObjectFile
+
+RATE = 44100
+BODY = {
+    "mass_kg": 0.0749,
+    "filled_mass_kg": 0.0749,
+    "centre_of_mass_m": [0.0, 0.0, 0.0],
+    "inertia_kg_m2": [[6.0e-6, 0, 0], [0, 9.0e-5, 0], [0, 0, 9.5e-5]],
+}
+EARS = np.array([[0.6, -0.04, 0.8], [0.6, 0.14, 0.8]])
+STRIKER = ContactBody(2.0e11, 0.29, 0.004, 0.002)
+
+
+@pytest.fixture(scope="module")
+def bar(small_file: Path) -> ObjectFile:
+    return objectfolder.load(small_file).with_description(body=BODY)
+
+
+def die() -> StruckBody:
+    """A 16 mm die of plastic: 4.4 g, its first mode far above 20 kHz."""
+    side = 0.016
+    mass = 1070 * side**3
+    rigid = RigidBody(mass, np.zeros(3), mass * side**2 / 6 * np.eye(3), 6 * side**2)
+    none = np.zeros(0)
+    return StruckBody(none, none, none, lambda points: np.zeros((len(points), 3, 0)), rigid, (1.4e9, 0.35))
+
+
+def test_a_16_mm_die_has_no_audible_mode_and_clicks() -> None:
+    points, impulses = np.array([[0.0, 0.0, 0.008]]), np.array([[0.0, 0.0, -0.004]])
+    (_, silent) = next(die().sounds(points, impulses, 0.05, RATE))
+    assert not silent.any()
+    listeners = np.array([[0.0, 0.0, 0.5]])
+    (_, heard) = next(die().sounds(points, impulses, 0.05, RATE, pulse=STRIKER, listeners=listeners))
+    sound = heard[0, 0]
+    peak = np.abs(sound).max()
+    # A light knock at half a metre: between 60 and 110 dB re 20 uPa at its peak.
+    assert 0.02 < peak < 6
+    arrival = (0.5 - 0.016 * np.sqrt(6 / (4 * np.pi))) / 343.2 * RATE
+    assert np.flatnonzero(sound)[0] == np.ceil(arrival)
+    # A click: over within two milliseconds of its arrival, and it starts with suction, for the die recoils.
+    assert np.abs(sound[int(arrival) + 90 :]).max() < 1e-6 * peak
+    assert sound[int(arrival) + 3] < 0
+
+
+def test_the_click_alone_is_what_no_mode_leaves(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(2, seed=1)
+    ask = {"duration": 0.05, "pulse": 2e-4, "listener": EARS[0]}
+    whole = bar.strike(points, -0.01 * normals, **ask)
+    click = bar.strike(points, -0.01 * normals, modes=0, **ask)
+    assert np.abs(click).max() > 0
+    late = round(0.02 * RATE)
+    assert not click[:, late:].any() or np.abs(click[:, late:]).max() < 1e-9
+    assert np.abs(whole[:, late:]).max() > 100 * np.abs(click[:, late:]).max()
+
+
+def test_two_ears_hear_what_each_hears_alone(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(3, seed=2)
+    both = bar.strike(points, -normals, 0.05, pulse=STRIKER, listener=EARS)
+    assert both.shape == (3, 2, 2205)
+    for ear in range(2):
+        alone = bar.strike(points, -normals, 0.05, pulse=STRIKER, listener=EARS[ear])
+        assert alone.shape == (3, 2205)
+        np.testing.assert_array_equal(alone, both[:, ear])
+    assert not np.array_equal(both[:, 0], both[:, 1])
+
+
+def test_twice_as_far_is_half_as_loud_and_later(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(1, seed=3)
+    near, far = (
+        bar.strike(points, -normals, 0.2, pulse=5e-4, listener=np.array([0.0, 0.0, r]))[0] for r in (4.0, 8.0)
+    )
+    delay = np.flatnonzero(far)[0] - np.flatnonzero(near)[0]
+    assert delay == pytest.approx(4.0 / 343.2 * RATE, abs=1)
+    ratio = np.sqrt(np.mean(far[delay + 1000 :] ** 2) / np.mean(near[1000:-delay] ** 2))
+    assert ratio == pytest.approx(0.5, rel=0.01)
+
+
+def test_a_harder_blow_of_a_striker_is_shorter(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(1, seed=4)
+    soft, hard = (
+        bar.strike(points, -impulse * normals, 0.1, pulse=STRIKER)[0] / impulse for impulse in (1e-4, 1e-1)
+    )
+    assert np.abs(np.diff(hard)).max() > np.abs(np.diff(soft)).max()
+
+
+def test_the_striker_gives_the_pulse_that_its_contact_lasts(bar: ObjectFile) -> None:
+    """At the centre of a face along its normal the whole mass resists."""
+    point, impulse = np.array([0.0, 0.0, 0.004]), np.array([0.0, 0.0, -2e-3])
+    glass = ContactBody(6.2e10, 0.2, np.inf, 0.0749)
+    contact = HertzContact.between(STRIKER, glass)
+    pulse = float(contact.duration_s(contact.speed_m_s(2e-3)))
+    np.testing.assert_allclose(
+        bar.strike(point, impulse, 0.05, pulse=STRIKER),
+        bar.strike(point, impulse, 0.05, pulse=pulse),
+        rtol=1e-4,
+        atol=1e-12,
+    )
+    assert not bar.strike(point, 0 * impulse, 0.05, pulse=STRIKER).any()
+
+
+def test_sampled_forces_of_a_half_sine_sound_as_the_pulse(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(2, seed=5)
+    pulse, rate = 2e-3, 192000
+    times = np.arange(round(pulse * rate) + 1) / rate
+    shape = np.pi / (2 * pulse) * np.sin(np.pi * times / pulse)
+    for listener in (None, np.array([0.0, 0.0, 0.004 + 343.2 / rate * 300])):
+        forces = -normals[:, None, :] * shape[None, :, None]
+        sampled = bar.strike(points, forces, 0.03, rate, listener=listener)
+        closed = bar.strike(points, -normals, 0.03, rate, pulse=pulse, listener=listener)
+        # A delay of whole samples against one to the bit: half a sample at most of the highest mode excited.
+        assert np.abs(sampled - closed).max() < (2e-3 if listener is None else 0.05) * np.abs(closed).max()
+
+
+def test_a_stream_is_the_offline_sound_whatever_its_blocks(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(3, seed=6)
+    starts, pulses = (0, 300, 1111), (None, 3e-4, STRIKER)
+    for listener, channels in ((None, 1), (EARS, 2)):
+        stream = bar.stream(RATE, listener=listener)
+        pieces = []
+        while stream.now < 6000:
+            for point, normal, start, pulse in zip(points, normals, starts, pulses, strict=True):
+                if stream.now <= start < stream.now + 96:
+                    stream.strike(point, -normal, at=start, pulse=pulse)
+            pieces.append(stream.block(96))
+        streamed = np.concatenate(pieces, axis=1)
+        assert streamed.shape[0] == channels
+        offline = np.zeros_like(streamed)
+        for point, normal, start, pulse in zip(points, normals, starts, pulses, strict=True):
+            sound = bar.strike(point, -normal, 1.0, pulse=pulse, listener=listener)
+            offline[:, start:] += np.atleast_2d(sound[0])[:, : streamed.shape[1] - start]
+        # The offline answer is rounded to float32.
+        np.testing.assert_allclose(streamed, offline, atol=1e-6 * np.abs(offline).max())
+
+
+def test_a_stream_takes_sampled_forces_and_refuses_what_is_off(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(1, seed=7)
+    force = -normals[0] * np.hanning(80)[:, None]
+    stream = bar.stream(RATE)
+    assert stream.silent
+    stream.strike(points[0], force, at=10)
+    sound = stream.block(1000)[0]
+    offline = bar.strike(points, force[None], 990 / RATE)[0]
+    np.testing.assert_allclose(sound[10:], offline, atol=1e-6 * np.abs(offline).max())
+    assert not sound[:10].any()
+    with pytest.raises(QueryError, match="off the surface"):
+        stream.strike(points[0] + 0.01 * normals[0], normals[0])
+    with pytest.raises(QueryError, match="pulse"):
+        stream.strike(points[0], force, pulse=1e-3)
+
+
+def test_many_contacts_take_bounded_memory() -> None:
+    """Hundreds of thousands of contacts are asked and taken a part at a time."""
+    modes, contacts = 16, 200_000
+    random = np.random.default_rng(0)
+    eigenvalues = (2 * np.pi * np.sort(random.uniform(300, 18000, modes))) ** 2
+    fields = random.normal(size=(3, modes))
+    rigid = RigidBody(0.1, np.zeros(3), None, 0.02)
+    body = StruckBody(
+        eigenvalues, np.full(modes, 9.0), np.ones(modes), lambda p: p[:, :1, None] * fields, rigid, None
+    )
+    points, forces = random.normal(size=(contacts, 3)), random.normal(size=(contacts, 3))
+    seen, kept = 0, {}
+    tracemalloc.start()
+    try:
+        for rows, sounds in body.sounds(points, forces, 40 / RATE, RATE):
+            seen += len(sounds)
+            if rows.start == 0:
+                kept[0] = sounds[0].copy()
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert seen == contacts
+    assert peak < 150e6
+    (_, alone) = next(body.sounds(points[:1], forces[:1], 40 / RATE, RATE))
+    np.testing.assert_array_equal(alone[0], kept[0])
+
+
+def test_parts_are_the_whole(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(7, seed=8)
+    whole = bar.strike(points, -normals, 0.02, pulse=3e-4, listener=EARS)
+    parts = np.concatenate(
+        [part for _, part in bar.strikes(points, -normals, 0.02, pulse=3e-4, listener=EARS)]
+    )
+    np.testing.assert_array_equal(parts, whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"forces": np.full((2, 3), np.nan)}, "forces"),
+        ({"forces": np.full((2, 5, 3), np.nan)}, "forces"),
+        ({"forces": np.zeros((2, 5, 2))}, "forces"),
+        ({"forces": np.zeros((3, 3))}, "forces"),
+        ({"forces": np.zeros((2, 5, 3)), "pulse": 1e-3}, "pulse"),
+        ({"pulse": -1.0}, "pulse"),
+        ({"pulse": np.array([1e-3, np.nan])}, "pulse"),
+        ({"listener": np.zeros(3)}, "listener"),
+        ({"listener": np.full(3, np.nan)}, "listener"),
+        ({"duration": np.nan}, "duration"),
+        ({"duration": 0.0}, "duration"),
+        ({"sample_rate": -8000}, "sample_rate"),
+    ],
+)
+def test_what_is_impossible_is_refused_by_name(bar: ObjectFile, change: dict, where: str) -> None:
+    points, normals = bar.sample_contacts(2, seed=9)
+    with pytest.raises(QueryError, match=where):
+        bar.strike(**({"points": points, "forces": -normals, "duration": 0.01} | change))
+
+
+def test_without_a_mass_there_is_no_pressure(small_file: Path) -> None:
+    unknown = objectfolder.load(small_file).with_description(body=None)
+    points, normals = unknown.sample_contacts(1, seed=9)
+    with pytest.raises(QueryError, match="listener"):
+        unknown.strike(points, normals, 0.01, listener=EARS)
+    with pytest.raises(QueryError, match="pulse"):
+        unknown.strike(points, normals, 0.01, pulse=STRIKER)
