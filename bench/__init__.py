@@ -1,1 +1,9 @@
-"""Timed comparisons: ``python -m bench.NAME`` writes ``bench/results/NAME.json`` and ``NAME.png``."""
+"""Timed comparisons: ``python -m bench.NAME`` writes ``bench/results/NAME.json`` and ``NAME.png``.
+
+All that is compared runs on one thread, unless the environment says otherwise.
+"""
+
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
