@@ -304,3 +304,30 @@ def test_what_is_impossible_is_refused_by_name(change: dict, where: str) -> None
     } | change
     with pytest.raises(QueryError, match=where):
         mode_bank(**asked)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-30, 59), st.floats(-30, 29)), min_size=1, max_size=3),
+    st.floats(-2, 6),
+    st.integers(0, 40),
+    st.one_of(st.none(), st.floats(-12, 3)),
+    st.sampled_from(["displacement", "velocity", "acceleration"]),
+)
+def test_no_magnitude_overflows(
+    exponents: list[tuple[float, float]], rate: float, samples: int, pulse: float | None, response: str
+) -> None:
+    """Warnings of overflow are errors here."""
+    eigenvalues, dampings = 10.0 ** np.array(exponents).T
+    rate = 10.0**rate
+    sound = mode_bank(
+        eigenvalues,
+        dampings,
+        np.ones(len(exponents)),
+        max(samples, 0.3) / rate,
+        rate,
+        response=response,
+        pulse_s=None if pulse is None else 10.0**pulse / rate,
+    )
+    assert sound.shape == (1, samples)
+    assert np.isfinite(sound).all()

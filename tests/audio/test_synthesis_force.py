@@ -205,3 +205,16 @@ def test_impossible_forces_are_refused(change: dict) -> None:
     } | change
     with pytest.raises(QueryError):
         driven_bank(**asked)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-30, 59), st.floats(-30, 29)), min_size=1, max_size=3),
+    st.floats(-2, 6),
+    st.integers(1, 40),
+)
+def test_no_magnitude_overflows(exponents: list[tuple[float, float]], rate: float, samples: int) -> None:
+    """Warnings of overflow are errors here."""
+    eigenvalues, dampings = 10.0 ** np.array(exponents).T
+    gains, rate = np.ones((1, len(exponents))), 10.0**rate
+    assert np.isfinite(driven_bank(eigenvalues, dampings, gains, np.ones((7, 1)), samples / rate, rate)).all()

@@ -261,8 +261,8 @@ def _phi(z: Floats, order: int) -> Floats:
     once = np.where(z == 0, 1.0, np.expm1(safe) / safe)
     if order == 1:
         return once
-    series = np.zeros_like(z)
+    series, near = np.zeros_like(z), np.clip(z, -1, 1)
     for k in range(SERIES_TERMS, 1, -1):
-        series = 1 / math.factorial(k) + z * series
+        series = 1 / math.factorial(k) + near * series
     # The loop ends with 1 / 2! + z / 3! + ...
     return np.where(np.abs(z) < 1, series, (once - 1) / safe)
