@@ -231,7 +231,7 @@ def draw(figures: dict[str, Any]) -> None:
     left.set(xlabel="contacts in the batch", ylabel="1e9 mode-samples a CPU second", xticks=CONTACTS)
     left.set_xticklabels(CONTACTS)
     left.set_title("256 modes, 2 s at 44.1 kHz, one core")
-    left.legend(fontsize=8)
+    left.legend(fontsize=8, loc=(0.43, 0.2))
     for name, label in (
         ("impulse", "impulse"),
         ("pulse_0.1_ms", "0.1 ms pulse"),
@@ -239,7 +239,7 @@ def draw(figures: dict[str, Any]) -> None:
     ):
         right.plot(BLOCKS, [r[f"first_block_ms_{name}"] for r in figures["stream"]], "o-", label=label)
     right.axhline(1.0, color="black", linewidth=0.8)
-    right.set(xlabel="samples of a block", ylabel="CPU ms (median)", xticks=BLOCKS, ylim=(0, 1.1))
+    right.set(xlabel="samples of a block", ylabel="CPU ms (median)", xticks=BLOCKS, ylim=(0, 1.5))
     right.set_title("Contact to first block, 256 modes")
     right.legend(fontsize=8)
     figure.savefig(record.RESULTS / "mode_bank.png", dpi=110)

@@ -1,0 +1,30 @@
+"""Results of comparisons as files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench import record
+
+
+def test_figures_are_kept_with_settings_versions_and_what_was_compared(tmp_path: Path) -> None:
+    figures = {"seconds": np.float64(1.5), "errors": np.array([1, 2]), "rival": None}
+    path = record.write(
+        "rates", figures, {"cases": ("a", "b")}, "ours against the rival", folder=tmp_path / "new"
+    )
+    assert path == tmp_path / "new" / "rates.json"
+    found = json.loads(path.read_text(encoding="utf-8"))
+    assert found["figures"] == {"seconds": 1.5, "errors": [1, 2], "rival": None}
+    assert found["settings"] == {"cases": ["a", "b"]}
+    assert found["compared"] == "ours against the rival"
+    assert found["versions"]["numpy"] == np.__version__
+    assert found["versions"]["processor"]
+
+
+def test_numbers_that_are_not_finite_and_foreign_values_leave_no_file(tmp_path: Path) -> None:
+    for value, error in ((np.nan, ValueError), (np.array([np.inf]), ValueError), (object(), TypeError)):
+        with pytest.raises(error):
+            record.write("rates", {"value": value}, {}, "nothing", folder=tmp_path)
+    assert not list(tmp_path.iterdir())
