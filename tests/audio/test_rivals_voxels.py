@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from structured_solids import material
 
 from objectfolder.audio.rivals.voxel_grid import voxelise
-from objectfolder.audio.rivals.voxels import VoxelModes, hexahedron, voxel_modes
-from objectfolder.errors import InputError
+from objectfolder.audio.rivals.voxels import hexahedron, voxel_modes
+from objectfolder.errors import InputError, SimulationError
 from objectfolder.geometry.surface import Surface
 
 CERAMIC = material()
@@ -43,10 +43,6 @@ def bowl() -> Surface:
     return Surface(mesh.vertices, mesh.faces)
 
 
-def cube_eta(modes: VoxelModes, side: float) -> np.ndarray:
-    return np.sqrt(modes.eigenvalues) * side / CERAMIC.shear_speed_m_s
-
-
 def test_the_element_is_exact_for_linear_fields_and_mass() -> None:
     stiffness, mass = hexahedron(0.3)
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
@@ -69,21 +65,21 @@ def test_errors_of_the_cube_fall_by_four_when_the_edge_halves() -> None:
     side, poisson = 0.1, material(poisson_ratio=0.3)
     known = np.array([2.85608, 2.85608, 3.84599, 3.84599, 3.84599, 3.91127, 3.91127, 3.91127])
     errors = []
-    for resolution in (6, 12):
+    for resolution in (5, 10):
         modes = voxel_modes(
             box((side, side, side)), poisson, resolution=resolution, max_frequency_hz=1e5, max_modes=11
         )
         eta = np.sqrt(modes.eigenvalues[:8]) * side / poisson.shear_speed_m_s
         errors.append(eta / known - 1)
     assert np.all(errors[1] > 0)
-    assert np.all(errors[1] < 0.02)
+    assert np.all(errors[1] < 0.03)
     np.testing.assert_allclose(errors[0] / errors[1], 4, rtol=0.1)
 
 
 def test_the_lame_mode_converges_for_another_poisson_ratio() -> None:
     side, poisson = 0.1, material(poisson_ratio=0.25)
     errors = []
-    for resolution in (6, 12):
+    for resolution in (5, 10):
         modes = voxel_modes(
             box((side, side, side)), poisson, resolution=resolution, max_frequency_hz=1e5, max_modes=20
         )
@@ -143,6 +139,31 @@ def test_a_limit_does_not_part_a_multiple_mode() -> None:
     """The cube's fourth mode of 3.84599 is one of three."""
     modes = voxel_modes(box((0.1, 0.1, 0.1)), CERAMIC, resolution=8, max_frequency_hz=1e5, max_modes=3)
     assert len(modes.eigenvalues) == 2
+
+
+def test_a_limit_does_not_part_modes_that_two_bodies_share() -> None:
+    pair = together(box((0.05, 0.05, 0.05)), box((0.05, 0.05, 0.05), (0.05, 0.05, 0)))
+    modes = voxel_modes(pair, CERAMIC, resolution=8, max_frequency_hz=2e5, max_modes=5)
+    assert len(modes.eigenvalues) == 4
+    np.testing.assert_allclose(modes.eigenvalues, modes.eigenvalues[0], rtol=1e-9)
+    with pytest.raises(SimulationError, match="equal eigenvalues"):
+        voxel_modes(pair, CERAMIC, resolution=8, max_frequency_hz=2e5, max_modes=3)
+
+
+def test_a_small_cube_has_no_audible_mode() -> None:
+    modes = voxel_modes(box((0.016, 0.016, 0.016)), CERAMIC, resolution=6)
+    assert modes.vectors.shape == (343, 3, 0)
+    assert modes.limit_hz == pytest.approx(20000)
+
+
+def test_frequencies_are_damped_and_zero_where_a_mode_does_not_ring() -> None:
+    cube = box((0.1, 0.1, 0.1))
+    light = voxel_modes(cube, CERAMIC, resolution=4, max_frequency_hz=3e4)
+    heavy = voxel_modes(cube, material(rayleigh_beta_s=1e-4), resolution=4, max_frequency_hz=3e4)
+    np.testing.assert_array_equal(heavy.eigenvalues, light.eigenvalues)
+    np.testing.assert_array_equal(heavy.frequencies_hz, 0)
+    angular = 2 * np.pi * light.frequencies_hz
+    np.testing.assert_allclose(np.hypot(angular, light.dampings_per_s) ** 2, light.eigenvalues, rtol=1e-12)
 
 
 def test_paper_grid_on_a_thin_bowl_is_wrong_by_what_was_measured() -> None:

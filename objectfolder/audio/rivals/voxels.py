@@ -7,7 +7,6 @@ parted, so that each body joined through faces has six rigid motions. The papers
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +108,7 @@ def voxel_modes(
     below = (2 * np.pi * max_frequency_hz / radians) ** 2
     stiffness_block, mass_block = hexahedron(material.poisson_ratio)
     found: list[tuple[Floats, Integers, Floats]] = []
+    limit = below
     order = np.argsort(body[hexahedra[:, 0]], kind="stable")
     ends = np.cumsum(np.bincount(body[hexahedra[:, 0]], minlength=components))
     for chosen in np.split(order, ends[:-1]):
@@ -116,20 +116,19 @@ def voxel_modes(
         local = local.reshape(-1, 8)
         stiffness, mass = assemble(local, len(members), stiffness_block, mass_block)
         lap("assemble")
-        values, vectors, counting = _solve(
+        values, vectors, certain, counting = _solve(
             stiffness, mass, nodes[members] - nodes[members].mean(axis=0), below, max_modes, seed
         )
         cpu_s["count"] = cpu_s.get("count", 0.0) + counting
         clock += counting
         lap("solve")
         found.append((values, members, vectors))
+        limit = min(limit, certain)
 
     values = np.concatenate([part[0] for part in found])
     owner = np.repeat(np.arange(components), [len(part[0]) for part in found])
     column = np.concatenate([np.arange(len(part[0])) for part in found])
     ranks = np.argsort(values, kind="stable")
-    # A body that was cut short knows its modes only up to where it was cut.
-    limit = min([below, *(part[0][-1] * (1 + GAP) for part in found if len(part[0]) > max_modes)])
     kept = int(np.count_nonzero(values[ranks] < limit))
     if kept > max_modes:
         kept = _gap(values[ranks], max_modes)
@@ -232,8 +231,11 @@ def _solve(
     below: float,
     max_modes: int,
     seed: int,
-) -> tuple[Floats, Floats, float]:
-    """Elastic pairs of one body below a limit, or one more than `max_modes`; CPU seconds of counting."""
+) -> tuple[Floats, Floats, float, float]:
+    """Elastic pairs of one body, the limit below which they are all, and the CPU seconds of counting them.
+
+    The limit is `below`, or lower in a gap where many more than `max_modes` lie below it.
+    """
     rigid = rigid_motions(positions, np.zeros(len(positions), dtype=np.int64), len(positions), mass)
     longest = float(np.ptp(positions, axis=0).max())
     counting = 0.0
@@ -256,12 +258,12 @@ def _solve(
             kept = _gap(pairs.values, min(kept, len(pairs.values) - 1))
             limit = float(np.sqrt(pairs.values[kept - 1] * pairs.values[kept]))
         if stiffness.shape[0] <= DENSE:  # all eigenvalues were computed
-            return pairs.values[:kept], pairs.vectors[:, :kept], 0.0
+            return pairs.values[:kept], pairs.vectors[:, :kept], limit, 0.0
         start = time.process_time()
         counted = count_below(stiffness, mass, limit)
         counting += time.process_time() - start
         if counted == kept + 6:
-            return pairs.values[:kept], pairs.vectors[:, :kept], counting
+            return pairs.values[:kept], pairs.vectors[:, :kept], limit, counting
     raise SimulationError(
         "voxel modes",
         f"inertia counts {counted - 6} elastic modes, {kept} were found",
@@ -281,18 +283,3 @@ def _enclosed_volume(surface: Surface) -> float:
     """Signed volume within the surface, exact where it is closed."""
     corners = surface.vertices[surface.faces] - surface.bounds.mean(axis=0)
     return float(np.linalg.det(corners).sum() / 6)
-
-
-def describe(modes: VoxelModes) -> dict[str, Any]:
-    """What was discretised and at what cost, JSON-able."""
-    return {
-        "modes": len(modes.eigenvalues),
-        "first_frequency_hz": float(np.sqrt(modes.eigenvalues[0]) / (2 * np.pi))
-        if len(modes.eigenvalues)
-        else None,
-        "components": modes.components,
-        "mass_ratio": modes.mass_ratio,
-        "unknowns": modes.unknowns,
-        "cells": modes.cells,
-        "cpu_s": sum(modes.cpu_s.values()),
-    }
