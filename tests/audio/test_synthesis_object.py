@@ -87,6 +87,27 @@ def test_twice_as_far_is_half_as_loud_and_later(bar: ObjectFile) -> None:
     assert ratio == pytest.approx(0.5, rel=0.01)
 
 
+def test_a_contact_on_a_vertex_or_an_edge_sounds_as_one_beside_it(bar: ObjectFile) -> None:
+    corners = bar.surface.vertices[bar.surface.faces[::40]]
+    force = np.array([0.3, 0.2, 1.0])
+    for on in (corners[:, 0], (corners[:, 0] + corners[:, 1]) / 2):
+        beside = on + 1e-6 * (corners.mean(axis=1) - on)
+        sound, near = (bar.strike(points, force, 0.02, pulse=2e-4) for points in (on, beside))
+        assert np.isfinite(sound).all()
+        size = np.abs(sound).max(axis=1)
+        assert (size > 0).all()
+        assert (np.abs(sound - near).max(axis=1) < 1e-3 * size).all()
+
+
+def test_each_contact_may_have_its_own_pulse(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(3, seed=10)
+    pulses = np.array([1e-4, 2e-3, 1e-4])
+    together = bar.strike(points, -normals, 0.02, pulse=pulses)
+    for index, pulse in enumerate(pulses):
+        alone = bar.strike(points[index], -normals[index], 0.02, pulse=pulse)
+        np.testing.assert_array_equal(alone[0], together[index])
+
+
 def test_a_harder_blow_of_a_striker_is_shorter(bar: ObjectFile) -> None:
     points, normals = bar.sample_contacts(1, seed=4)
     soft, hard = (
@@ -205,6 +226,8 @@ def test_parts_are_the_whole(bar: ObjectFile) -> None:
         ({"forces": np.zeros((3, 3))}, "forces"),
         ({"forces": np.zeros((2, 5, 3)), "pulse": 1e-3}, "pulse"),
         ({"pulse": -1.0}, "pulse"),
+        ({"pulse": np.full(3, 1e-3)}, "pulse"),
+        ({"pulse": np.full(1, 1e-3)}, "pulse"),
         ({"pulse": np.array([1e-3, np.nan])}, "pulse"),
         ({"listener": np.zeros(3)}, "listener"),
         ({"listener": np.full(3, np.nan)}, "listener"),

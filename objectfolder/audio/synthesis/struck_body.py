@@ -91,16 +91,16 @@ class StruckBody:
             Rows and their sounds (rows, channels, samples) float32. Each row is what it is alone; working
             memory does not grow with n.
         """
-        pulses = self._pulses(points, forces, pulse)
+        durations = self.pulses(points, forces, pulse)
         samples = samples_of(duration_s, sample_rate_hz)
-        channels = list(self._channels(sample_rate_hz, listeners))
+        channels = list(self.channels(sample_rate_hz, listeners))
         numbers = 3 * len(self.eigenvalues) + len(channels) * samples + 1
         step = max(1, CHUNK_NUMBERS // numbers)
         for start in range(0, len(points), step):
             rows = slice(start, min(start + step, len(points)))
             sound = np.zeros((rows.stop - start, len(channels), samples), dtype=np.float32)
-            gains = self._modal_gains(points[rows])
-            own = pulses[rows] if isinstance(pulses, np.ndarray) else pulses
+            gains = self.modal_gains(points[rows])
+            own = durations[rows] if isinstance(durations, np.ndarray) else durations
             part = np.empty((len(sound), samples))
             for channel, sources in enumerate(channels):
                 total = np.zeros_like(part)
@@ -114,19 +114,23 @@ class StruckBody:
         """Return a silent stream with a channel a listener; see `ObjectFile.stream`."""
         return BodyStream(self, sample_rate_hz, listeners)
 
-    def _modal_gains(self, points: Floats) -> Floats:
+    def modal_gains(self, points: Floats) -> Floats:
+        """Return gains (n, 3, modes) times the radiation weights."""
         if len(self.eigenvalues) == 0:
             return np.zeros((len(points), 3, 0))
         return np.asarray(self.gains(points)[:, :, : len(self.eigenvalues)] * self.radiation_weights)
 
-    def _pulses(self, points: Floats, forces: Floats, pulse: Pulse) -> float | Floats | None:
-        """Durations of the pulses, seconds."""
+    def pulses(self, points: Floats, forces: Floats, pulse: Pulse) -> float | Floats | None:
+        """Return durations of the pulses, seconds: one, one each, or None."""
         if pulse is None:
             return None
         if forces.ndim == 3:
             raise QueryError("pulse", "given with sampled forces", "Forces (n, k, 3) are their own profile.")
         if not isinstance(pulse, ContactBody):
             durations = np.asarray(pulse, dtype=np.float64)
+            if durations.shape not in ((), (len(points),)):
+                finding = f"shape {durations.shape} for {len(points)} contacts"
+                raise QueryError("pulse", finding, "Give one duration, or one each.")
             return float(durations) if durations.ndim == 0 else durations
         if self.rigid is None or self.elasticity is None:
             raise QueryError("pulse", "the object's mass or elasticity is unknown", "Give seconds.")
@@ -139,8 +143,8 @@ class StruckBody:
             found[index] = contact.duration_s(contact.speed_m_s(impulses[index]))
         return found
 
-    def _channels(self, sample_rate_hz: float, listeners: Floats | None) -> Iterator[list["Source"]]:
-        """Sources of what is heard in each channel."""
+    def channels(self, sample_rate_hz: float, listeners: Floats | None) -> Iterator[list["Source"]]:
+        """Yield the sources of what is heard in each channel."""
         given = Oscillators.checked(self.eigenvalues, self.dampings_per_s, sample_rate_hz)
         columns = np.flatnonzero(given.audible())
         modes = given.take(columns)
@@ -243,7 +247,7 @@ class BodyStream:
                 )
                 for source in sources
             ]
-            for sources in body._channels(sample_rate_hz, listeners)
+            for sources in body.channels(sample_rate_hz, listeners)
         ]
 
     @property
@@ -268,9 +272,9 @@ class BodyStream:
         """
         at = self.now if at is None else at
         points, forces = point[None], force[None]
-        pulses = self._body._pulses(points, forces, pulse)
+        pulses = self._body.pulses(points, forces, pulse)
         pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
-        gains = self._body._modal_gains(points)
+        gains = self._body.modal_gains(points)
         for source, voices in (pair for sources in self._channels for pair in sources):
             field = source.field(gains)
             if forces.ndim == 3:
