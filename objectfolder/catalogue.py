@@ -2,6 +2,7 @@
 
 import csv
 import difflib
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ AS_IN_FILE = "as in file"
 REQUIRED_COLUMNS = ("id", "material")
 COLUMNS = (
     "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "roughness",
-    "metallic",
+    "metallic", "wall_m", "shell_m",
 )  # fmt: skip
 
 _SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
@@ -38,6 +39,11 @@ class ObjectRecord:
         Longest side in metres; None as in the file.
     roughness, metallic
         Appearance in 0..1 in place of the material's; None leaves the material's.
+    wall_m
+        Least thickness of the walls for its sound, metres, where the scan made them too thin.
+    shell_m
+        Thickness in metres of the wall, for its sound, of a closed container that the scan has as solid. Not
+        together with `wall_m`.
     """
 
     id: str
@@ -51,6 +57,8 @@ class ObjectRecord:
     attribution: str
     roughness: float | None = None
     metallic: float | None = None
+    wall_m: float | None = None
+    shell_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -194,6 +202,14 @@ def _record(
     mesh = _existing(folder / mesh_name, f"{where}, field mesh")
     texture_name = row.get("texture", "")
     texture = _existing(folder / texture_name, f"{where}, field texture") if texture_name else None
+    wall_m = _thickness(row.get("wall_m", ""), f"{where}, field wall_m")
+    shell_m = _thickness(row.get("shell_m", ""), f"{where}, field shell_m")
+    if wall_m is not None and shell_m is not None:
+        raise InputError(
+            f"{where}, field shell_m",
+            "is stated together with wall_m",
+            "State wall_m for an open vessel with thin walls, shell_m for one that is scanned solid",
+        )
     return ObjectRecord(
         id=object_id,
         name=row.get("name") or object_id,
@@ -206,6 +222,8 @@ def _record(
         attribution=row.get("attribution", ""),
         roughness=_fraction(row.get("roughness", ""), f"{where}, field roughness"),
         metallic=_fraction(row.get("metallic", ""), f"{where}, field metallic"),
+        wall_m=wall_m,
+        shell_m=shell_m,
     )
 
 
@@ -249,4 +267,16 @@ def _fraction(text: str, where: str) -> float | None:
         value = float("nan")
     if not 0 <= value <= 1:
         raise InputError(where, f"{text!r} is not a number in 0..1", "Correct it, or leave it empty")
+    return value
+
+
+def _thickness(text: str, where: str) -> float | None:
+    if not text:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not (math.isfinite(value) and value > 0):
+        raise InputError(where, f"{text!r} is not a positive number", "Give metres, or leave it empty")
     return value

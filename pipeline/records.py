@@ -58,7 +58,9 @@ def sources(row: Mapping[str, Any]) -> dict[str, Path]:
 
 def write_records(root: Path, records: Records) -> None:
     """Write what later stages read of the objects, atomically."""
-    handed_on = ("name", "material", "material_citation", "appearance", "source", "licence", "attribution")
+    handed_on = (
+        "name", "material", "material_citation", "appearance", "walls", "source", "licence", "attribution",
+    )  # fmt: skip
     content = {
         "objects": {
             object_id: {field: row[field] for field in handed_on} for object_id, row in records.rows.items()
@@ -100,6 +102,7 @@ def row_of(record: ObjectRecord, material: Material) -> dict[str, Any]:
         "material": physical,
         "material_citation": material.citation,
         "appearance": appearance,
+        "walls": {"wall_m": record.wall_m, "shell_m": record.shell_m},
         "source": record.source,
         "licence": record.licence,
         "attribution": record.attribution,

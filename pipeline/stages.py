@@ -40,7 +40,7 @@ STAGES = {
             (MODES,),
             inputs=(GEOMETRY,),
             parameters=("audio",),
-            fields=("material",),
+            fields=("material", "walls"),
             packages=("numpy", "pytetwild", "scipy", "zarr"),
         ),
         Stage(

@@ -1,260 +1,401 @@
-"""The solid inside a surface, as tetrahedra: whatever the surface is like.
+"""The solid inside a surface, as few long tetrahedra: whatever the surface is like.
 
-The surface is first simplified within an envelope, then filled by fTetWild (Hu, Schneider, Wang, Zorin and
-Panozzo, "Fast Tetrahedral Meshing in the Wild", 2020), which takes holes, overlaps and several pieces: inside
-is where the generalised winding number is large.
+The surface is brought to one size, place and order; simplified; filled by fTetWild within an envelope (Hu,
+Schneider, Wang, Zorin and Panozzo, "Fast Tetrahedral Meshing in the Wild", 2020), which takes holes, overlaps
+and several pieces: inside is where the generalised winding number is large; drawn onto the surface again; and
+coarsened. What comes out is compared with the surface. Where fTetWild takes too long or what it gives is
+wrong, a wider envelope around a simpler surface is next, and then a lattice cut by the signed distance.
 """
 
 import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from objectfolder.audio.coarsening import BoundaryFit, coarsen
+from objectfolder.audio.element_shape import heights_and_edges, shape
+from objectfolder.audio.lattice_filling import fill_with_lattice
+from objectfolder.audio.peeling import flat_on_boundary, peel
+from objectfolder.audio.snapping import snap
+from objectfolder.audio.solid import LOCAL_FACES as LOCAL_FACES
+from objectfolder.audio.solid import SMALLEST_SHARE, Solid, boundary_of
+from objectfolder.audio.solid import clean as clean
+from objectfolder.audio.solid import volumes as volumes
 from objectfolder.errors import InputError, SimulationError
+from objectfolder.geometry.edges import edge_table
+from objectfolder.geometry.local_thickness import LocalThickness, distances_across, local_thickness
+from objectfolder.geometry.normal_form import NormalForm, normal_form
+from objectfolder.geometry.orientation import outward_orientation
+from objectfolder.geometry.sampled_distance import SampledDistance
+from objectfolder.geometry.shell import hollow
 from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.wall_thickness import wall_thickness
+from objectfolder.geometry.thickening import thicken
+from objectfolder.geometry.winding_number import enclosed_volume, is_closed
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-LOCAL_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # outward; face k is opposite corner k
-SMALLEST_SHARE = 1e-3
 PATIENCE = 10  # wall seconds for a CPU second: a busy machine must not change what comes out
+MOST_VOLUME_ERROR = 0.04
+MOST_WALL_RATIO = 1.25
 
 
 @dataclass(frozen=True)
 class Filling:
-    """How a surface is filled.
+    """How a surface is filled; lengths over the diagonal of the bounding box unless they say otherwise.
 
     Attributes
     ----------
-    edge_length : target edge over the diagonal of the bounding box; up to twice that for a bulky solid, where
-        `bulk_elements` equal tetrahedra fill the volume
+    edge_length : longest edge; up to twice that for a bulky solid, where `bulk_elements` equal tetrahedra
+        fill the volume
     bulk_elements : see `edge_length`
-    epsilon_per_wall : envelope over the median wall thickness, and over 2/3 of its 5 % quantile by area
-    simplification_per_wall : rms distance that simplification may move the surface, over the 5 % quantile
+    surface_per_thickness, surface_error : how far the boundary may come to lie from the surface: so much of
+        the local thickness, but not more than `surface_error`
+    least_shape : no element is made flatter than this, see `element_shape.shape`
+    epsilon_per_wall : envelope of fTetWild over the wall thickness
+    simplification_per_wall : rms distance that simplification may move the surface, likewise
     target_faces : faces the surface is simplified to, more where that distance demands it
     most_faces : from here on 2.5 times that distance will do
-    stop_energy : conformal AMIPS energy at which fTetWild stops improving elements (regular: 3)
-    time_limit_s : CPU time after which the filling is started again coarser, and then given up
+    stop_energy : conformal AMIPS energy at which fTetWild stops improving elements (regular: 3), for compact
+        ones; more for elements as flat as the wall is thin
+    time_limit_s : CPU time of both runs of fTetWild together
+    lattice_nodes : of the last resort
     """
 
-    edge_length: float = 0.1
-    bulk_elements: int = 800
-    epsilon_per_wall: float = 1 / 15
-    simplification_per_wall: float = 1 / 7
+    edge_length: float = 0.15
+    bulk_elements: int = 150
+    surface_per_thickness: float = 0.35
+    surface_error: float = 0.003
+    least_shape: float = 0.2
+    epsilon_per_wall: float = 0.12
+    simplification_per_wall: float = 0.15
     target_faces: int = 800
-    most_faces: int = 2500
-    stop_energy: float = 100.0
-    time_limit_s: float = 240.0
+    most_faces: int = 1600
+    stop_energy: float = 40.0
+    time_limit_s: float = 80.0
+    lattice_nodes: int = 150_000
 
 
 @dataclass(frozen=True)
-class Solid:
-    """Positively oriented tetrahedra in metres; bodies share no vertex.
+class Envelope:
+    """What one run of fTetWild gets: dimensionless lengths, see `Filling`."""
 
-    Attributes
-    ----------
-    vertices : (v, 3) float64
-    tetrahedra : (t, 4) int64
-    component : (v,) int64 body of each vertex; bodies are joined through faces only
-    report : what was done, JSON-able
-    """
+    epsilon: float
+    allowed: float
+    edge_length: float
+    target_faces: int
+    most_faces: int
+    stop_energy: float
+    time_limit_s: float
 
-    vertices: Floats
-    tetrahedra: Integers
-    component: Integers
-    report: dict[str, Any]
+
+@dataclass(frozen=True)
+class _Measured:
+    """The dimensionless surface that is filled, and what is known of it."""
+
+    form: NormalForm
+    near: SampledDistance
+    local: LocalThickness
+    thin: float
+    median: float
+    closed: bool
+    pieces: int
+    volume: float
+    volume_uncertainty: float
 
     @property
-    def components(self) -> int:
-        """Number of bodies."""
-        return int(self.component.max()) + 1
-
-    @property
-    def volume_m3(self) -> float:
-        """Volume, cubic metres."""
-        return float(volumes(self.vertices, self.tetrahedra).sum())
-
-    def boundary(self) -> tuple[Integers, Integers, Integers]:
-        """Outward boundary triangles (f, 3), the element (f,) and the opposite local corner (f,) of each."""
-        faces = self.tetrahedra[:, LOCAL_FACES].reshape(-1, 3)
-        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-        outer = np.sort(first[count == 1])
-        return faces[outer], outer // 4, outer % 4
+    def wall(self) -> float:
+        """The thickness that small lengths are measured by."""
+        return min(1.5 * self.thin, self.median)
 
 
-def volumes(vertices: Floats, tetrahedra: Integers) -> Floats:
-    """Signed volume of each tetrahedron, (t,)."""
-    corner = vertices[tetrahedra]
-    return np.linalg.det(corner[:, 1:] - corner[:, :1]) / 6
-
-
-def fill(surface: Surface, filling: Filling | None = None, *, name: str = "surface") -> Solid:
+def fill(
+    surface: Surface,
+    filling: Filling | None = None,
+    *,
+    wall_m: float | None = None,
+    shell_m: float | None = None,
+    name: str = "surface",
+) -> Solid:
     """Fill a surface: closed or open, of one or more pieces, overlapping or not.
+
+    Moved, scaled or with its vertices and faces in another order, a surface gives the same solid (see
+    `normal_form`). Turned, it gives another one of the same accuracy.
 
     Parameters
     ----------
     surface
-        Metres, outward faces.
+        Metres. Patches turned inside out are turned back.
     filling
-        Resolution and envelope.
+        Resolution, accuracy and limits.
+    wall_m
+        Least thickness of walls in metres: see `thickening.thicken`.
+    shell_m
+        Makes a closed container hollow, with walls so thick, metres: see `shell.hollow`.
     name
         What to call the object in errors.
 
+    Returns
+    -------
+    Solid
+        Its `report` has, besides the numbers of `filling`: `way` (``envelope``, ``wide envelope`` or
+        ``lattice``) and `tried`, what was wrong with the ways before; `doubts`, what is still wrong;
+        `volume_error` against the volume enclosed; `surface_error_rms_m` and `surface_error_max_m`, the
+        distance between boundary and surface both ways; `wall_median_ratio` of the solid's wall to the
+        surface's; `least_shape`, `least_height_m`, `flat_on_boundary` of the elements; `bodies`. Its `target`
+        is `surface`, faces outward, or what `wall_m` or `shell_m` made of it.
+
     Raises
     ------
+    InputError
+        Both `wall_m` and `shell_m`, or one that the object cannot have.
     SimulationError
-        When nothing came back within the time limit, twice, or the surface encloses no volume.
+        The surface encloses no volume, by any way.
     """
     filling = filling or Filling()
-    diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
-    wall = wall_thickness(surface, None)
-    thin = wall.thin_m if wall.thin_m is not None else diagonal / 50
-    median = wall.median_m if wall.median_m is not None else diagonal / 50
-    thickness = min(1.5 * thin, median)
-    epsilon = float(np.clip(thickness * filling.epsilon_per_wall, 1e-4 * diagonal, 1.5e-3 * diagonal))
-    allowed = float(np.clip(thin * filling.simplification_per_wall, epsilon, 1.5e-3 * diagonal))
-    signed = _signed_volume(surface)
-    bulk = (8.5 * (signed or 0.0) / filling.bulk_elements) ** (1 / 3) / diagonal
-    edge = float(np.clip(bulk, filling.edge_length, 2 * filling.edge_length))
-    attempts = [
-        (epsilon, allowed, filling.stop_energy),
-        (2 * epsilon, 2 * allowed, 10 * filling.stop_energy),
-    ]
-    for envelope, movement, energy in attempts:
-        raw = _run(surface, envelope, movement, energy, edge, filling)
-        if raw is not None and len(raw["tetrahedra"]):
+    target, walls = _target(_outward(surface), wall_m, shell_m, name)
+    measured = _measure(target)
+    tried: list[dict[str, Any]] = []
+    best: tuple[int, Solid] | None = None
+    for way, vertices, tetrahedra, done in _ways(measured, filling):
+        if len(tetrahedra) == 0:
+            tried.append({"way": way, **done})
+            continue
+        fine = clean(vertices, tetrahedra, {}, name=name)
+        doubts = _doubts(measured, fine)
+        tried.append({"way": way, **done, "doubts": doubts})
+        if best is None or len(doubts) < best[0]:
+            best = len(doubts), replace(fine, report={"way": way, **done, "doubts": doubts})
+        if not doubts:
             break
-    else:
+    if best is None:
         raise SimulationError(
             name,
-            f"no solid came of filling it within {filling.time_limit_s:.0f} CPU-s a try"
-            if raw is None
-            else "it encloses no volume",
-            "Check that the surface is closed or nearly so, or simplify it.",
+            "no solid came of filling it: it encloses no volume",
+            "Check that the surface is closed or nearly so, or state shell_m or wall_m",
         )
-    report = {
-        "filling": asdict(filling),
-        "first_attempt": (envelope, movement, energy) == attempts[0],
-        "edge_m": edge * diagonal,
-        "epsilon_m": envelope,
-        "wall_thin_m": wall.thin_m,
-        "wall_median_m": wall.median_m,
-        "simplified_faces": int(raw["faces"]),
-        "simplification_moved_rms_m": float(raw["moved_m"]),
-    }
-    solid = clean(raw["vertices"], raw["tetrahedra"].astype(np.int64), report, name=name)
-    solid.report["volume_error"] = None if signed is None else solid.volume_m3 / signed - 1
-    return solid
+    return _finished(best[1], measured, filling, target, {"tried": tried, **walls}, name)
 
 
-def clean(vertices: Floats, tetrahedra: Integers, report: dict[str, Any], *, name: str = "solid") -> Solid:
-    """Orient, drop flat elements and crumbs, and part bodies that touch only along edges or at points.
+def _target(
+    surface: Surface, wall_m: float | None, shell_m: float | None, name: str
+) -> tuple[Surface, dict[str, Any]]:
+    if wall_m is not None and shell_m is not None:
+        raise InputError(name, "has both wall_m and shell_m", "State one of them")
+    if shell_m is not None:
+        return hollow(surface, shell_m, name), {"shell_m": shell_m}
+    if wall_m is not None:
+        thickened, share = thicken(surface, wall_m, name)
+        return thickened, {"wall_m": wall_m, "wall_area_share": share}
+    return surface, {}
 
-    A flat element has under 1e-12 of the cube of its longest edge; a crumb is a body with under 1e-3 of the
-    volume. Joined bodies share faces: others would be hinged, and have fewer than six rigid motions each.
-    """
-    vertices = np.asarray(vertices, dtype=np.float64)
-    if len(tetrahedra) == 0 or not np.isfinite(vertices).all():
-        raise InputError(name, "no tetrahedra, or coordinates that are not finite", "Check the mesh.")
-    volume = volumes(vertices, tetrahedra)
-    corner = vertices[tetrahedra]
-    longest = np.max(np.linalg.norm(corner[:, :, None] - corner[:, None, :], axis=-1), axis=(1, 2))
-    whole = np.abs(volume) > 1e-12 * longest**3
-    inverted = volume < 0
-    tetrahedra = np.where(inverted[:, None], tetrahedra[:, [0, 2, 1, 3]], tetrahedra)[whole]
-    body = _bodies(tetrahedra)
-    size = np.bincount(body, np.abs(volume[whole]))
-    kept = size >= SMALLEST_SHARE * size.sum()
-    number = np.cumsum(kept) - 1
-    stays = kept[body]
-    tetrahedra, body = tetrahedra[stays], number[body[stays]]
-    key = body[:, None] * len(vertices) + tetrahedra
-    unique, renumbered = np.unique(key, return_inverse=True)
-    report = {
-        **report,
-        "flat_elements_dropped": int(np.count_nonzero(~whole)),
-        "bodies": int(kept.sum()),
-        "body_volume_shares": (size[kept] / size.sum()).tolist(),
-        "crumbs_dropped": int(np.count_nonzero(~kept)),
-        "crumbs_volume_share": float(size[~kept].sum() / size.sum()),
-    }
-    return Solid(
-        vertices[unique % len(vertices)], renumbered.reshape(key.shape), unique // len(vertices), report
+
+def _outward(surface: Surface) -> Surface:
+    """The surface with patches that are turned inside out turned back."""
+    if is_closed(surface) and enclosed_volume(surface)[0] > 0:
+        return surface
+    turned = outward_orientation(surface.vertices, surface.faces).reverse
+    if not turned.any():
+        return surface
+    return Surface(surface.vertices, np.where(turned[:, None], surface.faces[:, ::-1], surface.faces))
+
+
+def _pieces(faces: Integers) -> int:
+    """Number of pieces of a surface that hang together through edges of two faces."""
+    one, other = edge_table(faces).manifold_pairs()
+    pairs = (np.ones(len(one)), (one // 3, other // 3))
+    return int(connected_components(coo_array(pairs, shape=(len(faces), len(faces))), directed=False)[0])
+
+
+def _measure(target: Surface) -> _Measured:
+    form = normal_form(target)
+    local = local_thickness(form.surface)
+    known = local.across[np.isfinite(local.across)]
+    thin, median = np.quantile(known, [0.05, 0.5]) if len(known) else (0.02, 0.02)
+    volume, uncertainty = enclosed_volume(form.surface)
+    pieces = _pieces(form.surface.faces)
+    closed = is_closed(form.surface)
+    return _Measured(
+        form,
+        SampledDistance(form.surface),
+        local,
+        float(thin),
+        float(median),
+        closed,
+        pieces,
+        volume,
+        uncertainty,
     )
 
 
-def _bodies(tetrahedra: Integers) -> Integers:
-    """Number the bodies joined through faces, (t,)."""
-    faces = np.sort(tetrahedra[:, LOCAL_FACES].reshape(-1, 3), axis=1)
-    _, label = np.unique(faces, axis=0, return_inverse=True)
-    label = label.reshape(-1)
-    order = np.argsort(label, kind="stable")
-    same = np.flatnonzero(label[order][1:] == label[order][:-1])
-    first, second = order[same] // 4, order[same + 1] // 4
-    count = len(tetrahedra)
-    graph = sparse.coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:
+    """Ways to fill, best first: name, vertices, tetrahedra (none when it failed) and what was done."""
+    epsilon = float(np.clip(measured.wall * filling.epsilon_per_wall, 1e-4, 2e-3))
+    allowed = float(np.clip(measured.wall * filling.simplification_per_wall, epsilon, 2e-3))
+    first = Envelope(
+        epsilon,
+        allowed,
+        _edge(measured, filling),
+        filling.target_faces,
+        filling.most_faces,
+        filling.stop_energy * _flat_energy(measured.wall / filling.edge_length),
+        0.6 * filling.time_limit_s,
+    )
+    second = replace(
+        first,
+        epsilon=2 * epsilon,
+        allowed=2 * allowed,
+        stop_energy=10 * first.stop_energy,
+        most_faces=max(filling.target_faces, filling.most_faces // 2),
+        time_limit_s=0.4 * filling.time_limit_s,
+    )
+    scale = measured.form.diagonal_m
+    for way, envelope in (("envelope", first), ("wide envelope", second)):
+        raw = _run(measured.form.surface, envelope)
+        if isinstance(raw, str):
+            yield way, np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), {"failed": raw}
+            continue
+        done = {
+            "epsilon_m": envelope.epsilon * scale,
+            "simplified_faces": int(raw["faces"]),
+            "simplification_moved_rms_m": float(raw["moved"]) * scale,
+        }
+        yield way, raw["vertices"], raw["tetrahedra"].astype(np.int64), done
+    vertices, tetrahedra = fill_with_lattice(measured.form.surface, filling.lattice_nodes)
+    yield "lattice", vertices, tetrahedra, {"epsilon_m": 0.0}
 
 
-def _signed_volume(surface: Surface) -> float | None:
-    """Volume within a closed surface, None for one with open or unevenly shared edges."""
-    faces = surface.faces
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    forward = np.unique(edges, axis=0, return_counts=True)
-    backward = np.unique(edges[:, ::-1], axis=0, return_counts=True)
-    if not all(np.array_equal(a, b) for a, b in zip(forward, backward, strict=True)):
-        return None
-    corner = surface.vertices[faces] - surface.bounds.mean(axis=0)
-    volume = float(np.linalg.det(corner).sum() / 6)
-    return volume if volume > 0 else None
+def _edge(measured: _Measured, filling: Filling) -> float:
+    """Longest edge: 8.5 volumes of a regular tetrahedron are the cube of its edge."""
+    bulk = (8.5 * max(measured.volume, 0.0) / filling.bulk_elements) ** (1 / 3)
+    return float(np.clip(bulk, filling.edge_length, 2 * filling.edge_length))
 
 
-def _run(
-    surface: Surface, epsilon: float, allowed: float, energy: float, edge: float, filling: Filling
-) -> dict[str, NDArray[Any]] | None:
-    """Fill in a child process; None when the time is up."""
+def _flat_energy(flatness: float) -> float:
+    """AMIPS energy of an element pressed flat by a factor, over that of the regular one; at least 1."""
+    factor = min(flatness, 1.0)
+    return float((2 + factor**2) / (3 * factor ** (2 / 3)))
+
+
+def _doubts(measured: _Measured, solid: Solid) -> list[str]:
+    """What is wrong with a solid as filled, by what its surface says."""
+    found = []
+    allowed = MOST_VOLUME_ERROR * abs(measured.volume) + 3 * measured.volume_uncertainty
+    # Pieces of a closed surface that overlap count twice in its signed volume.
+    if (measured.pieces == 1 or not measured.closed) and abs(solid.volume_m3 - measured.volume) > allowed:
+        found.append(f"the volume is {solid.volume_m3 / measured.volume - 1:+.1%} off")
+    ratio = _wall_ratio(measured, solid)
+    if measured.closed and not 1 / MOST_WALL_RATIO < ratio < MOST_WALL_RATIO:
+        found.append(f"its median wall is {ratio:.2f} times the surface's")
+    if solid.components > measured.pieces:
+        found.append(f"{measured.pieces} pieces of the surface became {solid.components} bodies")
+    if measured.closed and measured.pieces == 1:
+        boundary = Surface(solid.vertices, solid.boundary()[0])
+        away = SampledDistance(boundary).nearest(measured.local.points)[1]
+        lost = float(np.mean(away > np.maximum(measured.local.least, 0.01)))
+        if lost > 0.01:
+            found.append(f"{lost:.1%} of the surface is farther from it than its wall is thick")
+    return found
+
+
+def _wall_ratio(measured: _Measured, solid: Solid) -> float:
+    """Median wall thickness of a solid over that of its surface."""
+    boundary = Surface(solid.vertices, solid.boundary()[0])
+    drawn = boundary.sample(2048, 0)
+    across = distances_across(boundary, drawn.points, boundary.face_normals[drawn.face])
+    known = across[np.isfinite(across)]
+    return float(np.median(known) / measured.median) if len(known) else 0.0
+
+
+def _finished(
+    fine: Solid, measured: _Measured, filling: Filling, target: Surface, done: dict[str, Any], name: str
+) -> Solid:
+    """Snap, coarsen, measure, and bring back to metres."""
+    scale = measured.form.diagonal_m
+    local, shapes = measured.local, filling.least_shape
+    surface = measured.form.surface
+    limit = np.minimum(filling.surface_per_thickness * local.least, filling.surface_error)
+    reach = float(fine.report["epsilon_m"]) / scale + 2e-3
+
+    thickness = local.at(fine.vertices)
+    vertices = snap(fine.vertices, fine.tetrahedra, surface, thickness, reach=reach, least_shape=shapes)
+    tolerance = np.minimum(filling.surface_per_thickness * thickness, filling.surface_error)
+    faces, _, _ = boundary_of(fine.tetrahedra)
+    _, distance, nearest = SampledDistance(Surface(vertices, faces)).nearest(local.points)
+    edge = _edge(measured, filling)
+    fit = BoundaryFit(local.points, limit, distance, faces[nearest])
+    tetrahedra = coarsen(vertices, fine.tetrahedra, fit, tolerance, thickness, edge, least_shape=shapes)
+    tetrahedra = peel(vertices, tetrahedra, tolerance)
+    vertices = snap(vertices, tetrahedra, surface, thickness, reach=reach, least_shape=shapes)
+    coarse = clean(vertices, tetrahedra, {}, name=name)
+
+    boundary = Surface(coarse.vertices, coarse.boundary()[0])
+    there = SampledDistance(boundary).nearest(local.points)[1]
+    back = measured.near.nearest(boundary.sample(len(local.points), 1).points)[1]
+    away = np.concatenate([there, back]) * scale
+    height, longest = heights_and_edges(coarse.vertices[coarse.tetrahedra])
+    shaped, _ = shape(
+        coarse.vertices[coarse.tetrahedra], local.at(coarse.vertices)[coarse.tetrahedra].min(axis=1)
+    )
+    report = {
+        "filling": asdict(filling),
+        **fine.report,
+        **done,
+        "wall_thin_m": measured.thin * scale,
+        "wall_median_m": measured.median * scale,
+        "filled_elements": len(fine.tetrahedra),
+        "edge_m": edge * scale,
+        "longest_edge_m": float(longest.max()) * scale,
+        "least_height_m": float(height.min()) * scale,
+        "least_shape": float(shaped.min()),
+        "flat_on_boundary": flat_on_boundary(coarse.vertices, coarse.tetrahedra),
+        "volume_error": coarse.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
+        "filled_volume_error": fine.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
+        "volume_uncertainty": measured.volume_uncertainty / measured.volume if measured.volume > 0 else None,
+        "wall_median_ratio": _wall_ratio(measured, coarse),
+        "surface_error_rms_m": float(np.sqrt(np.mean(away**2))),
+        "surface_error_max_m": float(away.max()),
+        "smallest_body_share": SMALLEST_SHARE,
+        **coarse.report,
+    }
+    return Solid(
+        measured.form.to_metres(coarse.vertices), coarse.tetrahedra, coarse.component, report, target
+    )
+
+
+def _run(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]] | str:
+    """Simplify and fill in a child process; why not, where nothing came back."""
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "solid.npz"
-        np.savez(
-            source,
-            vertices=surface.vertices,
-            faces=surface.faces,
-            epsilon_m=epsilon,
-            allowed_m=allowed,
-            target_faces=filling.target_faces,
-            most_faces=filling.most_faces,
-            edge_length=edge,
-            stop_energy=energy,
-            time_limit_s=filling.time_limit_s,
-        )
+        np.savez(source, vertices=surface.vertices, faces=surface.faces, **asdict(envelope))
         command = [sys.executable, "-m", "objectfolder.audio.tetwild_process", str(source), str(target)]
         root = str(Path(__file__).parents[2])
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+        slow = f"fTetWild took more than {envelope.time_limit_s:.0f} CPU-s"
         try:
             done = subprocess.run(
                 command,
                 capture_output=True,
                 text=True,
-                timeout=PATIENCE * filling.time_limit_s,
+                timeout=PATIENCE * envelope.time_limit_s,
                 cwd=folder,  # fTetWild leaves files where it runs
                 check=False,
                 env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
             )
         except subprocess.TimeoutExpired:
-            return None
-        if done.returncode != 0:
-            if done.returncode > 0:
-                last = done.stderr.strip().splitlines()[-1:] or ["no message"]
-                raise SimulationError("tetrahedra", f"the filling failed: {last[0]}", "Check the mesh.")
-            return None
+            return slow
+        if done.returncode < 0:
+            return slow if done.returncode in (-24, -9) else f"fTetWild ended with signal {-done.returncode}"
+        if done.returncode > 0:
+            last = done.stderr.strip().splitlines()[-1:] or ["no message"]
+            return f"fTetWild failed: {last[0]}"
         with np.load(target) as result:
             return {key: result[key] for key in result.files}

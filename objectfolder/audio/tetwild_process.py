@@ -1,7 +1,7 @@
 """Child process that fills a surface: ``python -m objectfolder.audio.tetwild_process IN OUT``.
 
 A process of its own because the filling is native code without a way to stop it. IN and OUT are .npz files:
-IN holds `vertices`, `faces` and the numbers of `tetrahedra.Filling`; OUT holds `vertices`, `tetrahedra`, the
+IN holds `vertices`, `faces` and the numbers of `tetrahedra.Envelope`; OUT holds `vertices`, `tetrahedra`, the
 faces the surface was simplified to and by how much it moved.
 """
 
@@ -18,31 +18,34 @@ from pytetwild import PyfTetWildWrapper
 
 from objectfolder.audio.seeded_random_device import seed_random_device
 from objectfolder.child_process import end_with
+from objectfolder.geometry.sampled_distance import SampledDistance
 from objectfolder.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
 
 
-def simplify(surface: Surface, target_faces: int, most_faces: int, allowed_m: float) -> tuple[Surface, float]:
+def simplify(surface: Surface, target_faces: int, most_faces: int, allowed: float) -> tuple[Surface, float]:
     """Fewest faces (from `target_faces` on, 1.4 times a step) that keep the surface, and its rms movement.
 
     Quadric edge collapse (VTK). The measure is the root mean square over area of the distance between the two
-    surfaces, both ways. Kept means within `allowed_m` and 1 % of the volume; from `most_faces` on, where more
+    surfaces, both ways. Kept means within `allowed` and 1 % of the volume; from `most_faces` on, where more
     faces would cost more than they bring, within 2.5 times as much. A surface that cannot be kept is left
     as it is, with distance 0.
     """
     faces = target_faces
     volume = _signed_volume(surface)
+    near = SampledDistance(surface)
+    drawn = surface.sample(1024, 0).points
     while faces < len(surface.faces):
         mesh = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
         reduced = mesh.decimate(1 - faces / len(surface.faces), volume_preservation=True)
         candidate = Surface(np.asarray(reduced.points, dtype=np.float64), reduced.faces.reshape(-1, 4)[:, 1:])
-        there = candidate.closest_points(surface.sample(1024, 0).points).distance
-        back = surface.closest_points(candidate.sample(1024, 1).points).distance
+        there = SampledDistance(candidate).nearest(drawn)[1]
+        back = near.nearest(candidate.sample(1024, 1).points)[1]
         moved = float(np.sqrt(np.mean(np.concatenate([there, back]) ** 2)))
         patience = 2.5 if faces >= most_faces else 1.0
         lost = abs(_signed_volume(candidate) - volume)
-        if moved <= patience * allowed_m and lost <= 0.01 * patience * abs(volume):
+        if moved <= patience * allowed and lost <= 0.01 * patience * abs(volume):
             return candidate, moved
         faces = most_faces if faces < most_faces < 1.4 * faces else int(1.4 * faces)
     return surface, 0.0
@@ -59,28 +62,21 @@ def main(source: str, target: str) -> None:
     limit = int(given["time_limit_s"])
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
     surface = Surface(given["vertices"], given["faces"])
-    epsilon = float(given["epsilon_m"])
     diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
     seed_random_device(Path(PyfTetWildWrapper.__file__), 0)
-    shell, moved = simplify(
-        surface, int(given["target_faces"]), int(given["most_faces"]), float(given["allowed_m"])
+    simple, moved = simplify(
+        surface, int(given["target_faces"]), int(given["most_faces"]), float(given["allowed"])
     )
     vertices, tetrahedra = pytetwild.tetrahedralize(
-        shell.vertices,
-        shell.faces.astype(np.int32),
-        edge_length_fac=float(given["edge_length"]),
-        epsilon=epsilon / diagonal,
+        simple.vertices,
+        simple.faces.astype(np.int32),
+        edge_length_fac=float(given["edge_length"]) / diagonal,
+        epsilon=float(given["epsilon"]) / diagonal,
         stop_energy=float(given["stop_energy"]),
         num_threads=1,
         quiet=True,
     )
-    np.savez(
-        target,
-        vertices=vertices,
-        tetrahedra=tetrahedra,
-        faces=len(shell.faces),
-        moved_m=moved,
-    )
+    np.savez(target, vertices=vertices, tetrahedra=tetrahedra, faces=len(simple.faces), moved=moved)
 
 
 if __name__ == "__main__":

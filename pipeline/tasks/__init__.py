@@ -20,5 +20,5 @@ stage declares in `pipeline.stages`, imports only `objectfolder` and `pipeline.t
 ``request.inputs`` has the paths under the kind's name (``request.inputs["views"]``),
 ``request.parameters`` the declared sections as dictionaries (``request.parameters["vision"]``).
 The record of an object: ``name``, ``material`` (all values, a dictionary), ``appearance``
-(``roughness``, ``metallic``), ``source``, ``licence``, ``attribution``.
+(``roughness``, ``metallic``), ``walls`` (``wall_m``, ``shell_m``), ``source``, ``licence``, ``attribution``.
 """

@@ -92,6 +92,38 @@ def test_appearance_out_of_range(folder, field, value):
     assert "not a number in 0..1" in problem.finding
 
 
+def test_walls_and_shells_are_metres_and_optional(folder):
+    text = (
+        "id,mesh,material,wall_m,shell_m\nbowl,cube/model.obj,steel,0.0025,\ncan,cube/model.obj,steel,,2e-4\n"
+    )
+    records = read_catalogue(write(folder, text + "die,cube/model.obj,wood,,\n"), MATERIALS).records
+    assert [(record.wall_m, record.shell_m) for record in records] == [
+        (0.0025, None),
+        (None, 2e-4),
+        (None, None),
+    ]
+
+
+@pytest.mark.parametrize("field", ["wall_m", "shell_m"])
+@pytest.mark.parametrize("value", ["0", "-0.001", "3 mm", "nan", "inf"])
+def test_walls_that_are_no_thickness(folder, field, value):
+    path = write(folder, f"id,material,{field}\ncube,steel,{value}\n")
+    problem = read_catalogue(path, MATERIALS).errors["cube"]
+    assert f"field {field}" in problem.where
+    assert "is not a positive number" in problem.finding
+
+
+def test_a_wall_and_a_shell_exclude_each_other(folder):
+    path = write(folder, "id,material,wall_m,shell_m\ncube,steel,0.002,0.002\n")
+    problem = read_catalogue(path, MATERIALS).errors["cube"]
+    assert "stated together with wall_m" in problem.finding
+
+
+def test_a_unit_left_out_of_a_column_is_named(folder):
+    with pytest.raises(InputError, match=r"has no column 'wall_m'\. Rename 'wall_mm' to 'wall_m'"):
+        read_catalogue(write(folder, "id,material,wall_mm\ncube,steel,2\n"), MATERIALS)
+
+
 def test_several_bad_rows_are_all_reported(folder):
     text = "id,mesh,material,length_m\na,a.obj,steel,1\nb,cube/model.obj,gold,1\nc,cube/model.obj,steel,-1\n"
     catalogue = read_catalogue(write(folder, text + "d,cube/model.obj,steel,1\n"), MATERIALS)

@@ -117,6 +117,8 @@ def wanted(root, **changes):
         ({"name": "Cup"}, {"fidelity"}),
         ({"licence": "CC BY 4.0"}, {"fidelity"}),
         ({"length_m": 0.1}, {"objects"}),
+        ({"wall_m": 0.002}, {"modes"}),
+        ({"shell_m": 0.002}, {"modes"}),
     ],
 )
 def test_a_change_concerns_the_stages_that_read_it(tmp_path, change, stages):

@@ -1,0 +1,89 @@
+"""A surface filled without a mesher: a lattice of tetrahedra cut where the signed distance vanishes.
+
+For surfaces so broken that fTetWild does not answer in time. Its time depends on the number of nodes alone;
+walls thinner than two cells come out with holes or not at all, which the checks of `tetrahedra.fill` see.
+"""
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.element_shape import LOCAL_EDGES
+from objectfolder.geometry.sampled_distance import SampledDistance
+from objectfolder.geometry.signed_distance import signed_distance
+from objectfolder.geometry.surface import Surface
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+NEAR = 0.25  # of a cell: nodes this near the surface are moved onto it
+
+
+def fill_with_lattice(surface: Surface, nodes: int) -> tuple[Floats, Integers]:
+    """Vertices (v, 3) and tetrahedra (t, 4) of the inside of a surface, from about `nodes` lattice nodes."""
+    field = signed_distance(surface, nodes)
+    depth = np.where(np.abs(field.depth) < NEAR * field.cell, 0.0, field.depth)
+    counts = np.array(depth.shape)
+    first = np.stack(np.meshgrid(*[np.arange(n - 1) for n in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    corners = np.stack(
+        [
+            depth[first[:, 0] + i, first[:, 1] + j, first[:, 2] + k]
+            for i, j, k in itertools.product((0, 1), repeat=3)
+        ]
+    )
+    first = first[(corners > 0).any(axis=0)]
+    strides = np.array([counts[1] * counts[2], counts[2], 1])
+    tetrahedra = np.concatenate(
+        [
+            np.stack([first @ strides + offset for offset in _path(order, strides)], axis=1)
+            for order in itertools.permutations(range(3))
+        ]
+    )
+    used, tetrahedra = np.unique(tetrahedra, return_inverse=True)
+    tetrahedra = tetrahedra.reshape(-1, 4)
+    index = np.stack(np.unravel_index(used, tuple(counts)), axis=1)
+    vertices = field.origin + field.cell * index
+    level = depth.ravel()[used]
+    vertices[level == 0] = SampledDistance(surface).nearest(vertices[level == 0])[0]
+    return _cut(vertices, level, field.depth.ravel()[used], tetrahedra)
+
+
+def _path(order: tuple[int, ...], strides: Integers) -> list[int]:
+    """Offsets of the nodes on the way along three axes from one corner of a cell to the opposite one."""
+    return [0, *np.cumsum(strides[list(order)]).tolist()]
+
+
+def _cut(vertices: Floats, depth: Floats, before: Floats, tetrahedra: Integers) -> tuple[Floats, Integers]:
+    """Split elements at each edge that crosses depth 0, lowest edge first, and keep what is not outside.
+
+    Elements that share a face split its edges in the same order, so that the parts fit. An element all of
+    whose corners are at depth 0 stays when they were inside in the mean `before` they were moved there.
+    """
+    while True:
+        pair = tetrahedra[:, LOCAL_EDGES]
+        crosses = depth[pair[..., 0]] * depth[pair[..., 1]] < 0
+        cut = crosses.any(axis=1)
+        if not cut.any():
+            break
+        low, high = pair.min(axis=2), pair.max(axis=2)
+        rank = np.where(crosses, low * len(vertices) + high, np.iinfo(np.int64).max)
+        edge = rank.argmin(axis=1)[cut]
+        name = rank.min(axis=1)[cut]
+        distinct, number = np.unique(name, return_inverse=True)
+        one, other = distinct // len(vertices), distinct % len(vertices)
+        share = (depth[one] / (depth[one] - depth[other]))[:, None]
+        middle = len(vertices) + number.reshape(-1)
+        parts = []
+        for end in (0, 1):
+            part = tetrahedra[cut].copy()
+            part[np.arange(len(part)), LOCAL_EDGES[edge, end]] = middle
+            parts.append(part)
+        tetrahedra = np.concatenate([tetrahedra[~cut], *parts])
+        vertices = np.concatenate([vertices, vertices[one] + share * (vertices[other] - vertices[one])])
+        depth = np.concatenate([depth, np.zeros(len(one))])
+        before = np.concatenate([before, np.zeros(len(one))])
+    around = depth[tetrahedra]
+    inside = (around > 0).any(axis=1) | (before[tetrahedra].mean(axis=1) > 0)
+    tetrahedra = tetrahedra[(around >= 0).all(axis=1) & inside]
+    used, packed = np.unique(tetrahedra, return_inverse=True)
+    return vertices[used], packed.reshape(-1, 4)
