@@ -1,0 +1,66 @@
+"""Bodies on which ways of discretising are compared, their references, and meshes any library could take."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.discretisation_outcome import MAX_FREQUENCY_HZ
+from objectfolder.audio.materials import Material, find_material, read_materials
+from objectfolder.audio.references.bodies import BODIES
+from objectfolder.audio.solid import Solid, clean
+from objectfolder.catalogue import read_catalogue
+from objectfolder.geometry.ingest import ingest_object
+from objectfolder.geometry.mesh_product import textured_mesh_of
+from objectfolder.geometry.surface import Surface
+
+REPOSITORY = Path(__file__).parents[1]
+SCANS = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A body to be solved.
+
+    Attributes
+    ----------
+    name, surface, material : of the body
+    reference_hz : undamped frequencies of its audible modes; None where our finest answer must serve
+    """
+
+    name: str
+    surface: Surface
+    material: Material
+    reference_hz: np.ndarray | None
+
+
+def materials() -> dict[str, Material]:
+    return read_materials(REPOSITORY / "data" / "materials.csv")
+
+
+def revolution_case(name: str) -> Case:
+    """A body of revolution with its axisymmetric reference."""
+    body = BODIES[name]()
+    material = materials()[body.material]
+    truth = body.spectrum(material, MAX_FREQUENCY_HZ)
+    return Case(name, body.surface(), material, truth.frequencies_hz(material))
+
+
+def scan_case(object_id: str, scans: Path) -> Case:
+    """A scan of the catalogue in a folder."""
+    known = materials()
+    record = {r.id: r for r in read_catalogue(scans / "catalogue.csv", known).records}[object_id]
+    mesh = ingest_object(record.mesh, None, record.length_m, object_id, with_textures=False)
+    material = find_material(known, record.material, object_id)
+    return Case(object_id, textured_mesh_of(mesh).surface, material, None)
+
+
+def tetwild(surface: Surface) -> Solid:
+    """The mesh that pytetwild makes as it comes: edges 1/20 and an envelope of 1/1000 of the diagonal."""
+    import pytetwild
+
+    vertices, tetrahedra = pytetwild.tetrahedralize(
+        surface.vertices, surface.faces.astype(np.int32), num_threads=1, quiet=True
+    )
+    return clean(np.asarray(vertices), np.asarray(tetrahedra).astype(np.int64), {})
