@@ -14,28 +14,28 @@ MATERIALS = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")
 
 
 @pytest.mark.parametrize("name", BODIES)
-@pytest.mark.parametrize("segments", [None, 40])
+@pytest.mark.parametrize("segments", [None, 36])
 def test_surfaces_are_closed_outward_and_tend_to_the_volume(
     name: str, segments: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     meridian = BODIES[name]().meridian
     exact = Discretisation.of(meridian, (8, 6)).volume()
     errors = []
-    for edge, turn in ((0.004, 0.5), (0.002, 0.25)):
+    for edge, turn in ((0.006, 0.5), (0.003, 0.25)):
         monkeypatch.setattr("objectfolder.audio.references.meridian.TURN", turn)
-        surface = surface_of_revolution(meridian, edge, segments and int(segments * 0.004 / edge))
+        surface = surface_of_revolution(meridian, edge, segments and int(segments * 0.006 / edge))
         faces = surface.faces
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
         assert len(np.unique(edges, axis=0)) == len(edges)
-        assert set(map(tuple, edges.tolist())) == set(map(tuple, edges[:, ::-1].tolist()))
+        np.testing.assert_array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
         used = np.unique(faces)
         assert len(used) == len(surface.vertices)
         assert len(used) - len(edges) // 2 + len(faces) == 2
         assert surface.face_areas.min() > 0
         corner = surface.vertices[faces]
         errors.append(np.linalg.det(corner).sum() / 6 / exact - 1)
-    assert abs(errors[0]) < 1e-2
-    assert abs(errors[1]) < 3e-3
+    assert abs(errors[0]) < 1.5e-2
+    assert abs(errors[1]) < 4e-3
 
 
 @pytest.mark.parametrize("name", BODIES)

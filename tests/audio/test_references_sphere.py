@@ -31,7 +31,7 @@ def test_published_roots_come_with_their_multiplicities() -> None:
 def test_breathing_mode_is_that_of_the_closed_form() -> None:
     """Radial modes: x cot x = 1 - (x c_p / 2 c_s)^2, x = omega R / c_p."""
     for poisson_ratio in (0.0, 0.3, 0.45):
-        found = sphere(1.0, poisson_ratio, 12.0)
+        found = sphere(1.0, poisson_ratio, 11.0)
         ratio = np.sqrt((1 - 2 * poisson_ratio) / (2 * (1 - poisson_ratio)))
         radial = [w for w, name in zip(found.wavenumbers, found.families, strict=True) if name.endswith(" 0")]
         assert radial
@@ -42,10 +42,10 @@ def test_breathing_mode_is_that_of_the_closed_form() -> None:
 
 @pytest.mark.parametrize("poisson_ratio", [0.25, 0.45, 0.499])
 def test_it_agrees_with_the_axisymmetric_solver(poisson_ratio: float) -> None:
-    closed = sphere(1.0, poisson_ratio, 4.3)
-    solved = body_of_revolution(solid_sphere(), poisson_ratio, 4.3, orders=(11, 11), finer=None)
+    closed = sphere(1.0, poisson_ratio, 4.0)
+    solved = body_of_revolution(solid_sphere(), poisson_ratio, 4.0, orders=(10, 10), finer=None)
     assert len(solved) == len(closed)
-    np.testing.assert_allclose(solved.repeated, closed.repeated, rtol=1e-7)
+    np.testing.assert_allclose(solved.repeated, closed.repeated, rtol=1e-6)
 
 
 def test_every_root_up_to_a_high_limit_is_found() -> None:
