@@ -17,6 +17,7 @@ import argparse
 import os
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ from objectfolder.audio.tetrahedra import Filling, fill
 ACCURACIES = (5.0, 20.0, 10.0, 2.0, 1.0)
 FINEST_CENTS = 0.5
 # Half the edge and half the distance from the surface.
-FINEST_FILLING = {
+FINEST_FILLING: dict[str, Any] = {
     "edge_length": 0.075,
     "bulk_elements": 1200,
     "surface_per_thickness": 0.17,
@@ -44,7 +45,6 @@ FINEST_FILLING = {
 }
 ORDERS = (1, 2, 3)
 RESOLUTIONS = (16, 32, 64)
-MOST_UNKNOWNS = 250_000
 FIRST_MODES = 50
 # Bars of the project.
 TIMES_FASTER_THAN_CALCULIX, CALCULIX_AGREEMENT = 4.0, 1e-3
@@ -84,54 +84,29 @@ def ways(case: Case, meshes: Meshes, ngsolve_python: str | None) -> Iterator[Way
     """Every way by name."""
     surface, material = case.surface, case.material
     for cents in ACCURACIES:
-        yield (
-            f"ours, {cents:g} cents",
-            lambda cents=cents: ours(surface, material, case.name, accuracy_cents=cents),
-        )
+        yield f"ours, {cents:g} cents", partial(ours, surface, material, case.name, accuracy_cents=cents)
     for resolution in RESOLUTIONS:
         for rule in ("touch", "centre"):
-            yield (
-                f"voxel {resolution}^3 {rule}",
-                lambda resolution=resolution, rule=rule: of_voxels(case, resolution, rule),
-            )
+            yield f"voxel {resolution}^3 {rule}", partial(of_voxels, case, resolution, rule)
     for kind in ("our mesh", "pytetwild's mesh"):
-        for order in ORDERS:
-            yield (
-                f"P{order}, {kind}",
-                meshes.using(kind, lambda solid, order=order: of_order(solid, material, order)),
-            )
+        on_mesh: list[tuple[str, Callable[[Solid], Outcome]]] = [
+            (f"P{order}", partial(of_order, material=material, order=order)) for order in ORDERS
+        ]
         if rivals_calculix.available():
-            yield (
-                f"CalculiX P2, {kind}",
-                meshes.using(kind, lambda solid: rivals_calculix.calculix(solid, material, FIRST_MODES)),
-            )
-        if rivals_ngsolve.available(ngsolve_python):
-            for order in (2, 3):
-                yield (
-                    f"NGSolve P{order}, {kind}",
-                    meshes.using(
-                        kind,
-                        lambda solid, order=order: rivals_ngsolve.ngsolve(
-                            ngsolve_python, solid, material, order, FIRST_MODES
-                        ),
-                    ),
-                )
+            calculix = partial(rivals_calculix.calculix, material=material, modes=FIRST_MODES)
+            on_mesh.append(("CalculiX P2", calculix))
+        if ngsolve_python and rivals_ngsolve.available(ngsolve_python):
+            by_ngsolve = partial(rivals_ngsolve.ngsolve, ngsolve_python, material=material, modes=FIRST_MODES)
+            on_mesh += [(f"NGSolve P{order}", partial(by_ngsolve, order=order)) for order in (2, 3)]
+        for name, solve in on_mesh:
+            yield f"{name}, {kind}", meshes.using(kind, solve)
     for preconditioner in rivals_lobpcg.PRECONDITIONERS:
-        yield (
-            f"LOBPCG, {preconditioner}, voxel 32^3",
-            lambda preconditioner=preconditioner: rivals_lobpcg.on_voxels(
-                surface, material, 32, preconditioner
-            ),
+        on_cubes = partial(rivals_lobpcg.on_voxels, surface, material, 32, preconditioner)
+        yield f"LOBPCG, {preconditioner}, voxel 32^3", on_cubes
+        quadratic = partial(
+            rivals_lobpcg.on_tetrahedra, material=material, order=2, preconditioner=preconditioner
         )
-        yield (
-            f"LOBPCG, {preconditioner}, P2, our mesh",
-            meshes.using(
-                "our mesh",
-                lambda solid, preconditioner=preconditioner: rivals_lobpcg.on_tetrahedra(
-                    solid, material, 2, preconditioner
-                ),
-            ),
-        )
+        yield f"LOBPCG, {preconditioner}, P2, our mesh", meshes.using("our mesh", quadratic)
 
 
 def of_voxels(case: Case, resolution: int, rule: str) -> Outcome:

@@ -1,6 +1,9 @@
 """Bodies on which ways of discretising are compared, their references, and meshes any library could take."""
 
 import os
+import subprocess
+import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +20,12 @@ from objectfolder.geometry.surface import Surface
 
 REPOSITORY = Path(__file__).parents[1]
 SCANS = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))
+TETWILD = """
+import numpy, pytetwild
+given = numpy.load("in.npz")
+vertices, tetrahedra = pytetwild.tetrahedralize(given["vertices"], given["faces"], num_threads=1, quiet=True)
+numpy.savez("out.npz", vertices=vertices, tetrahedra=tetrahedra)
+"""
 
 
 @dataclass(frozen=True)
@@ -58,9 +67,8 @@ def scan_case(object_id: str, scans: Path) -> Case:
 
 def tetwild(surface: Surface) -> Solid:
     """The mesh that pytetwild makes as it comes: edges 1/20 and an envelope of 1/1000 of the diagonal."""
-    import pytetwild
-
-    vertices, tetrahedra = pytetwild.tetrahedralize(
-        surface.vertices, surface.faces.astype(np.int32), num_threads=1, quiet=True
-    )
-    return clean(np.asarray(vertices), np.asarray(tetrahedra).astype(np.int64), {})
+    with tempfile.TemporaryDirectory() as folder:  # it leaves files where it runs
+        np.savez(Path(folder) / "in.npz", vertices=surface.vertices, faces=surface.faces.astype(np.int32))
+        subprocess.run([sys.executable, "-c", TETWILD], cwd=folder, check=True, capture_output=True)
+        with np.load(Path(folder) / "out.npz") as made:
+            return clean(made["vertices"], made["tetrahedra"].astype(np.int64), {})

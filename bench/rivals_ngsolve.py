@@ -29,7 +29,7 @@ def available(python: str | None) -> bool:
     return subprocess.run(asked, capture_output=True, check=False).returncode == 0
 
 
-def ngsolve(python: str, solid: Any, material: Any, order: int, modes: int) -> Any:
+def ngsolve(python: str, solid: Any, *, material: Any, order: int, modes: int) -> Any:
     """The first elastic modes, `modes` of them, as an `Outcome`."""
     from bench.discretisation_outcome import Outcome
 
