@@ -13,6 +13,7 @@ from objectfolder.audio.element_shape import LOCAL_EDGES
 from objectfolder.geometry.sampled_distance import SampledDistance
 from objectfolder.geometry.signed_distance import signed_distance
 from objectfolder.geometry.surface import Surface
+from objectfolder.geometry.winding_number import WindingNumber
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -45,7 +46,14 @@ def fill_with_lattice(surface: Surface, nodes: int) -> tuple[Floats, Integers]:
     vertices = field.origin + field.cell * index
     level = depth.ravel()[used]
     vertices[level == 0] = SampledDistance(surface).nearest(vertices[level == 0])[0]
-    return _cut(vertices, level, field.depth.ravel()[used], tetrahedra)
+    vertices, level, tetrahedra = _cut(vertices, level, tetrahedra)
+    around = level[tetrahedra]
+    on_surface = np.flatnonzero((around == 0).all(axis=1))
+    middle = vertices[tetrahedra[on_surface]].mean(axis=1)
+    kept = (around >= 0).all(axis=1)
+    kept[on_surface] = WindingNumber(surface)(middle) > 0.5
+    used, packed = np.unique(tetrahedra[kept], return_inverse=True)
+    return vertices[used], packed.reshape(-1, 4)
 
 
 def _path(order: tuple[int, ...], strides: Integers) -> list[int]:
@@ -53,37 +61,39 @@ def _path(order: tuple[int, ...], strides: Integers) -> list[int]:
     return [0, *np.cumsum(strides[list(order)]).tolist()]
 
 
-def _cut(vertices: Floats, depth: Floats, before: Floats, tetrahedra: Integers) -> tuple[Floats, Integers]:
-    """Split elements at each edge that crosses depth 0, lowest edge first, and keep what is not outside.
+def _cut(vertices: Floats, depth: Floats, tetrahedra: Integers) -> tuple[Floats, Floats, Integers]:
+    """Split elements at each edge that crosses depth 0, lowest edge first: vertices, depths, elements.
 
-    Elements that share a face split its edges in the same order, so that the parts fit. An element all of
-    whose corners are at depth 0 stays when they were inside in the mean `before` they were moved there.
+    Elements that share a face split its edges in the same order, at the same points, so that the parts fit.
     """
+    count = len(vertices)
+    names, crosses = _edges(tetrahedra, depth, count)
+    cuts = np.unique(names[crosses])
+    one, other = cuts // count, cuts % count
+    share = (depth[one] / (depth[one] - depth[other]))[:, None]
+    vertices = np.concatenate([vertices, vertices[one] + share * (vertices[other] - vertices[one])])
+    depth = np.concatenate([depth, np.zeros(len(cuts))])
     while True:
-        pair = tetrahedra[:, LOCAL_EDGES]
-        crosses = depth[pair[..., 0]] * depth[pair[..., 1]] < 0
+        names, crosses = _edges(tetrahedra, depth, count)
         cut = crosses.any(axis=1)
         if not cut.any():
-            break
-        low, high = pair.min(axis=2), pair.max(axis=2)
-        rank = np.where(crosses, low * len(vertices) + high, np.iinfo(np.int64).max)
-        edge = rank.argmin(axis=1)[cut]
-        name = rank.min(axis=1)[cut]
-        distinct, number = np.unique(name, return_inverse=True)
-        one, other = distinct // len(vertices), distinct % len(vertices)
-        share = (depth[one] / (depth[one] - depth[other]))[:, None]
-        middle = len(vertices) + number.reshape(-1)
+            return vertices, depth, tetrahedra
+        rank = np.where(crosses, names, np.iinfo(np.int64).max)[cut]
+        edge = rank.argmin(axis=1)
+        middle = count + np.searchsorted(cuts, rank.min(axis=1))
         parts = []
         for end in (0, 1):
             part = tetrahedra[cut].copy()
             part[np.arange(len(part)), LOCAL_EDGES[edge, end]] = middle
             parts.append(part)
         tetrahedra = np.concatenate([tetrahedra[~cut], *parts])
-        vertices = np.concatenate([vertices, vertices[one] + share * (vertices[other] - vertices[one])])
-        depth = np.concatenate([depth, np.zeros(len(one))])
-        before = np.concatenate([before, np.zeros(len(one))])
-    around = depth[tetrahedra]
-    inside = (around > 0).any(axis=1) | (before[tetrahedra].mean(axis=1) > 0)
-    tetrahedra = tetrahedra[(around >= 0).all(axis=1) & inside]
-    used, packed = np.unique(tetrahedra, return_inverse=True)
-    return vertices[used], packed.reshape(-1, 4)
+
+
+def _edges(tetrahedra: Integers, depth: Floats, count: int) -> tuple[Integers, NDArray[np.bool_]]:
+    """A number for each edge (t, 6) of the elements, and whether it crosses depth 0.
+
+    Only edges between the first `count` vertices cross: the others end where the depth is 0.
+    """
+    pair = tetrahedra[:, LOCAL_EDGES]
+    crosses = depth[pair[..., 0]] * depth[pair[..., 1]] < 0
+    return pair.min(axis=2) * count + pair.max(axis=2), crosses

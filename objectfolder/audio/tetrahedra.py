@@ -80,8 +80,8 @@ class Filling:
     target_faces: int = 800
     most_faces: int = 1600
     stop_energy: float = 40.0
-    time_limit_s: float = 80.0
-    lattice_nodes: int = 150_000
+    time_limit_s: float = 100.0
+    lattice_nodes: int = 40_000
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,9 @@ def enclosed_volume(surface: Surface, *, samples: int = 32768, seed: int = 0) ->
     inside = WindingNumber(surface)(low + (index + offset) * size / counts) > 0.5
     share = float(inside.mean())
     box = float(np.prod(size))
-    return box * share, box * float(np.sqrt(share * (1 - share) / len(index)))
+    # Where all points are inside, or none, one in as many might not have been.
+    variance = max(share * (1 - share), 1 / len(index))
+    return box * share, box * float(np.sqrt(variance / len(index)))
 
 
 def _halves(group: NDArray[np.int64], centroid: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,0 +1,272 @@
+"""Solids of surfaces as they come: what the mesher, its checks and its other ways make of hard cases."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from objectfolder.audio.lattice_filling import fill_with_lattice
+from objectfolder.audio.solid import Solid, clean
+from objectfolder.audio.tetrahedra import Filling, fill
+from objectfolder.errors import InputError, SimulationError
+from objectfolder.geometry.edges import edge_table
+from objectfolder.geometry.sampled_distance import SampledDistance
+from objectfolder.geometry.surface import Surface
+
+BOX = trimesh.creation.box((1.0, 1.0, 1.0))
+
+
+def block(sides: tuple[float, float, float], at: tuple[float, float, float] = (0, 0, 0)) -> Any:
+    """Vertices and faces of a box about a point."""
+    return np.asarray(BOX.vertices) * sides + at, np.asarray(BOX.faces)
+
+
+def joined(*parts: Any) -> Surface:
+    """One surface of several, vertices at equal places shared."""
+    starts = np.cumsum([0, *[len(vertices) for vertices, _ in parts]])
+    vertices = np.concatenate([vertices for vertices, _ in parts])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(parts, starts[:-1], strict=True)])
+    distinct, number = np.unique(vertices.round(12), axis=0, return_inverse=True)
+    return Surface(distinct, number.reshape(-1)[faces])
+
+
+def sound(solid: Solid) -> None:
+    """What holds for every solid."""
+    corner = solid.vertices[solid.tetrahedra]
+    assert np.linalg.det(corner[:, 1:] - corner[:, :1]).min() > 0
+    assert solid.report["bodies"] == solid.components
+    assert solid.report["least_shape"] > 0
+    assert solid.target is not None
+    drawn = solid.target.sample(500, 5).points
+    away = SampledDistance(Surface(solid.vertices, solid.boundary()[0])).nearest(drawn)[1]
+    assert away.max() <= 1.5 * solid.report["surface_error_max_m"] + 1e-12
+
+
+def bumpy() -> Any:
+    """A closed surface of 320 triangles without symmetry."""
+    sphere = trimesh.creation.icosphere(2, 0.1)
+    x = np.asarray(sphere.vertices)
+    return x * [1, 0.7, 0.5] * (1 + 0.2 * np.sin(40 * x[:, 1:2])), np.asarray(sphere.faces)
+
+
+def test_size_place_and_order_change_nothing() -> None:
+    vertices, faces = bumpy()
+    solid = fill(Surface(vertices, faces))
+    sound(solid)
+    random = np.random.default_rng(3)
+    place = random.permutation(len(vertices))
+    shuffled = np.empty_like(vertices)
+    shuffled[place] = vertices
+    other = fill(
+        Surface(1000 * (shuffled + np.array([3, -2, 1])), place[faces][random.permutation(len(faces))])
+    )
+    np.testing.assert_array_equal(other.tetrahedra, solid.tetrahedra)
+    back = other.vertices / 1000 - [3, -2, 1]
+    np.testing.assert_allclose(back, solid.vertices, atol=1e-6 * np.ptp(vertices))
+    assert other.volume_m3 == pytest.approx(1e9 * solid.volume_m3, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [2.0**-9, 1e-3, 1e3])
+def test_every_size_has_the_same_elements(scale: float) -> None:
+    vertices, faces = bumpy()
+    solid, other = fill(Surface(vertices, faces)), fill(Surface(scale * vertices, faces))
+    np.testing.assert_array_equal(other.tetrahedra, solid.tetrahedra)
+    exact = np.log2(scale) % 1 == 0
+    np.testing.assert_allclose(other.vertices / scale, solid.vertices, rtol=0, atol=0 if exact else 1e-7)
+
+
+@pytest.mark.slow
+def test_a_turned_object_has_another_solid_as_good() -> None:
+    vertices, faces = bumpy()
+    turn = trimesh.transformations.rotation_matrix(1.0, [1, 2, 3])[:3, :3]
+    solid, turned = fill(Surface(vertices, faces)), fill(Surface(vertices @ turn.T, faces))
+    sound(turned)
+    assert turned.volume_m3 == pytest.approx(solid.volume_m3, rel=0.02)
+    assert len(turned.tetrahedra) == pytest.approx(len(solid.tetrahedra), rel=0.3)
+
+
+def test_edge_contact_is_two_bodies() -> None:
+    """Two cubes share an edge, which four faces meet at."""
+    solid = fill(joined(block((0.1, 0.1, 0.1)), block((0.1, 0.1, 0.1), (0.1, 0.1, 0))))
+    sound(solid)
+    assert solid.components == 2
+    assert solid.volume_m3 == pytest.approx(0.002, rel=1e-3)
+    assert solid.report["doubts"] == []
+
+
+def test_two_bodies_stay_two() -> None:
+    solid = fill(joined(block((0.1, 0.1, 0.1)), block((0.05, 0.1, 0.1), (0.08, 0, 0))))
+    sound(solid)
+    assert solid.components == 2
+    assert solid.report["body_volume_shares"] == pytest.approx([2 / 3, 1 / 3], rel=0.01) or solid.report[
+        "body_volume_shares"
+    ] == pytest.approx([1 / 3, 2 / 3], rel=0.01)
+
+
+def test_a_non_manifold_sheet_inside_changes_nothing() -> None:
+    """A wall across a box: three faces at each of its edges."""
+    vertices, faces = block((0.05, 0.04, 0.04), (0.025, 0, 0))
+    surface = joined((vertices, faces), (vertices * [-1, 1, 1], faces[:, ::-1]))
+    _, first = np.unique(np.sort(surface.faces, axis=1), axis=0, return_index=True)
+    surface = Surface(surface.vertices, surface.faces[first])
+    assert edge_table(surface.faces).face_count.max() == 3
+    solid = fill(surface)
+    sound(solid)
+    assert solid.components == 1
+    assert solid.volume_m3 == pytest.approx(0.1 * 0.04 * 0.04, rel=0.01)
+
+
+def test_needles_do_not_hurt() -> None:
+    """A box one of whose faces is a fan of 101 triangles, some 300 times longer than wide."""
+    vertices, faces = block((0.1, 0.03, 0.02))
+    top = faces[(vertices[faces][:, :, 2] > 0).all(axis=1)]
+    corner = top[0]
+    row = np.linspace(vertices[corner[1]], vertices[corner[2]], 102)[1:-1]
+    extra = len(vertices) + np.arange(100)
+    ends = np.concatenate([[corner[1]], extra, [corner[2]]])
+    fan = np.stack([np.full(101, corner[0]), ends[:-1], ends[1:]], axis=1)
+    kept = faces[~(faces == corner).all(axis=1)]
+    # The other face at that edge keeps its straight side: the needles' ends are T-junctions, as scans have.
+    surface = Surface(np.concatenate([vertices, row]), np.concatenate([kept, fan]))
+    solid = fill(surface)
+    sound(solid)
+    assert solid.components == 1
+    assert solid.volume_m3 == pytest.approx(0.1 * 0.03 * 0.02, rel=0.01)
+
+
+def test_a_cylinder_of_200_triangles() -> None:
+    cylinder = trimesh.creation.cylinder(0.03, 0.1, sections=50)
+    assert len(cylinder.faces) == 200
+    solid = fill(Surface(cylinder.vertices, cylinder.faces))
+    sound(solid)
+    assert solid.volume_m3 == pytest.approx(cylinder.volume, rel=0.04)
+    assert len(solid.tetrahedra) < 1300
+
+
+def test_an_object_of_24_metres() -> None:
+    solid = fill(Surface(*block((24.0, 2.0, 1.0))))
+    sound(solid)
+    assert solid.volume_m3 == pytest.approx(48, rel=0.01)
+
+
+def test_patches_turned_inside_out_are_turned_back() -> None:
+    vertices, faces = block((0.1, 0.02, 0.01))
+    faces = np.concatenate([faces[:5, ::-1], faces[5:]])
+    solid = fill(Surface(vertices, faces))
+    sound(solid)
+    assert solid.volume_m3 == pytest.approx(2e-5, rel=0.01)
+    assert solid.report["doubts"] == []
+
+
+def test_an_open_box_is_filled() -> None:
+    vertices, faces = block((0.1, 0.02, 0.01))
+    solid = fill(Surface(vertices, faces[:-2]))
+    assert solid.volume_m3 == pytest.approx(2e-5, rel=0.02)
+    assert solid.report["volume_uncertainty"] > 0
+
+
+@pytest.mark.slow
+def test_a_plate_500_times_as_wide_as_thick() -> None:
+    solid = fill(Surface(*block((1.0, 1.0, 0.002))))
+    sound(solid)
+    assert solid.volume_m3 == pytest.approx(0.002, rel=0.01)
+    assert solid.components == 1
+    assert len(solid.tetrahedra) < 1500
+    assert solid.report["wall_median_ratio"] == pytest.approx(1, rel=0.01)
+
+
+@pytest.mark.slow
+def test_40_000_triangles() -> None:
+    torus = trimesh.creation.torus(0.08, 0.02, major_sections=200, minor_sections=100)
+    assert len(torus.faces) == 40_000
+    solid = fill(Surface(torus.vertices, torus.faces))
+    sound(solid)
+    assert solid.volume_m3 == pytest.approx(torus.volume, rel=0.06)
+    assert len(solid.tetrahedra) < 1500
+
+
+def test_a_stated_wall_and_a_shell_exclude_each_other() -> None:
+    with pytest.raises(InputError, match=r"can: has both wall_m and shell_m\. State one"):
+        fill(Surface(*block((1, 1, 1))), wall_m=0.1, shell_m=0.1, name="can")
+
+
+def test_a_stated_wall_is_filled() -> None:
+    surface = Surface(*block((0.1, 0.08, 0.001)))
+    solid = fill(surface, wall_m=0.003)
+    sound(solid)
+    assert solid.report["wall_m"] == 0.003
+    assert solid.report["wall_area_share"] > 0.9
+    assert solid.volume_m3 == pytest.approx(0.102 * 0.082 * 0.003, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_closed_ball_with_a_shell_is_a_hollow_sphere() -> None:
+    sphere = trimesh.creation.icosphere(4, 0.05)
+    solid = fill(Surface(sphere.vertices, sphere.faces), shell_m=0.004)
+    sound(solid)
+    assert solid.components == 1
+    assert solid.report["wall_median_ratio"] == pytest.approx(1, rel=0.1)
+    truth = 4 / 3 * np.pi * (0.05**3 - 0.046**3)
+    assert solid.volume_m3 / (1 + solid.report["volume_error"]) == pytest.approx(truth, rel=0.01)
+    assert solid.volume_m3 == pytest.approx(truth, rel=0.06)
+
+
+def test_out_of_time_a_lattice_answers() -> None:
+    vertices, faces = bumpy()
+    solid = fill(Surface(vertices, faces), Filling(time_limit_s=1, lattice_nodes=6000))
+    sound(solid)
+    assert solid.report["way"] == "lattice"
+    assert [entry.get("failed", "")[:14] for entry in solid.report["tried"]] == [
+        "fTetWild took ",
+        "fTetWild took ",
+        "",
+    ]
+    volume = np.linalg.det(vertices[faces]).sum() / 6
+    assert solid.volume_m3 == pytest.approx(volume, rel=0.08)
+
+
+def test_a_wall_lost_between_lattice_nodes_is_seen() -> None:
+    """3 mm walls of a box of 300 mm, on nodes 12 mm apart."""
+    inner, inner_faces = block((0.294, 0.294, 0.294))
+    surface = joined(block((0.3, 0.3, 0.3)), (inner, inner_faces[:, ::-1]))
+    try:
+        solid = fill(surface, Filling(time_limit_s=1, lattice_nodes=20000))
+    except SimulationError:
+        return
+    assert solid.report["doubts"]
+
+
+def test_a_sheet_is_refused_by_name() -> None:
+    sheet = Surface(
+        np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    )
+    with pytest.raises(SimulationError, match=r"sheet\.obj: .* encloses no volume"):
+        fill(sheet, Filling(lattice_nodes=5000), name="sheet.obj")
+
+
+def test_a_lattice_fills_a_ball() -> None:
+    sphere = trimesh.creation.icosphere(3, 1.0)
+    vertices, tetrahedra = fill_with_lattice(Surface(sphere.vertices, sphere.faces), 12000)
+    solid = clean(vertices, tetrahedra, {})
+    assert solid.components == 1
+    assert solid.volume_m3 == pytest.approx(sphere.volume, rel=0.04)
+    radius = np.linalg.norm(solid.vertices[np.unique(solid.boundary()[0])], axis=1)
+    assert np.median(radius) == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_scanned_mug_has_few_elements(shared_objects: Path) -> None:
+    from objectfolder.geometry.load import load_mesh
+
+    surface = load_mesh(shared_objects / "025_mug" / "model.obj", with_textures=False).surface
+    solid = fill(surface)
+    sound(solid)
+    assert solid.report["way"] == "envelope"
+    assert solid.report["doubts"] == []
+    assert solid.components == 1
+    assert len(solid.tetrahedra) < 3000
+    assert abs(solid.report["volume_error"]) < 0.04
+    assert solid.report["surface_error_rms_m"] < 0.5 * solid.report["wall_thin_m"]
