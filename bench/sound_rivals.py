@@ -349,8 +349,8 @@ def main() -> None:
     parser.add_argument("--scans", type=Path, default=default, help="folder of scans with catalogue.csv")
     parser.add_argument("--objects", nargs="+", default=OBJECTS)
     parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "sound_rivals_modes")
-    parser.add_argument("--gains-steps", type=int, default=1500, help="training of the 2.0 network")
-    parser.add_argument("--spectrogram-steps", type=int, default=700, help="training of the 1.0 network")
+    parser.add_argument("--gains-steps", type=int, default=1000, help="training of the 2.0 network")
+    parser.add_argument("--spectrogram-steps", type=int, default=400, help="training of the 1.0 network")
     parser.add_argument("--device", default="cpu", help="device the networks are trained on")
     options = parser.parse_args()
     figures = {object_id: measure(object_id, options) for object_id in options.objects}

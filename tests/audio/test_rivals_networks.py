@@ -123,7 +123,7 @@ def test_a_sound_comes_back_from_its_spectrogram(seed: int) -> None:
 
 def test_gains_are_learned(points: np.ndarray, gains_network: GainsNetwork) -> None:
     losses = gains_network.training.losses
-    assert losses[-10:].mean() < losses[:3].mean() / 20
+    assert losses[-10:].mean() < losses[:3].mean() / 5
     truth = smooth_gains(points[500:])
     error = gains_network.gains(points[500:]) - truth
     # The upper octaves of the coordinates let 500 points be met without the field between them.
@@ -168,7 +168,7 @@ def test_spectrograms_are_learned_in_the_units_of_the_sound(
     points: np.ndarray, mode_sounds: np.ndarray, spectrogram_network: SpectrogramNetwork
 ) -> None:
     losses = spectrogram_network.training.losses
-    assert losses[-10:].mean() < losses[:3].mean() / 10
+    assert losses[-10:].mean() < losses[:3].mean() / 1.5
     assert spectrogram_network.parameters == 3 * 515_074
     answer = spectrogram_network.spectrograms(points[500:501])
     truth = spectrogram(np.tensordot(smooth_gains(points[500:501])[0, :, :2], mode_sounds, 1))
@@ -192,6 +192,15 @@ def test_sounds_are_linear_in_the_impulse(
     assert answers.shape == (4, SAMPLES)
     np.testing.assert_allclose(answers[2], answers[0] + answers[1], atol=1e-9 * np.abs(answers).max())
     np.testing.assert_array_equal(answers[3], 0)
+
+
+def test_networks_start_at_the_mean_and_at_silence(points: np.ndarray, mode_sounds: np.ndarray) -> None:
+    gains = smooth_gains(points)
+    net = fit_gains_network(points, gains, steps=0, seed=0)
+    np.testing.assert_allclose(net.gains(points[:2]), [gains.mean(axis=0)] * 2, atol=1e-5)
+    silent = fit_spectrogram_network(points, gains[:, :, :2], mode_sounds, steps=0, seed=0)
+    loudest = np.abs(silent.output_range.lowest).max()
+    assert np.abs(silent.spectrograms(points[:1])).max() < 1e-6 * loudest
 
 
 @pytest.mark.parametrize("loud", [True, False])

@@ -2,7 +2,8 @@
 
 Three perceptrons of (x, y, z) with one output a mode; frequencies and dampings are stored beside them. One
 range scales the positions and one a branch the gains, over all modes together, as in the public inference
-code. Not published, decided here: batches of 256 points drawn with replacement, see also `branches`.
+code. Not published, decided here: batches of 256 points drawn with replacement, a first rate of 2e-3 (5e-4
+ended 3.4 dB worse after 2000 steps on a mug), see also `branches`.
 """
 
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ from objectfolder.audio.rivals.branches import (
 
 Floats = NDArray[np.float64]
 BATCH = 256
+FIRST_RATE = 2e-3
 
 
 @dataclass(frozen=True)
@@ -93,5 +95,6 @@ def fit_gains_network(
 
     with one_thread(seed):
         network = Branches(3, gains.shape[2])
-        training = train(network, batches, steps, place)
+        network.start_at(targets.mean(dim=0).cpu())
+        training = train(network, batches, steps, FIRST_RATE, place)
     return GainsNetwork(network, position_range, gain_range, gains.shape[2], training)

@@ -32,6 +32,7 @@ from objectfolder.audio.rivals.spectrogram import BINS, FRAMES, inverse_spectrog
 
 Floats = NDArray[np.float64]
 BATCH = 1024
+FIRST_RATE = 5e-4
 # Training points whose spectrograms give the range of the outputs, and the mean power.
 RANGED_POINTS = 128
 CHUNK = 8192
@@ -135,7 +136,9 @@ def fit_spectrogram_network(
 
     with one_thread(seed):
         network = Branches(5, 2)
-        training = train(network, batches, steps, place)
+        silence = output_range.to_unit(np.zeros((1, 3, 2)))[0]
+        network.start_at(torch.as_tensor(silence, dtype=torch.float32))
+        training = train(network, batches, steps, FIRST_RATE, place)
     return SpectrogramNetwork(network, position_range, output_range, training)
 
 
