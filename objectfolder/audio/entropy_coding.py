@@ -2,8 +2,8 @@
 
 Every column is a lane with a state of its own (Duda, "Asymmetric numeral systems", 2013; Giesen,
 "Interleaved entropy coders", 2014), so that one numpy step codes a whole row, and the lanes share one stream
-of 16-bit words. What a value is expected to be comes from the values already known: the mean magnitude of its column
-so far and of the columns beside it, in half octaves. Nothing of the model is stored.
+of 16-bit words. What a value is expected to be comes from the values already known: the mean magnitude of
+its column so far and of the columns beside it, in half octaves. Nothing of the model is stored.
 
 Encoder and decoder must agree to the bit on every machine: expectations are integers, and the tables are
 made of single additions, multiplications and square roots, which IEEE 754 fixes.
@@ -156,8 +156,12 @@ class _Model:
 
     def kinds(self) -> tuple[Integers, Integers]:
         """Class of the Laplacian (columns,) and number of low bits (columns,) coded as they are."""
-        padded = np.pad(self._mean, 1, mode="edge") if len(self._mean) else np.zeros(2, dtype=np.int64)
-        expected = (12 * self._mean + 2 * padded[:-2] + 2 * padded[2:]) >> 4
+        expected = 12 * self._mean
+        expected[1:] += 2 * self._mean[:-1]
+        expected[:-1] += 2 * self._mean[1:]
+        expected[:1] += 2 * self._mean[:1]
+        expected[-1:] += 2 * self._mean[-1:]
+        expected >>= 4
         mantissa, exponent = np.frexp(expected.astype(np.float64) / (LEAST_MEAN * (1 << FRACTION_BITS)))
         kind = np.maximum(2 * (exponent.astype(np.int64) - 1) + (mantissa >= HALF_OCTAVE), 0)
         shift = np.minimum(np.maximum(kind - CLASSES + 2, 0) // 2, PRECISION - 1)

@@ -1,6 +1,15 @@
 """How far one modal sound is from another.
 
-The papers print an STFT and an ENV distance without formulas; the definitions here are ours.
+The papers print an STFT and an ENV distance without formulas. Code that their first author published
+elsewhere (the 2023 benchmark; "2.5D Visual Sound", CVPR 2019) takes, for sounds x and y,
+
+    STFT = mean over bins, frames, real and imaginary parts of (X - Y)^2,
+    ENV  = sqrt(mean over samples of (|x + i Hx| - |y + i Hy|)^2),      H the Hilbert transform,
+
+with X of 512 bins, a Hann window of 400 samples that is not normalised, hop 160. How loud x is, is not said:
+here every pair is divided by the peak of the truth, at any sample rate. `unscaled_stft_distance` and
+`envelope_distance` are these; `stft_distance` has the window normalised, so that it does not grow with the
+window's length.
 """
 
 import numpy as np
@@ -44,6 +53,14 @@ def stft_distance(truth: np.ndarray, answer: np.ndarray, sample_rate_hz: float) 
     difference = (answer - truth) / scale
     _, _, transform = stft(difference, sample_rate_hz, window="hann", nperseg=400, noverlap=240, nfft=512)
     return float(np.mean(np.abs(transform) ** 2))
+
+
+def unscaled_stft_distance(truth: np.ndarray, answer: np.ndarray) -> float:
+    """Mean square of real and imaginary parts of the difference of STFTs whose window is not normalised.
+
+    As `stft_distance`, times half the squared sum of the window, (0.5 * 400)^2 / 2 = 20000.
+    """
+    return 20000.0 * stft_distance(truth, answer, 1.0)
 
 
 def envelope_distance(truth: np.ndarray, answer: np.ndarray) -> float:
