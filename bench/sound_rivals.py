@@ -3,9 +3,10 @@
 Run as ``python -m bench.sound_rivals``. Truth are the modes of `simulate_modes` at held-out points. Compared:
 
 - AudioNet, this project's;
-- the gains network of ObjectFolder 2.0 and the spectrogram network of 1.0, trained on the same points for a
-  few minutes of one core; published training is longer and on a GPU, and what is short of it here is to be
-  read from how the loss still falls;
+- the gains network of ObjectFolder 2.0 and the spectrogram network of 1.0, trained on the same points for so
+  many steps, by default well under a minute of one core each. The published code wants a GPU: these figures
+  say what the networks reach at this cost, not what they can reach. So short a training leaves the
+  spectrogram network near silence;
 - the mean over the four nearest vertices, once of the modes of 32^3 cubes (the published truth), once of true
   gains at the training points (what the mean alone costs);
 - silence, by which to read the distances.
