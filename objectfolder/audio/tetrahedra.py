@@ -46,6 +46,8 @@ Integers = NDArray[np.int64]
 PATIENCE = 10  # wall seconds for a CPU second: a busy machine must not change what comes out
 MOST_VOLUME_ERROR = 0.04
 MOST_WALL_RATIO = 1.25
+DOUBLED = 5e-4  # of the diagonal: where few places are thinner, they are sheets given twice, not walls
+MOSTLY = 0.75
 
 
 @dataclass(frozen=True)
@@ -219,6 +221,8 @@ def _measure(target: Surface) -> _Measured:
     form = normal_form(target)
     local = local_thickness(form.surface)
     known = local.across[np.isfinite(local.across)]
+    walls = known[known > DOUBLED]
+    known = walls if len(walls) > MOSTLY * len(known) else known
     thin, median = np.quantile(known, [0.05, 0.5]) if len(known) else (0.02, 0.02)
     volume, uncertainty = enclosed_volume(form.surface)
     pieces = _pieces(form.surface.faces)
