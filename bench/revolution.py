@@ -13,8 +13,9 @@ import numpy as np
 from bench.discretisation_ours import ours
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Stopwatch, compare
 from bench.record import RESULTS, write
-from objectfolder.audio.materials import read_materials
+from objectfolder.audio.materials import Material, read_materials
 from objectfolder.audio.references.bodies import BODIES
+from objectfolder.audio.references.spectrum import ReferenceSpectrum
 
 REPOSITORY = Path(__file__).parents[1]
 # Bars of the project: every audible mode within so many cents, at so many CPU seconds of solving.
@@ -34,6 +35,7 @@ def measure(name: str, edge_m: float | None, accuracy: dict[str, Any]) -> dict[s
         "material": body.material,
         "faces": len(surface.faces),
         **compare(outcome.frequencies_hz, truth.frequencies_hz(material)),
+        "reference_mode_nearest_the_limit_cents": nearest_to_limit(truth, material),
         "distinct_modes_of_reference": len(truth.wavenumbers),
         "reference_convergence": truth.convergence,
         "cpu_s": outcome.cpu_s,
@@ -52,6 +54,11 @@ def measure(name: str, edge_m: float | None, accuracy: dict[str, Any]) -> dict[s
     return figures
 
 
+def nearest_to_limit(truth: ReferenceSpectrum, material: Material) -> float:
+    """How far below the limit the last audible mode lies: an error as large as that changes the count."""
+    return float(1200 * np.log2(MAX_FREQUENCY_HZ / truth.frequencies_hz(material)[-1]))
+
+
 def plot(figures: dict[str, Any], path: Path) -> None:
     """Error of every mode by its place in the spectrum."""
     import matplotlib
@@ -59,7 +66,7 @@ def plot(figures: dict[str, Any], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(figsize=(9, 5))
+    figure, axes = pyplot.subplots(figsize=(9, 6))
     for mark, (name, found) in zip("os^Dv", figures.items(), strict=False):
         share = (np.arange(len(found["cents"])) + 0.5) / len(found["cents"])
         label = f"{name}: {found['modes']} of {found['modes_of_reference']} modes, "
@@ -69,7 +76,7 @@ def plot(figures: dict[str, Any], path: Path) -> None:
     axes.set_yscale("symlog", linthresh=CENTS)
     axes.set_xlabel("place among the audible modes")
     axes.set_ylabel("frequency error, cents")
-    axes.legend(fontsize=9)
+    axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncol=2)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
 
