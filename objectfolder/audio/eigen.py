@@ -1,9 +1,8 @@
 """Every elastic mode of a free body below a limit, with a count that proves none is missing.
 
 The pencil K u = lambda M u is solved by a block Lanczos iteration on (K - sigma M)^-1 M, sigma < 0 small, in
-the M-orthogonal complement of the rigid-body motions, which are known in closed form. The count comes from
-Sylvester's law of inertia: the negative pivots of K - lambda M are the eigenvalues below lambda
-(B. N. Parlett, The Symmetric Eigenvalue Problem, ch. 3 and 13).
+the M-orthogonal complement of the rigid-body motions, which are known in closed form (B. N. Parlett, The
+Symmetric Eigenvalue Problem, ch. 13). The mass matrix is the same for the three axes and is given once.
 """
 
 from dataclasses import dataclass
@@ -11,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
-from scipy.sparse.linalg import SuperLU, splu
 
+from objectfolder.audio.factorisation import Factorisation
 from objectfolder.errors import SimulationError
 
 Floats = NDArray[np.float64]
@@ -22,62 +21,58 @@ BLOCK = 16
 DENSE = 900
 
 
-def factorise(matrix: sparse.csc_matrix) -> SuperLU:
-    """Sparse L D L^T of a symmetric matrix in the form of an LU without interchanges."""
-    return splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+def weigh(mass: sparse.csr_matrix, vectors: Floats) -> Floats:
+    """M x for the mass (n, n) of one axis and vectors (3 n, k), unknown 3 function + axis."""
+    return np.asarray(mass @ vectors.reshape(mass.shape[0], -1)).reshape(vectors.shape)
 
 
-def count_below(stiffness: sparse.csc_matrix, mass: sparse.csc_matrix, value: float) -> int:
+def shifted(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.csr_matrix:
+    """K - value M, (3 n, 3 n)."""
+    return (stiffness - value * sparse.kron(mass, sparse.identity(3), format="csr")).tocsr()
+
+
+def count_below(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float) -> int:
     """Number of eigenvalues of K u = lambda M u below `value`, by the inertia of K - value M.
 
     Raises
     ------
     SimulationError
-        When the factorisation had to interchange rows, so that its pivots prove nothing.
+        When a pivot vanished, so that the signs of the others prove nothing.
     """
-    factors = factorise(stiffness - value * mass)
-    if not np.array_equal(factors.perm_r, factors.perm_c):
-        raise SimulationError(
-            "count of modes",
-            f"a pivot of K - {value:.6g} M vanished",
-            "Move the frequency limit a little away from an eigenfrequency.",
-        )
-    return int(np.count_nonzero(factors.U.diagonal() < 0))
+    return Factorisation(shifted(stiffness, mass, value), definite=False).negative()
 
 
-def rigid_motions(positions: Floats, component: Integers, mass: sparse.csc_matrix) -> Floats:
+def rigid_motions(
+    geometry: Floats, component: Integers, vertex_count: int, mass: sparse.csr_matrix
+) -> Floats:
     """M-orthonormal translations and rotations of each component, (3 n, 6 components) float64.
 
     Parameters
     ----------
-    positions : (n, 3) nodes
-    component : (n,) component of each node, 0 .. components - 1
-    mass : (3 n, 3 n)
+    geometry : (n, 3) position as a field of the space; the first `vertex_count` functions sum to 1
+    component : (n,) component of each function, 0 .. components - 1
+    mass : (n, n) of one axis
     """
     columns = []
     for index in range(int(component.max()) + 1):
         inside = component == index
-        centred = positions - positions[inside].mean(axis=0)
+        one = inside & (np.arange(len(geometry)) < vertex_count)
+        centred = np.where(inside[:, None], geometry, 0.0)
+        centred[one] -= centred[one].mean(axis=0)
         for axis in range(3):
-            translation = np.zeros_like(positions)
-            translation[inside, axis] = 1
-            rotation = np.zeros_like(positions)
-            rotation[inside] = np.cross(np.eye(3)[axis], centred[inside])
+            translation = np.zeros_like(geometry)
+            translation[one, axis] = 1
+            rotation = np.cross(np.eye(3)[axis], centred)
             columns += [translation.ravel(), rotation.ravel()]
     motions = np.stack(columns, axis=1)
     return orthonormalise(motions / np.linalg.norm(motions, axis=0), mass)[0]
 
 
-def orthonormalise(block: Floats, mass: sparse.csc_matrix) -> tuple[Floats, Floats]:
+def orthonormalise(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floats]:
     """M-orthonormal basis Q of the columns and R with block = Q R; two passes of Cholesky QR."""
     triangle = np.eye(block.shape[1])
     for _ in range(2):
-        gram = block.T @ (mass @ block)
+        gram = block.T @ weigh(mass, block)
         upper = linalg.cholesky((gram + gram.T) / 2)
         block = linalg.solve_triangular(upper, block.T, trans="T").T
         triangle = upper @ triangle
@@ -101,8 +96,8 @@ class Eigenpairs:
 
 
 def lowest_elastic(
-    stiffness: sparse.csc_matrix,
-    mass: sparse.csc_matrix,
+    stiffness: sparse.csr_matrix,
+    mass: sparse.csr_matrix,
     rigid: Floats,
     *,
     below: float,
@@ -118,6 +113,8 @@ def lowest_elastic(
 
     Parameters
     ----------
+    stiffness, mass
+        (3 n, 3 n), and (n, n) of one axis.
     rigid
         M-orthonormal null vectors, (3 n, r).
     below
@@ -137,14 +134,14 @@ def lowest_elastic(
     """
     size = stiffness.shape[0]
     if size <= DENSE:
-        values, vectors = linalg.eigh(stiffness.toarray(), mass.toarray())
+        values, vectors = linalg.eigh(stiffness.toarray(), np.kron(mass.toarray(), np.eye(3)))
         values, vectors = values[rigid.shape[1] :], vectors[:, rigid.shape[1] :]
         kept = min(int(np.count_nonzero(values < below)), at_most) + 1
         return Eigenpairs(values[:kept], vectors[:, :kept], 0)
-    factors = factorise(stiffness - shift * mass)
+    factors = Factorisation(shifted(stiffness, mass, shift), definite=True)
     block = BLOCK
     generator = np.random.default_rng(seed)
-    mass_rigid = mass @ rigid
+    mass_rigid = weigh(mass, rigid)
 
     def without_rigid(x: Floats) -> Floats:
         return x - rigid @ (mass_rigid.T @ x)
@@ -161,7 +158,7 @@ def lowest_elastic(
         here = slice(width, width + block)
         width += block
         basis[:, here] = current
-        mass_basis[:, here] = mass @ current
+        mass_basis[:, here] = weigh(mass, current)
         image = without_rigid(factors.solve(mass_basis[:, here]))
         solves += block
         coefficients = np.zeros((width, block))
@@ -196,6 +193,33 @@ def lowest_elastic(
         f"no convergence after {solves} solves of {size} unknowns",
         "Lower the frequency limit or the number of modes.",
     )
+
+
+def improve(
+    stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, rigid: Floats, start: Floats, *, shift: float
+) -> Eigenpairs:
+    """Elastic pairs from near-by vectors: the Ritz pairs of them and of two inverse iterations.
+
+    As many as `start` (3 n, k) has, in ascending order. Enough for what only has to be nearly right: an
+    eigenvalue is off by the square of how far its vector is.
+    """
+    size, count = start.shape
+    if size <= DENSE:
+        return lowest_elastic(stiffness, mass, rigid, below=np.inf, at_most=count, shift=shift)
+    factors = Factorisation(shifted(stiffness, mass, shift), definite=True)
+    mass_rigid = weigh(mass, rigid)
+    blocks = [start]
+    for _ in range(2):
+        image = factors.solve(weigh(mass, blocks[-1]))
+        image -= rigid @ (mass_rigid.T @ image)
+        blocks.append(image / np.sqrt(np.sum(image * weigh(mass, image), axis=0)))
+    both = np.concatenate(blocks, axis=1)
+    weights, axes = linalg.eigh(both.T @ weigh(mass, both))
+    kept = weights > 1e-10 * weights[-1]
+    basis = both @ (axes[:, kept] / np.sqrt(weights[kept]))
+    projected = basis.T @ (stiffness @ basis)
+    values, ritz = linalg.eigh((projected + projected.T) / 2)
+    return Eigenpairs(values[:count], basis @ ritz[:, :count], count)
 
 
 def _wanted(theta: Floats, shift: float, below: float, at_most: int) -> int:

@@ -1,19 +1,24 @@
 """The audible spectrum of a free solid: eigenpairs, certificate, and the error of the discretisation."""
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.eigen import count_below, lowest_elastic, rigid_motions
+from objectfolder.audio.adaptive import Choice, choose, remaining_cents, summary
+from objectfolder.audio.curving import GEOMETRY_ORDER, curve
+from objectfolder.audio.eigen import count_below, lowest_elastic, rigid_motions, weigh
 from objectfolder.audio.elasticity import assemble
-from objectfolder.audio.lagrange import LagrangeSpace
-from objectfolder.audio.tetrahedra import Solid
+from objectfolder.audio.factorisation import SOLVER
+from objectfolder.audio.solid import Solid
+from objectfolder.audio.space import Space
 from objectfolder.errors import SimulationError
+from objectfolder.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
-ESTIMATED_MODES = 10
+Integers = NDArray[np.int64]
 # A cut between two modes is looked for among the last so many of the modes wanted.
 CUT_CHOICES = 16
 
@@ -24,37 +29,131 @@ class Spectrum:
 
     Attributes
     ----------
-    space : finite-element space, vertices in units of L
+    space : finite-element space, positions in units of L
     eta_squared : (k,) float64
-    vectors : (node_count, 3, k) float64, of unit mass for density 1
+    vectors : (function, 3, k) float64, of unit mass for density 1
     residuals : (k,) float64, |K u - eta^2 M u| / |eta^2 M u|
     limit : eta^2 below which every mode is here
     certificate : JSON-able
     rigid_eta_squared : largest |u^T K u| of the rigid motions, zero but for rounding
+    volume : of the elements, units of L^3
+    unknowns : three times the number of functions in use
+    error_cents : (at most 50,) estimated errors of the first frequencies; empty where nothing is known
+    steps : what was solved on the way, JSON-able
+    seconds : CPU seconds by step
     """
 
-    space: LagrangeSpace
+    space: Space
     eta_squared: Floats
     vectors: Floats
     residuals: Floats
     limit: float
     certificate: dict[str, Any]
     rigid_eta_squared: float
+    volume: float
+    unknowns: int
+    error_cents: Floats = field(default_factory=lambda: np.zeros(0))
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
 
 
-def space_on(solid: Solid, order: int, length: float) -> LagrangeSpace:
-    """Finite-element space of an order on a solid, lengths in units of `length` metres."""
-    return LagrangeSpace.on(solid.vertices / length, solid.tetrahedra, order)
+def space_on(solid: Solid, order: int, length: float, *, bend: bool = False) -> tuple[Space, dict[str, Any]]:
+    """Finite-element space of an order on a solid, lengths in units of `length` metres, and how it was bent.
+
+    With `bend`, elements follow the surface the solid was made for; without, or without one, they are
+    straight.
+    """
+    space = Space.on(solid.vertices / length, solid.tetrahedra, order)
+    if not bend or solid.target is None or order < GEOMETRY_ORDER:
+        return space, {"curved_elements": 0}
+    faces, _, _ = solid.boundary()
+    normals = Surface(solid.vertices, faces).face_normals
+    target = Surface(solid.target.vertices / length, solid.target.faces)
+    return curve(space, faces, normals, target)
+
+
+def bodies_of_functions(space: Space, component: Integers) -> Integers:
+    """Body of each function, (function,), from the body of each vertex."""
+    result = np.empty(space.size, dtype=np.int64)
+    result[space.numbers] = component[space.tetrahedra[:, :1]]
+    return result
+
+
+def adapt_spectrum(
+    space: Space,
+    component: Integers,
+    poisson_ratio: float,
+    *,
+    below: float,
+    accuracy_cents: float,
+    max_modes: int,
+    max_unknowns: int,
+    seed: int,
+) -> Spectrum:
+    """Elastic modes with eta^2 < `below` to an accuracy, in the functions of a space that this needs.
+
+    Parameters
+    ----------
+    space
+        Of the highest order to be used.
+    component
+        (v,) body of each vertex.
+    accuracy_cents
+        Wanted largest error of the first 50 frequencies. What was reached stands in `error_cents`.
+    max_modes, seed
+        As for `solve_spectrum`.
+    max_unknowns
+        Of the last solution.
+
+    Raises
+    ------
+    SimulationError
+        When the inertia count and the modes found differ after a second search.
+    """
+    started = time.process_time()
+    choice = choose(
+        space,
+        bodies_of_functions(space, component),
+        poisson_ratio,
+        below=below,
+        accuracy_cents=accuracy_cents,
+        max_modes=max_modes,
+        max_unknowns=max_unknowns,
+        seed=seed,
+    )
+    chose = time.process_time() - started
+    found = solve_spectrum(
+        space,
+        component,
+        poisson_ratio,
+        below=below,
+        max_modes=max_modes,
+        seed=seed,
+        chosen=choice.chosen,
+    )
+    return Spectrum(
+        **{
+            **vars(found),
+            "error_cents": _errors(choice, found),
+            "steps": summary(choice),
+            "seconds": {"choose_functions": chose, **found.seconds},
+        }
+    )
+
+
+def _errors(choice: Choice, found: Spectrum) -> Floats:
+    return remaining_cents(choice, found.eta_squared)
 
 
 def solve_spectrum(
-    space: LagrangeSpace,
-    component: NDArray[np.int64],
+    space: Space,
+    component: Integers,
     poisson_ratio: float,
     *,
     below: float,
     max_modes: int,
     seed: int,
+    chosen: NDArray[np.bool_] | None = None,
     certify: bool = True,
     cut: bool = True,
 ) -> Spectrum:
@@ -64,6 +163,8 @@ def solve_spectrum(
     ----------
     component
         (v,) body of each vertex.
+    chosen
+        (function,) the functions to use; all by default.
     certify
         Count the modes by inertia, and refuse an incomplete set.
     cut
@@ -75,12 +176,17 @@ def solve_spectrum(
     SimulationError
         When the inertia count and the modes found differ after a second search.
     """
-    stiffness, mass = assemble(space, poisson_ratio)
-    of_node = np.empty(space.node_count, dtype=np.int64)
-    of_node[space.nodes] = component[space.tetrahedra[:, :1]]
-    rigid = rigid_motions(space.node_positions(), of_node, mass)
+    clock = [time.process_time()]
+    if chosen is None:
+        chosen = np.ones(space.size, dtype=bool)
+    stiffness, mass = assemble(space, poisson_ratio, chosen)
+    clock.append(time.process_time())
+    of_function = bodies_of_functions(space, component)[chosen]
+    rigid = rigid_motions(space.geometry[chosen], of_function, space.vertex_count, mass)
     stiff_rigid = stiffness @ rigid
+    spent = {"assemble": clock[1] - clock[0], "eigenvalues": 0.0, "count": 0.0}
     for attempt, tolerance in enumerate((1e-7, 1e-11)):
+        before = time.process_time()
         pairs = lowest_elastic(
             stiffness,
             mass,
@@ -91,8 +197,11 @@ def solve_spectrum(
             tolerance=tolerance,
             seed=seed + attempt,
         )
+        spent["eigenvalues"] += time.process_time() - before
         kept, limit = _cut(pairs.values, below, max_modes, CUT_CHOICES if cut else 1)
+        before = time.process_time()
         counted = count_below(stiffness, mass, limit) if certify else kept + rigid.shape[1]
+        spent["count"] += time.process_time() - before
         if counted == kept + rigid.shape[1]:
             break
     else:
@@ -102,12 +211,13 @@ def solve_spectrum(
             "Change the frequency limit or the seed.",
         )
     values, vectors = pairs.values[:kept], pairs.vectors[:, :kept]
-    inertia = (mass @ vectors) * values
+    inertia = weigh(mass, vectors) * values
     residuals = np.linalg.norm(stiffness @ vectors - inertia, axis=0) / np.linalg.norm(inertia, axis=0)
     largest = np.abs(vectors).argmax(axis=0)
-    vectors = vectors * np.sign(vectors[largest, np.arange(kept)])
+    whole = np.zeros((space.size, 3, kept))
+    whole[chosen] = (vectors * np.sign(vectors[largest, np.arange(kept)])).reshape(int(chosen.sum()), 3, kept)
     certificate = {
-        "method": "negative pivots of K - limit M (Sylvester)" if certify else "none",
+        "method": f"negative pivots of K - limit M (Sylvester), {SOLVER}" if certify else "none",
         "counted": int(counted),
         "rigid": int(rigid.shape[1]),
         "elastic_found": int(kept),
@@ -116,11 +226,15 @@ def solve_spectrum(
     return Spectrum(
         space,
         values,
-        vectors.reshape(space.node_count, 3, kept),
+        whole,
         residuals,
         limit,
         certificate,
         float(np.abs(np.sum(rigid * stiff_rigid, axis=0)).max()),
+        # Corner functions sum to one.
+        float(mass[: space.vertex_count, : space.vertex_count].sum()),
+        3 * int(chosen.sum()),
+        seconds=spent,
     )
 
 
@@ -134,66 +248,3 @@ def _cut(values: Floats, below: float, max_modes: int, tried: int) -> tuple[int,
     ratio = values[choices] / values[choices - 1]
     kept = int(choices[int(ratio.argmax())])
     return kept, float(np.sqrt(values[kept - 1] * values[kept]))
-
-
-def first_frequencies(solid: Solid, length: float, order: int, poisson_ratio: float) -> Floats:
-    """Dimensionless frequencies eta of the lowest elastic modes, (at most `ESTIMATED_MODES`,) float64."""
-    spectrum = solve_spectrum(
-        space_on(solid, order, length),
-        solid.component,
-        poisson_ratio,
-        below=np.inf,
-        max_modes=ESTIMATED_MODES,
-        seed=0,
-        certify=False,
-        cut=False,
-    )
-    return np.sqrt(spectrum.eta_squared)
-
-
-def relative_errors(frequencies: list[Floats]) -> Floats:
-    """Estimated relative discretisation errors of the last of frequencies (k,) of orders 1, 2, .. p.
-
-    Frequencies of rising order on the same elements converge geometrically in it, so Aitken's extrapolation
-    f* = f_p - d_p r / (1 - r), d_p = f_(p-1) - f_p, r = d_p / d_(p-1), tells how far f_p is from its limit;
-    r is taken over all the modes together, as single modes may change places between orders.
-    With two orders the ratio r is unknown; 1/15 is taken, as seen on walls one element thick (thick bodies
-    have 1/40). The error of the geometry is not in it.
-    """
-    count = min(map(len, frequencies))
-    steps = [f[:count] for f in frequencies]
-    gained = np.maximum(steps[-2] - steps[-1], 0)
-    ratio = 1 / 15
-    if len(steps) > 2:
-        before = np.sum(np.maximum(steps[-3] - steps[-2], 0))
-        ratio = float(np.clip(gained.sum() / max(before, 1e-300), 0, 0.9))
-    return gained * ratio / (1 - ratio) / steps[-1]
-
-
-def to_cents(relative: Floats) -> float:
-    """Largest of relative frequency errors, in cents."""
-    return float(1200 * np.log2(1 + np.max(relative)))
-
-
-def unknowns(solid: Solid, order: int) -> int:
-    """Unknowns of an order on a solid."""
-    return 3 * LagrangeSpace.on(solid.vertices, solid.tetrahedra, order).node_count
-
-
-def boundary_barycentric(
-    faces: NDArray[np.int64], opposite: NDArray[np.int64], local: NDArray[np.int64], weights: Floats
-) -> Floats:
-    """Barycentric coordinates in the element, (n, 4), of points given by `weights` (n, 3) on its faces.
-
-    Parameters
-    ----------
-    faces
-        (n,) rows of `local`.
-    opposite
-        (f,) local corner opposite each boundary triangle.
-    local
-        (4, 3) local corners of each face of a tetrahedron.
-    """
-    barycentric = np.zeros((len(weights), 4))
-    np.put_along_axis(barycentric, local[opposite[faces]], weights, axis=1)
-    return barycentric

@@ -72,10 +72,10 @@ class Filling:
     lattice_nodes : of the last resort
     """
 
-    edge_length: float = 0.15
-    bulk_elements: int = 150
-    surface_per_thickness: float = 0.35
-    surface_error: float = 0.003
+    edge_length: float = 0.1
+    bulk_elements: int = 500
+    surface_per_thickness: float = 0.15
+    surface_error: float = 0.0015
     least_shape: float = 0.2
     epsilon_per_wall: float = 0.12
     simplification_per_wall: float = 0.15

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from objectfolder.audio.materials import Material
-from objectfolder.audio.tetrahedra import Solid, clean
+from objectfolder.audio.solid import Solid, clean
 
 
 def box(cells: Sequence[int], size: Sequence[float]) -> Solid:

@@ -1,0 +1,118 @@
+"""Sparse factorisation of symmetric matrices, with the count of negative eigenvalues that comes with it.
+
+By Sylvester's law of inertia the signs of the pivots of K - value M say how many eigenvalues of the pencil
+lie below `value` (B. N. Parlett, The Symmetric Eigenvalue Problem, ch. 3). Intel MKL's PARDISO is used where
+it is installed, else SuperLU, which takes some four times as long to factorise; `SOLVER` says which.
+"""
+
+import ctypes
+import importlib.metadata
+import importlib.util
+import os
+import weakref
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from objectfolder.errors import SimulationError
+
+Floats = NDArray[np.float64]
+SOLVER = "PARDISO" if importlib.util.find_spec("pypardiso") else "SuperLU"
+POSITIVE_DEFINITE, INDEFINITE = 2, -2
+SEQUENTIAL = 1
+
+
+class Factorisation:
+    """Factors of a sparse symmetric matrix.
+
+    Attributes
+    ----------
+    nonzeros : entries of the factors
+    """
+
+    def __init__(self, matrix: sparse.csr_matrix, *, definite: bool, solver: str = SOLVER) -> None:
+        """Factorise (n, n); without interchanges when `definite`.
+
+        Raises
+        ------
+        SimulationError
+            When the matrix is singular, or not definite though said to be.
+        """
+        self._solver = solver
+        try:
+            if solver == "PARDISO":
+                self._pardiso(matrix, POSITIVE_DEFINITE if definite else INDEFINITE)
+            else:
+                self._super_lu(matrix)
+        except (RuntimeError, ArithmeticError) as error:
+            raise SimulationError(
+                "factorisation", f"{solver} of {matrix.shape[0]} unknowns: {error}", "Check the mesh."
+            ) from error
+
+    def _pardiso(self, matrix: sparse.csr_matrix, kind: int) -> None:
+        from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
+
+        _say_where_mkl_is()
+        self._upper = sparse.triu(matrix, format="csr")
+        self._upper.sort_indices()
+        self._factors: Any = PyPardisoSolver(mtype=kind)
+        # One thread: the same bytes each time, and no second OpenMP beside that of PyTorch.
+        self._factors.libmkl.MKL_Set_Threading_Layer(ctypes.c_int(SEQUENTIAL))
+        for parameter, value in ((1, 1), (2, 2), (10, 8), (21, 1)):
+            self._factors.set_iparm(parameter, value)
+        self._release = weakref.finalize(self, self._factors.free_memory, everything=True)
+        try:
+            self._factors.factorize(self._upper)
+        except PyPardisoError as error:
+            raise ArithmeticError(str(error)) from error
+        self.nonzeros = int(self._factors.get_iparm(18))
+        self._perturbed = int(self._factors.get_iparm(14))
+
+    def _super_lu(self, matrix: sparse.csr_matrix) -> None:
+        self._factors = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        self.nonzeros = int(self._factors.L.nnz)
+
+    def solve(self, right: Floats) -> Floats:
+        """Solution (n, k) for right-hand sides (n, k)."""
+        if self._solver == "PARDISO":
+            return np.asarray(self._factors.solve(self._upper, np.asfortranarray(right)))
+        return np.asarray(self._factors.solve(right))
+
+    def negative(self) -> int:
+        """Number of negative eigenvalues of an indefinite matrix.
+
+        Raises
+        ------
+        SimulationError
+            When a pivot vanished, so that the signs prove nothing.
+        """
+        if self._solver == "PARDISO":
+            vanished, count = self._perturbed > 0, int(self._factors.get_iparm(23))
+        else:
+            vanished = not np.array_equal(self._factors.perm_r, self._factors.perm_c)
+            count = int(np.count_nonzero(self._factors.U.diagonal() < 0))
+        if vanished:
+            raise SimulationError(
+                "count of modes", "a pivot vanished", "Move the frequency limit off an eigenfrequency."
+            )
+        return count
+
+
+@cache
+def _say_where_mkl_is() -> None:
+    """Spare pypardiso the search of all installed files, which it makes for every matrix."""
+    if "PYPARDISO_MKL_RT" in os.environ:
+        return
+    for file in importlib.metadata.files("mkl") or []:
+        if "mkl_rt" in file.name:
+            os.environ["PYPARDISO_MKL_RT"] = str(file.locate())
+            return

@@ -1,0 +1,83 @@
+"""Elements bent onto a surface."""
+
+import numpy as np
+import pytest
+import trimesh
+from structured_solids import box
+
+from objectfolder.audio.boundary import Boundary
+from objectfolder.audio.curving import curve
+from objectfolder.audio.elasticity import chunks, element_integrals
+from objectfolder.audio.solid import Solid, clean
+from objectfolder.audio.space import Space
+from objectfolder.audio.spectrum import solve_spectrum, space_on
+from objectfolder.audio.tetrahedra import fill
+from objectfolder.geometry.surface import Surface
+
+
+def volume(space: Space) -> float:
+    return float(sum(element_integrals(space, chunk)[1][:, :4, :4].sum() for chunk in chunks(space)))
+
+
+def _rms_height(solid: Solid, space: Space) -> float:
+    """Of the boundary over the unit sphere."""
+    drawn = Boundary(solid, space, 1.0).surface.sample(4000, 0).points
+    return float(np.sqrt(np.mean((np.linalg.norm(drawn, axis=1) - 1) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def solid() -> Solid:
+    """A few tetrahedra in a finely drawn unit sphere."""
+    sphere = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
+    return fill(Surface(sphere.vertices, sphere.faces))
+
+
+def test_a_bent_ball_has_the_volume_and_radius_of_its_target(solid: Solid) -> None:
+    bent, report = space_on(solid, 3, 1.0, bend=True)
+    assert report["curved_elements"] > 0
+    assert _rms_height(solid, bent) < 0.1 * _rms_height(solid, space_on(solid, 3, 1.0)[0])
+    assert volume(bent) == pytest.approx(4 * np.pi / 3, rel=1e-3)
+
+
+def test_a_bent_ball_rings_as_lamb_says_and_keeps_six_rigid_motions(solid: Solid) -> None:
+    """H. Lamb 1882, nu 0.25: eta = 2.501133 and 2.639869, five-fold each."""
+    bent, _ = space_on(solid, 4, 1.0, bend=True)
+    found = solve_spectrum(bent, solid.component, 0.25, below=9.0, max_modes=30, seed=0)
+    assert found.certificate["counted"] == 16
+    assert found.rigid_eta_squared < 1e-9
+    eta = np.sqrt(found.eta_squared)
+    np.testing.assert_allclose(eta, np.repeat([2.501133, 2.639869], 5), rtol=1e-3)
+
+
+def test_flat_faces_stay_flat() -> None:
+    coarse, fine = box((2, 2, 1), (1, 1, 0.4)), box((6, 6, 3), (1, 1, 0.4))
+    faces, _, _ = coarse.boundary()
+    space = Space.on(coarse.vertices, coarse.tetrahedra, 3)
+    normals = Surface(coarse.vertices, faces).face_normals
+    bent, _ = curve(space, faces, normals, Surface(fine.vertices, fine.boundary()[0]))
+    np.testing.assert_allclose(bent.geometry, space.geometry, atol=1e-9)
+
+
+def test_elements_that_would_fold_are_held_back() -> None:
+    """A target that lies far inside a flat element: following it would turn the element inside out."""
+    coarse = clean(*_wedge())
+    faces, _, _ = coarse.boundary()
+    dented = Surface(
+        np.array([[0, 0, 0], [1, 0, 0], [0.5, 0.5, 0.049], [0, 1, 0], [1, 1, 0.0]]),
+        np.array([[0, 2, 1], [0, 3, 2], [3, 4, 2], [4, 1, 2]]),
+    )
+    space = Space.on(coarse.vertices, coarse.tetrahedra, 3)
+    bent, _ = curve(space, faces, Surface(coarse.vertices, faces).face_normals, dented)
+    element_integrals(bent, np.flatnonzero(bent.curved))
+
+
+def test_order_one_cannot_be_bent(solid: Solid) -> None:
+    faces, _, _ = solid.boundary()
+    assert solid.target is not None
+    with pytest.raises(ValueError, match="cannot be bent"):
+        curve(Space.on(solid.vertices, solid.tetrahedra, 1), faces, np.zeros((len(faces), 3)), solid.target)
+
+
+def _wedge() -> tuple[np.ndarray, np.ndarray, dict]:
+    thin = box((1, 1, 1), (1, 1, 0.05))
+    return thin.vertices, thin.tetrahedra, {}

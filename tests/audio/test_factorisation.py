@@ -1,0 +1,44 @@
+"""Both factorisations against dense linear algebra."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from objectfolder.audio.factorisation import SOLVER, Factorisation
+from objectfolder.errors import SimulationError
+
+SOLVERS = sorted({"SuperLU", SOLVER})
+
+
+def matrix(size: int = 60, seed: int = 0) -> sparse.csr_matrix:
+    generator = np.random.default_rng(seed)
+    part = sparse.random(size, size, 0.1, random_state=generator).tocsr()
+    return (part + part.T + sparse.identity(size)).tocsr()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_solutions_are_those_of_a_dense_solver(solver: str) -> None:
+    definite = (matrix() @ matrix() + sparse.identity(60)).tocsr()
+    right = np.random.default_rng(1).standard_normal((60, 5))
+    found = Factorisation(definite, definite=True, solver=solver).solve(right)
+    np.testing.assert_allclose(found, np.linalg.solve(definite.toarray(), right), atol=1e-11)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("shift", [-3.0, 0.2, 1.1, 9.0])
+def test_negative_pivots_are_negative_eigenvalues(solver: str, shift: float) -> None:
+    moved = (matrix() - shift * sparse.identity(60)).tocsr()
+    exact = int(np.count_nonzero(np.linalg.eigvalsh(moved.toarray()) < 0))
+    try:
+        counted = Factorisation(moved, definite=False, solver=solver).negative()
+    except SimulationError:
+        assert solver == "SuperLU"  # it refuses to count where it had to interchange rows
+    else:
+        assert counted == exact
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_singular_matrix_is_refused(solver: str) -> None:
+    singular = sparse.csr_matrix(np.array([[1.0, 1.0], [1.0, 1.0]]))
+    with pytest.raises(SimulationError):
+        Factorisation(singular, definite=True, solver=solver)
