@@ -366,7 +366,7 @@ class ObjectFile:
                 float(self.surface.area),
             )
         return StruckBody(
-            _eigenvalues(net)[:modes],
+            net.eigenvalues[:modes],
             net.dampings_per_s[:modes],
             net.radiation_weights[:modes],
             net.gains,
@@ -492,14 +492,6 @@ class ObjectStream:
     def block(self, samples: int) -> np.ndarray:
         """Return the next samples (channels, samples) float64, in the unit `ObjectFile.strike` answers in."""
         return self._stream.block(samples)
-
-
-def _eigenvalues(net: AudioNet) -> np.ndarray:
-    """Undamped omega^2 (modes,) of a net that stores damped frequencies."""
-    stored = getattr(net, "eigenvalues", None)
-    if stored is not None:
-        return np.asarray(stored, dtype=np.float64)
-    return (2 * np.pi * net.frequencies_hz) ** 2 + net.dampings_per_s**2
 
 
 def _rows(values: np.ndarray, name: str) -> np.ndarray:

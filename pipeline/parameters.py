@@ -39,10 +39,11 @@ class VisionParameters:
 
 @dataclass(frozen=True)
 class AudioParameters:
-    """Ground truth of audio."""
+    """Ground truth of audio; `accuracy_cents` is the wanted error of the first 50 frequencies."""
 
     max_frequency_hz: float
     max_modes: int
+    accuracy_cents: float
     training_points: int
     held_out_points: int
 

@@ -41,7 +41,7 @@ STAGES = {
             inputs=(GEOMETRY,),
             parameters=("audio",),
             fields=("material", "walls"),
-            packages=("numpy", "pytetwild", "scipy", "zarr"),
+            packages=("embreex", "mkl", "numpy", "pytetwild", "scikit-image", "scipy", "zarr"),
         ),
         Stage(
             "touches",

@@ -1,5 +1,6 @@
 """The modal sound of an object: from a surface and a material to frequencies, dampings and mode shapes."""
 
+import os
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ def simulate_modes(
     shell_m: float | None = None,
     filling: Filling | None = None,
     name: str = "surface",
+    seconds: dict[str, float] | None = None,
 ) -> Product:
     """Fill a surface and solve every elastic mode below a frequency.
 
@@ -55,6 +57,8 @@ def simulate_modes(
         As for `fill`.
     filling
         Resolution of the tetrahedra.
+    seconds
+        Filled with the CPU seconds of each step, child processes included.
 
     Returns
     -------
@@ -66,7 +70,10 @@ def simulate_modes(
     SimulationError
         No solid came of the surface, or the modes found fail the count.
     """
+    started = _cpu_seconds()
     solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, name=name)
+    if seconds is not None:
+        seconds["fill"] = _cpu_seconds() - started
     return modes_of_solid(
         surface,
         solid,
@@ -79,6 +86,7 @@ def simulate_modes(
         accuracy_cents=accuracy_cents,
         highest_order=highest_order,
         max_unknowns=max_unknowns,
+        seconds=seconds,
     )
 
 
@@ -95,6 +103,7 @@ def modes_of_solid(
     accuracy_cents: float = 5.0,
     highest_order: int = 4,
     max_unknowns: int = 180_000,
+    seconds: dict[str, float] | None = None,
 ) -> Product:
     """Elastic modes of a solid, given at points of a surface; parameters as for `simulate_modes`.
 
@@ -111,7 +120,9 @@ def modes_of_solid(
     """
     length = float(np.ptp(solid.vertices, axis=0).max())
     radians = material.shear_speed_m_s / length  # omega = eta c_s / L
+    started = _cpu_seconds()
     space, bent = space_on(solid, highest_order, length, bend=True)
+    bend_s = _cpu_seconds() - started
     spectrum = adapt_spectrum(
         space,
         solid.component,
@@ -128,6 +139,7 @@ def modes_of_solid(
     volume_m3 = spectrum.volume * length**3
     scale = 1 / np.sqrt(material.density_kg_m3 * length**3)  # of mass 1 kg rather than rho L^3
 
+    read = _cpu_seconds()
     train = surface.sample(training_points, seed)
     test = surface.sample(held_out_points, seed + 1_000_003)
     points = np.concatenate([train.points, test.points])
@@ -183,7 +195,15 @@ def modes_of_solid(
         "transfer_distance_max_m": float(distance.max(initial=0.0)),
         "material": material.name,
     }
+    if seconds is not None:
+        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read})
     return Product(arrays, attributes)
+
+
+def _cpu_seconds() -> float:
+    """Of this process and of those it has ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _canonical(spectrum: Spectrum, boundary: Boundary) -> Floats:

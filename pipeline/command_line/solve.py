@@ -3,7 +3,7 @@
 import argparse
 import json
 import math
-import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,13 @@ def add_commands(commands: Any) -> None:
     command.add_argument("--length", type=float, help="longest side in metres (default: as in the file)")
     command.add_argument("--max-frequency", type=float, default=20000.0, help="hertz (default 20000)")
     command.add_argument("--max-modes", type=int, default=256, help="at most so many modes (default 256)")
+    command.add_argument(
+        "--accuracy-cents", type=float, default=5.0, help="wanted error of the first 50 (default 5)"
+    )
+    command.add_argument(
+        "--wall", type=float, help="least thickness of walls in metres, where a scan fused them"
+    )
+    command.add_argument("--shell", type=float, help="wall of a vessel that was scanned solid, metres")
     command.add_argument("--seed", type=int, default=0, help="seed (default 0)")
     command.add_argument("--json", action="store_true", help="print JSON")
     command.set_defaults(run=run)
@@ -33,44 +40,59 @@ def run(options: argparse.Namespace) -> None:
     from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
 
     material = find_material(read_materials(Path(options.materials)), options.material, options.materials)
-    started = _cpu_seconds()
+    started = time.process_time()
     surface = textured_mesh_of(
         ingest_object(Path(options.mesh), None, options.length, Path(options.mesh).stem, with_textures=False)
     ).surface
-    ingested = _cpu_seconds()
+    seconds = {"ingest": time.process_time() - started}
     modes = simulate_modes(
         surface,
         material,
         max_frequency_hz=options.max_frequency,
         max_modes=options.max_modes,
+        accuracy_cents=options.accuracy_cents,
+        wall_m=options.wall,
+        shell_m=options.shell,
         training_points=8,
         held_out_points=8,
         seed=options.seed,
         name=Path(options.mesh).name,
+        seconds=seconds,
     )
-    solved = _cpu_seconds()
-    frequencies, dampings = modes["frequencies_hz"].tolist(), modes["dampings_per_s"].tolist()
+    attributes = modes.attributes
+    dampings = modes["dampings_per_s"].tolist()
     result = {
-        "frequencies_hz": frequencies,
+        "frequencies_hz": modes["frequencies_hz"].tolist(),
         "dampings_per_s": dampings,
-        "count_certificate": modes.attributes["count_certificate"],
-        "error_estimate_cents": modes.attributes["error_estimate_cents"],
-        "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
-        "discretisation": modes.attributes["discretisation"],
-        "seconds": {"ingest": ingested - started, "mesh_and_solve": solved - ingested},
+        "t60_s": [math.log(1000) / damping if damping > 0 else None for damping in dampings],
+        "error_estimates_cents": [
+            None if math.isnan(error) else error for error in modes["error_estimates_cents"].tolist()
+        ],
+        "count_certificate": attributes["count_certificate"],
+        "error_estimate_cents": attributes["error_estimate_cents"],
+        "frequency_limit_hz": attributes["stated_frequency_limit_hz"],
+        "bodies": attributes["discretisation"].get("bodies"),
+        "discretisation": attributes["discretisation"],
+        "seconds": seconds,
     }
     if options.json:
         print(json.dumps(result))
         return
-    print(f"{len(frequencies)} modes below {result['frequency_limit_hz']:.0f} Hz in {options.material}")
-    for index, (frequency, damping) in enumerate(zip(frequencies, dampings, strict=True)):
-        t60 = f"{math.log(1000) / damping:8.3f} s" if damping > 0 else "undamped"
-        print(f"{index:4d} {frequency:10.2f} Hz  damping {damping:10.3f} 1/s  T60 {t60}")
-    print(f"certificate {result['count_certificate']}")
-    print(f"estimated error {result['error_estimate_cents']} cents")
+    _print_table(result, options.material)
 
 
-def _cpu_seconds() -> float:
-    """CPU seconds of this process and of the ones it has ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
+def _print_table(result: dict[str, Any], material: str) -> None:
+    count = len(result["frequencies_hz"])
+    print(f"{count} modes below {result['frequency_limit_hz']:.0f} Hz in {material}")
+    columns = ("frequencies_hz", "dampings_per_s", "t60_s", "error_estimates_cents")
+    for index, row in enumerate(zip(*(result[name] for name in columns), strict=True)):
+        frequency, damping, t60, error = row
+        rings = f"T60 {t60:8.3f} s" if t60 is not None else "undamped      "
+        known = f"error {error:6.1f} cents" if error is not None else ""
+        print(f"{index:4d} {frequency:10.2f} Hz  damping {damping:10.3f} 1/s  {rings}  {known}".rstrip())
+    certificate = result["count_certificate"]
+    print(
+        f"count: {certificate['counted']} eigenvalues below the limit = {certificate['rigid']} rigid + "
+        f"{certificate['elastic_found']} found ({certificate['method']})"
+    )
+    print("CPU seconds: " + ", ".join(f"{name} {value:.1f}" for name, value in result["seconds"].items()))

@@ -13,4 +13,6 @@ def compute_modes(request: Request) -> Product:
     # Appearance and citation mean nothing to sound, and are no part of what this task reads.
     material = Material(**request.record["material"], roughness=0.5, metallic=0.0, citation="")
     audio = request.parameters["audio"]
-    return simulate_modes(surface, material, **audio, seed=request.seed, name=request.object_id)
+    return simulate_modes(
+        surface, material, **audio, **request.record["walls"], seed=request.seed, name=request.object_id
+    )
