@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import trimesh
 from structured_solids import box, material, moved, together
 
+from objectfolder.audio.eigen import weigh
+from objectfolder.audio.elasticity import assemble
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes import modes_of_solid, simulate_modes
 from objectfolder.audio.references.sphere import sphere
@@ -157,23 +160,18 @@ def filled_ball() -> Solid:
     return fill(surface_of(trimesh.creation.icosphere(subdivisions=5, radius=1.0)))
 
 
-@pytest.mark.parametrize(
-    ("poisson_ratio", "limit", "tolerance"),
-    [pytest.param(0.3, 4.6, 1e-3, marks=pytest.mark.slow), (0.45, 4.0, 1e-3)],
-)
-def test_a_nearly_incompressible_ball_does_not_lock(
-    poisson_ratio: float, limit: float, tolerance: float
-) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize(("poisson_ratio", "order"), [(0.45, 3), (0.499, 4)])
+def test_a_nearly_incompressible_ball_does_not_lock(poisson_ratio: float, order: int) -> None:
     """Lamb's sphere: as many modes, in the same groups, at the same frequencies."""
-    truth = sphere(1.0, poisson_ratio, limit)
-    below = (0.5 * (truth.wavenumbers[-1] + limit)) ** 2
+    truth = sphere(1.0, poisson_ratio, 4.0)
+    below = (0.5 * (truth.wavenumbers[-1] + 4.0)) ** 2
     solid = filled_ball()
-    bent, _ = space_on(solid, 4, 1.0, bend=True)
+    bent, _ = space_on(solid, order, 1.0, bend=True)
     found = solve_spectrum(bent, solid.component, poisson_ratio, below=below, max_modes=80, seed=0)
     assert found.certificate["holds"]
-    eta = np.sqrt(found.eta_squared)
-    np.testing.assert_allclose(eta, truth.repeated, rtol=tolerance)
-    assert truth.multiplicities[:3].sum() == 13
+    np.testing.assert_allclose(np.sqrt(found.eta_squared), truth.repeated, rtol=1e-3)
+    assert truth.multiplicities[:2].tolist() == [5, 5]
 
 
 def test_two_bodies_have_the_modes_of_both() -> None:
@@ -230,3 +228,72 @@ def test_a_bar_of_24_metres_rings_in_hertz() -> None:
     found = ring(bar((24.0, 4.8, 2.4)), 20000.0 / 240)
     assert complete(found)
     np.testing.assert_allclose(found["frequencies_hz"] * 240, bar_rings()["frequencies_hz"], rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_rod_of_200_triangles() -> None:
+    """A prism of 50 sides; torsion of a round rod is c_s / 2 L."""
+    rod = trimesh.creation.cylinder(radius=0.005, height=0.2, sections=50)
+    assert len(rod.faces) == 200
+    found = ring(surface_of(rod), 9000.0)
+    assert complete(found)
+    torsion = undamped().shear_speed_m_s / 0.4
+    assert np.abs(found["frequencies_hz"] / torsion - 1).min() < 5e-3
+
+
+def test_needles_and_non_manifold_edges_leave_the_spectrum() -> None:
+    """A face cut into a fan of needles, and a fin inside on two edges of the bar."""
+    vertices, faces = bar().vertices, bar().faces
+    a, b, c = faces[0]
+    weights = np.linspace(0, 1, 12)[1:-1, None]
+    on_edge = vertices[a] * (1 - weights) + vertices[b] * weights
+    chain = [a, *range(len(vertices), len(vertices) + len(on_edge)), b]
+    fan = [[p, q, c] for p, q in pairwise(chain)]
+    corner = np.argmin(vertices @ [1, 1, 1])
+    far = np.argmax(vertices @ [1, 1, 1])
+    side = next(i for i in range(8) if np.sum(vertices[i] == vertices[corner]) == 2)
+    dirty = np.concatenate([faces[1:], fan, [[corner, side, far]]])
+    found = ring(Surface(np.concatenate([vertices, on_edge]), dirty), 20000.0)
+    assert complete(found)
+    np.testing.assert_allclose(found["frequencies_hz"], bar_rings()["frequencies_hz"], rtol=5e-3)
+
+
+def test_without_damping_nothing_decays_and_nothing_is_nan() -> None:
+    found = bar_rings()
+    np.testing.assert_array_equal(found["dampings_per_s"], 0)
+    np.testing.assert_allclose(
+        found["frequencies_hz"], np.sqrt(found["eigenvalues"]) / (2 * np.pi), rtol=1e-12
+    )
+    assert found.attributes["overdamped_modes"] == 0
+    assert found["frequencies_hz"].min() > 100
+
+
+def test_beta_1e_4_silences_what_lies_above_its_limit() -> None:
+    """c = beta lambda / 2 reaches omega at omega = 2 / beta, 3183 Hz: kept, counted, and without a tone."""
+    creeping = ring(bar(), 20000.0, material(rayleigh_alpha_per_s=0.0, rayleigh_beta_s=1e-4))
+    assert complete(creeping)
+    np.testing.assert_allclose(creeping["eigenvalues"], bar_rings()["eigenvalues"], rtol=1e-9)
+    still = np.sqrt(creeping["eigenvalues"]) >= 2e4
+    assert creeping.attributes["overdamped_modes"] == still.sum() > 0
+    np.testing.assert_array_equal(creeping["frequencies_hz"] == 0, still)
+    assert np.isfinite(creeping["dampings_per_s"]).all()
+
+
+def test_two_seeds_find_the_same_frequencies_and_spaces() -> None:
+    """Vectors of a repeated frequency are any rotation of each other; the space they span is not."""
+    solid = box((3, 3, 3), (1, 1, 1))
+    space = space_on(solid, 3, 1.0)[0]
+    first, second = (
+        solve_spectrum(space, solid.component, 0.3, below=4.65**2, max_modes=40, seed=seed) for seed in (0, 7)
+    )
+    np.testing.assert_allclose(first.eta_squared, second.eta_squared, rtol=1e-6)
+    mass = assemble(space, 0.3)[1]
+    vectors = [found.vectors.reshape(-1, len(found.eta_squared)) for found in (first, second)]
+    start = 0
+    for many in (2, 3, 3, 3, 3):
+        group = slice(start, start + many)
+        start += many
+        overlap = vectors[0][:, group].T @ weigh(mass, vectors[1][:, group])
+        # The smallest principal cosine squared is the worst MAC of any vector of one space in the other.
+        assert np.linalg.svd(overlap, compute_uv=False).min() ** 2 > 1 - 1e-6
+    assert start == len(first.eta_squared)
