@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def undamped(poisson_ratio: float = 0.19) -> Material:
     return material(poisson_ratio, rayleigh_alpha_per_s=0.0, rayleigh_beta_s=0.0)
 
 
-def modes_of(solid: Solid, stuff: Material, max_frequency_hz: float, **options: float) -> Product:
+def modes_of(solid: Solid, stuff: Material, max_frequency_hz: float, **options: Any) -> Product:
     return modes_of_solid(
         Surface(solid.vertices, solid.boundary()[0]),
         solid,
@@ -119,7 +120,7 @@ def even_plate(cells: int, thickness: float) -> Solid:
     ],
 )
 def test_plates_from_thick_to_a_500th(
-    make: Callable[[int, float], Solid], thickness: float, options: dict[str, float], tolerance: float
+    make: Callable[[int, float], Solid], thickness: float, options: dict[str, Any], tolerance: float
 ) -> None:
     """Twisting bends sharply within a thickness of a free edge: only elements that small see all of it."""
     stuff = undamped(0.3)
@@ -135,7 +136,7 @@ def test_plates_from_thick_to_a_500th(
     ("options", "cells", "tolerance"),
     [(DEFAULT, 10, 1e-3), pytest.param(FINEST, 14, 1e-4, marks=pytest.mark.slow)],
 )
-def test_a_beam_bends_and_twists(options: dict[str, float], cells: int, tolerance: float) -> None:
+def test_a_beam_bends_and_twists(options: dict[str, Any], cells: int, tolerance: float) -> None:
     found = modes_of(box((cells, 2, 2), (0.1, 0.01, 0.005)), undamped(), 14000.0, **options)
     np.testing.assert_allclose(found["frequencies_hz"], BEAM, rtol=tolerance)
     assert complete(found)
@@ -145,7 +146,7 @@ def test_a_beam_bends_and_twists(options: dict[str, float], cells: int, toleranc
     ("options", "tolerance"), [(DEFAULT, 1e-3), pytest.param(FINEST, 1e-4, marks=pytest.mark.slow)]
 )
 def test_a_cube_has_its_multiplicities_and_the_exact_lame_mode(
-    options: dict[str, float], tolerance: float
+    options: dict[str, Any], tolerance: float
 ) -> None:
     """Demarest's cube, nu 0.3; the Lame mode pi sqrt 2 is three-fold."""
     stuff = undamped(0.3)
@@ -177,7 +178,7 @@ def test_a_nearly_incompressible_ball_does_not_lock(poisson_ratio: float, order:
 def test_two_bodies_have_the_modes_of_both() -> None:
     """A bar, and one 1.25 times as large: the spectra side by side, 12 rigid motions."""
     one, two = box((6, 2, 1), (0.1, 0.02, 0.01)), box((6, 2, 1), (0.125, 0.025, 0.0125))
-    options = {"accuracy_cents": 1e-3, "highest_order": 3}
+    options: dict[str, Any] = {"accuracy_cents": 1e-3, "highest_order": 3}
     alone = [modes_of(solid, undamped(), 20000.0, **options) for solid in (one, two)]
     both = modes_of(together(one, moved(two, (0, 0.1, 0))), undamped(), 20000.0, **options)
     assert complete(both, bodies=2)
