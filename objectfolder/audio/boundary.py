@@ -75,7 +75,7 @@ class Boundary:
         rule = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6 if DIVISIONS > 1 else np.eye(3)
         total = np.zeros(vectors.shape[2])
         faces, area, normals = self.surface.faces, self.surface.face_areas, self.surface.face_normals
-        # Few functions live on the boundary: the others need no product.
+        # In parts: values of all modes at all points at once would not fit.
         for start in range(0, len(faces), 4096):
             chunk = slice(start, start + 4096)
             corners = self._barycentric[faces[chunk]]

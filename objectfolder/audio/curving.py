@@ -289,6 +289,6 @@ def _mean_normals(groups: Integers, normals: Floats) -> tuple[Integers, Floats]:
 
 
 def _volumes(positions: Floats, tetrahedra: Integers) -> Floats:
-    """Signed volumes (t,) over 1/6."""
+    """Six times the signed volumes (t,)."""
     corner = positions[tetrahedra]
     return np.asarray(np.linalg.det(corner[:, 1:] - corner[:, :1]))

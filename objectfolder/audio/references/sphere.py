@@ -6,8 +6,6 @@ traction of u = grad phi + curl curl (r psi) with phi = j_l(h r) Y, psi = j_l(k 
 Rayleigh-Ritz solution, which cannot leave one out, and then found in the closed form.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
@@ -135,11 +133,12 @@ def radial_ritz(family: str, degree: int, poisson_ratio: float) -> Floats:
 def _roots(family: str, degree: int, poisson_ratio: float, limit: float) -> list[float]:
     """Roots of the closed form below `limit`, one between each two midpoints of the radial solution."""
     guesses = radial_ritz(family, degree, poisson_ratio)
-    traction: Callable[[float], float]
-    if family == "torsional":
-        traction = lambda y: torsional_traction(y, degree)  # noqa: E731
-    else:
-        traction = lambda y: spheroidal_traction(y, degree, poisson_ratio)  # noqa: E731
+
+    def traction(y: float) -> float:
+        if family == "torsional":
+            return torsional_traction(y, degree)
+        return spheroidal_traction(y, degree, poisson_ratio)
+
     edges = np.concatenate([[guesses[0] / 2], (guesses[1:] + guesses[:-1]) / 2])
     roots = []
     for index in range(int(np.count_nonzero(guesses < limit * (1 + 1e-6)))):
