@@ -142,7 +142,7 @@ def of_gains_network(contacts: Contacts, steps: int, device: str) -> dict[str, A
         **by_gains(contacts, net.gains),
         "gain_error_at_training_points_db": gain_error_db(shapes, net.gains(points)),
         "bytes": net.bytes,
-        "parameters": net.parameters,
+        "parameters": net.network.weights,
         "training_cpu_s": net.training.cpu_s,
         "training_losses": thinned(net.training.losses),
     }
@@ -169,7 +169,7 @@ def of_spectrogram_network(contacts: Contacts, steps: int, device: str) -> dict[
             min(3, len(contacts.points)),
         ),
         "bytes": net.bytes,
-        "parameters": net.parameters,
+        "parameters": net.network.weights,
         "training_cpu_s": net.training.cpu_s,
         "training_losses": thinned(net.training.losses),
     }

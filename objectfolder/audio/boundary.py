@@ -72,7 +72,8 @@ class Boundary:
 
     def normal_rms(self, vectors: Floats) -> Floats:
         """Root mean square over the boundary of the normal component of each mode (function, 3, modes)."""
-        rule = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6 if DIVISIONS > 1 else np.eye(3)
+        # The three-point rule of degree two in a triangle's inside.
+        rule = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
         total = np.zeros(vectors.shape[2])
         faces, area, normals = self.surface.faces, self.surface.face_areas, self.surface.face_normals
         # In parts: values of all modes at all points at once would not fit.

@@ -47,7 +47,7 @@ class Factorisation:
             if solver == "PARDISO":
                 self._pardiso(matrix, POSITIVE_DEFINITE if definite else INDEFINITE)
             else:
-                self._super_lu(matrix)
+                self._super_lu(matrix, definite)
         except (RuntimeError, ArithmeticError) as error:
             raise SimulationError(
                 "factorisation", f"{solver} of {matrix.shape[0]} unknowns: {error}", "Check the mesh."
@@ -72,7 +72,7 @@ class Factorisation:
         self.nonzeros = int(self._factors.get_iparm(18))
         self._perturbed = int(self._factors.get_iparm(14))
 
-    def _super_lu(self, matrix: sparse.csr_matrix) -> None:
+    def _super_lu(self, matrix: sparse.csr_matrix, definite: bool) -> None:
         self._factors = splu(
             matrix.tocsc(),
             permc_spec="MMD_AT_PLUS_A",
@@ -80,6 +80,12 @@ class Factorisation:
             options={"SymmetricMode": True},
         )
         self.nonzeros = int(self._factors.L.nnz)
+        if definite and (self._interchanged() or (self._factors.U.diagonal() <= 0).any()):
+            raise ArithmeticError("a pivot is not positive, though the matrix should be definite")
+
+    def _interchanged(self) -> bool:
+        """Whether SuperLU left the diagonal, so that its pivots say nothing of the inertia."""
+        return not np.array_equal(self._factors.perm_r, self._factors.perm_c)
 
     def solve(self, right: Floats) -> Floats:
         """Solution (n, k) for right-hand sides (n, k)."""
@@ -98,7 +104,7 @@ class Factorisation:
         if self._solver == "PARDISO":
             vanished, count = self._perturbed > 0, int(self._factors.get_iparm(23))
         else:
-            vanished = not np.array_equal(self._factors.perm_r, self._factors.perm_c)
+            vanished = self._interchanged()
             count = int(np.count_nonzero(self._factors.U.diagonal() < 0))
         if vanished:
             raise SimulationError(
@@ -112,7 +118,12 @@ def _say_where_mkl_is() -> None:
     """Spare pypardiso the search of all installed files, which it makes for every matrix."""
     if "PYPARDISO_MKL_RT" in os.environ:
         return
-    for file in importlib.metadata.files("mkl") or []:
+    try:
+        files = importlib.metadata.files("mkl") or []
+    except importlib.metadata.PackageNotFoundError:
+        # MKL that did not come from PyPI: pypardiso looks for it in its own places.
+        return
+    for file in files:
         if "mkl_rt" in file.name:
             os.environ["PYPARDISO_MKL_RT"] = str(file.locate())
             return

@@ -115,6 +115,14 @@ HEADLINE = (
         "Largest interval between a frequency of the Object File and the solver's, 1200 log2 of the ratio.",
     ),
     Measure(
+        "audio.solver_error_estimate_cents",
+        "Solver's own error, estimated",
+        "cents",
+        1,
+        False,
+        "Largest estimated error of the solver's first 50 frequencies: what the mesh and the order cost.",
+    ),
+    Measure(
         "audio.gain_error_db",
         "Modal gain",
         "dB",

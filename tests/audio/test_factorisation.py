@@ -42,3 +42,10 @@ def test_a_singular_matrix_is_refused(solver: str) -> None:
     singular = sparse.csr_matrix(np.array([[1.0, 1.0], [1.0, 1.0]]))
     with pytest.raises(SimulationError):
         Factorisation(singular, definite=True, solver=solver)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_an_indefinite_matrix_is_refused_where_a_definite_one_is_promised(solver: str) -> None:
+    indefinite = sparse.diags([[1.0, -1.0, 2.0], [0.1, 0.1], [0.1, 0.1]], [0, 1, -1]).tocsr()
+    with pytest.raises(SimulationError):
+        Factorisation(indefinite, definite=True, solver=solver)

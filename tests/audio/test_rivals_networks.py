@@ -128,8 +128,8 @@ def test_gains_are_learned(points: np.ndarray, gains_network: GainsNetwork) -> N
     error = gains_network.gains(points[500:]) - truth
     # The upper octaves of the coordinates let 500 points be met without the field between them.
     assert np.linalg.norm(error) < 0.6 * np.linalg.norm(truth)
-    assert gains_network.parameters == 3 * (493_056 + 257 * 4)
-    assert gains_network.bytes == 4 * gains_network.parameters + 8 * 20
+    assert gains_network.network.weights == 3 * (493_056 + 257 * 4)
+    assert gains_network.bytes == 4 * gains_network.network.weights + 8 * 20
 
 
 def test_a_point_is_answered_alike_in_any_company(points: np.ndarray, gains_network: GainsNetwork) -> None:
@@ -169,7 +169,7 @@ def test_spectrograms_are_learned_in_the_units_of_the_sound(
 ) -> None:
     losses = spectrogram_network.training.losses
     assert losses[-10:].mean() < losses[:3].mean() / 1.5
-    assert spectrogram_network.parameters == 3 * 515_074
+    assert spectrogram_network.network.weights == 3 * 515_074
     answer = spectrogram_network.spectrograms(points[500:501])
     truth = spectrogram(np.tensordot(smooth_gains(points[500:501])[0, :, :2], mode_sounds, 1))
     assert answer.shape == (1, 3, BINS, FRAMES)

@@ -74,6 +74,16 @@ class Branches(nn.Module):
         self.axes = nn.ModuleList(branches)
         self._outputs = [branch.output for branch in branches]
 
+    @property
+    def weights(self) -> int:
+        """Number of weights and biases."""
+        return sum(parameter.numel() for parameter in self.parameters())
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return next(self.parameters()).device
+
     def start_at(self, outputs: Tensor) -> None:
         """Answer `outputs` (3, outputs) everywhere, whatever the hidden layers hold."""
         with torch.no_grad():
@@ -173,4 +183,4 @@ class UnitRange:
 
 def stored_bytes(network: Branches, numbers: int) -> int:
     """Bytes of the weights in single precision and of `numbers` other numbers in double precision."""
-    return 4 * sum(parameter.numel() for parameter in network.parameters()) + 8 * numbers
+    return 4 * network.weights + 8 * numbers

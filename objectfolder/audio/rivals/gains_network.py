@@ -47,11 +47,6 @@ class GainsNetwork:
     training: Training
 
     @property
-    def parameters(self) -> int:
-        """Weights and biases."""
-        return sum(parameter.numel() for parameter in self.network.parameters())
-
-    @property
     def bytes(self) -> int:
         """Stored: weights in single precision, ranges, frequencies, dampings and radiation weights."""
         return stored_bytes(self.network, 2 + 6 + 3 * self.modes)
@@ -59,7 +54,7 @@ class GainsNetwork:
     def gains(self, points: ArrayLike) -> Floats:
         """Gains (n, 3, modes) float64, kg^-1/2, at points (n, 3) metres."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        device = next(self.network.parameters()).device
+        device = self.network.device
         with torch.no_grad():
             inputs = torch.as_tensor(self.position_range.to_unit(points), dtype=torch.float32, device=device)
             answer = self.network(inputs).cpu().numpy()

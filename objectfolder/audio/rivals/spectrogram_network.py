@@ -55,11 +55,6 @@ class SpectrogramNetwork:
     training: Training
 
     @property
-    def parameters(self) -> int:
-        """Weights and biases."""
-        return sum(parameter.numel() for parameter in self.network.parameters())
-
-    @property
     def bytes(self) -> int:
         """Stored: weights in single precision and the ranges."""
         return stored_bytes(self.network, 2 + 6)
@@ -67,7 +62,7 @@ class SpectrogramNetwork:
     def spectrograms(self, points: ArrayLike) -> NDArray[np.complex128]:
         """Responses (n, 3, 257, 201) to unit impulses along the axes at points (n, 3) metres."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        device = next(self.network.parameters()).device
+        device = self.network.device
         entry = torch.as_tensor(_entries(np.arange(BINS * FRAMES)), dtype=torch.float32, device=device)
         result = np.empty((len(points), 3, BINS * FRAMES), dtype=np.complex128)
         for index, point in enumerate(self.position_range.to_unit(points)):
