@@ -1,0 +1,193 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from objectfolder.errors import FormatError, InputError, QueryError
+from objectfolder.store import Array, Product
+from objectfolder.vision.cameras import look_at, pixel_rays, uniform_on_sphere
+from objectfolder.vision.compositing import composite_on_white, srgb_decode
+from objectfolder.vision.rivals.scattering_function import ScatteringFunction, networks_of
+from objectfolder.vision.rivals.scattering_network import ScatteringNetwork, encode
+from objectfolder.vision.rivals.scattering_training import TrainingPixels, fit_scattering_function
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """Small products wait longer for a second thread than they take."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+COLOUR = (0.25, 0.5, 0.75)  # sRGB-encoded
+
+
+class Ball(ScatteringNetwork):
+    """A uniform ball of radius 1/2 in place of a network."""
+
+    def __init__(self, extinction: float) -> None:
+        super().__init__()
+        self.extinction = extinction
+
+    def forward(self, positions, views, lights):
+        """The ball's density and a colour that does not depend on anything."""
+        inside = positions.norm(dim=-1) < 0.5
+        return inside * self.extinction - 1e-3, torch.tensor(COLOUR).expand(*positions.shape[:2], 3)
+
+
+def ball(extinction: float) -> ScatteringFunction:
+    return ScatteringFunction(Ball(extinction), Ball(extinction), 2.5)
+
+
+def coloured_views(count: int = 3, held_out: int = 1, size: tuple[int, int] = (6, 8)) -> Product:
+    """Views that the object fills, each pixel of its own colour and the held-out ones white."""
+    generator = np.random.default_rng(0)
+    rgba = np.ones((count, *size, 4), dtype=np.float16)
+    rgba[: count - held_out, ..., :3] = generator.random((count - held_out, *size, 3))
+    kept = np.arange(count) >= count - held_out
+    poses = look_at(uniform_on_sphere(count, 2.5, generator))
+    lights = uniform_on_sphere(count, 1.0, generator)
+    arrays = {
+        "rgba": Array(rgba, ("view", "y", "x", "channel"), "1", "radiance"),
+        "camera_to_world": Array(poses, ("view", "row", "column"), "1", "pose"),
+        "light_position": Array(lights, ("view", "axis"), "1", "light"),
+        "held_out": Array(kept, ("view",), "1", "held out"),
+    }
+    return Product(arrays, {"field_of_view_deg": 39.6, "camera_radius": 2.5})
+
+
+def test_the_networks_have_the_published_shape():
+    layers = [63, 256, 256, 256, 256, 256 + 63, 256, 256]
+    one = sum(entering * 256 + 256 for entering in layers) + 257 + 256 * 257 + 128 * (256 + 54 + 1) + 3 * 129
+    coarse, fine = networks_of(0, "cpu")
+    assert ScatteringFunction(coarse, fine, 2.5).parameters == 2 * one
+    assert [layer.in_features for layer in coarse.hidden] == layers
+
+
+def test_positions_carry_ten_octaves_and_directions_four():
+    value = torch.tensor([[0.3, -0.2, 0.1]], dtype=torch.float64)
+    found = encode(value, 10)
+    assert found.shape == (1, 63)
+    assert encode(value, 4).shape == (1, 27)
+    np.testing.assert_allclose(found[0, -6:-3], np.sin(512 * value[0]), atol=1e-12)
+    np.testing.assert_allclose(found[0, -3:], np.cos(512 * value[0]), atol=1e-12)
+
+
+def test_an_opaque_ball_has_its_disc_and_its_colour():
+    view = look_at(np.array([[0.0, -2.5, 0.0]]))
+    image = ball(1e4).render(view, np.array([0.0, -1.0, 0.0]), (36, 48), 39.6)
+    assert image.shape == (1, 36, 48, 4)
+    assert image.dtype == np.float32
+    # A ball is seen as a circle of half angle asin(r / d).
+    focal = 24 / np.tan(np.radians(19.8))
+    row, column = np.mgrid[:36, :48] + 0.5
+    distance = np.hypot(row - 18, column - 24)
+    radius = focal * np.tan(np.arcsin(0.5 / 2.5))
+    assert image[0, distance < radius - 0.6, 3].min() > 0.999
+    assert image[0, distance > radius + 0.6, 3].max() < 0.01
+    assert np.abs(composite_on_white(image[0, 18, 24]) - COLOUR).max() < 1e-4
+    np.testing.assert_allclose(image[0, 18, 24, :3], srgb_decode(np.array(COLOUR)), atol=1e-4)
+
+
+def test_a_thin_ball_is_as_opaque_as_its_chord_is_long():
+    # At the densities of fog the samples, not the law, limit accuracy: 192 along 4.
+    image = ball(1.5).render(look_at(np.array([[2.5, 0.0, 0.0]])), np.array([1.0, 0.0, 0.0]), 33, 39.6)
+    alpha = 1 - np.exp(-1.5)
+    np.testing.assert_allclose(image[0, 16, 16, 3], alpha, atol=0.02)
+    shown = composite_on_white(image[0, 16, 16])
+    np.testing.assert_allclose(
+        shown, image[0, 16, 16, 3] * np.array(COLOUR) + 1 - image[0, 16, 16, 3], atol=1e-5
+    )
+
+
+def test_a_batch_is_its_views_and_pixels_are_the_image():
+    fitted = ScatteringFunction(*networks_of(3, "cpu"), 2.5)
+    views = look_at(np.array([[0.0, -2.5, 0.0], [1.0, 1.0, 2.0]]))
+    lights = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    both = fitted.render(views, lights, (4, 6), 39.6)
+    np.testing.assert_array_equal(fitted.render(views[1], lights[1], (4, 6), 39.6)[0], both[1])
+    some = fitted.pixels(views[1], lights[1], np.array([5, 17]), (4, 6), 39.6)
+    np.testing.assert_allclose(some, both[1].reshape(-1, 4)[[5, 17]], atol=1e-5)
+    again = ScatteringFunction.from_tensors(fitted.tensors(), 2.5)
+    np.testing.assert_array_equal(again.render(views, lights, (4, 6), 39.6), both)
+
+
+def test_foreign_tensors_and_queries_without_an_answer_are_refused():
+    tensors = ball(1.0).tensors()
+    with pytest.raises(FormatError, match="hidden"):
+        ScatteringFunction.from_tensors({k: v for k, v in tensors.items() if "fine.hidden" not in k}, 2.5)
+    view = look_at(np.array([[0.0, -2.5, 0.0]]))
+    with pytest.raises(QueryError, match="one light a camera"):
+        ball(1.0).render(view, np.zeros((2, 3)), 4, 39.6)
+    with pytest.raises(QueryError, match="finite"):
+        ball(1.0).render(view, np.full((1, 3), np.inf), 4, 39.6)
+
+
+def test_pixels_drawn_are_those_of_training_views_with_their_rays_and_lights():
+    views = coloured_views(4, 1)
+    pixels = TrainingPixels(views)
+    origins, directions, lights, colours = (
+        part.numpy() for part in pixels.draw(400, np.random.default_rng(1), torch.device("cpu"))
+    )
+    seen = set()
+    for index in range(3):
+        camera = views["camera_to_world"][index]
+        expected = pixel_rays(camera, np.arange(48), np.array([[0.5, 0.5]]), (6, 8), 39.6)[1]
+        own = np.flatnonzero(np.abs(origins - camera[:3, 3]).max(axis=1) < 1e-5)
+        which = np.abs(directions[own, None] - expected[None]).max(axis=-1)
+        assert which.min(axis=1).max() < 1e-6
+        shown = composite_on_white(views["rgba"][index].astype(np.float32)).reshape(-1, 3)
+        np.testing.assert_allclose(colours[own], shown[which.argmin(axis=1)], atol=0.51 / 255)
+        np.testing.assert_allclose(
+            lights[own], np.tile(views["light_position"][index], (len(own), 1)), atol=1e-6
+        )
+        seen |= set(own)
+    assert len(seen) == 400
+
+
+def test_a_fit_learns_is_repeated_by_its_seed_and_goes_on_from_where_it_stopped(tmp_path):
+    views = coloured_views()
+    rgba = views["rgba"].copy()
+    rgba[..., :3] = 0.01
+    dark = Product(
+        {**views.arrays, "rgba": dataclasses.replace(views.arrays["rgba"], data=rgba)}, views.attributes
+    )
+    reported = []
+    whole = fit_scattering_function(
+        dark, steps=14, batch_rays=8, seed=5, progress=lambda *row: reported.append(row)
+    )
+    assert [row[0] for row in reported] == list(range(1, 15))
+    assert reported[-1][1] == whole.training.losses[-1]
+    assert whole.training.losses[-1] < 0.7 * whole.training.losses[0]
+    path = tmp_path / "fit.safetensors"
+    fit_scattering_function(dark, steps=6, batch_rays=8, seed=5, checkpoint=path)
+    resumed = fit_scattering_function(dark, steps=14, batch_rays=8, seed=5, checkpoint=path)
+    np.testing.assert_array_equal(resumed.training.losses, whole.training.losses)
+    for name, value in whole.tensors().items():
+        np.testing.assert_array_equal(resumed.tensors()[name], value, err_msg=name)
+    finished = fit_scattering_function(dark, budget_cpu_s=0.0, batch_rays=8, seed=5, checkpoint=path)
+    assert finished.training.steps == 14
+    with pytest.raises(InputError, match="another"):
+        fit_scattering_function(dark, steps=14, batch_rays=8, seed=6, checkpoint=path)
+    with pytest.raises(InputError, match="another"):
+        fit_scattering_function(views, steps=14, batch_rays=8, seed=5, checkpoint=path)
+
+
+def test_a_budget_ends_a_fit():
+    fitted = fit_scattering_function(coloured_views(), budget_cpu_s=0.2, batch_rays=2, seed=0)
+    assert 1 <= fitted.training.steps < 200
+    assert fitted.training.cpu_s >= 0.2
+
+
+@pytest.mark.parametrize("end", [{}, {"steps": -1}, {"budget_cpu_s": -1.0}])
+def test_a_fit_must_have_an_end(end):
+    with pytest.raises(InputError, match="not negative"):
+        fit_scattering_function(coloured_views(), **end)
+
+
+def test_views_that_are_all_held_out_cannot_be_fitted():
+    with pytest.raises(InputError, match="held out"):
+        fit_scattering_function(coloured_views(2, 2), steps=1)
