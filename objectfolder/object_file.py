@@ -166,6 +166,21 @@ class ObjectFile(SightQueries, SoundQueries):
             self.surface, self.frame, self.vision, self.modes, self.touch, described, self._tensors
         )
 
+    def on(self, device: str = "cpu", backend: str | None = None) -> "ObjectFile":
+        """Return the same object, rendered on another device or in another way; see `VisionNet.on`.
+
+        `file.vision.device` and `file.vision.backend` say which are in use.
+
+        Raises
+        ------
+        QueryError
+            A device or a way that is not at hand.
+        """
+        seen = self.vision.on(device, backend)
+        return ObjectFile(
+            self.surface, self.frame, seen, self.modes, self.touch, self.description, self._tensors
+        )
+
     def content(self) -> TensorFile:
         """Return the file's tensors and metadata; equal objects give equal bytes."""
         metadata: dict[str, Any] = {"format": FORMAT, "format_version": str(FORMAT_VERSION)}

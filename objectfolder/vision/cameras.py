@@ -72,6 +72,28 @@ def image_size(resolution: int | tuple[int, int]) -> tuple[int, int]:
     return int(height), int(width)
 
 
+def image_crop(crop: tuple[int, int, int, int] | None, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Return the (top, left, height, width) of a part of an image in pixels; the whole one if None.
+
+    Raises
+    ------
+    QueryError
+        A part without a pixel, or one that reaches past the image.
+    """
+    if crop is None:
+        return 0, 0, *size
+    if len(crop) != 4:
+        raise QueryError("crop", f"{len(crop)} numbers", "Give (top, left, height, width) in pixels.")
+    top, left, height, width = (int(value) for value in crop)
+    if min(top, left) < 0 or min(height, width) < 1 or top + height > size[0] or left + width > size[1]:
+        raise QueryError(
+            "crop",
+            f"{height} x {width} pixels at row {top}, column {left}",
+            f"Stay within the image, {size[0]} x {size[1]} pixels.",
+        )
+    return top, left, height, width
+
+
 def focal_length_px(resolution: int | tuple[int, int], field_of_view_deg: float) -> float:
     """Return the focal length in pixels; 355.56 for 256 pixels and 39.6 degrees.
 
@@ -126,7 +148,9 @@ def pixel_rays(
     positions = np.stack([column, row], axis=-1)[:, None, :] + offsets
     x = (positions[..., 0] - width / 2.0) / focal
     y = (height / 2.0 - positions[..., 1]) / focal
-    directions = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3) @ camera_to_world[:3, :3].T
+    # Not a matrix product: libraries round that by the number of rays; a crop would differ from its image.
+    right, up, backward = camera_to_world[:3, :3].T
+    directions = (x[..., None] * right + y[..., None] * up - backward).reshape(-1, 3)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return np.broadcast_to(camera_to_world[:3, 3], directions.shape), directions
 

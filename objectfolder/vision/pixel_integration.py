@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from objectfolder.errors import QueryError
-from objectfolder.vision.cameras import focal_length_px, pixel_rays, sub_ray_offsets
+from objectfolder.vision.cameras import focal_length_px, image_crop, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compositing import composite_on_white
 
 # An even pixel gets this share of the rays of an uneven one.
@@ -25,6 +25,8 @@ def integrate_pixels(
     field_of_view_deg: float,
     sub_rays: int,
     corners: np.ndarray,
+    *,
+    crop: tuple[int, int, int, int] | None = None,
 ) -> np.ndarray:
     """Average `radiance` over the pixels of one view (a box filter).
 
@@ -42,57 +44,79 @@ def integrate_pixels(
         Rays in an uneven pixel; an even one, and each at first, gets an eighth of them.
     corners
         (n, 3) points whose convex hull holds everything there is to see.
+    crop
+        (top, left, height, width) of the part that is wanted, pixels. It equals that part of the whole image
+        bit for bit where `radiance` answers each ray alike in any company.
 
     Returns
     -------
     np.ndarray
-        (height, width, 4) float32.
+        (height, width, 4) float32, of the crop if there is one.
 
     Raises
     ------
     QueryError
-        Fewer than one ray.
+        Fewer than one ray, a crop outside the image.
     """
     if sub_rays < 1:
         raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 4, 16 or 64.")
     few = max(1, sub_rays // SAVING)
+    top, left, height, width = image_crop(crop, size)
+    # What is uneven is seen in the neighbours, too: the window is one pixel wider.
+    first_row, first_column = max(0, top - 1), max(0, left - 1)
+    shape = min(size[0], top + height + 1) - first_row, min(size[1], left + width + 1) - first_column
+    wanted = np.zeros(shape, dtype=bool)
+    wanted[top - first_row :, left - first_column :][:height, :width] = True
 
-    def traced(pixels: np.ndarray, count: int) -> np.ndarray:
+    def traced(places: np.ndarray, count: int) -> np.ndarray:
+        row, column = np.divmod(places, shape[1])
+        pixels = (row + first_row) * size[1] + column + first_column
         rays = pixel_rays(camera_to_world, pixels, sub_ray_offsets(count), size, field_of_view_deg)
         return radiance(*rays).reshape(len(pixels), count, 4)
 
-    image = np.zeros((size[0] * size[1], 4), dtype=np.float32)
+    rows, columns = box_in_view(corners, camera_to_world, size, field_of_view_deg)
+    rows = rows[(rows >= first_row) & (rows < first_row + shape[0])] - first_row
+    columns = columns[(columns >= first_column) & (columns < first_column + shape[1])] - first_column
+    image = np.zeros((shape[0] * shape[1], 4), dtype=np.float32)
     uneven = np.zeros(len(image), dtype=bool)
-    for pixels in _chunks(pixels_in_view(corners, camera_to_world, size, field_of_view_deg), few):
-        rays = traced(pixels, few)
-        image[pixels] = rays.mean(axis=1)
+    for places in _chunks((rows[:, None] * shape[1] + columns).ravel(), few):
+        rays = traced(places, few)
+        image[places] = rays.mean(axis=1)
         shown = np.concatenate([composite_on_white(rays), rays[..., 3:]], axis=-1)
-        uneven[pixels] = (np.ptp(shown, axis=1) > EVEN_WITHIN).any(axis=1)
+        uneven[places] = (np.ptp(shown, axis=1) > EVEN_WITHIN).any(axis=1)
     if few < sub_rays:
-        uneven |= _outline(image[:, 3].reshape(size)).ravel()
-        for pixels in _chunks(np.flatnonzero(uneven), sub_rays):
-            image[pixels] = traced(pixels, sub_rays).mean(axis=1)
-    return image.reshape(*size, 4)
+        uneven |= _outline(image[:, 3].reshape(shape)).ravel()
+        for places in _chunks(np.flatnonzero(uneven & wanted.ravel()), sub_rays):
+            image[places] = traced(places, sub_rays).mean(axis=1)
+    return image[wanted.ravel()].reshape(height, width, 4)
+
+
+def box_in_view(
+    corners: np.ndarray, camera_to_world: np.ndarray, size: tuple[int, int], field_of_view_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows and the columns of the pixels in the box around the image of (n, 3) points."""
+    height, width = size
+    local = (corners - camera_to_world[:3, 3]) @ camera_to_world[:3, :3]
+    depth = -local[:, 2]
+    if depth.max(initial=0.0) <= 0:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    if depth.min() <= 1e-6:
+        # Points beside or behind the camera have no image: look everywhere.
+        return np.arange(height), np.arange(width)
+    focal = focal_length_px(size, field_of_view_deg)
+    x = width / 2 + focal * local[:, 0] / depth
+    y = height / 2 - focal * local[:, 1] / depth
+    columns = np.arange(max(0, int(np.floor(x.min()))), min(width, int(np.ceil(x.max())) + 1))
+    rows = np.arange(max(0, int(np.floor(y.min()))), min(height, int(np.ceil(y.max())) + 1))
+    return rows, columns
 
 
 def pixels_in_view(
     corners: np.ndarray, camera_to_world: np.ndarray, size: tuple[int, int], field_of_view_deg: float
 ) -> np.ndarray:
     """Return the flat indices of the pixels in the box around the image of (n, 3) points."""
-    height, width = size
-    local = (corners - camera_to_world[:3, 3]) @ camera_to_world[:3, :3]
-    depth = -local[:, 2]
-    if depth.max(initial=0.0) <= 0:
-        return np.zeros(0, dtype=np.int64)
-    if depth.min() <= 1e-6:
-        # Points beside or behind the camera have no image: look everywhere.
-        return np.arange(height * width)
-    focal = focal_length_px(size, field_of_view_deg)
-    x = width / 2 + focal * local[:, 0] / depth
-    y = height / 2 - focal * local[:, 1] / depth
-    columns = np.arange(max(0, int(np.floor(x.min()))), min(width, int(np.ceil(x.max())) + 1))
-    rows = np.arange(max(0, int(np.floor(y.min()))), min(height, int(np.ceil(y.max())) + 1))
-    return (rows[:, None] * width + columns).ravel()
+    rows, columns = box_in_view(corners, camera_to_world, size, field_of_view_deg)
+    return (rows[:, None] * size[1] + columns).ravel()
 
 
 def _outline(alpha: np.ndarray) -> np.ndarray:

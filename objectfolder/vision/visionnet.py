@@ -1,23 +1,33 @@
 """VisionNet: an object's appearance under any point light, from any camera."""
 
-from collections.abc import Mapping
-from functools import partial
-from typing import Any
+import copy
+from collections.abc import Collection, Mapping
+from typing import Any, overload
 
 import numpy as np
 
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry.frames import UnitFrame
+from objectfolder.geometry.points import point_rows
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
-from objectfolder.vision.cameras import image_size
+from objectfolder.vision.backends import Renderer, choose_backend, make_renderer
+from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.incidence import UnitSurface
 from objectfolder.vision.network_layout import weight_shapes
-from objectfolder.vision.pixel_integration import integrate_pixels
+from objectfolder.vision.pixel_centres import cast_pixel_centres
 from objectfolder.vision.sparse_grid import SparseGrid, covering_points
+from objectfolder.vision.view_query import light_colours, ray_query, view_query
 
 PREFIX = "vision."
 SUB_RAYS = 64
+# Shape of a pixel, and type, of what a view can show.
+PASSES: dict[str, tuple[tuple[int, ...], type]] = {
+    "rgba": ((4,), np.float32),
+    "depth": ((), np.float32),
+    "normal": ((3,), np.float32),
+    "mask": ((), np.bool_),
+}
 
 
 class VisionNet:
@@ -39,6 +49,11 @@ class VisionNet:
         Distance from the origin of the cameras it was trained on, unit frame.
     sub_rays
         Rays a pixel that `render` shoots unless asked otherwise.
+
+    Attributes
+    ----------
+    device, backend
+        Where and how it is rendered; `on` changes them.
     """
 
     def __init__(
@@ -58,7 +73,9 @@ class VisionNet:
         self._grid = grid
         self._weights = dict(weights)
         self._radiance_scale = radiance_scale
-        self._network: Any = None
+        self.device = "cpu"
+        self.backend = choose_backend(None, self.device)
+        self._renderer: Renderer | None = None
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays of an Object File, names beginning with ``vision.``."""
@@ -109,23 +126,52 @@ class VisionNet:
             sub_rays=int(metadata["sub_rays"]),
         )
 
-    def _reflectance(self) -> Any:
-        """Build the network at the first render: importing torch is slow."""
-        if self._network is None:
-            import torch
+    def on(self, device: str = "cpu", backend: str | None = None) -> "VisionNet":
+        """Return the same VisionNet, rendered on another device or in another way.
 
-            from objectfolder.vision.reflectance import Reflectance
+        Parameters
+        ----------
+        device
+            ``"cpu"``, or ``"cuda"`` for the network and its features; their answers agree to 1e-3 in linear
+            radiance.
+        backend
+            One of `backends.BACKENDS`; the fastest at hand for the device if None.
 
-            network = Reflectance(self._grid.sizes)
-            state = {
-                name: torch.from_numpy(value.astype(np.float32)) for name, value in self._weights.items()
-            }
-            try:
-                network.load_state_dict(state)
-            except RuntimeError as error:
-                raise FormatError("vision", f"tensors do not fit the network: {error}") from error
-            self._network = network.eval()
-        return self._network
+        Raises
+        ------
+        QueryError
+            A device or a way that is not at hand.
+        """
+        other = copy.copy(self)
+        other.backend, other.device = choose_backend(backend, device), device
+        other._renderer = None
+        if device != "cpu":
+            from objectfolder.vision.shading import require_device
+
+            require_device(device)
+        return other
+
+    def _rendering(self) -> Renderer:
+        """Make the renderer at the first query: importing torch is slow."""
+        if self._renderer is None:
+            self._renderer = make_renderer(
+                self.backend, self._surface, self._grid, self._weights, self._radiance_scale, self.device
+            )
+        return self._renderer
+
+    @overload
+    def render(
+        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
+        field_of_view_deg: float, sub_rays: int | None = ..., *, light_colour: np.ndarray | None = ...,
+        crop: tuple[int, int, int, int] | None = ..., passes: None = ...,
+    ) -> np.ndarray: ...  # fmt: skip
+
+    @overload
+    def render(
+        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
+        field_of_view_deg: float, sub_rays: int | None = ..., *, light_colour: np.ndarray | None = ...,
+        crop: tuple[int, int, int, int] | None = ..., passes: Collection[str],
+    ) -> dict[str, np.ndarray]: ...  # fmt: skip
 
     def render(
         self,
@@ -134,15 +180,23 @@ class VisionNet:
         resolution: int | tuple[int, int],
         field_of_view_deg: float,
         sub_rays: int | None = None,
-    ) -> np.ndarray:
+        *,
+        light_colour: np.ndarray | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        passes: Collection[str] | None = None,
+    ) -> np.ndarray | dict[str, np.ndarray]:
         """Render views; each is computed alone, so a batch equals its views one by one, bit for bit.
+
+        Light adds up: along a ray the radiance under several lights is the sum of that under each. In an
+        image each pixel's share of the rays follows from what all lights together show.
 
         Parameters
         ----------
         camera_to_world
-            (n, 4, 4) or (4, 4) poses, unit frame.
+            (n, 4, 4) or (4, 4) rigid poses, unit frame.
         light_position
-            (n, 3) or (3,) positions of the point light, unit frame.
+            (3,), one point light for all views; (n, 3), one a view; or (n, k, 3), k a view; unit frame.
+            Memory does not grow with k.
         resolution
             Pixels a side, or (height, width).
         field_of_view_deg
@@ -150,59 +204,87 @@ class VisionNet:
         sub_rays
             Rays in a pixel where something ends, and an eighth of them elsewhere; by default the
             `sub_rays` of this VisionNet.
+        light_colour
+            (3,), (k, 3) or (n, k, 3) linear factors of the data set's light, red, green, blue; 1 if None.
+        crop
+            (top, left, height, width) in pixels: that part of the image, equal to it bit for bit.
+        passes
+            Any of ``rgba``, ``depth``, ``normal``, ``mask``. The last three are of the pixel's centre, as in
+            the ground truth, and do not depend on light or sub-rays.
 
         Returns
         -------
-        np.ndarray
+        np.ndarray or dict
             (n, height, width, 4) float32 scene-linear premultiplied RGBA; alpha 0 where the object is not.
+            With `passes` a dict of them: ``depth`` (n, h, w) float32, distance along the camera's -z axis
+            (not along the ray) in the unit frame, infinity where the object is not; ``normal`` (n, h, w, 3)
+            float32, the unit shading normal on the camera's side in the object's axes, 0 where it is not;
+            ``mask`` (n, h, w) bool.
 
         Raises
         ------
         QueryError
-            Shapes that do not match, values that are not finite, no pixels, no sub-rays.
+            Shapes that do not match, values that are not finite, poses that are not rigid, no pixels, no
+            sub-rays, a crop outside the image, an unknown pass.
         """
-        cameras = np.asarray(camera_to_world, dtype=np.float64).reshape(-1, 4, 4)
-        lights = np.asarray(light_position, dtype=np.float64).reshape(-1, 3)
-        if len(cameras) != len(lights):
-            raise QueryError(
-                "render", f"{len(cameras)} cameras but {len(lights)} lights", "Give one light a camera."
-            )
-        if not (np.isfinite(cameras).all() and np.isfinite(lights).all()):
-            raise QueryError("render", "a camera or light is not finite")
+        wanted = ("rgba",) if passes is None else tuple(passes)
+        for name in wanted:
+            if name not in PASSES:
+                raise QueryError("passes", f"{name!r}", f"Use {', '.join(PASSES)}.")
+        query = view_query(camera_to_world, light_position, light_colour)
         size = image_size(resolution)
+        part = image_crop(crop, size)
         rays = self.sub_rays if sub_rays is None else sub_rays
-        corners = self._surface.triangles.reshape(-1, 3)
-        images = [
-            integrate_pixels(
-                partial(self.radiance, light=light), camera, size, field_of_view_deg, rays, corners
-            )
-            for camera, light in zip(cameras, lights, strict=True)
-        ]
-        return np.stack(images) if images else np.zeros((0, *size, 4), dtype=np.float32)
+        views: list[dict[str, np.ndarray]] = []
+        for camera, light, colour in zip(query.cameras, query.lights, query.colours, strict=True):
+            view: dict[str, np.ndarray] = {}
+            if "rgba" in wanted:
+                view["rgba"] = self._rendering().render(
+                    camera, light, colour, size, field_of_view_deg, rays, part
+                )
+            if set(wanted) - {"rgba"}:
+                centres = cast_pixel_centres(self._surface, camera, size, field_of_view_deg, part)
+                view.update(depth=centres.depth, normal=centres.normal, mask=centres.mask)
+            views.append(view)
+        if views:
+            stacked = {name: np.stack([view[name] for view in views]) for name in wanted}
+        else:
+            stacked = {name: np.zeros((0, *part[2:], *PASSES[name][0]), PASSES[name][1]) for name in wanted}
+        return stacked["rgba"] if passes is None else stacked
 
-    def radiance(self, origins: np.ndarray, directions: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """Return (n, 4) float32 scene-linear premultiplied RGBA along (n, 3) rays, unit frame."""
-        import torch
+    def radiance(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        light_position: np.ndarray,
+        *,
+        light_colour: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the radiance along rays; a ray's answer does not depend on the others.
 
-        from objectfolder.vision.reflectance import angle_inputs, surrounding_inputs
+        Parameters
+        ----------
+        origins, directions
+            (n, 3) unit frame, directions of any length; or one origin (3,) for all.
+        light_position
+            (3,) or (k, 3) point lights that shine on all of them, unit frame.
+        light_colour
+            (3,) or (k, 3) linear factors of the data set's light; 1 if None.
 
-        network = self._reflectance()
-        rgba = np.zeros((len(directions), 4), dtype=np.float32)
-        face, barycentric = self._surface.first_hits(origins, directions)
-        hit = np.flatnonzero(face >= 0)
-        if len(hit) == 0:
-            return rgba
-        points = self._surface.incidence(face[hit], barycentric[hit], directions[hit], light)
-        with torch.inference_mode():
-            colour = network(
-                self._grid.interpolation(points.position.astype(np.float32)),
-                torch.from_numpy(angle_inputs(points)),
-                torch.from_numpy(surrounding_inputs(points, light)),
-                torch.from_numpy(points.irradiance.astype(np.float32)),
-            ).numpy()
-        rgba[hit, :3] = colour * np.float32(self._radiance_scale)
-        rgba[hit, 3] = 1.0
-        return rgba
+        Returns
+        -------
+        np.ndarray
+            (n, 4) float32 scene-linear RGBA: alpha is 1 where the ray meets the object, all is 0 elsewhere.
+
+        Raises
+        ------
+        QueryError
+            Shapes that do not match, values that are not finite, a direction without length.
+        """
+        starts, along = ray_query(origins, directions)
+        lights = point_rows(light_position, "light_position")
+        colours = light_colours(light_colour, lights.shape)
+        return self._rendering().radiance(starts, along, lights, colours)
 
 
 def fit_visionnet(

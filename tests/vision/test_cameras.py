@@ -83,3 +83,12 @@ def test_sub_rays_measure_the_area_beside_any_edge(count):
 def test_impossible_images_are_refused(call, word):
     with pytest.raises(QueryError, match=word):
         call()
+
+
+def test_rays_are_the_same_to_the_bit_in_any_company():
+    pose = look_at(np.array([[1.0, -2.0, 0.7]]))[0]
+    offsets = sub_ray_offsets(3)
+    _, every = pixel_rays(pose, np.arange(600), offsets, (20, 30), 39.6)
+    for count in (1, 2, 7, 64):
+        _, some = pixel_rays(pose, np.arange(100, 100 + count), offsets, (20, 30), 39.6)
+        np.testing.assert_array_equal(some, every[300 : 300 + 3 * count])

@@ -108,7 +108,13 @@ def test_few_rays_in_even_pixels_change_little(views, fitted):
 
 
 @pytest.mark.parametrize(("change", "word"), [
-    ({"light_position": np.zeros((2, 3))}, "one light a camera"),
+    ({"light_position": np.zeros((2, 3))}, r"light_position.*one light a camera"),
+    ({"camera_to_world": np.diag([2.0, 2, 2, 1])}, "camera_to_world: not a rigid pose"),
+    ({"passes": ["albedo"]}, "passes: 'albedo'"),
+    ({"crop": (0, 0, 9, 8)}, "crop: 9 x 8 pixels at row 0, column 0. Stay within the image, 8 x 8"),
+    ({"crop": (-1, 0, 2, 2)}, "crop"),
+    ({"crop": (0, 0, 0, 2)}, "crop"),
+    ({"crop": (0, 0, 2)}, "crop: 3 numbers"),
     ({"light_position": np.full((1, 3), np.nan)}, "finite"),
     ({"resolution": 0}, "resolution"),
     ({"sub_rays": 0}, "sub_rays"),

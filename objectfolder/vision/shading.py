@@ -1,0 +1,178 @@
+"""What the network says of surface points under one light after another, on a CPU or a GPU.
+
+The formula is that of `reflectance.Reflectance.forward`; features and albedo, which no light changes, are
+apart from the two perceptrons, which each light asks anew.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from objectfolder.errors import FormatError, QueryError
+from objectfolder.vision.incidence import Incidence
+from objectfolder.vision.network_layout import COARSE_LEVELS
+from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
+from objectfolder.vision.sparse_grid import CORNERS, HALF_WIDTH, SparseGrid
+
+# Rows that the network sees at a time, the last ones filled up: libraries round a matrix product by its
+# number of rows, and a point's radiance must not depend on its company.
+BLOCK = {"cpu": 1 << 10, "cuda": 1 << 14}
+# The nearest that a light is told to be to a point, unit frame; as in its irradiance.
+NEAREST = 1e-3
+
+
+@dataclass(frozen=True)
+class Described:
+    """What the network knows of n points whatever light falls on them.
+
+    Parameters
+    ----------
+    count
+        n; the tensors have rows of zeros after these, up to a whole number of blocks.
+    features, coarse
+        (blocks * block, f) features of all levels, and of those that bounced light may depend on.
+    albedo
+        (blocks * block, 3).
+    """
+
+    count: int
+    features: Tensor
+    coarse: Tensor
+    albedo: Tensor
+
+
+class Shading:
+    """The network and its feature grid on one device.
+
+    Parameters
+    ----------
+    grid
+        Cells of the feature grid.
+    weights
+        Arrays of `Reflectance` by name.
+    device
+        ``"cpu"`` or ``"cuda"``.
+
+    Raises
+    ------
+    FormatError
+        Weights that do not fit the network.
+    QueryError
+        A device that torch does not have.
+    """
+
+    def __init__(self, grid: SparseGrid, weights: Mapping[str, np.ndarray], device: str = "cpu") -> None:
+        require_device(device)
+        network = Reflectance(grid.sizes)
+        state = {name: torch.from_numpy(value.astype(np.float32)) for name, value in weights.items()}
+        try:
+            network.load_state_dict(state)
+        except RuntimeError as error:
+            raise FormatError("vision", f"tensors do not fit the network: {error}") from error
+        self.device = torch.device(device)
+        self._network = network.eval().to(self.device)
+        self._block = BLOCK[device]
+        self._resolution = grid.resolution
+        self._lookups = [torch.from_numpy(lookup).to(self.device) for lookup in grid.lookups]
+
+    def describe(self, position: np.ndarray, normal: np.ndarray) -> Described:
+        """Look up the features at (n, 3) points with (n, 3) normals, unit frame."""
+        with torch.inference_mode():
+            levels = self._by_block(self._levels, self._padded(position))
+            features = torch.cat(levels, dim=1)
+            (albedo,) = self._by_block(
+                lambda at, facing: [torch.sigmoid(self._network.albedo(torch.cat([at, facing], dim=1)))],
+                features,
+                self._padded(normal),
+            )
+            return Described(len(position), features, torch.cat(levels[:COARSE_LEVELS], dim=1), albedo)
+
+    def radiance(self, described: Described, points: Incidence, light: np.ndarray) -> np.ndarray:
+        """Return the (n, 3) float32 radiance over P / (4 pi^2) that one light at (3,) causes."""
+        near = replace(points, distance=np.maximum(points.distance, NEAREST))
+        with torch.inference_mode():
+            (colour,) = self._by_block(
+                self._lit,
+                described.features,
+                described.coarse,
+                described.albedo,
+                self._padded(angle_inputs(near)),
+                self._padded(surrounding_inputs(near, light)),
+                self._padded(near.irradiance[:, None]),
+            )
+            answer: np.ndarray = colour[: described.count].cpu().numpy()
+        return answer
+
+    def _lit(
+        self,
+        features: Tensor,
+        coarse: Tensor,
+        albedo: Tensor,
+        angles: Tensor,
+        around: Tensor,
+        irradiance: Tensor,
+    ) -> list[Tensor]:
+        network = self._network
+        out = network.direct(torch.cat([features, angles], dim=1))
+        middle = angles[:, -1:]
+        alpha2 = torch.exp(2 * network.log_alpha)
+        lobe = alpha2 / (4 * (middle * middle * (alpha2 - 1) + 1) ** 2)
+        reflectance = albedo * 2 * torch.sigmoid(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
+        light = functional.softplus(network.bounced(torch.cat([coarse, around], dim=1)))
+        return [irradiance * reflectance + albedo * light]
+
+    def _levels(self, points: Tensor) -> list[Tensor]:
+        """Interpolate the features of each level at (n, 3) points; as `SparseGrid.interpolation`."""
+        corners = torch.from_numpy(CORNERS).to(self.device)
+        result = []
+        for level, (lookup, table) in enumerate(zip(self._lookups, self._network.tables, strict=True)):
+            resolution = self._resolution >> (len(self._lookups) - 1 - level)
+            scaled = (points + HALF_WIDTH) * (resolution / (2 * HALF_WIDTH))
+            scaled = scaled.clamp(0.0, resolution * (1 - 1e-7))
+            cell = scaled.to(torch.int64)
+            fraction = scaled - cell
+            share = torch.where(corners[None] == 1, fraction[:, None], 1 - fraction[:, None])
+            weights = share[..., 0] * share[..., 1] * share[..., 2]
+            at = cell[:, None] + corners
+            side = resolution + 1
+            rows = lookup[(at[..., 0] * side + at[..., 1]) * side + at[..., 2]]
+            absent = rows < 0
+            weights = weights.masked_fill(absent, 0.0)
+            known = weights / weights.sum(dim=1, keepdim=True).clamp_min(1e-6)
+            weights = torch.where(absent.any(dim=1, keepdim=True), known, weights)
+            rows = rows.clamp_min(0)
+            result.append(functional.embedding_bag(rows, table, per_sample_weights=weights, mode="sum"))
+        return result
+
+    def _padded(self, values: np.ndarray) -> Tensor:
+        """Return (n, c) values on the device, float32, with zeros up to a whole number of blocks."""
+        rows = -(-len(values) // self._block) * self._block
+        full = np.zeros((rows, values.shape[1]), dtype=np.float32)
+        full[: len(values)] = values
+        return torch.from_numpy(full).to(self.device)
+
+    def _by_block(self, function, *tensors: Tensor) -> list[Tensor]:  # type: ignore[no-untyped-def]  # any number of tensors
+        """Apply `function` to a block of rows of each tensor at a time."""
+        parts = [
+            function(*(tensor[start : start + self._block] for tensor in tensors))
+            for start in range(0, len(tensors[0]), self._block)
+        ]
+        return [torch.cat(column) for column in zip(*parts, strict=True)]
+
+
+def require_device(device: str) -> None:
+    """Refuse a device that is not there.
+
+    Raises
+    ------
+    QueryError
+        Neither ``"cpu"`` nor ``"cuda"``, or CUDA where torch finds none.
+    """
+    if device not in BLOCK:
+        raise QueryError("device", f"{device!r}", "Use 'cpu' or 'cuda'.")
+    if device == "cuda" and not torch.cuda.is_available():
+        raise QueryError("device", "torch finds no CUDA device here", "Use 'cpu'.")
