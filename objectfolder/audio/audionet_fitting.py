@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from objectfolder.audio.audionet import (
     BARYCENTRIC_STEPS,
@@ -27,6 +28,10 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 CONTROL_POINTS = (60, 120, 240, 400, 640, 1000, 1500, 2000)
+# So many control points are spread evenly; more go where the fit to these is worst.
+SPREAD = 640
+# The local error of a fit is the mean over so many training points.
+NEIGHBOURS = 8
 # Control points for which kernels are compared.
 COMPARED = 320
 POINTS_COMPARED = 3000
@@ -88,17 +93,25 @@ def fit_fields(surface: Surface, modes: Product, *, goal_db: float, most_bytes: 
 
     goal = 10 ** (goal_db / 20)
     counts = sorted({min(count, most) for count in CONTROL_POINTS})
-    every = _controls(kernel, data, counts[-1])
-    tested = data.part(checked)
+    tested, fitted = data.part(checked), data.part(~checked)
+    place = _places(kernel, fitted)
+    every = farthest_points(place, min(SPREAD, counts[-1], len(place)))
+    squared_misfit = np.ones(len(place))
     error = None
     for count in counts:
-        controls = (every[0][:count], every[1][:count])
-        equations = _equations(kernel, controls, data.part(~checked))
+        if count > len(every):
+            every = _more_where_worst(place, every, squared_misfit, count)
+        controls = _stored(fitted, every[:count])
+        equations = _equations(kernel, controls, fitted)
+        fit = _solve(*equations)
         if len(tested.values):
-            residual = _predict(kernel, controls, _solve(*equations), tested) - tested.values
+            residual = _predict(kernel, controls, fit, tested) - tested.values
             error = float(np.linalg.norm(residual) / np.linalg.norm(tested.values))
             if error <= goal * np.sqrt(1 - ROUNDING_SHARE):
                 break
+        if count >= len(every) and count < counts[-1]:
+            misfit = _predict(kernel, controls, fit, fitted) - fitted.values
+            squared_misfit = np.sum(misfit**2, axis=1)
     more = _equations(kernel, controls, tested)
     coefficients = _solve(equations[0] + more[0], equations[1] + more[1], equations[2])
     room = most_bytes - len(stream) - 6 * count
@@ -152,7 +165,7 @@ def _choose_kernel(surface: Surface, data: Data, checked: Flags, count: int) -> 
         kernel = SurfaceKernel(surface, detours, parameters)
         if len(candidates) == 1 or not (checked & few).any():
             return detours, kernel
-        controls = _controls(kernel, data, count)
+        controls = _stored(data, farthest_points(_places(kernel, data), count))
         coefficients = _solve(*_equations(kernel, controls, data.part(few & ~checked)))
         tested = data.part(few & checked)
         error = np.linalg.norm(_predict(kernel, controls, coefficients, tested) - tested.values)
@@ -163,12 +176,23 @@ def _choose_kernel(surface: Surface, data: Data, checked: Flags, count: int) -> 
     return best
 
 
-def _controls(kernel: SurfaceKernel, data: Data, count: int) -> tuple[Integers, NDArray[np.uint8]]:
-    """Faces (count,) and stored barycentric coordinates (count, 2): training points, the farthest first."""
+def _places(kernel: SurfaceKernel, data: Data) -> Floats:
+    """Where the points are, (n, .): distances between them say how far control points are apart."""
     place = kernel.features(data.face, data.barycentric)
     reach = NORMAL_REACH * np.sqrt(7.0) / kernel.parameters.length
     place[:, :3] *= reach / np.sqrt(max(kernel.parameters.normal_weight, 1e-12))
-    chosen = farthest_points(place, count)
+    return place
+
+
+def _more_where_worst(place: Floats, chosen: Integers, squared_misfit: Floats, count: int) -> Integers:
+    """Points `chosen` and more up to `count`: each the largest distance to others x misfit^1/2."""
+    near = cKDTree(place).query(place, min(NEIGHBOURS, len(place)))[1].reshape(len(place), -1)
+    weight = np.sqrt(squared_misfit[near].mean(axis=1))
+    return np.concatenate([chosen, farthest_points(place, count - len(chosen), weight, place[chosen])])
+
+
+def _stored(data: Data, chosen: Integers) -> tuple[Integers, NDArray[np.uint8]]:
+    """Faces (count,) and stored barycentric coordinates (count, 2) of some of the points."""
     two = np.floor(data.barycentric[chosen, :2] * BARYCENTRIC_STEPS).astype(np.uint8)
     return data.face[chosen], two
 

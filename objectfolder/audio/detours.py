@@ -67,13 +67,31 @@ def detour_coordinates(surface: Surface, dimensions: int) -> tuple[Floats, Float
     return result, spread
 
 
-def farthest_points(features: Floats, count: int) -> Integers:
-    """Farthest-point order: indices (count,) such that any leading part of it is spread out."""
-    chosen = np.zeros(count, dtype=np.int64)
+def farthest_points(
+    features: Floats, count: int, weights: Floats | None = None, taken: Floats | None = None
+) -> Integers:
+    """Farthest-point order: indices (count,) such that any leading part of it is spread out.
+
+    Parameters
+    ----------
+    features
+        (n, dimensions) of the points to choose from.
+    count
+        How many.
+    weights
+        (n,) factors of the squared distances: more are chosen where they are large.
+    taken
+        (m, dimensions) features to be far from as well; without them the first point is the first chosen.
+    """
+    factor = np.ones(len(features)) if weights is None else weights
     distance = np.full(len(features), np.inf)
-    for step in range(1, count):
-        distance = np.minimum(distance, np.sum((features - features[chosen[step - 1]]) ** 2, axis=1))
-        chosen[step] = distance.argmax()
+    for other in [] if taken is None else taken:
+        distance = np.minimum(distance, np.sum((features - other) ** 2, axis=1))
+    chosen = np.zeros(count, dtype=np.int64)
+    for step in range(count):
+        if step > 0 or taken is not None:
+            chosen[step] = (distance * factor).argmax()
+        distance = np.minimum(distance, np.sum((features - features[chosen[step]]) ** 2, axis=1))
     return chosen
 
 
