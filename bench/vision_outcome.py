@@ -1,0 +1,144 @@
+"""What `bench.vision` measured, as means over objects, equal-error comparisons and a picture."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.record import RESULTS, write
+
+COMPARED = (
+    "VisionNet over its knob, Cycles over samples, ObjectFolder 1.0's network, textures unlit, lit and "
+    "shadowed, and the mean colour in the true silhouette, against path-traced held-out views: PSNR of 8-bit "
+    "sRGB on white (mean of views, and over pixels covered by at least half), SSIM, CPU seconds a view, bytes"
+)
+MEASURES = ("psnr_db", "psnr_foreground_db", "ssim", "cpu_s", "cpu_s_alone", "bytes")
+LOOKS = {
+    "VisionNet, reference": ("tab:blue", "o-"),
+    "Cycles": ("tab:red", "s-"),
+    "ObjectFolder 1.0 network": ("tab:purple", "D"),
+    "unlit texture": ("tab:gray", "v"),
+    "lambert texture": ("tab:olive", "^"),
+    "shadowed lambert texture": ("tab:green", "P"),
+}
+OTHER_LOOK = ("tab:cyan", "o-")
+
+
+def conclude(rows: list[dict[str, Any]], settings: dict[str, Any]) -> None:
+    """Write and draw the rows of all objects and sizes."""
+    sizes = sorted({row["size"] for row in rows})
+    means = {size: mean_over_objects([row for row in rows if row["size"] == size]) for size in sizes}
+    figures = {
+        "rows": rows,
+        "mean_over_objects": {str(size): found for size, found in means.items()},
+        "against_cycles_at_equal_error": {
+            str(size): at_equal_error([row for row in rows if row["size"] == size]) for size in sizes
+        },
+    }
+    write("vision", figures, settings, COMPARED)
+    draw(means, RESULTS / "vision.png")
+    for size, found in means.items():
+        print(f"\n{size} x {size}")
+        for way in found:
+            print(" ".join(f"{key} {shown(value)}" for key, value in way.items()))
+    print(figures["against_cycles_at_equal_error"])
+
+
+def shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def mean_over_objects(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Mean of every measure for each way and setting, over the objects that have it."""
+    found: dict[tuple[str, Any], list[dict[str, Any]]] = {}
+    for row in rows:
+        for way in row["ways"]:
+            found.setdefault((way["way"], way["setting"]), []).append(way)
+    means = []
+    for (name, setting), ways in found.items():
+        mean: dict[str, Any] = {"way": name, "setting": setting, "objects": len(ways)}
+        for key in MEASURES:
+            values = [way[key] for way in ways if way.get(key) is not None]
+            mean[key] = float(np.mean(values)) if values else None
+        means.append(mean)
+    return means
+
+
+def at_equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """How many times the CPU seconds of a setting Cycles takes to the same PSNR, for each object.
+
+    Cycles' seconds at a PSNR are interpolated between its sample counts, their logarithm linearly. Beyond its
+    ends there is no figure; the object is then counted as above or below.
+    """
+    compared: dict[tuple[str, Any], dict[str, Any]] = {}
+    for row in rows:
+        cycles = sorted(
+            (way for way in row["ways"] if way["way"] == "Cycles"), key=lambda way: way["setting"]
+        )
+        errors = [way["psnr_db"] for way in cycles]
+        for way in row["ways"]:
+            if not way["way"].startswith("VisionNet"):
+                continue
+            entry = compared.setdefault(
+                (way["way"], way["setting"]),
+                {
+                    "way": way["way"], "setting": way["setting"],
+                    "times_faster": {}, "times_faster_alone": {},
+                    "better_than_all_samples": [], "worse_than_one_sample": [],
+                },
+            )  # fmt: skip
+            if way["psnr_db"] > errors[-1]:
+                entry["better_than_all_samples"].append(row["object"])
+            elif way["psnr_db"] < errors[0]:
+                entry["worse_than_one_sample"].append(row["object"])
+            else:
+                for key, seconds in (("times_faster", "cpu_s"), ("times_faster_alone", "cpu_s_alone")):
+                    log_s = np.interp(way["psnr_db"], errors, [np.log(one[seconds]) for one in cycles])
+                    entry[key][row["object"]] = float(np.exp(log_s) / way["cpu_s"])
+    for entry in compared.values():
+        for key in ("times_faster", "times_faster_alone"):
+            values = list(entry[key].values())
+            entry[f"median_{key}"] = float(np.median(values)) if values else None
+    return list(compared.values())
+
+
+def draw(means: dict[int, list[dict[str, Any]]], path: Path) -> None:
+    """PSNR against seconds and against bytes, a row a size."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(len(means), 2, figsize=(12, 4.4 * len(means)), squeeze=False, sharey="row")
+    for (size, found), (by_time, by_size) in zip(means.items(), axes, strict=True):
+        for name in dict.fromkeys(way["way"] for way in found):
+            ways = [way for way in found if way["way"] == name]
+            colour, mark = LOOKS.get(name, OTHER_LOOK)
+            if ways[0]["cpu_s"] is None:
+                by_time.axhline(ways[0]["psnr_db"], color="black", lw=0.8, ls=":", label=name)
+                continue
+            errors = [way["psnr_db"] for way in ways]
+            by_time.plot([way["cpu_s"] for way in ways], errors, mark, color=colour, label=name)
+            by_size.plot([way["bytes"] for way in ways], errors, mark[0], color=colour)
+            if ways[0]["cpu_s_alone"] is not None:
+                seconds = [way["cpu_s_alone"] for way in ways]
+                by_time.plot(
+                    seconds, errors, "s--", mfc="none", color=colour, label=f"{name}, one view alone"
+                )
+            for way in ways:
+                if way["setting"] is not None:
+                    by_time.annotate(
+                        str(way["setting"]), (way["cpu_s"], way["psnr_db"]), fontsize=7,
+                        xytext=(3, -9), textcoords="offset points",
+                    )  # fmt: skip
+        objects = max(way["objects"] for way in found)
+        by_time.set(xscale="log", xlabel="CPU seconds a view, one thread", ylabel="PSNR on white, dB")
+        by_time.set_title(
+            f"{size} x {size}, mean of {objects} object{'s' if objects > 1 else ''}", fontsize=10
+        )
+        by_size.set(xscale="log", xlabel="bytes")
+        by_time.grid(alpha=0.3)
+        by_size.grid(alpha=0.3)
+    axes[0, 0].legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(path, dpi=120)
