@@ -52,6 +52,8 @@ class VisionNet:
 
     Attributes
     ----------
+    radiance_scale, camera_radius, sub_rays
+        As given.
     device, backend
         Where and how it is rendered; `on` changes them.
     """
@@ -72,7 +74,7 @@ class VisionNet:
         self._surface = UnitSurface(surface, frame)
         self._grid = grid
         self._weights = dict(weights)
-        self._radiance_scale = radiance_scale
+        self.radiance_scale = radiance_scale
         self.device = "cpu"
         self.backend = choose_backend(None, self.device)
         self._renderer: Renderer | None = None
@@ -87,7 +89,7 @@ class VisionNet:
         """Return what the tensors do not say, as JSON."""
         return {
             "grid_resolution": self._grid.resolution,
-            "radiance_scale": self._radiance_scale,
+            "radiance_scale": self.radiance_scale,
             "camera_radius": self.camera_radius,
             "sub_rays": self.sub_rays,
         }
@@ -155,7 +157,7 @@ class VisionNet:
         """Make the renderer at the first query: importing torch is slow."""
         if self._renderer is None:
             self._renderer = make_renderer(
-                self.backend, self._surface, self._grid, self._weights, self._radiance_scale, self.device
+                self.backend, self._surface, self._grid, self._weights, self.radiance_scale, self.device
             )
         return self._renderer
 
