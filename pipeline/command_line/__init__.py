@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 
 from objectfolder.errors import ObjectFolderError
-from pipeline.command_line import build, query, solve
+from pipeline.command_line import build, export, query, solve
 
 EPILOG = """examples:
   objectfolder build mug.obj --material ceramic --length 0.16 -o mug.safetensors
@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = main_parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for module in (build, solve, query):
+    for module in (build, solve, query, export):
         module.add_commands(commands)
     return main_parser
 

@@ -1,0 +1,91 @@
+"""A surface or a mesh to a GLB: what is baked, and how finely."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.surface import Surface
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.export.atlas import Atlas, pack
+from objectfolder.vision.export.credit import Credit
+from objectfolder.vision.export.gltf import Part, write_glb
+
+# sRGB-encoded RGBA (n, 4) in 0..1 at barycentric coordinates (n, 3) of faces (n,) of the surface.
+ColourOf = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def write_mesh(path: Path, mesh: TexturedMesh, appearance: Appearance, credit: Credit) -> dict[str, Any]:
+    """Write a mesh with its own textures, nothing resampled; return what was written as JSON."""
+    normals = mesh.surface.corner_normals
+    parts = []
+    for index in np.unique(mesh.face_texture).tolist():
+        own = mesh.face_texture == index
+        parts.append(
+            Part(
+                mesh.vertices[mesh.faces[own]],
+                normals[own],
+                mesh.texture_coordinates[own],
+                mesh.textures[index],
+            )
+        )
+    write_glb(path, parts, appearance, credit, mipmaps=True, extras={"colour": "the source's own textures"})
+    return {"triangles": len(mesh.faces), "colour": "the source's own textures", "bytes": path.stat().st_size}
+
+
+def write_surface(
+    path: Path,
+    surface: Surface,
+    colour_of: ColourOf,
+    appearance: Appearance,
+    credit: Credit,
+    *,
+    colour: str,
+    side: int = 1024,
+    finest_m: float = 0.0,
+    vertex_colours: bool = False,
+) -> dict[str, Any]:
+    """Write a surface without texture coordinates, its colours baked; return what was written as JSON.
+
+    Parameters
+    ----------
+    colour_of
+        The colours.
+    colour
+        In words, what the colours are.
+    side
+        Texels a side of the atlas.
+    finest_m
+        Texels need lie no closer than this, metres.
+    vertex_colours
+        Colours at the corners of the faces in place of an atlas.
+    """
+    positions, normals = surface.vertices[surface.faces], surface.corner_normals
+    said: dict[str, Any] = {"triangles": len(surface.faces), "colour": colour}
+    if vertex_colours:
+        face = np.repeat(np.arange(len(surface.faces)), 3)
+        colours = colour_of(face, np.tile(np.eye(3), (len(surface.faces), 1)))
+        parts = [Part(positions, normals, colours=colours.reshape(-1, 3, 4))]
+    else:
+        atlas = pack(positions, side, finest_m)
+        image, baked = bake(atlas, colour_of)
+        parts = [Part(positions, normals, atlas.texture_coordinates(), image)]
+        said |= {
+            "texture_side": side,
+            "texels_baked": baked,
+            "texel_pitch_m": atlas.pitch_m,
+            "texels_per_m2": baked / surface.area,
+        }
+    write_glb(path, parts, appearance, credit, mipmaps=False, extras=dict(said))
+    return {**said, "bytes": path.stat().st_size}
+
+
+def bake(atlas: Atlas, colour_of: ColourOf) -> tuple[np.ndarray, int]:
+    """Return the atlas's texture (side, side, 4) uint8 and how many of its texels are used."""
+    row, column, face, barycentric = atlas.texels()
+    image = np.zeros((atlas.side, atlas.side, 4), dtype=np.uint8)
+    image[..., 3] = 255
+    image[row, column] = np.round(np.clip(colour_of(face, barycentric), 0.0, 1.0) * 255.0).astype(np.uint8)
+    return image, len(row)
