@@ -1,0 +1,3 @@
+from objectfolder.vision.compiled.renderer import CompiledRenderer
+
+__all__ = ["CompiledRenderer"]

@@ -1,0 +1,109 @@
+"""Pixels in which a shadow ends or colour changes fast, found from one answer a pixel."""
+
+import numpy as np
+
+from objectfolder.vision.compiled.jit import kernel
+
+
+@kernel
+def unevenly_seen(label, slots):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+    """Mark (h, w) pixels of a window that more than one group shares, or beside one of other coverage.
+
+    Parameters
+    ----------
+    label
+        (h * w, s) groups of their sub-samples, -1: nothing.
+    slots
+        (h, w) int32 row of `label`, or -1: nothing is seen in the pixel.
+    """
+    height, width = slots.shape
+    marked = np.zeros((height, width), np.bool_)
+    covered = np.zeros((height, width), np.int64)
+    count = label.shape[1]
+    for row in range(height):
+        for column in range(width):
+            here = slots[row, column]
+            if here < 0:
+                continue
+            first = label[here, 0]
+            for s in range(count):
+                covered[row, column] += label[here, s] >= 0
+                marked[row, column] |= label[here, s] != first
+    for row in range(height):
+        for column in range(width):
+            for down, right in ((1, 0), (0, 1)):
+                if row + down < height and column + right < width:
+                    if covered[row, column] != covered[row + down, column + right]:
+                        marked[row, column] = marked[row + down, column + right] = True
+    return marked
+
+
+@kernel
+def mixed(slots, pixel, state):  # type: ignore[no-untyped-def]  # as above
+    """Mark (p,) pixels that see, or have an edge neighbour that sees, what is lit beside what is in shadow.
+
+    Parameters
+    ----------
+    slots
+        (h, w) int32 pixel at each place of a window, or -1.
+    pixel, state
+        (n,) of points that were asked: their pixel, and 1 lit, 2 in shadow, 0 turned from the light.
+    """
+    height, width = slots.shape
+    kinds = np.zeros(slots.max() + 1, np.int64)
+    for i in range(len(pixel)):
+        kinds[pixel[i]] |= state[i]
+    marked = np.zeros(len(kinds), np.bool_)
+    for row in range(height):
+        for column in range(width):
+            here = slots[row, column]
+            if here < 0:
+                continue
+            marked[here] |= kinds[here] == 3
+            for down, right in ((1, 0), (0, 1)):
+                if row + down < height and column + right < width:
+                    there = slots[row + down, column + right]
+                    if there >= 0 and kinds[here] | kinds[there] == 3:
+                        marked[here] = marked[there] = True
+    return marked
+
+
+@kernel
+def contrasting(slots, shade, limit):  # type: ignore[no-untyped-def]  # as above
+    """Mark (p,) pixels whose shade (p, 3) differs by more than `limit` from an edge neighbour's."""
+    height, width = slots.shape
+    marked = np.zeros(len(shade), np.bool_)
+    for row in range(height):
+        for column in range(width):
+            here = slots[row, column]
+            if here < 0:
+                continue
+            for down, right in ((1, 0), (0, 1)):
+                if row + down < height and column + right < width:
+                    there = slots[row + down, column + right]
+                    if there < 0:
+                        continue
+                    for channel in range(3):
+                        if abs(shade[here, channel] - shade[there, channel]) > limit:
+                            marked[here] = marked[there] = True
+    return marked
+
+
+@kernel
+def sum_by_pixel(pixel, weight, colour, count):  # type: ignore[no-untyped-def]  # as above
+    """Return (count, 3) float64 sums of weight * colour over the points of each pixel, in their order."""
+    total = np.zeros((count, 3))
+    for i in range(len(pixel)):
+        for channel in range(3):
+            total[pixel[i], channel] += weight[i] * colour[i, channel]
+    return total
+
+
+@kernel
+def heaviest(pixel, weight, count):  # type: ignore[no-untyped-def]  # as above
+    """Return for each pixel (count,) the first of its points of greatest weight; each has one."""
+    best = np.full(count, -1, np.int64)
+    for i in range(len(pixel)):
+        if best[pixel[i]] < 0 or weight[i] > weight[best[pixel[i]]]:
+            best[pixel[i]] = i
+    return best

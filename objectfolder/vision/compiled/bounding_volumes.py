@@ -1,0 +1,289 @@
+"""A bounding volume hierarchy over triangles and its ray queries.
+
+Binary, split by the binned surface area heuristic (Wald 2007); boxes in single precision, widened for its
+rounding, triangles in double (Möller and Trumbore 1997), both sides.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.vision.compiled.jit import kernel
+
+LEAF_TRIANGLES = 4
+BINS = 16
+# Boxes are this much larger (unit frame): float32 rounding of the slab test at distances of up to 10.
+PADDING = 4e-6
+# How far outside a triangle, in barycentric units, a ray still hits it: no ray slips between two.
+TOLERANCE = 1e-10
+STACK = 128
+
+
+@dataclass(frozen=True)
+class BoundingVolumes:
+    """Boxes (n, 2, 6) float32 of the two children of each node, and what they are.
+
+    Parameters
+    ----------
+    boxes
+        Lower and upper corner of each child.
+    children
+        (n, 2) int32: a node, or ~(first triangle) of a leaf.
+    counts
+        (n, 2) int32 triangles of a leaf.
+    triangles
+        (F, 9) float64 first corner and two edges, in the order of the leaves.
+    faces
+        (F,) int32 index of each of them.
+    """
+
+    boxes: np.ndarray
+    children: np.ndarray
+    counts: np.ndarray
+    triangles: np.ndarray
+    faces: np.ndarray
+
+    @classmethod
+    def of_triangles(cls, triangles: np.ndarray) -> "BoundingVolumes":
+        """Build over (F, 3, 3) corners in the unit frame."""
+        low, high = triangles.min(axis=1), triangles.max(axis=1)
+        boxes, children, counts, order = _build(low, high)
+        a = triangles[:, 0]
+        edges = np.concatenate([a, triangles[:, 1] - a, triangles[:, 2] - a], axis=1)
+        return cls(boxes, children, counts, np.ascontiguousarray(edges[order]), order)
+
+    def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return face (n,) int32 (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
+        return _first_hits(  # type: ignore[no-any-return]
+            self.boxes, self.children, self.counts, self.triangles, self.faces, origins, directions
+        )
+
+    def occluded(self, origins: np.ndarray, target: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Whether (n,) a face lies strictly between origins (n, 3) and one target (3,), where wanted (n,)."""
+        return _occluded(  # type: ignore[no-any-return]
+            self.boxes, self.children, self.counts, self.triangles, origins, target, wanted
+        )
+
+
+@kernel
+def _area(low, high):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+    x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
+    return x * y + y * z + z * x
+
+
+@kernel
+def _split(low, high, order, first, last):  # type: ignore[no-untyped-def]  # as above
+    """Partition order[first:last] by the cheapest of BINS planes an axis; return where, or the middle."""
+    least, most = np.full(3, np.inf), np.full(3, -np.inf)
+    for position in range(first, last):
+        face = order[position]
+        for axis in range(3):
+            centre = low[face, axis] + high[face, axis]
+            least[axis] = min(least[axis], centre)
+            most[axis] = max(most[axis], centre)
+    best, best_axis, best_bin = np.inf, -1, 0
+    bin_low, bin_high = np.empty((BINS, 3)), np.empty((BINS, 3))
+    number = np.empty(BINS, np.int64)
+    right = np.empty(BINS)
+    for axis in range(3):
+        extent = most[axis] - least[axis]
+        if not extent > 0:
+            continue
+        bin_low[:], bin_high[:], number[:] = np.inf, -np.inf, 0
+        for position in range(first, last):
+            face = order[position]
+            centre = low[face, axis] + high[face, axis]
+            bin_ = min(BINS - 1, int(BINS * ((centre - least[axis]) / extent)))
+            number[bin_] += 1
+            for k in range(3):
+                bin_low[bin_, k] = min(bin_low[bin_, k], low[face, k])
+                bin_high[bin_, k] = max(bin_high[bin_, k], high[face, k])
+        swept_low, swept_high, count = np.full(3, np.inf), np.full(3, -np.inf), 0
+        for bin_ in range(BINS - 1, 0, -1):
+            count += number[bin_]
+            for k in range(3):
+                swept_low[k] = min(swept_low[k], bin_low[bin_, k])
+                swept_high[k] = max(swept_high[k], bin_high[bin_, k])
+            right[bin_] = _area(swept_low, swept_high) * count if count else 0.0
+        swept_low[:], swept_high[:], count = np.inf, -np.inf, 0
+        for bin_ in range(BINS - 1):
+            count += number[bin_]
+            for k in range(3):
+                swept_low[k] = min(swept_low[k], bin_low[bin_, k])
+                swept_high[k] = max(swept_high[k], bin_high[bin_, k])
+            if 0 < count < last - first:
+                cost = _area(swept_low, swept_high) * count + right[bin_ + 1]
+                if cost < best:
+                    best, best_axis, best_bin = cost, axis, bin_
+    if best_axis < 0:
+        return (first + last) // 2
+    extent = most[best_axis] - least[best_axis]
+    i, j = first, last - 1
+    while i <= j:
+        face = order[i]
+        centre = low[face, best_axis] + high[face, best_axis]
+        if min(BINS - 1, int(BINS * ((centre - least[best_axis]) / extent))) <= best_bin:
+            i += 1
+        else:
+            order[i], order[j] = order[j], order[i]
+            j -= 1
+    return i
+
+
+@kernel
+def _build(low, high):  # type: ignore[no-untyped-def]  # as above
+    count = len(low)
+    order = np.arange(count).astype(np.int32)
+    room = max(1, count)
+    boxes = np.empty((room, 2, 6), np.float32)
+    children = np.zeros((room, 2), np.int32)
+    counts = np.zeros((room, 2), np.int32)
+    # Ranges of `order` yet to be split, and the node each becomes.
+    pending = np.empty((room, 3), np.int64)
+    pending[0, 0], pending[0, 1], pending[0, 2] = 0, count, 0
+    waiting, nodes = 1, 1
+    while waiting:
+        waiting -= 1
+        first, last, node = pending[waiting, 0], pending[waiting, 1], pending[waiting, 2]
+        middle = _split(low, high, order, first, last) if last - first > 1 else last
+        for side in range(2):
+            start, end = (first, middle) if side == 0 else (middle, last)
+            box = boxes[node, side]
+            box[:3], box[3:] = np.inf, -np.inf
+            for position in range(start, end):
+                face = order[position]
+                for k in range(3):
+                    box[k] = min(box[k], np.float32(low[face, k] - PADDING))
+                    box[3 + k] = max(box[3 + k], np.float32(high[face, k] + PADDING))
+            if end - start <= LEAF_TRIANGLES:
+                children[node, side], counts[node, side] = ~start, end - start
+            else:
+                children[node, side] = nodes
+                pending[waiting, 0], pending[waiting, 1], pending[waiting, 2] = start, end, nodes
+                waiting += 1
+                nodes += 1
+    return boxes[:nodes].copy(), children[:nodes].copy(), counts[:nodes].copy(), order
+
+
+@kernel
+def _enter(box, ox, oy, oz, ix, iy, iz, limit):  # type: ignore[no-untyped-def]  # as above
+    """Return where the ray enters the box, or infinity."""
+    a, b = (box[0] - ox) * ix, (box[3] - ox) * ix
+    near, far = min(a, b), max(a, b)
+    a, b = (box[1] - oy) * iy, (box[4] - oy) * iy
+    near, far = max(near, min(a, b)), min(far, max(a, b))
+    a, b = (box[2] - oz) * iz, (box[5] - oz) * iz
+    near, far = max(near, min(a, b)), min(far, max(a, b))
+    near = max(near, np.float32(0.0))
+    if near <= far and near <= limit:
+        return near
+    return np.float32(np.inf)
+
+
+@kernel
+def _inverse(value):  # type: ignore[no-untyped-def]  # as above
+    # Not quite parallel to any side of a box: 0 * infinity would be no number.
+    if abs(value) < 1e-18:
+        value = 1e-18 if value >= 0 else -1e-18
+    return np.float32(1.0 / value)
+
+
+@kernel
+def _meet(triangle, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]  # as above
+    """Return distance (infinity: none ahead) and the second and third barycentric coordinate."""
+    e1x, e1y, e1z = triangle[3], triangle[4], triangle[5]
+    e2x, e2y, e2z = triangle[6], triangle[7], triangle[8]
+    px, py, pz = dy * e2z - dz * e2y, dz * e2x - dx * e2z, dx * e2y - dy * e2x
+    determinant = e1x * px + e1y * py + e1z * pz
+    if determinant == 0.0:
+        return np.inf, 0.0, 0.0
+    inverse = 1.0 / determinant
+    tx, ty, tz = ox - triangle[0], oy - triangle[1], oz - triangle[2]
+    u = (tx * px + ty * py + tz * pz) * inverse
+    if not (u >= -TOLERANCE and u <= 1 + TOLERANCE):
+        return np.inf, 0.0, 0.0
+    qx, qy, qz = ty * e1z - tz * e1y, tz * e1x - tx * e1z, tx * e1y - ty * e1x
+    v = (dx * qx + dy * qy + dz * qz) * inverse
+    if not (v >= -TOLERANCE and u + v <= 1 + TOLERANCE):
+        return np.inf, 0.0, 0.0
+    distance = (e2x * qx + e2y * qy + e2z * qz) * inverse
+    if not distance > 0.0:
+        return np.inf, 0.0, 0.0
+    return distance, u, v
+
+
+@kernel
+def _first_hits(boxes, children, counts, triangles, faces, origins, directions):  # type: ignore[no-untyped-def]  # as above
+    count = len(origins)
+    found = np.full(count, -1, np.int32)
+    barycentric = np.zeros((count, 3))
+    stack = np.empty(STACK, np.int32)
+    entry = np.empty(STACK, np.float32)
+    for ray in range(count):
+        ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
+        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+        fx, fy, fz = np.float32(ox), np.float32(oy), np.float32(oz)
+        nearest, limit = np.inf, np.float32(np.inf)
+        stack[0], entry[0], height = 0, np.float32(0.0), 1
+        while height:
+            height -= 1
+            if entry[height] > limit:
+                continue
+            node = stack[height]
+            left = _enter(boxes[node, 0], fx, fy, fz, ix, iy, iz, limit)
+            right = _enter(boxes[node, 1], fx, fy, fz, ix, iy, iz, limit)
+            # The nearer child first: on top of the stack.
+            for turn in range(2):
+                side = turn if left > right else 1 - turn
+                enter = left if side == 0 else right
+                if enter == np.inf:
+                    continue
+                child = children[node, side]
+                if child >= 0:
+                    stack[height], entry[height] = child, enter
+                    height += 1
+                    continue
+                for position in range(~child, ~child + counts[node, side]):
+                    distance, u, v = _meet(triangles[position], ox, oy, oz, dx, dy, dz)
+                    if distance < nearest or (
+                        distance == nearest and distance < np.inf and faces[position] < found[ray]
+                    ):
+                        nearest = distance
+                        limit = np.float32(distance * (1 + 1e-6))
+                        found[ray] = faces[position]
+                        barycentric[ray, 0], barycentric[ray, 1], barycentric[ray, 2] = 1 - u - v, u, v
+    return found, barycentric
+
+
+@kernel
+def _occluded(boxes, children, counts, triangles, origins, target, wanted):  # type: ignore[no-untyped-def]  # as above
+    count = len(origins)
+    blocked = np.zeros(count, np.bool_)
+    stack = np.empty(STACK, np.int32)
+    one = np.float32(1.0)
+    for ray in range(count):
+        if not wanted[ray]:
+            continue
+        ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
+        dx, dy, dz = target[0] - ox, target[1] - oy, target[2] - oz
+        ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+        fx, fy, fz = np.float32(ox), np.float32(oy), np.float32(oz)
+        stack[0], height = 0, 1
+        while height and not blocked[ray]:
+            height -= 1
+            node = stack[height]
+            for side in range(2):
+                if _enter(boxes[node, side], fx, fy, fz, ix, iy, iz, one) == np.inf:
+                    continue
+                child = children[node, side]
+                if child >= 0:
+                    stack[height] = child
+                    height += 1
+                    continue
+                for position in range(~child, ~child + counts[node, side]):
+                    distance, _, _ = _meet(triangles[position], ox, oy, oz, dx, dy, dz)
+                    if distance < 1.0:
+                        blocked[ray] = True
+                        break
+    return blocked

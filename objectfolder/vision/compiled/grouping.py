@@ -1,0 +1,183 @@
+"""Sub-samples of a pixel that see one smooth piece of surface, and the few of them that are shaded.
+
+Coverage and visibility are found at every sub-sample, colour once or a few times a group, as in multisampling.
+"""
+
+import numpy as np
+
+from objectfolder.vision.compiled.jit import kernel
+
+# Samples are of one group up to this turn of the facet (cosine) and within this many pixel widths of the
+# plane of the group's first facet.
+TURN_COSINE = 0.8
+OFF_PLANE_PX = 1.0
+# More groups than this in a pixel share the last one.
+GROUPS = 8
+
+
+@kernel
+def group_samples(seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+    """Return the group (p, s) int8 of each sub-sample, -1 where nothing is seen.
+
+    Parameters
+    ----------
+    seen, nearness
+        (p, s) as of `rasteriser.rasterise`.
+    columns, rows
+        (p,) centres of the pixels.
+    functions
+        As of `rasteriser.edge_functions`.
+    facets
+        (F, 3) unit normals, in any one frame.
+    offsets_x, offsets_y
+        (s,).
+    slant
+        Width of a pixel at distance 1.
+    """
+    pixels, count = seen.shape
+    label = np.full((pixels, count), -1, np.int8)
+    first = np.empty(GROUPS, np.int64)
+    for p in range(pixels):
+        groups = 0
+        for s in range(count):
+            face = seen[p, s]
+            if face < 0:
+                continue
+            chosen = -1
+            for g in range(groups):
+                other = first[g]
+                if other == face:
+                    chosen = g
+                    break
+                cosine = (
+                    facets[face, 0] * facets[other, 0]
+                    + facets[face, 1] * facets[other, 1]
+                    + facets[face, 2] * facets[other, 2]
+                )
+                if abs(cosine) < TURN_COSINE:
+                    continue
+                f = functions[other]
+                x, y = columns[p] + offsets_x[s], rows[p] + offsets_y[s]
+                plane = (
+                    (f[0, 0] + f[1, 0] + f[2, 0]) * x
+                    + (f[0, 1] + f[1, 1] + f[2, 1]) * y
+                    + (f[0, 2] + f[1, 2] + f[2, 2])
+                )
+                # Depths z and z' differ by less than a few widths z * slant: |1/z - 1/z'| < ... / z.
+                if abs(plane - nearness[p, s]) <= OFF_PLANE_PX * slant * nearness[p, s]:
+                    chosen = g
+                    break
+            if chosen < 0:
+                if groups < GROUPS:
+                    first[groups] = face
+                    groups += 1
+                chosen = groups - 1
+            label[p, s] = chosen
+    return label
+
+
+@kernel
+def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):  # type: ignore[no-untyped-def]  # as above
+    """Choose up to `wanted` spread sub-samples to stand for each group.
+
+    Parameters
+    ----------
+    label
+        (p, s) int8 groups from 0, -1: none.
+    groups
+        Most groups a pixel has.
+    offsets_x, offsets_y
+        (s,).
+    wanted
+        (p,) int64 how many a group.
+    targets
+        (most, most, 2) float32: in [k - 1] the k places in the unit square to be near to.
+
+    Returns
+    -------
+    pixel, sample
+        (n,) int32 row of `label` and column, ordered by pixel.
+    group
+        (n,) int8.
+    weight
+        (n,) float32 share of the pixel it stands for.
+    """
+    pixels, count = label.shape
+    most = len(targets)
+    # A pixel of one group has the same samples chosen every time: row k - 1, once its length is known.
+    whole_sample, whole_weight = np.empty((most, most), np.int64), np.empty((most, most), np.float32)
+    whole_known = np.zeros(most, np.bool_)
+    room = 0
+    for p in range(pixels):
+        room += min(count, wanted[p] * groups)
+    pixel, sample = np.empty(room, np.int32), np.empty(room, np.int32)
+    group, weight = np.empty(room, np.int8), np.empty(room, np.float32)
+    total = 0
+    members, sizes = np.empty((groups, count), np.int64), np.empty(groups, np.int64)
+    for p in range(pixels):
+        k = min(wanted[p], count)
+        if k == 0:
+            continue
+        only = label[p, 0]
+        whole = only >= 0
+        for s in range(1, count):
+            whole &= label[p, s] == only
+        if whole and whole_known[k - 1]:
+            for j in range(k):
+                pixel[total], group[total] = p, only
+                sample[total], weight[total] = whole_sample[k - 1, j], whole_weight[k - 1, j]
+                total += 1
+            continue
+        sizes[:] = 0
+        for s in range(count):
+            g = label[p, s]
+            if g >= 0:
+                members[g, sizes[g]] = s
+                sizes[g] += 1
+        for g in range(groups):
+            if sizes[g] == 0:
+                continue
+            start = total
+            total = _stand_for(
+                members[g, : sizes[g]], offsets_x, offsets_y, targets[k - 1], k, sample, weight, total
+            )
+            for j in range(start, total):
+                pixel[j], group[j] = p, g
+            if whole:
+                whole_sample[k - 1, :k], whole_weight[k - 1, :k] = sample[start:total], weight[start:total]
+                whole_known[k - 1] = True
+    return pixel[:total], sample[:total], group[:total], weight[:total]
+
+
+@kernel
+def _stand_for(members, offsets_x, offsets_y, targets, most, sample, weight, total):  # type: ignore[no-untyped-def]  # as above
+    """Write up to `most` of `members`, and the shares nearest to each, from row `total`; return the next row."""
+    low_x, high_x = np.float32(1.0), np.float32(-1.0)
+    low_y, high_y = np.float32(1.0), np.float32(-1.0)
+    for s in members:
+        low_x, high_x = min(low_x, offsets_x[s]), max(high_x, offsets_x[s])
+        low_y, high_y = min(low_y, offsets_y[s]), max(high_y, offsets_y[s])
+    start = total
+    for j in range(min(most, len(members))):
+        aim_x = low_x + (high_x - low_x) * targets[j, 0]
+        aim_y = low_y + (high_y - low_y) * targets[j, 1]
+        nearest, gap = -1, np.float32(np.inf)
+        for s in members:
+            away = (offsets_x[s] - aim_x) ** 2 + (offsets_y[s] - aim_y) ** 2
+            if away < gap:
+                taken = False
+                for t in range(start, total):
+                    taken |= sample[t] == s
+                if not taken:
+                    nearest, gap = s, away
+        sample[total], weight[total] = nearest, 0.0
+        total += 1
+    share = np.float32(1.0 / len(offsets_x))
+    for s in members:
+        nearest, gap = start, np.float32(np.inf)
+        for t in range(start, total):
+            away = (offsets_x[s] - offsets_x[sample[t]]) ** 2 + (offsets_y[s] - offsets_y[sample[t]]) ** 2
+            if away < gap:
+                nearest, gap = t, away
+        weight[nearest] += share
+    return total

@@ -1,0 +1,89 @@
+"""Points of the surface and the light that would reach them unhindered: `incidence.py`, compiled."""
+
+import numpy as np
+
+from objectfolder.vision.compiled.jit import kernel
+
+
+@kernel
+def surface_points(face, barycentric, directions, triangles, corner_normals, facets):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+    """Return position and shading normal (n, 3), and the side seen (n,): -1.0 the back."""
+    count = len(face)
+    position, normal = np.empty((count, 3)), np.empty((count, 3))
+    side = np.empty(count)
+    for i in range(count):
+        f = face[i]
+        b0, b1, b2 = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
+        towards = (
+            facets[f, 0] * directions[i, 0] + facets[f, 1] * directions[i, 1] + facets[f, 2] * directions[i, 2]
+        )
+        side[i] = -1.0 if towards > 0 else 1.0
+        squared = 0.0
+        for k in range(3):
+            position[i, k] = (
+                b0 * triangles[f, 0, k] + b1 * triangles[f, 1, k] + b2 * triangles[f, 2, k]
+            )
+            value = side[i] * (
+                b0 * corner_normals[f, 0, k] + b1 * corner_normals[f, 1, k] + b2 * corner_normals[f, 2, k]
+            )
+            normal[i, k] = value
+            squared += value * value
+        length = max(np.sqrt(squared), 1e-12)
+        for k in range(3):
+            normal[i, k] /= length
+    return position, normal, side
+
+
+@kernel
+def unhindered(face, barycentric, position, normal, side, light, triangles, corner_normals, facets,
+               terminator_cosine, self_offset):  # type: ignore[no-untyped-def]  # as above  # fmt: skip
+    """Return irradiance (n,) but for shadow, and where shadow rays start (n, 3).
+
+    As `incidence.UnitSurface.incidence` and `incidence.shadow_ray_start`; `light` is (3,).
+    """
+    count = len(face)
+    irradiance, start = np.zeros(count), np.empty((count, 3))
+    v, n = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(count):
+        f = face[i]
+        lx, ly, lz = light[0] - position[i, 0], light[1] - position[i, 1], light[2] - position[i, 2]
+        distance = np.sqrt(lx * lx + ly * ly + lz * lz)
+        scale = 1.0 / max(distance, 1e-9)
+        lx, ly, lz = lx * scale, ly * scale, lz * scale
+        cosine = normal[i, 0] * lx + normal[i, 1] * ly + normal[i, 2] * lz
+        if not cosine > 0:
+            continue
+        irradiance[i] = cosine / max(distance, 1e-3) ** 2
+        facet_cosine = side[i] * (facets[f, 0] * lx + facets[f, 1] * ly + facets[f, 2] * lz)
+        for k in range(3):
+            start[i, k] = position[i, k] + self_offset * side[i] * facets[f, k]
+        if cosine < terminator_cosine:
+            amount = 2.0 - (facet_cosine + cosine) / terminator_cosine
+        else:
+            amount = 1.0 - facet_cosine / terminator_cosine
+        amount = min(max(amount, 0.0), 1.0)
+        if not amount > 0:
+            continue
+        for corner in range(3):
+            for k in range(3):
+                v[corner, k] = triangles[f, corner, k]
+                n[corner, k] = side[i] * corner_normals[f, corner, k]
+        bulge, lowest = 0.0, np.inf
+        for corner in range(3):
+            after = (corner + 1) % 3
+            turn, highest, plane = 0.0, 0.0, 0.0
+            for k in range(3):
+                turn += (n[after, k] - n[corner, k]) * (v[after, k] - v[corner, k])
+                plane += (v[corner, k] - position[i, k]) * n[corner, k]
+            bulge += barycentric[i, corner] * barycentric[i, after] * turn
+            for other in range(3):
+                rise = 0.0
+                for k in range(3):
+                    rise += (v[other, k] - v[corner, k]) * n[corner, k]
+                highest = max(highest, rise)
+            lowest = min(lowest, max(plane + highest, 0.0))
+        height = amount * max(lowest, bulge / 2)
+        for k in range(3):
+            bent = barycentric[i, 0] * n[0, k] + barycentric[i, 1] * n[1, k] + barycentric[i, 2] * n[2, k]
+            start[i, k] += height * bent
+    return irradiance, start
