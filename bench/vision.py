@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,7 @@ def main() -> None:
             path = given.cache / f"{name}_{size}.row.json"
             if not path.exists():
                 case = Case(given, name, materials[name], size)
-                row = case.measure(with_network=index < given.network_objects and size == min(given.sizes))
+                row = case.measure(with_network=index < given.network_objects)
                 path.write_text(json.dumps(row), encoding="utf-8")
             rows.append(json.loads(path.read_text(encoding="utf-8")))
             print(name, size, "measured", flush=True)
@@ -117,12 +118,27 @@ def settings(given: argparse.Namespace) -> dict[str, Any]:
             else f"{given.network_cpu_s} CPU s",
             "rays_a_step": given.network_rays,
             "device": given.network_device,
+            "views": f"those of {min(given.sizes)} pixels a side, at every size",
             "time": f"of {NETWORK_RAYS} rays spread over the held-out views, scaled to a whole image",
             "error": "of those pixels, squared errors pooled; no SSIM",
         },
         "bytes": "VisionNet: its tensors and the compressed surface; paper's network: single precision; "
         "Cycles and textures: the source mesh and texture as files",
     }
+
+
+@dataclass
+class CyclesRenders:
+    """Images at one sample count, and CPU seconds of views in a running process and of processes for one."""
+
+    images: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    kept: list[float] = field(default_factory=list)
+    alone: list[float] = field(default_factory=list)
+
+
+def cpu_s(before: os.times_result, after: os.times_result) -> float:
+    """CPU seconds of this process and of those it has ended between two readings."""
+    return sum(after[:4]) - sum(before[:4])
 
 
 class Case:
@@ -135,7 +151,7 @@ class Case:
         found = read_materials(given.materials)[material]
         self.appearance = Appearance(found.roughness, found.metallic)
         self.source_bytes = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
-        self.views = self._views()
+        self.views, self.views_cpu_s = self._views(size)
         held_out = self.views["held_out"]
         self.cameras = self.views["camera_to_world"][held_out]
         self.lights = self.views["light_position"][held_out]
@@ -143,25 +159,29 @@ class Case:
         self.field_of_view_deg = float(self.views.attributes["field_of_view_deg"])
         self.frame = UnitFrame.from_dict(self.views.attributes["frame"])
 
-    def _views(self) -> Product:
+    def _views(self, size: int) -> tuple[Product, float | None]:
+        """Return views and the CPU seconds they took, None where that is not known."""
         given = self.given
         path = given.cache / (
-            f"{self.name}_{self.size}_{given.training_views[self.size]}x{TRAINING_SAMPLES}_"
+            f"{self.name}_{size}_{given.training_views[size]}x{TRAINING_SAMPLES}_"
             f"{given.held_out_views}x{TRUTH_SAMPLES}.views.zarr.zip"
         )
+        spent = Path(f"{path}.cpu_s")
         if not path.exists():
+            before = os.times()
             views = simulate_views(
                 self.mesh,
                 self.appearance,
-                resolution=self.size,
-                training_views=given.training_views[self.size],
+                resolution=size,
+                training_views=given.training_views[size],
                 training_samples=TRAINING_SAMPLES,
                 held_out_views=given.held_out_views,
                 held_out_samples=TRUTH_SAMPLES,
                 seed=0,
             )
+            spent.write_text(str(cpu_s(before, os.times())), encoding="utf-8")
             write_product(path, views)
-        return read_product(path)
+        return read_product(path), float(spent.read_text(encoding="utf-8")) if spent.exists() else None
 
     def measure(self, with_network: bool) -> dict[str, Any]:
         """Return the case's row."""
@@ -179,8 +199,7 @@ class Case:
             power = float(self.views.attributes["light_power_w"])
             textured = TexturedSurface(self.mesh, self.frame, shading, power)
             answers[f"{shading} texture", None] = self._answer(textured.render)
-        images, seconds = self._timed(answers)
-        ways = []
+        images, seconds, ways = self._timed(answers)
         for (way_name, setting), found in images.items():
             ours = way_name.startswith("VisionNet")
             ways.append(
@@ -192,7 +211,6 @@ class Case:
                     "bytes": net_bytes if ours else self.source_bytes,
                 }
             )
-        ways += [self._cycles(count) for count in CYCLES_SAMPLES]
         ways.append(
             {"way": "mean colour", "setting": None, **self._error(trivial_answer(self.views)), "bytes": 12}
         )
@@ -210,6 +228,7 @@ class Case:
             "covered_share": float((self.rgba[..., 3] > 0).mean()),
             "truth_noise_floor_db": attributes["noise_floor_db"],
             "truth_noise_floor_foreground_db": attributes["noise_floor_foreground_db"],
+            "views_cpu_s_held_out_included": self.views_cpu_s,
             "visionnet_fit_cpu_s": fit_cpu_s,
             "ways": ways,
         }
@@ -241,8 +260,16 @@ class Case:
 
     def _timed(
         self, answers: dict[tuple[str, int | None], Answer]
-    ) -> tuple[dict[tuple[str, int | None], np.ndarray], dict[tuple[str, int | None], list[float]]]:
-        """Render every view in every way, the ways in an order that turns; the first render warms up."""
+    ) -> tuple[
+        dict[tuple[str, int | None], np.ndarray],
+        dict[tuple[str, int | None], list[float]],
+        list[dict[str, Any]],
+    ]:
+        """Render every view in every way, the ways in an order that turns; the first render warms up.
+
+        Cycles' processes, one a sample count, take their turn after each round of the others.
+        """
+        cycles = {samples: CyclesRenders() for samples in CYCLES_SAMPLES}
         images = {key: np.zeros(self.rgba.shape, dtype=np.float32) for key in answers}
         seconds: dict[tuple[str, int | None], list[float]] = {key: [] for key in answers}
         keys = list(answers)
@@ -255,36 +282,40 @@ class Case:
                     start = time.process_time()
                     images[key][view] = answers[key](view)
                     seconds[key].append(time.process_time() - start)
-        return images, seconds
+            for samples, found in cycles.items():
+                self._render_by_cycles(samples, turn, found)
+        rows = [
+            {
+                "way": "Cycles",
+                "setting": samples,
+                **self._error(on_white(found.images)),
+                "cpu_s": float(np.median(found.kept)),
+                "cpu_s_alone": float(np.median(found.alone)),
+                "bytes": self.source_bytes,
+            }
+            for samples, found in cycles.items()
+        ]
+        return images, seconds, rows
 
     def _error(self, answer: np.ndarray) -> dict[str, Any]:
         found = measure_sight(on_white(self.rgba), self.rgba[..., 3] >= FOREGROUND_ALPHA, answer)
         return {key: found[key] for key in ("psnr_db", "psnr_foreground_db", "ssim")}
 
-    def _cycles(self, samples: int) -> dict[str, Any]:
+    def _render_by_cycles(self, samples: int, turn: int, found: "CyclesRenders") -> None:
+        """Render one view alone, then all in one process, and add the seconds to `found`."""
         seeds = self.views["seed"][self.views["held_out"]] ^ OWN_SEED
-        alone: list[float] = []
-        kept: list[float] = []
-        images = np.zeros(0)
-        for turn in range(self.given.rounds):
-            for views in (slice(turn % len(self.cameras), turn % len(self.cameras) + 1), slice(None)):
-                shots = Shots(
-                    self.cameras[views], self.lights[views], seeds[views], samples, self.size, self.size,
-                    self.field_of_view_deg, float(self.views.attributes["light_power_w"]),
-                )  # fmt: skip
-                images, within, whole = self._in_child(shots)
-                if len(images) == 1:
-                    alone.append(whole)
-                else:
-                    kept.extend(within[1:])
-        return {
-            "way": "Cycles",
-            "setting": samples,
-            **self._error(on_white(images)),
-            "cpu_s": float(np.median(kept)),
-            "cpu_s_alone": float(np.median(alone)),
-            "bytes": self.source_bytes,
-        }
+        one = turn % len(self.cameras)
+        for views in (slice(one, one + 1), slice(None)):
+            shots = Shots(
+                self.cameras[views], self.lights[views], seeds[views], samples, self.size, self.size,
+                self.field_of_view_deg, float(self.views.attributes["light_power_w"]),
+            )  # fmt: skip
+            images, within, whole = self._in_child(shots)
+            if views == slice(None):
+                found.images = images
+                found.kept.extend(within[1:])
+            else:
+                found.alone.append(whole)
 
     def _in_child(self, shots: Shots) -> tuple[np.ndarray, np.ndarray, float]:
         """Return images, CPU seconds of each view, and those of the whole process."""
@@ -299,23 +330,18 @@ class Case:
             )
             after = os.times()
             with np.load(result) as found:
-                whole = (
-                    after.children_user
-                    - before.children_user
-                    + after.children_system
-                    - before.children_system
-                )
-                return found["images"], found["cpu_s"], whole
+                return found["images"], found["cpu_s"], cpu_s(before, after)
 
     def _paper_network(self) -> dict[str, Any]:
         given = self.given
+        size = min(given.sizes)
         fitted: ScatteringFunction = fit_scattering_function(
-            self.views,
+            self._views(size)[0],
             steps=given.network_steps,
             budget_cpu_s=None if given.network_steps else given.network_cpu_s,
             batch_rays=given.network_rays,
             device=given.network_device,
-            checkpoint=given.cache / f"{self.name}_{self.size}.rival.safetensors",
+            checkpoint=given.cache / f"{self.name}_{size}.rival.safetensors",
         )
         generator = np.random.default_rng(0)
         errors, covered, seconds = [], [], []

@@ -84,9 +84,13 @@ def at_equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 {
                     "way": way["way"], "setting": way["setting"],
                     "times_faster": {}, "times_faster_alone": {},
+                    "faster_than_paper_network": {},
                     "better_than_all_samples": [], "worse_than_one_sample": [],
                 },
             )  # fmt: skip
+            network = [one for one in row["ways"] if one["way"] == "ObjectFolder 1.0 network"]
+            if network:
+                entry["faster_than_paper_network"][row["object"]] = network[0]["cpu_s"] / way["cpu_s"]
             if way["psnr_db"] > errors[-1]:
                 entry["better_than_all_samples"].append(row["object"])
             elif way["psnr_db"] < errors[0]:
