@@ -11,6 +11,7 @@ import objectfolder
 from objectfolder.audio.synthesis import ContactBody
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
+from pipeline.command_line import render as rendering
 
 MATERIALS = Path(__file__).parents[2] / "data" / "materials.csv"
 
@@ -27,14 +28,7 @@ def add_commands(commands: Any) -> None:
     _output(sampled, "folder for views.npy, points.npy and forces.npy")
 
     rendered = _command(commands, "render", render, "render views to PNG")
-    rendered.add_argument(
-        "--views", required=True, metavar="VIEWS.npy", help="(n, 6) camera and light positions, unit frame"
-    )
-    rendered.add_argument("--resolution", type=int, default=256, help="pixels a side (default 256)")
-    rendered.add_argument("--field-of-view", type=float, default=39.6, help="degrees (default 39.6)")
-    rendered.add_argument(
-        "--sub-rays", type=int, help="rays in an edge pixel: slower and closer (default 64)"
-    )
+    rendering.add_arguments(rendered)
     _output(rendered, "folder for 0000.png and so on")
 
     struck = _command(commands, "strike", strike, "strike points and write float WAV files")
@@ -138,23 +132,7 @@ def sample(options: argparse.Namespace) -> None:
 
 def render(options: argparse.Namespace) -> None:
     """Render a file of views to PNG."""
-    from PIL import Image
-
-    from objectfolder.vision.cameras import look_at
-
-    file = objectfolder.load(options.file)
-    views = _read(options.views, 6)
-    folder = _folder(options.output)
-    for index, view in enumerate(views):
-        image = file.render(
-            file.frame.camera_to_object(look_at(view[:3])),
-            file.frame.to_object(view[3:]),
-            options.resolution,
-            options.field_of_view,
-            sub_rays=options.sub_rays,
-        )[0]
-        Image.fromarray(image).save(folder / f"{index:04d}.png")
-    print(f"{folder}: {len(views)} images of {options.resolution} pixels")
+    rendering.render(options, _folder(options.output))
 
 
 def strike(options: argparse.Namespace) -> None:

@@ -1,0 +1,89 @@
+"""``objectfolder render`` with lights, environments, crops and passes."""
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import objectfolder
+from objectfolder.object_file import ObjectFile
+from objectfolder.vision.cameras import look_at
+from objectfolder.vision.environment import environment_lights
+from pipeline.command_line import main
+
+CAMERAS = np.array([[1.2, -1.6, 1.4], [-0.9, 1.0, 2.0]])
+
+
+@pytest.fixture(scope="module")
+def bar(small_file: Path) -> ObjectFile:
+    return objectfolder.load(small_file)
+
+
+@pytest.fixture
+def command(small_file: Path, tmp_path: Path) -> list[str]:
+    np.save(tmp_path / "cameras.npy", CAMERAS)
+    return ["render", str(small_file), "--views", str(tmp_path / "cameras.npy"), "--resolution", "24",
+            "-o", str(tmp_path / "images")]  # fmt: skip
+
+
+def expected(bar: ObjectFile, lights: np.ndarray, **more):  # type: ignore[no-untyped-def]
+    poses = bar.frame.camera_to_object(look_at(CAMERAS))
+    return bar.render(poses, bar.frame.to_object(lights)[None], 24, **more)
+
+
+def test_lights_crop_and_passes_are_those_of_the_query(
+    bar: ObjectFile, command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lights = ["--light", "0,0.6,0.8:2,1,0.5", "--light=-1,0,0"]
+    assert main([*command, *lights, "--crop", "3,2,15,20", "--passes", "depth,normal,mask"]) == 0
+    assert "2 images of 15 x 20 pixels with depth, normal, mask, 2 lights" in capsys.readouterr().out
+    drawn = expected(
+        bar, np.array([[0, 0.6, 0.8], [-1, 0, 0]]), light_colour=np.array([[2, 1, 0.5], [1, 1, 1]]),
+        crop=(3, 2, 15, 20), passes=["image", "depth", "normal", "mask"],
+    )  # fmt: skip
+    for index in range(2):
+        stem = str(tmp_path / "images" / f"{index:04d}")
+        np.testing.assert_array_equal(np.asarray(Image.open(stem + ".png")), drawn["image"][index])
+        np.testing.assert_array_equal(np.asarray(Image.open(stem + "_mask.png")) > 0, drawn["mask"][index])
+        np.testing.assert_array_equal(np.load(stem + "_depth.npy"), drawn["depth"][index])
+        np.testing.assert_array_equal(np.load(stem + "_normal.npy"), drawn["normal"][index])
+    assert drawn["mask"].any()
+
+
+@pytest.mark.parametrize("suffix", ["exr", "hdr"])
+def test_an_environment_is_read_as_it_was_written(
+    bar: ObjectFile, command: list[str], tmp_path: Path, suffix: str
+) -> None:
+    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
+    import cv2
+
+    radiance = np.exp(np.random.default_rng(0).normal(0, 1, (8, 16, 3))).astype(np.float32)
+    path = tmp_path / f"around.{suffix}"
+    assert cv2.imwrite(str(path), np.ascontiguousarray(radiance[..., ::-1]))
+    assert main([*command, "--environment", str(path), "--environment-lights", "6"]) == 0
+    lights, colours = environment_lights(radiance, 6, radiance_scale=bar.vision.radiance_scale)
+    images = expected(bar, lights, light_colour=colours)
+    for index in range(2):
+        written = np.asarray(Image.open(tmp_path / "images" / f"{index:04d}.png")).astype(int)
+        # Radiance files have 8 bits a channel.
+        assert np.abs(written - images[index]).max() <= (0 if suffix == "exr" else 3)
+
+
+@pytest.mark.parametrize(("more", "word"), [
+    ([], r"shape \(2, 3\). Give an \(n, 6\) array"),
+    (["--light", "1,2"], "--light: '1,2'"),
+    (["--light", "1,2,nan"], "--light"),
+    (["--light", "0,0,1", "--crop", "1,2,3"], "--crop: '1,2,3'"),
+    (["--light", "0,0,1", "--crop", "20,0,10,10"], "crop: 10 x 10 pixels at row 20"),
+    (["--light", "0,0,1", "--passes", "albedo"], "--passes: 'albedo'"),
+    (["--environment", "nowhere.exr"], "nowhere.exr: no such file"),
+    (["--environment", __file__], "not a map of linear radiance"),
+])  # fmt: skip
+def test_what_cannot_be_rendered_is_said(
+    command: list[str], capsys: pytest.CaptureFixture[str], more: list[str], word: str
+) -> None:
+    assert main([*command, *more]) == 1
+    assert re.search(word, capsys.readouterr().err)
