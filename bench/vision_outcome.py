@@ -12,7 +12,7 @@ COMPARED = (
     "shadowed, and the mean colour in the true silhouette, against path-traced held-out views: PSNR of 8-bit "
     "sRGB on white (mean of views, and over pixels covered by at least half), SSIM, CPU seconds a view, bytes"
 )
-MEASURES = ("psnr_db", "psnr_foreground_db", "ssim", "cpu_s", "cpu_s_alone", "bytes")
+MEASURES = ("psnr_db", "psnr_foreground_db", "ssim", "cpu_s", "cpu_s_alone", "bytes", "training_cpu_s")
 LOOKS = {
     "VisionNet, reference": ("tab:blue", "o-"),
     "Cycles": ("tab:red", "s-"),
@@ -36,7 +36,11 @@ def conclude(rows: list[dict[str, Any]], settings: dict[str, Any]) -> None:
         },
     }
     write("vision", figures, settings, COMPARED)
-    draw(means, RESULTS / "vision.png")
+    floors = {
+        size: float(np.mean([row["truth_noise_floor_db"] for row in rows if row["size"] == size]))
+        for size in sizes
+    }
+    draw(means, floors, RESULTS / "vision.png")
     for size, found in means.items():
         print(f"\n{size} x {size}")
         for way in found:
@@ -106,7 +110,14 @@ def at_equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return list(compared.values())
 
 
-def draw(means: dict[int, list[dict[str, Any]]], path: Path) -> None:
+def label(way: dict[str, Any], most_objects: int) -> str:
+    """Name of a way with what sets it apart from the others in a picture."""
+    trained = "" if way["training_cpu_s"] is None else f", {way['training_cpu_s']:.0f} CPU s of training"
+    objects = "" if way["objects"] == most_objects else f", {way['objects']} of {most_objects} objects"
+    return f"{way['way']}{trained}{objects}"
+
+
+def draw(means: dict[int, list[dict[str, Any]]], floors: dict[int, float], path: Path) -> None:
     """PSNR against seconds and against bytes, a row a size."""
     import matplotlib
 
@@ -115,15 +126,19 @@ def draw(means: dict[int, list[dict[str, Any]]], path: Path) -> None:
 
     figure, axes = pyplot.subplots(len(means), 2, figsize=(12, 4.4 * len(means)), squeeze=False, sharey="row")
     for (size, found), (by_time, by_size) in zip(means.items(), axes, strict=True):
+        objects = max(way["objects"] for way in found)
         for name in dict.fromkeys(way["way"] for way in found):
             ways = [way for way in found if way["way"] == name]
             colour, mark = LOOKS.get(name, OTHER_LOOK)
             if ways[0]["cpu_s"] is None:
-                by_time.axhline(ways[0]["psnr_db"], color="black", lw=0.8, ls=":", label=name)
+                trivial = ways[0]["psnr_db"]
+                by_time.axhline(trivial, color="black", lw=0.8, ls=":", label=f"{name} in the true outline")
                 continue
             errors = [way["psnr_db"] for way in ways]
-            by_time.plot([way["cpu_s"] for way in ways], errors, mark, color=colour, label=name)
-            by_size.plot([way["bytes"] for way in ways], errors, mark[0], color=colour)
+            by_time.plot(
+                [way["cpu_s"] for way in ways], errors, mark, color=colour, label=label(ways[0], objects)
+            )
+            by_size.plot([way["bytes"] / 1e6 for way in ways], errors, mark[0], color=colour)
             if ways[0]["cpu_s_alone"] is not None:
                 seconds = [way["cpu_s_alone"] for way in ways]
                 by_time.plot(
@@ -135,12 +150,11 @@ def draw(means: dict[int, list[dict[str, Any]]], path: Path) -> None:
                         str(way["setting"]), (way["cpu_s"], way["psnr_db"]), fontsize=7,
                         xytext=(3, -9), textcoords="offset points",
                     )  # fmt: skip
-        objects = max(way["objects"] for way in found)
         by_time.set(xscale="log", xlabel="CPU seconds a view, one thread", ylabel="PSNR on white, dB")
         by_time.set_title(
-            f"{size} x {size}, mean of {objects} object{'s' if objects > 1 else ''}", fontsize=10
+            f"{size} x {size}, mean of {objects}; noise floor of the truth {floors[size]:.0f} dB", fontsize=10
         )
-        by_size.set(xscale="log", xlabel="bytes")
+        by_size.set(xlabel="MB", xlim=(0, None))
         by_time.grid(alpha=0.3)
         by_size.grid(alpha=0.3)
     axes[0, 0].legend(fontsize=7)
