@@ -15,6 +15,7 @@ from objectfolder.errors import InputError
 from objectfolder.geometry.clean import CleaningReport, clean
 from objectfolder.geometry.length import with_length
 from objectfolder.geometry.load import load_mesh
+from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.mesh_product import mesh_arrays
 from objectfolder.geometry.mesh_product import textured_mesh_of as textured_mesh_of
 from objectfolder.geometry.solid_properties import Topology, solid_properties, topology_of
@@ -49,7 +50,8 @@ def ingest_object(
     -------
     Product
         `vertices` (vertex, axis) metres, `faces` (face, corner), `texture_coordinates` (face, corner, uv),
-        `face_texture` (face) and `texture_0`, `texture_1`, ... (y, x, channel); in its attributes the report:
+        `face_texture` (face) and `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`,
+        `roughness_0`, `metallic_0`, ... where the source has them; in its attributes the report:
         cleaning, topology, solid, wall thickness, warnings, digests of geometry and texture, source files.
 
     Raises
@@ -87,7 +89,9 @@ def ingest_object(
         "digests": {
             "body": body,
             "geometry": _digest(mesh.vertices, mesh.faces),
-            "texture": _digest(mesh.texture_coordinates, mesh.face_texture, *mesh.textures),
+            "texture": _digest(
+                mesh.texture_coordinates, mesh.face_texture, *mesh.textures, *_numbered_maps(mesh)
+            ),
         },
     }
     return Product(mesh_arrays(mesh), attributes)
@@ -118,6 +122,15 @@ def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> lis
 
 def _source(path: Path) -> dict[str, str]:
     return {"file": Path(path).name, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
+
+
+def _numbered_maps(mesh: TexturedMesh) -> list[np.ndarray]:
+    """Cutoffs and maps, each after a number that says whose it is; none for a mesh without them."""
+    arrays: list[np.ndarray] = []
+    for kind, by_texture in enumerate((mesh.alpha_cutoffs, mesh.roughness_maps, mesh.metallic_maps)):
+        for index, value in by_texture.items():
+            arrays += [np.array([kind, index]), np.asarray(value)]
+    return arrays
 
 
 def _digest(*arrays: np.ndarray) -> str:

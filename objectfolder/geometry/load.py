@@ -1,7 +1,10 @@
 """A mesh file of any supported kind to a textured mesh, uncleaned."""
 
+import hashlib
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -9,22 +12,25 @@ from objectfolder.errors import InputError
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.obj import read_obj
 from objectfolder.geometry.scene_formats import FORMATS, read_scene
-from objectfolder.geometry.textures import read_texture
+from objectfolder.geometry.textures import opaque, read_texture
+
+Kept = TypeVar("Kept")
 
 MESH_SUFFIXES = (".obj", *FORMATS)
 
 
 def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = True) -> TexturedMesh:
-    """Read OBJ, glTF, GLB, PLY or STL with its base colour textures.
+    """Read OBJ, glTF, GLB, PLY or STL with its base colour textures and maps of reflectance.
 
-    Objects are opaque to all senses: alpha is set to 255. Equal textures are kept once.
+    Alpha is 255 but where the source asks for transparency: by glTF's `alphaMode`, or by `d` or `map_d` of a
+    material library. Equal textures with equal maps are kept once.
 
     Parameters
     ----------
     path
         The mesh; the suffix names the format.
     texture
-        Replaces every texture and colour the mesh file names.
+        Replaces every texture, map and colour the mesh file names. Its alpha is ignored.
     with_textures
         False reads the shape alone, which is all that sound and touch need.
 
@@ -55,7 +61,12 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
     _refuse_non_finite(path, mesh)
     if named_texture is not None:
         mesh = replace(
-            mesh, textures=(named_texture,), face_texture=np.zeros(len(mesh.faces), dtype=np.int32)
+            mesh,
+            textures=(opaque(named_texture),),
+            face_texture=np.zeros(len(mesh.faces), dtype=np.int32),
+            alpha_cutoffs={},
+            roughness_maps={},
+            metallic_maps={},
         )
     return _with_coordinates(path, _with_distinct_textures(mesh))
 
@@ -71,25 +82,42 @@ def _refuse_non_finite(path: Path, mesh: TexturedMesh) -> None:
 
 
 def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:
-    """Opaque textures, each kept once, in order of first use."""
-    distinct: dict[tuple[tuple[int, ...], bytes], int] = {}
-    kept: list[np.ndarray] = []
+    """Textures with what goes with them, each kept once, in order of first use."""
+    distinct: dict[tuple[Any, ...], int] = {}
+    kept: list[int] = []
     index_of = np.zeros(len(mesh.textures), dtype=np.int32)
     for index, texture in enumerate(mesh.textures):
-        opaque = texture.copy()
-        opaque[..., 3] = 255
-        key = (opaque.shape, opaque.tobytes())
+        maps = (mesh.roughness_maps.get(index), mesh.metallic_maps.get(index))
+        key = (_content(texture), *map(_content, maps), mesh.alpha_cutoffs.get(index))
         if key not in distinct:
             distinct[key] = len(kept)
-            kept.append(opaque)
+            kept.append(index)
         index_of[index] = distinct[key]
-    return replace(mesh, textures=tuple(kept), face_texture=index_of[mesh.face_texture])
+
+    def renumbered(by_texture: Mapping[int, Kept]) -> dict[int, Kept]:
+        return {new: by_texture[old] for new, old in enumerate(kept) if old in by_texture}
+
+    return replace(
+        mesh,
+        textures=tuple(mesh.textures[index] for index in kept),
+        face_texture=index_of[mesh.face_texture],
+        alpha_cutoffs=renumbered(mesh.alpha_cutoffs),
+        roughness_maps=renumbered(mesh.roughness_maps),
+        metallic_maps=renumbered(mesh.metallic_maps),
+    )
+
+
+def _content(image: np.ndarray | None) -> bytes | None:
+    return None if image is None else hashlib.sha256(f"{image.shape}".encode() + image.tobytes()).digest()
 
 
 def _with_coordinates(path: Path, mesh: TexturedMesh) -> TexturedMesh:
     """Texture coordinates without NaN: zero where the texture is one texel, refused where it is not."""
     missing = ~np.isfinite(mesh.texture_coordinates).all(axis=(1, 2))
     uniform = np.array([texture.shape[:2] == (1, 1) for texture in mesh.textures])
+    for image_of in (mesh.roughness_maps, mesh.metallic_maps):
+        for index, image in image_of.items():
+            uniform[index] &= image.shape == (1, 1)
     bare = int(np.count_nonzero(missing & ~uniform[mesh.face_texture]))
     if bare:
         raise InputError(

@@ -1,4 +1,10 @@
-"""Wavefront material libraries (.mtl): base colour and base colour texture of each material."""
+"""Wavefront material libraries (.mtl): base colour, transparency, roughness and metallic of each material.
+
+Read are `Kd`, `d`, `Pr`, `Pm` and their maps. Left aside are `Ns`, an exponent of another reflection model
+that exporters fill with defaults; `Tr`, which some write as transparency and others as opacity; and `illum`.
+The alpha channel of `map_Kd` means nothing by itself: textures of scans carry one that says nothing of
+transparency.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
@@ -16,12 +22,58 @@ _OPTION_VALUES = {
 }  # fmt: skip
 
 
+_CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
+_SCALARS = {"d": "opacity", "pr": "roughness", "pm": "metallic"}
+
+
+@dataclass(frozen=True)
+class ScalarMap:
+    """An image of one quantity.
+
+    Parameters
+    ----------
+    file
+        The image.
+    channel
+        Of red, green, blue, alpha the one to take; None takes red (the value of a grey image), and for
+        opacity alpha where it has one.
+    """
+
+    file: Path
+    channel: int | None = None
+
+
 @dataclass
 class ObjMaterial:
-    """Base colour (3,), sRGB-encoded 0..1, and the file of the base colour texture if there is one."""
+    """A material as written.
+
+    Parameters
+    ----------
+    colour
+        Base colour (3,), sRGB-encoded 0..1.
+    texture
+        File of the base colour texture, which replaces `colour`.
+    opacity, roughness, metallic
+        Values in 0..1; None where not written.
+    opacity_map, roughness_map, metallic_map
+        Images. The opacity map is multiplied by the opacity, the others replace the value.
+    """
 
     colour: np.ndarray = field(default_factory=DEFAULT_COLOUR.copy)
     texture: Path | None = None
+    opacity: float | None = None
+    roughness: float | None = None
+    metallic: float | None = None
+    opacity_map: ScalarMap | None = None
+    roughness_map: ScalarMap | None = None
+    metallic_map: ScalarMap | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """Every image the material names."""
+        maps = (self.opacity_map, self.roughness_map, self.metallic_map)
+        textures = [] if self.texture is None else [self.texture]
+        return textures + [scalar.file for scalar in maps if scalar is not None]
 
 
 def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
@@ -30,7 +82,8 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
     Raises
     ------
     InputError
-        The library or a texture it names is not there, or a texture is scaled or shifted.
+        The library or a texture it names is not there, a texture is scaled or shifted, a value is no number
+        in 0..1, or a material is wholly transparent.
     """
     materials: dict[str, ObjMaterial] = {}
     for path in library_files(mesh, library):
@@ -46,7 +99,36 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
                 current.colour = _colour(values, where)
             elif keyword.lower() == "map_kd" and values:
                 current.texture = _texture_file(path, _file_name(line.strip(), where), where)
+            elif keyword.lower() in _SCALARS:
+                setattr(current, _SCALARS[keyword.lower()], _fraction(keyword, values, where))
+            elif keyword.lower().removeprefix("map_") in _SCALARS and values:
+                name = _SCALARS[keyword.lower().removeprefix("map_")]
+                file = _texture_file(path, _file_name(line.strip(), where), where)
+                setattr(current, f"{name}_map", ScalarMap(file, _channel(values)))
     return materials
+
+
+def _fraction(keyword: str, values: list[str], where: str) -> float:
+    """The number of a `d`, `Pr` or `Pm` line; `-halo` before it is passed over."""
+    try:
+        value = float(values[-1])
+    except (ValueError, IndexError):
+        value = -1.0
+    if not 0.0 <= value <= 1.0:
+        raise InputError(where, f"{keyword} {' '.join(values)!r} is no number in 0..1", "Write one")
+    if keyword.lower() == "d" and value == 0.0:
+        raise InputError(
+            where, "d 0 makes the material wholly transparent", "Write d 1, or leave its faces out"
+        )
+    return value
+
+
+def _channel(values: list[str]) -> int | None:
+    """The channel that `-imfchan` names."""
+    options = [option.lower() for option in values]
+    if "-imfchan" not in options[:-1]:
+        return None
+    return _CHANNELS.get(options[options.index("-imfchan") + 1])
 
 
 def library_files(mesh: Path, library: str) -> list[Path]:

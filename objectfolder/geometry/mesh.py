@@ -1,6 +1,7 @@
 """The textured triangle mesh every loader returns and every sense reads."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +11,7 @@ from objectfolder.geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class TexturedMesh:
-    """Triangles with a base colour texture each.
+    """Triangles with a base colour texture each, and maps of reflectance where the source has them.
 
     Texture coordinates belong to face corners, not to vertices, so that vertices can be welded into a closed
     solid for sound and touch while texture seams stay as they are for sight.
@@ -25,9 +26,16 @@ class TexturedMesh:
         (F, 3, 2) float64 of each corner, v up (OpenGL). Outside 0..1 the texture repeats.
     textures
         At least one (h, w, 4) uint8 RGBA image: sRGB-encoded, straight alpha, row 0 on top. An untextured
-        material is one texel of its base colour.
+        material is one texel of its base colour. Alpha is coverage: 255 wherever the source does not ask
+        for transparency.
     face_texture
         (F,) int32 index into `textures`.
+    alpha_cutoffs
+        By index of a texture: the alpha in 0..1 from which the surface is there, below which it is not.
+        Alpha of textures without a cutoff blends.
+    roughness_maps, metallic_maps
+        By index of a texture: (h, w) uint8 image on the same coordinates, linear, 0..255 for 0..1, row 0 on
+        top; any size, one texel for a constant. Textures without one have the material's value.
     """
 
     vertices: np.ndarray
@@ -35,6 +43,9 @@ class TexturedMesh:
     texture_coordinates: np.ndarray
     textures: tuple[np.ndarray, ...]
     face_texture: np.ndarray
+    alpha_cutoffs: Mapping[int, float] = field(default_factory=dict)
+    roughness_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
+    metallic_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = len(self.faces)
@@ -51,6 +62,9 @@ class TexturedMesh:
             raise ValueError(f"faces index outside the {len(self.vertices)} vertices")
         if count and not 0 <= self.face_texture.min() <= self.face_texture.max() < len(self.textures):
             raise ValueError(f"face_texture indexes outside the {len(self.textures)} textures")
+        for name in ("alpha_cutoffs", "roughness_maps", "metallic_maps"):
+            if not set(getattr(self, name)) <= set(range(len(self.textures))):
+                raise ValueError(f"{name} names a texture outside the {len(self.textures)} textures")
 
     @cached_property
     def surface(self) -> Surface:

@@ -10,9 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.material_library import DEFAULT_COLOUR, ObjMaterial, read_material_library
+from objectfolder.geometry.material_library import ObjMaterial, ScalarMap, read_material_library
 from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.textures import corner_colour_atlas, read_texture, uniform_texture
+from objectfolder.geometry.textures import (
+    corner_colour_atlas,
+    opaque,
+    read_texture,
+    scaled_map,
+    uniform_map,
+    uniform_texture,
+    with_alpha,
+)
 
 
 @dataclass
@@ -31,7 +39,8 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     """Read an OBJ file as it is, uncleaned; corners without texture coordinates get NaN.
 
     Polygons are fanned from their first corner. `Kd` is taken as sRGB-encoded and only where there is no
-    `map_Kd`; objects and groups are joined.
+    `map_Kd`; objects and groups are joined. A surface is transparent only where the material library says so
+    by `d` below 1 or `map_d`.
 
     Parameters
     ----------
@@ -52,14 +61,25 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     vertices, faces = numbers[:, :3].copy(), np.array(statements.faces, dtype=np.int64)
     coordinates = _corner_coordinates(statements)
     if with_textures:
-        textures, face_texture = _textures(path, statements)
+        materials, face_texture = _materials(path, statements)
     else:
-        textures, face_texture = (uniform_texture(DEFAULT_COLOUR),), np.zeros(len(faces), dtype=np.int32)
+        materials, face_texture = [ObjMaterial()], np.zeros(len(faces), dtype=np.int32)
+    textures = tuple(_texture(material) for material in materials)
     if with_textures and columns >= 6 and all(len(texture) == 1 for texture in textures):
-        opaque = np.ones((len(faces), 3, 1))
-        atlas, coordinates = corner_colour_atlas(np.concatenate([numbers[:, 3:6][faces], opaque], axis=2))
-        textures, face_texture = (atlas,), np.zeros(len(faces), dtype=np.int32)
-    return TexturedMesh(vertices, faces, coordinates, textures, face_texture)
+        colours = np.concatenate([numbers[:, 3:6][faces], np.ones((len(faces), 3, 1))], axis=2)
+        atlas, coordinates = corner_colour_atlas(colours)
+        materials, textures, face_texture = [], (opaque(atlas),), np.zeros(len(faces), dtype=np.int32)
+    roughness = [_scalar(material.roughness_map, material.roughness) for material in materials]
+    metallic = [_scalar(material.metallic_map, material.metallic) for material in materials]
+    return TexturedMesh(
+        vertices,
+        faces,
+        coordinates,
+        textures,
+        face_texture,
+        roughness_maps={index: image for index, image in enumerate(roughness) if image is not None},
+        metallic_maps={index: image for index, image in enumerate(metallic) if image is not None},
+    )
 
 
 def _corner_coordinates(statements: _Statements) -> np.ndarray:
@@ -127,18 +147,41 @@ def _resolved(index: int, count: int, kind: str) -> int:
     return resolved
 
 
-def _textures(path: Path, statements: _Statements) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Textures in order of first use, and the index of each face's."""
-    materials: dict[str, ObjMaterial] = {}
+def _materials(path: Path, statements: _Statements) -> tuple[list[ObjMaterial], np.ndarray]:
+    """Materials in order of first use, and the index of each face's."""
+    known: dict[str, ObjMaterial] = {}
     for library in statements.libraries:
-        materials |= read_material_library(path, library)
+        known |= read_material_library(path, library)
     names = list(dict.fromkeys(statements.face_materials))
-    textures: list[np.ndarray] = []
-    for name in names:
-        material = materials.get(name, ObjMaterial())
-        if material.texture is not None:
-            textures.append(read_texture(material.texture))
-        else:
-            textures.append(uniform_texture(material.colour))
     index_of = {name: index for index, name in enumerate(names)}
-    return tuple(textures), np.array([index_of[name] for name in statements.face_materials], dtype=np.int32)
+    return (
+        [known.get(name, ObjMaterial()) for name in names],
+        np.array([index_of[name] for name in statements.face_materials], dtype=np.int32),
+    )
+
+
+def _texture(material: ObjMaterial) -> np.ndarray:
+    """Base colour RGBA, opaque but where the material asks for transparency."""
+    if material.texture is not None:
+        texture = opaque(read_texture(material.texture))
+    else:
+        texture = uniform_texture(material.colour)
+    factor = 1.0 if material.opacity is None else material.opacity
+    if material.opacity_map is not None:
+        return with_alpha(texture, scaled_map(_levels(material.opacity_map, of_opacity=True), factor))
+    return texture if factor == 1.0 else with_alpha(texture, uniform_map(factor))
+
+
+def _scalar(image: ScalarMap | None, value: float | None) -> np.ndarray | None:
+    if image is not None:
+        return _levels(image, of_opacity=False)
+    return None if value is None else uniform_map(value)
+
+
+def _levels(image: ScalarMap, *, of_opacity: bool) -> np.ndarray:
+    """(h, w) uint8 of the channel that holds the quantity."""
+    rgba = read_texture(image.file)
+    if image.channel is not None:
+        return np.ascontiguousarray(rgba[..., image.channel])
+    in_alpha = of_opacity and bool((rgba[..., 3] < 255).any())
+    return np.ascontiguousarray(rgba[..., 3 if in_alpha else 0])

@@ -2,8 +2,10 @@
 
 import json
 import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -13,12 +15,17 @@ from objectfolder.geometry.material_library import DEFAULT_COLOUR
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.textures import (
     corner_colour_atlas,
+    opaque,
     read_texture,
     rgba_of,
+    scaled_map,
     srgb_encode,
     tint,
+    uniform_map,
     uniform_texture,
 )
+
+Value = TypeVar("Value")
 
 FORMATS = {".gltf": "glTF", ".glb": "binary glTF", ".ply": "PLY", ".stl": "STL"}
 
@@ -30,7 +37,11 @@ def read_scene(path: Path, *, with_textures: bool = True) -> TexturedMesh:
 
     All nodes of a glTF scene are joined with their transforms applied (a mirrored node keeps its outside);
     its up axis stays y. Texture and base colour factor are multiplied; vertex and face colours become a
-    texture where there is no other.
+    texture where there is no other. Alpha counts as the material's `alphaMode` says (OPAQUE ignores it, MASK
+    cuts at `alphaCutoff`, BLEND blends); that of vertex colours is ignored. Roughness is the green, metallic
+    the blue channel of `metallicRoughnessTexture`, each times its factor; a factor that is written counts
+    without a texture, and where neither is, the object's material has its say rather than glTF's default, a
+    rough metal.
 
     Parameters
     ----------
@@ -40,7 +51,8 @@ def read_scene(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     Raises
     ------
     InputError
-        Not a file of its kind, no faces, a missing or broken texture, an extension that is not supported.
+        Not a file of its kind, no faces, a missing or broken texture, a texture on other coordinates than the
+        first, an extension that is not supported.
     """
     import trimesh
 
@@ -77,15 +89,27 @@ def _textured(
     uv = getattr(geometry.visual, "uv", None)
     if uv is not None and np.shape(uv) == (len(vertices), 2):
         coordinates = np.asarray(uv, dtype=np.float64)[faces]
-    texture = _base_colour(path, geometry, header) if with_textures else uniform_texture(DEFAULT_COLOUR)
+    material = _Material(uniform_texture(DEFAULT_COLOUR))
+    if with_textures:
+        material = _material(path, geometry, header)
     if with_textures and geometry.visual.kind in ("vertex", "face"):
         colours = _corner_colours(geometry, faces)
         if header is not None:
             colours[..., :3] = srgb_encode(colours[..., :3])  # glTF's vertex colours are scene-linear
-        texture, coordinates = corner_colour_atlas(colours)
+        atlas, coordinates = corner_colour_atlas(colours)
+        material = _Material(opaque(atlas))
     if np.linalg.det(transform[:3, :3]) < 0:
         faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
-    return TexturedMesh(vertices, faces, coordinates, (texture,), np.zeros(len(faces), dtype=np.int32))
+    return TexturedMesh(
+        vertices,
+        faces,
+        coordinates,
+        (material.texture,),
+        np.zeros(len(faces), dtype=np.int32),
+        alpha_cutoffs={} if material.alpha_cutoff is None else {0: material.alpha_cutoff},
+        roughness_maps={} if material.roughness is None else {0: material.roughness},
+        metallic_maps={} if material.metallic is None else {0: material.metallic},
+    )
 
 
 def _corner_colours(geometry: Any, faces: np.ndarray) -> np.ndarray:
@@ -95,25 +119,65 @@ def _corner_colours(geometry: Any, faces: np.ndarray) -> np.ndarray:
     return np.repeat(np.asarray(geometry.visual.face_colors, dtype=np.float64)[:, None] / 255, 3, axis=1)
 
 
-def _base_colour(path: Path, geometry: Any, header: dict[str, Any] | None) -> np.ndarray:
+@dataclass(frozen=True)
+class _Material:
+    """Base colour (h, w, 4), the alpha from which it is there, and its maps (h, w), where it has them."""
+
+    texture: np.ndarray
+    alpha_cutoff: float | None = None
+    roughness: np.ndarray | None = None
+    metallic: np.ndarray | None = None
+
+
+def _material(path: Path, geometry: Any, header: dict[str, Any] | None) -> _Material:
     if header is None:
-        return _ply_texture(path)
+        return _Material(opaque(_ply_texture(path)))
     material = getattr(geometry.visual, "material", None)
-    image = getattr(material, "baseColorTexture", None)
-    if isinstance(image, Image.Image):
-        try:
-            texture = rgba_of(image, str(path))
-        except (OSError, SyntaxError) as problem:
-            raise InputError(
-                str(path),
-                f"its texture cannot be read ({problem})",
-                "Repair the texture, or name another one",
-            ) from problem
-        return tint(texture, _factor(material, header))
-    _refuse_missing_texture(path, getattr(material, "name", None), header)
     if material is None:
-        return uniform_texture(DEFAULT_COLOUR)
-    return tint(uniform_texture(np.ones(4)), _factor(material, header))
+        return _Material(uniform_texture(DEFAULT_COLOUR))
+    base = _image(path, material, "baseColorTexture", header)
+    texture = tint(uniform_texture(np.ones(4)) if base is None else base, _factor(material, header))
+    mode = getattr(material, "alphaMode", None) or "OPAQUE"
+    cutoff = getattr(material, "alphaCutoff", None)
+    cutoff = 0.5 if cutoff is None else float(cutoff)
+    least = int(texture[..., 3].min()) / 255
+    if mode == "OPAQUE" or (mode == "MASK" and least >= cutoff):
+        texture = opaque(texture)
+    masked = mode == "MASK" and least < cutoff
+    levels = _image(path, material, "metallicRoughnessTexture", header)
+    return _Material(
+        texture,
+        cutoff if masked else None,
+        _map(levels, 1, getattr(material, "roughnessFactor", None)),
+        _map(levels, 2, getattr(material, "metallicFactor", None)),
+    )
+
+
+def _map(levels: np.ndarray | None, channel: int, factor: float | None) -> np.ndarray | None:
+    if levels is not None:
+        return scaled_map(levels[..., channel], 1.0 if factor is None else float(factor))
+    return None if factor is None else uniform_map(float(factor))
+
+
+def _image(path: Path, material: Any, key: str, header: dict[str, Any]) -> np.ndarray | None:
+    """RGBA of one of a material's textures; None where it has none."""
+    image = getattr(material, key, None)
+    if not isinstance(image, Image.Image):
+        _refuse_missing_texture(path, getattr(material, "name", None), key, header)
+        return None
+    named = [entry for entry in header.get("materials", []) if entry.get("name") == material.name]
+    if any(entry.get("pbrMetallicRoughness", {}).get(key, {}).get("texCoord", 0) for entry in named):
+        raise InputError(
+            str(path),
+            f"{key} of material {material.name!r} uses a second set of texture coordinates",
+            "Bake it to the first set",
+        )
+    try:
+        return rgba_of(image, str(path))
+    except (OSError, SyntaxError) as problem:
+        raise InputError(
+            str(path), f"its texture cannot be read ({problem})", "Repair the texture, or name another one"
+        ) from problem
 
 
 def _factor(material: Any, header: dict[str, Any]) -> np.ndarray:
@@ -175,19 +239,20 @@ def gltf_header(path: Path) -> dict[str, Any]:
     return header
 
 
-def _refuse_missing_texture(path: Path, material: str | None, header: dict[str, Any]) -> None:
-    """Raise where the file gives a material a base colour texture that trimesh could not read."""
+def _refuse_missing_texture(path: Path, material: str | None, key: str, header: dict[str, Any]) -> None:
+    """Raise where the file gives a material a texture `key` that trimesh could not read."""
     named = [entry for entry in header.get("materials", []) if entry.get("name") == material]
-    textured = [entry.get("pbrMetallicRoughness", {}).get("baseColorTexture") for entry in named]
+    textured = [entry.get("pbrMetallicRoughness", {}).get(key) for entry in named]
     if not textured or any(entry is None for entry in textured):
         return
     source = header.get("textures", [])[textured[0]["index"]].get("source")
     image = (
         header.get("images", [])[source].get("uri", "in the file") if source is not None else "in the file"
     )
+    kind = {"baseColorTexture": "base colour texture"}.get(key, key)
     raise InputError(
         str(path),
-        f"its base colour texture {image!r} of material {material!r} is missing or cannot be read",
+        f"its {kind} {image!r} of material {material!r} is missing or cannot be read",
         "Put it where the file says, or name a texture for the object",
     )
 
@@ -202,4 +267,12 @@ def _joined(meshes: list[TexturedMesh]) -> TexturedMesh:
         np.concatenate(
             [np.full(len(mesh.faces), index, dtype=np.int32) for index, mesh in enumerate(meshes)]
         ),
+        alpha_cutoffs=_of_each([mesh.alpha_cutoffs for mesh in meshes]),
+        roughness_maps=_of_each([mesh.roughness_maps for mesh in meshes]),
+        metallic_maps=_of_each([mesh.metallic_maps for mesh in meshes]),
     )
+
+
+def _of_each(parts: list[Mapping[int, Value]]) -> dict[int, Value]:
+    """What the only textures of meshes have, by the number of the mesh."""
+    return {index: part[0] for index, part in enumerate(parts) if 0 in part}

@@ -1,6 +1,7 @@
-"""Base colour images of any common kind, to RGBA uint8.
+"""Images of any common kind: base colours to RGBA uint8, maps of one quantity to grey uint8.
 
-Colours stay sRGB-encoded as stored; embedded colour profiles and Exif orientation are not applied.
+Colours stay sRGB-encoded as stored, and maps linear; embedded colour profiles and Exif orientation are not
+applied.
 """
 
 import io
@@ -66,6 +67,46 @@ def rgba_of(image: Image.Image, where: str) -> np.ndarray:
         grey = np.rint(values / 257).astype(np.uint8)
         return np.dstack([grey, grey, grey, np.full_like(grey, 255)])
     return np.array(image.convert("RGBA"), dtype=np.uint8)
+
+
+def scaled_map(levels: np.ndarray, factor: float) -> np.ndarray:
+    """Multiply a linear map (h, w) uint8 by a factor, clipped to 0..1, as glTF's factors ask."""
+    if factor == 1.0:
+        return np.ascontiguousarray(levels)
+    table = np.rint(255 * np.clip(np.arange(256) / 255 * factor, 0, 1)).astype(np.uint8)
+    return np.asarray(table[levels])
+
+
+def uniform_map(value: float) -> np.ndarray:
+    """(1, 1) uint8 map of one value in 0..1."""
+    return np.full((1, 1), round(255 * min(max(value, 0.0), 1.0)), dtype=np.uint8)
+
+
+def opaque(texture: np.ndarray) -> np.ndarray:
+    """Return an RGBA texture with an alpha of 255, itself where it has that."""
+    if (texture[..., 3] == 255).all():
+        return texture
+    result = texture.copy()
+    result[..., 3] = 255
+    return result
+
+
+def with_alpha(texture: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Return an RGBA texture with the alpha of an (h, w) uint8 image, at the larger size of the two.
+
+    Where sizes differ the smaller one is repeated texel by texel, which changes no value; sides that are no
+    multiples of each other are resampled to the nearest texel.
+    """
+    height, width = np.maximum(texture.shape[:2], alpha.shape)
+    result = _nearest(texture, height, width).copy()
+    result[..., 3] = _nearest(alpha, height, width)
+    return result
+
+
+def _nearest(image: np.ndarray, height: int, width: int) -> np.ndarray:
+    rows = np.arange(height) * image.shape[0] // height
+    columns = np.arange(width) * image.shape[1] // width
+    return image[rows[:, None], columns]
 
 
 def uniform_texture(colour: np.ndarray) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Small meshes for tests, made by code."""
 
+import io
+import json
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +74,71 @@ def write_textured_cube(folder: Path, *, texture: np.ndarray | None = None, side
     (folder / "model.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd texture.png\n")
     Image.fromarray(checker() if texture is None else texture).save(folder / "texture.png")
     return folder / "model.obj"
+
+
+def png(image: np.ndarray) -> bytes:
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "PNG")
+    return data.getvalue()
+
+
+def write_gltf(
+    path: Path,
+    *,
+    node: dict | None = None,
+    material: dict | None = None,
+    outer: dict | None = None,
+    images: dict[str, np.ndarray] | None = None,
+    with_file: bool = True,
+) -> Path:
+    """A triangle with texture coordinates, in a node with a transform, textured by texture.png.
+
+    `material` goes into pbrMetallicRoughness, `outer` beside it; `images` are further files by name, whose
+    textures have the indices 1, 2, ...
+    """
+    positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], dtype="<f4")
+    coordinates = np.array([[0, 1], [1, 1], [1, 0]], dtype="<f4")  # v down
+    indices = np.array([0, 1, 2], dtype="<u4")
+    blob = positions.tobytes() + coordinates.tobytes() + indices.tobytes()
+    (path.parent / "model.bin").write_bytes(blob)
+    if with_file:
+        (path.parent / "texture.png").write_bytes(png(checker()))
+    for name, image in (images or {}).items():
+        (path.parent / name).write_bytes(png(image))
+    header = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, **(node or {})}],
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}
+        ],
+        "materials": [
+            {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, **(material or {})}, **(outer or {})}
+        ],
+        "textures": [{"source": index} for index in range(1 + len(images or {}))],
+        "images": [{"uri": "texture.png"}, *({"uri": name} for name in images or {})],
+        "buffers": [{"uri": "model.bin", "byteLength": len(blob)}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 24},
+            {"buffer": 0, "byteOffset": 60, "byteLength": 12},
+        ],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": 3,
+                "type": "VEC3",
+                "min": [0, 0, 0],
+                "max": [1, 1, 0],
+            },
+            {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5125, "count": 3, "type": "SCALAR"},
+        ],
+    }
+    path.write_text(json.dumps(header))
+    return path
 
 
 def canonical_triangles(mesh: TexturedMesh) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Readers of the four formats, material libraries and textures, on files made here."""
 
-import io
 import json
 import struct
 from pathlib import Path
@@ -15,6 +14,8 @@ from small_meshes import (
     canonical_triangles,
     checker,
     cube,
+    png,
+    write_gltf,
     write_textured_cube,
 )
 
@@ -182,55 +183,6 @@ def test_ply_with_texture_coordinates_and_a_texture_file(tmp_path):
     (tmp_path / "skin.png").unlink()
     with pytest.raises(InputError, match=r"skin\.png: the texture file does not exist"):
         load_mesh(path)
-
-
-def png(image: np.ndarray) -> bytes:
-    data = io.BytesIO()
-    Image.fromarray(image).save(data, "PNG")
-    return data.getvalue()
-
-
-def write_gltf(path: Path, *, node: dict, material: dict | None = None, with_file: bool = True) -> Path:
-    """A triangle with texture coordinates, in a node with a transform, textured by texture.png."""
-    positions = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], dtype="<f4")
-    coordinates = np.array([[0, 1], [1, 1], [1, 0]], dtype="<f4")  # v down
-    indices = np.array([0, 1, 2], dtype="<u4")
-    blob = positions.tobytes() + coordinates.tobytes() + indices.tobytes()
-    (path.parent / "model.bin").write_bytes(blob)
-    if with_file:
-        (path.parent / "texture.png").write_bytes(png(checker()))
-    header = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, **node}],
-        "meshes": [
-            {"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}
-        ],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, **(material or {})}}],
-        "textures": [{"source": 0}],
-        "images": [{"uri": "texture.png"}],
-        "buffers": [{"uri": "model.bin", "byteLength": len(blob)}],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
-            {"buffer": 0, "byteOffset": 36, "byteLength": 24},
-            {"buffer": 0, "byteOffset": 60, "byteLength": 12},
-        ],
-        "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": 5126,
-                "count": 3,
-                "type": "VEC3",
-                "min": [0, 0, 0],
-                "max": [1, 1, 0],
-            },
-            {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"},
-            {"bufferView": 2, "componentType": 5125, "count": 3, "type": "SCALAR"},
-        ],
-    }
-    path.write_text(json.dumps(header))
-    return path
 
 
 def test_gltf_applies_node_transforms_and_points_v_up(tmp_path):
