@@ -7,6 +7,7 @@ at a time, and no import of bpy before or beside other children.
 
 import contextlib
 import os
+import struct
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.child_process import end_with
-from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.render_request import Scene, Shots, load_request
+from objectfolder.vision.render_request import FACES_WITH_HOLES, Scene, Shots, load_request
 
 
 @contextlib.contextmanager
@@ -48,7 +48,8 @@ def render(scene: Scene, shots: Shots) -> np.ndarray:
     with silenced_stdout(), tempfile.TemporaryDirectory(prefix="objectfolder-cycles-") as folder:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         _set_up_render(shots, os.path.join(folder, "view.exr"))
-        _add_object(scene)
+        bpy.context.scene.cycles.transparent_max_bounces = FACES_WITH_HOLES if scene.has_holes else 0
+        _add_object(scene, folder)
         camera, light = _add_camera_and_light(shots)
         for index in range(len(images)):
             camera.matrix_world = shots.camera_to_world[index].T.tolist()
@@ -92,14 +93,14 @@ def _set_up_render(shots: Shots, path: str) -> None:
     cycles.blur_glossy = 0.0
     cycles.caustics_reflective = cycles.caustics_refractive = False
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = shots.bounces
-    cycles.transmission_bounces = cycles.volume_bounces = cycles.transparent_max_bounces = 0
+    cycles.transmission_bounces = cycles.volume_bounces = 0
     world = bpy.data.worlds.new("black")
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
     scene.world = world
 
 
-def _add_object(scene: Scene) -> None:
+def _add_object(scene: Scene, folder: str) -> None:
     import bpy
 
     points, normals, faces = split_at_creases(scene)
@@ -116,8 +117,8 @@ def _add_object(scene: Scene) -> None:
     coordinates.data.foreach_set("uv", scene.texture_coordinates.astype(np.float32).ravel())
     mesh.shade_smooth()
     mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", normals.ravel())
-    for texture in scene.textures:
-        mesh.materials.append(_material(texture, scene.appearance))
+    for index in range(len(scene.textures)):
+        mesh.materials.append(_material(scene, index, folder))
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("object", mesh))
 
 
@@ -134,26 +135,62 @@ def split_at_creases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, normals[first], inverse.reshape(-1, 3).astype(np.int32)
 
 
-def _material(texture: np.ndarray, appearance: Appearance) -> Any:
+def _material(scene: Scene, index: int, folder: str) -> Any:
     import bpy
 
-    height, width = texture.shape[:2]
-    image = bpy.data.images.new("texture", width, height, alpha=True)
-    image.colorspace_settings.name = "sRGB"
-    image.alpha_mode = "NONE"
-    image.pixels.foreach_set((texture[::-1] / np.float32(255)).astype(np.float32).ravel())
-    image.update()
     material = bpy.data.materials.new("surface")
     material.use_nodes = True
-    nodes = material.node_tree.nodes
-    base = nodes.new("ShaderNodeTexImage")
-    base.image = image
+    nodes, links = material.node_tree.nodes, material.node_tree.links
     shader = nodes["Principled BSDF"]
-    shader.inputs["Roughness"].default_value = appearance.roughness
-    shader.inputs["Metallic"].default_value = appearance.metallic
-    shader.inputs["Specular IOR Level"].default_value = appearance.specular
-    material.node_tree.links.new(base.outputs["Color"], shader.inputs["Base Color"])
+    shader.inputs["Roughness"].default_value = scene.appearance.roughness
+    shader.inputs["Metallic"].default_value = scene.appearance.metallic
+    shader.inputs["Specular IOR Level"].default_value = scene.appearance.specular
+    texture = scene.textures[index]
+    base = _image_node(nodes, texture, "sRGB", folder)
+    links.new(base.outputs["Color"], shader.inputs["Base Color"])
+    if (texture[..., 3] < 255).any():
+        # Colour and alpha are interpolated apart: a hole does not darken its rim.
+        base.image.alpha_mode = "CHANNEL_PACKED"
+        alpha = base.outputs["Alpha"]
+        if index in scene.alpha_cutoffs:
+            absent = nodes.new("ShaderNodeMath")
+            absent.operation = "LESS_THAN"
+            absent.inputs[1].default_value = scene.alpha_cutoffs[index]
+            links.new(alpha, absent.inputs[0])
+            present = nodes.new("ShaderNodeMath")
+            present.operation = "SUBTRACT"
+            present.inputs[0].default_value = 1.0
+            links.new(absent.outputs[0], present.inputs[1])
+            alpha = present.outputs[0]
+        links.new(alpha, shader.inputs["Alpha"])
+    for name, maps in (("Roughness", scene.roughness_maps), ("Metallic", scene.metallic_maps)):
+        if index in maps:
+            node = _image_node(nodes, np.repeat(maps[index][..., None], 4, axis=2), "Non-Color", folder)
+            split = nodes.new("ShaderNodeSeparateColor")
+            links.new(node.outputs["Color"], split.inputs["Color"])
+            links.new(split.outputs["Red"], shader.inputs[name])
     return material
+
+
+def _image_node(nodes: Any, pixels: np.ndarray, colour_space: str, folder: str) -> Any:
+    """Texture node of an (h, w, 4) uint8 image; bilinear, repeating.
+
+    The bytes go by an uncompressed Targa file: `Image.pixels` takes 16 bytes a texel, which
+    for 4096 a side adds a hundred MiB to the peak.
+    """
+    import bpy
+
+    height, width = pixels.shape[:2]
+    path = os.path.join(folder, f"{len(bpy.data.images)}.tga")
+    with open(path, "wb") as file:
+        file.write(struct.pack("<BBBHHBHHHHBB", 0, 0, 2, 0, 0, 0, 0, 0, width, height, 32, 8))
+        for row in pixels[::-1]:
+            file.write(row[:, [2, 1, 0, 3]].tobytes())
+    node = nodes.new("ShaderNodeTexImage")
+    node.image = bpy.data.images.load(path)
+    node.image.colorspace_settings.name = colour_space
+    node.image.alpha_mode = "NONE"
+    return node
 
 
 def _add_camera_and_light(shots: Shots) -> tuple[Any, Any]:

@@ -21,7 +21,8 @@ from objectfolder.vision.cameras import (
 )
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.cycles_process import render_in_children
-from objectfolder.vision.render_request import BOUNCES, LIGHT_POWER_W, Scene, Shots
+from objectfolder.vision.passes import cast_passes
+from objectfolder.vision.render_request import BOUNCES, LIGHT_POWER_W, Shots, unit_scene
 
 # Held-out views rendered a second time to measure the noise that is left in them.
 NOISE_VIEWS = 2
@@ -33,6 +34,13 @@ NOISE_FLOOR = (
     "errors pooled; foreground: over pixels that the object covers in part or whole"
 )
 
+TRANSMISSION = (
+    "none: glass and other clear materials are drawn as glossy opaque surfaces, for caustics of a point "
+    "light cannot be path traced; light passes only through holes (alpha)"
+)
+# Share of the covered pixels above which clipping is worth a warning.
+CLIPPED_SHARE = 0.01
+CLIPPED = "share of the pixels that the held-out views cover whose straight colour exceeds 1 in a channel"
 
 # Camera poses (n, 4, 4), light positions (n, 3) and path seeds (n,).
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -84,8 +92,11 @@ def simulate_views(
     Returns
     -------
     Product
-        ``rgba`` (view, y, x, channel) float16 scene-linear premultiplied, ``camera_to_world`` (view, 4, 4)
-        and ``light_position`` (view, 3) in the unit frame, ``held_out``, ``samples`` and ``seed`` (view,).
+        ``rgba`` (view, y, x, channel) float16 scene-linear premultiplied, averaged over each pixel;
+        ``depth``, ``normal``, ``albedo`` and ``mask`` at its centre (see `passes.Passes`);
+        ``camera_to_world`` (view, 4, 4) and ``light_position`` (view, 3) in the unit frame, ``held_out``,
+        ``samples`` and ``seed`` (view,).
+        Attributes say how it was made, how much noise is left, and in ``warnings`` what is wrong with it.
 
     Raises
     ------
@@ -104,15 +115,7 @@ def simulate_views(
     if held_out_views < 0:
         raise InputError("views.held_out_views", f"{held_out_views} is negative", "Give 0 or more.")
     frame = UnitFrame.of_points(mesh.vertices[np.unique(mesh.faces)])
-    scene = Scene(
-        vertices=frame.to_unit(mesh.vertices),
-        faces=mesh.faces,
-        corner_normals=mesh.surface.corner_normals,
-        texture_coordinates=mesh.texture_coordinates,
-        face_texture=mesh.face_texture,
-        textures=mesh.textures,
-        appearance=appearance,
-    )
+    scene = unit_scene(mesh, appearance, frame)
     training_stream, held_out_stream = np.random.SeedSequence(seed).spawn(2)
     training = _draw(training_stream, training_views, camera_radius)
     held_out = _draw(held_out_stream, held_out_views, camera_radius)
@@ -130,12 +133,32 @@ def simulate_views(
     floors = noise_floor(noisy[:NOISE_VIEWS], noisy[held_out_views:])
     cameras, lights, seeds = _joined(training, held_out)
     kept = np.arange(len(rgba)) >= training_views
+    passes = cast_passes(scene, cameras, (height, width), field_of_view_deg)
     samples = np.where(kept, held_out_samples, training_samples).astype(np.int32)
     return Product(
         {
             "rgba": Array(
                 rgba, ("view", "y", "x", "channel"), "1", "scene-linear premultiplied RGBA radiance"
             ),
+            "depth": Array(
+                passes.depth,
+                ("view", "y", "x"),
+                "1",
+                "depth along the camera's -z axis at the pixel's centre",
+            ),
+            "normal": Array(
+                passes.normal,
+                ("view", "y", "x", "axis"),
+                "1",
+                "shading normal at the pixel's centre, unit frame",
+            ),
+            "albedo": Array(
+                passes.albedo,
+                ("view", "y", "x", "channel"),
+                "1",
+                "scene-linear base colour at the pixel's centre",
+            ),
+            "mask": Array(passes.mask, ("view", "y", "x"), "1", "the pixel's centre shows the object"),
             "camera_to_world": Array(
                 cameras, ("view", "row", "column"), "1", "camera pose in the unit frame, OpenGL convention"
             ),
@@ -156,8 +179,15 @@ def simulate_views(
             "background": "none: alpha 0; on white by compositing.on_white",
             "pixel_filter": "box of one pixel",
             "renderer": _renderer(),
+            "transmission": TRANSMISSION,
+            "maps": {
+                "roughness": len(mesh.roughness_maps),
+                "metallic": len(mesh.metallic_maps),
+                "holes": scene.has_holes,
+            },
             "seed": seed,
             **floors,
+            **exposure(rgba[kept] if held_out_views else rgba),
         },
     )
 
@@ -200,6 +230,17 @@ def noise_floor(first: np.ndarray, second: np.ndarray) -> dict[str, Any]:
         "noise_floor_foreground_db": _decibels(error[covered]) if covered.any() else None,
         "noise_floor_definition": NOISE_FLOOR,
     }
+
+
+def exposure(rgba: np.ndarray) -> dict[str, Any]:
+    """Return the clipping attributes of views (n, h, w, 4): 8-bit images of them lose what is above 1."""
+    covered = rgba[rgba[..., 3] > 0].astype(np.float32)
+    clipped = (covered[:, :3] > covered[:, 3:]).any(axis=1)
+    share = float(clipped.mean()) if len(clipped) else 0.0
+    warnings = []
+    if share > CLIPPED_SHARE:
+        warnings.append(f"{100 * share:.1f} % of the covered pixels clip: lower the power of the light")
+    return {"clipped_share": share, "clipped_share_definition": CLIPPED, "warnings": warnings}
 
 
 def _decibels(squared_error: np.ndarray) -> float:

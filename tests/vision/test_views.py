@@ -12,8 +12,9 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import srgb_decode
 from objectfolder.vision.cycles_process import render_in_children
-from objectfolder.vision.render_request import Scene, Shots, load_request, save_request
-from objectfolder.vision.views import simulate_views
+from objectfolder.vision.passes import cast_passes
+from objectfolder.vision.render_request import Scene, Shots, load_request, save_request, unit_scene
+from objectfolder.vision.views import exposure, simulate_views
 
 LAMBERT = Appearance(roughness=1.0, metallic=0.0, specular=0.0)
 SMALL = {
@@ -26,11 +27,7 @@ SMALL = {
 
 
 def scene_of(mesh, appearance=LAMBERT) -> Scene:
-    frame = UnitFrame.of_points(mesh.vertices)
-    return Scene(
-        frame.to_unit(mesh.vertices), mesh.faces, mesh.surface.corner_normals, mesh.texture_coordinates,
-        mesh.face_texture, mesh.textures, appearance,
-    )  # fmt: skip
+    return unit_scene(mesh, appearance, UnitFrame.of_points(mesh.vertices))
 
 
 def test_a_lambert_sphere_has_the_analytic_radiance():
@@ -56,7 +53,7 @@ def test_a_lambert_sphere_has_the_analytic_radiance():
 
 
 def test_creases_of_a_welded_mesh_cast_no_shadow_on_their_own_faces():
-    mesh = dataclasses.replace(cube(), textures=(np.full((1, 1, 4), 188, dtype=np.uint8),))
+    mesh = dataclasses.replace(cube(), textures=(np.array([[[188, 188, 188, 255]]], np.uint8),))
     camera, light = look_at(np.array([[0.0, -2.5, 0.0]])), np.array([[0.1, -0.95, -0.3]])
     image = render_in_children(scene_of(mesh), Shots(camera, light, np.array([1]), 16, 33, 33, 20.0))[0]
     row, column = np.mgrid[4:29, 4:29]
@@ -69,8 +66,8 @@ def test_creases_of_a_welded_mesh_cast_no_shadow_on_their_own_faces():
     np.testing.assert_allclose(image[4:29, 4:29, 1].astype(float), expected, rtol=0.01)
 
 
-def test_each_face_has_its_texture_and_texture_alpha_is_ignored():
-    red, green = np.full((2, 2, 4), [200, 0, 0, 255], np.uint8), np.full((2, 2, 4), [0, 200, 0, 0], np.uint8)
+def test_each_face_has_its_texture():
+    red, green = (np.full((2, 2, 4), [*c, 255], np.uint8) for c in ([200, 0, 0], [0, 200, 0]))
     mesh = cube()
     upper = mesh.surface.face_normals[:, 2] > 0.5
     mesh = dataclasses.replace(mesh, textures=(red, green), face_texture=upper.astype(np.int32))
@@ -96,14 +93,17 @@ def test_projected_vertices_lie_on_the_rendered_silhouette():
     )
 
 
+@pytest.mark.slow
 def test_views_are_reproducible_whatever_the_threads_and_counts():
     first = simulate_views(cube(), Appearance(), **SMALL, seed=5)
     again = simulate_views(cube(), Appearance(), **{**SMALL, "training_views": 2}, seed=5, threads=2)
     assert "bpy" not in sys.modules
     for name in first.arrays:
         np.testing.assert_array_equal(first[name][[0, 1, 3, 4]], again[name], err_msg=name)
-    assert first["rgba"].shape == (5, 24, 32, 4)
-    assert first["rgba"].dtype == np.float16
+    shapes = {"rgba": (4,), "depth": (), "normal": (3,), "albedo": (3,), "mask": ()}
+    kinds = {"rgba": "f2", "depth": "f4", "normal": "f2", "albedo": "f2", "mask": "?"}
+    for name, channels in shapes.items():
+        assert (first[name].shape, first[name].dtype) == ((5, 24, 32, *channels), np.dtype(kinds[name]))
     assert first["held_out"].tolist() == [False] * 3 + [True] * 2
     assert first["samples"].tolist() == [4] * 3 + [16] * 2
     assert 20 < first.attributes["noise_floor_foreground_db"] < first.attributes["noise_floor_db"] < 90
@@ -131,9 +131,84 @@ def test_a_failed_render_process_says_why(monkeypatch):
 def test_a_request_survives_the_way_to_the_child(tmp_path):
     scene = scene_of(cube(), Appearance(0.25, 1.0, 0.0))
     shots = Shots(look_at(np.array([[0, 0, 2.5]])), np.array([[0.0, 0, 1]]), np.array([3]), 7, 8, 9, 40.0)
+    maps = {
+        "alpha_cutoffs": {0: 0.25}, "roughness_maps": {}, "metallic_maps": {0: np.eye(3, dtype=np.uint8)},
+    }  # fmt: skip
+    scene = dataclasses.replace(scene, **maps)
     save_request(tmp_path / "request.npz", scene, shots)
     found_scene, found_shots = load_request(tmp_path / "request.npz")
     assert found_scene.appearance == scene.appearance
+    assert (found_scene.alpha_cutoffs, found_scene.roughness_maps) == ({0: 0.25}, {})
+    np.testing.assert_array_equal(found_scene.metallic_maps[0], np.eye(3))
     np.testing.assert_array_equal(found_scene.textures[0], scene.textures[0])
     assert (found_shots.samples, found_shots.height, found_shots.width) == (7, 8, 9)
     np.testing.assert_array_equal(found_shots.camera_to_world, shots.camera_to_world)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("resolution", "field_of_view", "radius"), [((20, 44), 25.0, 3.0), ((36, 16), 80.0, 1.2)]
+)
+def test_any_resolution_field_of_view_and_radius(resolution, field_of_view, radius):
+    """The truth's silhouette and passes agree with the projection of the cube's corners."""
+    views = simulate_views(
+        cube(), Appearance(), **{**SMALL, "resolution": resolution}, field_of_view_deg=field_of_view,
+        camera_radius=radius,
+    )  # fmt: skip
+    corners = np.array(list(np.ndindex(2, 2, 2))) - 0.5
+    for view, pose in enumerate(views["camera_to_world"]):
+        alpha, mask = views["rgba"][view, ..., 3], views["mask"][view]
+        assert alpha.shape == resolution
+        # A convex outline passes few pixels whose centre and area disagree.
+        assert np.mean((alpha >= 0.5) != mask) < 0.03
+        places = project(corners, pose, resolution, field_of_view)
+        rows, columns = np.nonzero(mask)
+        ends = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+        limits = np.clip(
+            [*places.min(axis=0), *places.max(axis=0)], 0, [*resolution[::-1], *resolution[::-1]]
+        )
+        np.testing.assert_allclose(ends, limits, atol=1.5)
+
+
+def test_passes_of_a_cube_are_analytic():
+    mesh = cube()
+    pose = look_at(np.array([[0.0, -2.5, 0.0]]))
+    passes = cast_passes(scene_of(mesh), pose, (40, 60), 40.0)
+    row, column = np.mgrid[:40, :60]
+    focal = 30 / np.tan(np.radians(20))
+    inside = (np.abs((column + 0.5 - 30) / focal * 2.0) < 0.5) & (
+        np.abs((row + 0.5 - 20) / focal * 2.0) < 0.5
+    )
+    np.testing.assert_array_equal(passes.mask[0], inside)
+    np.testing.assert_allclose(passes.depth[0][inside], 2.0, atol=1e-5)
+    assert np.isinf(passes.depth[0][~inside]).all()
+    assert (passes.normal[0][~inside] == 0).all()
+    np.testing.assert_allclose(passes.normal[0][inside], np.tile([0, -1, 0], (inside.sum(), 1)), atol=1e-3)
+    colours = np.unique(passes.albedo[0][inside].round(2), axis=0)
+    expected = srgb_decode(np.array([[40, 60, 200], [40 // 3, 60 // 3, 200 // 3]]) / 255)
+    for colour in expected:
+        assert np.abs(colours - colour).max(axis=1).min() < 0.01
+
+
+def test_passes_see_the_inner_side_of_a_shell_and_nothing_behind_the_camera():
+    shell = sphere(0.5, (128, 128, 128), 3)
+    centre = np.eye(4)[None]
+    passes = cast_passes(scene_of(shell), centre, (9, 9), 90.0)
+    assert passes.mask.all()
+    np.testing.assert_allclose(passes.depth[0, 4, 4], 0.5, atol=0.01)
+    np.testing.assert_allclose(passes.normal[0, 4, 4].astype(float), [0, 0, 1], atol=0.02)
+    away = look_at(np.array([[0.0, -2.5, 0.0]]), np.array([0.0, -5.0, 0.0]))
+    assert not cast_passes(scene_of(shell), away, (9, 9), 90.0).mask.any()
+
+
+def test_clipping_is_counted_over_covered_pixels_and_warned_of():
+    rgba = np.zeros((1, 10, 20, 4), dtype=np.float16)
+    rgba[0, :5, :, :] = [0.2, 0.4, 0.5, 1.0]
+    rgba[0, 0, :2] = [0.1, 1.1, 0.2, 1.0]
+    rgba[0, 1, 0] = [0.1, 0.3, 0.3, 0.25]  # a covered quarter whose straight colour is 1.2
+    found = exposure(rgba)
+    assert found["clipped_share"] == pytest.approx(0.03)
+    assert found["warnings"] == ["3.0 % of the covered pixels clip: lower the power of the light"]
+    rgba[0, 0, :2] = rgba[0, 2, 0]
+    assert exposure(rgba)["warnings"] == []
+    assert exposure(np.zeros_like(rgba))["clipped_share"] == 0.0
