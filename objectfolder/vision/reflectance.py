@@ -1,7 +1,8 @@
 """The network: features of a point, and how it sends light on.
 
 Radiance = P / (4 pi^2) * (irradiance * reflectance(features, angles) + albedo * bounced(coarse features,
-normal, light, view)), where irradiance = visibility cos / d^2 is traced, not learned.
+normal, light, view)), where irradiance = visibility cos / d^2 is traced, not learned. The highlight in the
+reflectance is a GGX lobe whose strength is learned.
 """
 
 import math
@@ -14,6 +15,9 @@ from torch.nn import functional
 
 from objectfolder.vision.incidence import Incidence
 from objectfolder.vision.network_layout import ANGLES, COARSE_LEVELS, FEATURES, SURROUNDINGS, WIDTH
+
+# Keeps the highlight finite at grazing light and view.
+LEAST_COSINE = 0.01
 
 
 class _Interpolate(torch.autograd.Function):
@@ -73,6 +77,20 @@ def surrounding_inputs(points: Incidence, light_position: np.ndarray) -> np.ndar
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
+def highlight(angles: Tensor, log_alpha: Tensor) -> Tensor:
+    """Return (n, 1) D V of a GGX surface over its diffuse counterpart, from `angle_inputs`.
+
+    Trowbridge-Reitz distribution and height-correlated Smith visibility (Heitz 2014), pi left out; cosines
+    below `LEAST_COSINE` are taken as that.
+    """
+    alpha2 = torch.exp(2 * log_alpha)
+    light, camera, middle = (angles[:, column : column + 1] for column in (3, 5, 11))
+    light, camera = light.clamp(min=LEAST_COSINE), camera.clamp(min=LEAST_COSINE)
+    masked = light * torch.sqrt(camera**2 * (1 - alpha2) + alpha2)
+    shadowed = camera * torch.sqrt(light**2 * (1 - alpha2) + alpha2)
+    return alpha2 / (2 * (middle * middle * (alpha2 - 1) + 1) ** 2 * (masked + shadowed))
+
+
 class Reflectance(nn.Module):
     """Features on a sparse grid and two small perceptrons.
 
@@ -103,12 +121,13 @@ class Reflectance(nn.Module):
             nn.Linear(WIDTH, 3),
         )
         self.albedo = nn.Linear(features + 3, 3)
-        # GGX width of the highlight that the network scales: log alpha.
+        # GGX width of the highlight that the network scales.
         self.log_alpha = nn.Parameter(torch.tensor(math.log(0.25)))
 
-    def initialise(self, generator: torch.Generator) -> None:
-        """Draw the starting weights."""
+    def initialise(self, generator: torch.Generator, alpha: float = 0.25) -> None:
+        """Draw the starting weights; the highlight starts with GGX width `alpha`."""
         with torch.no_grad():
+            self.log_alpha.fill_(math.log(alpha))
             for table in self.tables:
                 table.uniform_(-0.001, 0.001, generator=generator)
             for module in self.modules():
@@ -131,9 +150,7 @@ class Reflectance(nn.Module):
         levels = [interpolate(table, *at) for table, at in zip(self.tables, interpolation, strict=True)]
         features = torch.cat(levels, dim=1)
         out = self.direct(torch.cat([features, angles], dim=1))
-        middle = angles[:, -1:]
-        alpha2 = torch.exp(2 * self.log_alpha)
-        lobe = alpha2 / (4 * (middle * middle * (alpha2 - 1) + 1) ** 2)
+        lobe = highlight(angles, self.log_alpha)
         albedo = torch.sigmoid(self.albedo(torch.cat([features, angles[:, :3]], dim=1)))
         reflectance = albedo * 2 * torch.sigmoid(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
         light = functional.softplus(self.bounced(torch.cat([*levels[:COARSE_LEVELS], surroundings], dim=1)))

@@ -14,6 +14,9 @@ from objectfolder.vision.incidence import Incidence, UnitSurface
 from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
 from objectfolder.vision.sparse_grid import SparseGrid
 
+# A mirror shows the lamp, a point, to no pixel: its highlight starts a little wider.
+LEAST_ALPHA = 0.0025
+
 
 @dataclass(frozen=True)
 class TrainingRays:
@@ -29,6 +32,8 @@ class TrainingRays:
         (pixels, 3) float32 straight linear colour.
     weight
         (pixels,) float32 squared coverage.
+    alpha
+        GGX width of the surface shown, where the highlight starts from.
     """
 
     position: np.ndarray
@@ -39,6 +44,7 @@ class TrainingRays:
     count: np.ndarray
     colour: np.ndarray
     weight: np.ndarray
+    alpha: float
 
 
 def trace_training_rays(
@@ -87,8 +93,9 @@ def trace_training_rays(
     )
     count, colour, weight = (np.concatenate(column) for column in zip(*pixels_of, strict=True))
     return TrainingRays(
-        position, angles, surroundings, irradiance, np.cumsum(count) - count, count, colour, weight
-    )
+        position, angles, surroundings, irradiance, np.cumsum(count) - count, count, colour, weight,
+        max(views.attributes["appearance"]["roughness"] ** 2, LEAST_ALPHA),
+    )  # fmt: skip
 
 
 def _inputs(points: Incidence, light: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -127,7 +134,7 @@ def train(
     generator = torch.Generator().manual_seed(seed)
     random = np.random.default_rng(seed)
     network = Reflectance(grid.sizes)
-    network.initialise(generator)
+    network.initialise(generator, rays.alpha)
     tables = list(network.tables)
     known = {id(table) for table in tables}
     others = [parameter for parameter in network.parameters() if id(parameter) not in known]
