@@ -15,7 +15,7 @@ from torch.nn import functional
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.incidence import Incidence
 from objectfolder.vision.network_layout import COARSE_LEVELS
-from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
+from objectfolder.vision.reflectance import Reflectance, angle_inputs, highlight, surrounding_inputs
 from objectfolder.vision.sparse_grid import CORNERS, HALF_WIDTH, SparseGrid
 
 # Rows that the network sees at a time, the last ones filled up: libraries round a matrix product by its
@@ -118,9 +118,7 @@ class Shading:
     ) -> list[Tensor]:
         network = self._network
         out = network.direct(torch.cat([features, angles], dim=1))
-        middle = angles[:, -1:]
-        alpha2 = torch.exp(2 * network.log_alpha)
-        lobe = alpha2 / (4 * (middle * middle * (alpha2 - 1) + 1) ** 2)
+        lobe = highlight(angles, network.log_alpha)
         reflectance = albedo * 2 * torch.sigmoid(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
         light = functional.softplus(network.bounced(torch.cat([coarse, around], dim=1)))
         return [irradiance * reflectance + albedo * light]
