@@ -50,7 +50,7 @@ def test_a_texel_has_its_colour_at_its_centre_and_the_mean_between_two():
     found = texture_colours(triangle(texture), np.zeros(3, dtype=int), weights)
     stored = texture[..., :3] / 255.0
     expected = [stored[1, 2], (stored[1, 2] + stored[1, 3]) / 2, (stored[1, 2] + stored[2, 2]) / 2]
-    np.testing.assert_allclose(found, srgb_decode(np.array(expected)), atol=1e-12)
+    np.testing.assert_allclose(found, srgb_decode(np.array(expected)), atol=1e-6)
 
 
 @given(
@@ -64,7 +64,7 @@ def test_textures_repeat_outside_the_unit_square(right, up, u, v):
     places = np.array([[u, v], [u + right, v + up]])
     weights = np.column_stack([1 - places.sum(axis=1), places])
     first, second = texture_colours(triangle(texture), np.zeros(2, dtype=int), weights)
-    np.testing.assert_allclose(first, second, atol=1e-9)
+    np.testing.assert_allclose(first, second, atol=1e-4)
 
 
 def test_several_textures_are_told_apart():
@@ -76,7 +76,7 @@ def test_several_textures_are_told_apart():
     found = texture_colours(both, np.arange(len(mesh.faces)), middle)
     alone = texture_colours(mesh, np.arange(len(mesh.faces)), middle)
     np.testing.assert_array_equal(found[chosen == 0], alone[chosen == 0])
-    np.testing.assert_allclose(found[chosen == 1], srgb_decode(np.array(128 / 255)))
+    np.testing.assert_allclose(found[chosen == 1], srgb_decode(np.array(128 / 255)), atol=1e-6)
 
 
 @pytest.mark.parametrize("shading", ["lambert", "shadowed lambert"])

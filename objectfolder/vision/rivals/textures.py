@@ -1,7 +1,8 @@
 """What an object looks like to those who know its mesh and texture but trace no light.
 
 Both use the source mesh and its texture, far more than an Object File holds, the true light, and the same
-integration over pixels as VisionNet; what they lack is reflections, and light that has bounced.
+integration over pixels as VisionNet; what they lack is reflections, and light that has bounced. Holes of a
+texture are taken as closed.
 """
 
 from functools import partial
@@ -12,6 +13,7 @@ import numpy as np
 from objectfolder.errors import InputError, QueryError
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.texture_lookup import bilinear
 from objectfolder.store import Product
 from objectfolder.vision.cameras import image_size
 from objectfolder.vision.compositing import srgb_decode
@@ -26,25 +28,13 @@ SUB_RAYS = 64
 def texture_colours(mesh: TexturedMesh, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
     """Return linear base colours (n, 3) at barycentric coordinates (n, 3) of faces (n,).
 
-    As Cycles does: textures repeat, are interpolated linearly between the centres of four texels as they are
-    stored, and decoded then.
+    Interpolated as stored and decoded then, as Cycles does.
     """
     coordinates = np.einsum("ij,ijk->ik", barycentric, mesh.texture_coordinates[face])
     colours = np.empty((len(face), 3))
     for index, texture in enumerate(mesh.textures):
         chosen = mesh.face_texture[face] == index
-        height, width = texture.shape[:2]
-        x = coordinates[chosen, 0] * width - 0.5
-        y = (1.0 - coordinates[chosen, 1]) * height - 0.5
-        left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-        right_share, lower_share = (x - left)[:, None], (y - top)[:, None]
-
-        def texel(row: np.ndarray, column: np.ndarray, image: np.ndarray = texture) -> np.ndarray:
-            return image[row % image.shape[0], column % image.shape[1], :3] / 255.0
-
-        upper = texel(top, left) * (1 - right_share) + texel(top, left + 1) * right_share
-        lower = texel(top + 1, left) * (1 - right_share) + texel(top + 1, left + 1) * right_share
-        colours[chosen] = upper * (1 - lower_share) + lower * lower_share
+        colours[chosen] = bilinear(texture[..., :3], coordinates[chosen])
     return srgb_decode(colours)
 
 
