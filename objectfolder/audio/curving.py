@@ -2,32 +2,38 @@
 
 Few large elements carry a smooth wall well only when they follow its curvature: edges of the boundary become
 parabolas, by least squares through the nearest points of the target surface that face the same way. Sharp
-edges go to sharp edges. (Cubics follow the noise of a scan, which then takes functions of a higher order to
-ring well: a scanned spoon was estimated four times further off.)
+edges go to sharp edges. Then vertices and parabolas together are fitted to the target over whole faces: the
+boundary lies on it in the mean, also where it curves within one face, as at a rounded rim. (Cubics follow the
+noise of a scan, which then takes functions of a higher order to ring well: a scanned spoon was estimated four
+times further off.)
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
+from objectfolder.audio.facing_target import SHARP_TURN, FacingTarget
 from objectfolder.audio.hierarchic import EDGES, differentiate, evaluate, functions, quadrature
 from objectfolder.audio.space import Space
+from objectfolder.geometry.edges import edge_table
 from objectfolder.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Chosen = NDArray[np.bool_]
 GEOMETRY_ORDER = 2
 # Smallest Jacobian of a bent element over its own mean, and of an element with moved corners over before.
 LEAST_JACOBIAN, LEAST_SHRINKING = 0.1, 0.4
-CANDIDATES = 12
-SAMPLES = 60_000
-# Degrees between faces at a sharp edge.
-SHARP_TURN = 35.0
 # A boundary point may move by so much of the length of the shortest edge at it.
 FARTHEST = 0.5
+# Edges are bent and faces fitted with so many points along each side.
+DIVISIONS = 4
+FITS = 3
+# Weight of staying where it is against that of the target.
+STAYING = 0.01
 
 
 def curve(space: Space, faces: Integers, normals: Floats, target: Surface) -> tuple[Space, dict[str, Any]]:
@@ -38,7 +44,7 @@ def curve(space: Space, faces: Integers, normals: Floats, target: Surface) -> tu
     space
         Of order 2 or more, straight, positions in the unit of `target`.
     faces
-        (f, 3) boundary triangles as corner numbers.
+        (f, 3) boundary triangles as corner numbers, outward.
     normals
         (f, 3) their outward unit normals.
     target
@@ -58,189 +64,165 @@ def curve(space: Space, faces: Integers, normals: Floats, target: Surface) -> tu
     """
     if space.order < GEOMETRY_ORDER:
         raise ValueError(f"elements of order {space.order} cannot be bent")
-    nearest = _FacingPoints(target)
-    geometry, snapped = _snap_vertices(space, faces, normals, nearest)
-    geometry = _bend(space, geometry, faces, normals, nearest)
+    boundary = _Boundary(space, faces, normals)
+    facing = FacingTarget(target)
+    geometry, creased = _snap_vertices(space, boundary, facing)
+    geometry, creased_edges = _bend(space, geometry, boundary, facing)
+    free = np.ones(len(geometry), dtype=bool)
+    free[boundary.vertices[creased]] = free[boundary.numbers[creased_edges]] = False
     geometry, held = _unfold(space, geometry)
+    for _ in range(FITS):
+        free[space.numbers[held, 4:10]] = False
+        geometry = _fit(space, geometry, boundary, facing, free)
+        geometry, more = _unfold(space, geometry)
+        held |= more
     bent = space.shaped(geometry)
+    moved = geometry[: space.vertex_count] != space.geometry[: space.vertex_count]
     return bent, {
         "curved_elements": int(bent.curved.sum()),
-        "held_straight": held,
-        "snapped_vertices": snapped,
+        "held_straight": int(held.sum()),
+        "snapped_vertices": int(np.count_nonzero(moved.any(axis=1))),
     }
 
 
-class _FacingPoints:
-    """Nearest points of a surface that face a given way."""
+class _Boundary:
+    """The outside of a space of straight elements."""
 
-    def __init__(self, target: Surface) -> None:
-        self._target = target
-        extra = target.sample(SAMPLES, 0)
-        centres = target.vertices[target.faces].mean(axis=1)
-        self._points = np.concatenate([centres, extra.points])
-        self._faces = np.concatenate([np.arange(len(target.faces)), extra.face])
-        self._trees: dict[float, cKDTree] = {}
-        self._segments = _creases(target)
-        length = np.linalg.norm(self._segments[:, 1] - self._segments[:, 0], axis=1)
-        typical = float(np.median(length)) if len(length) else 1.0
-        parts = np.maximum(1, np.ceil(length / max(typical, 1e-300))).astype(np.int64)
-        self._segment = np.repeat(np.arange(len(length)), parts)
-        within = np.arange(len(self._segment)) - np.repeat(np.cumsum(parts) - parts, parts)
-        at = ((within + 0.5) / parts[self._segment])[:, None]
-        start, end = self._segments[self._segment, 0], self._segments[self._segment, 1]
-        self._crease_tree = cKDTree(start + at * (end - start)) if len(length) else None
-
-    def creases(self, points: Floats, _: Floats, reach: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Nearest points (n, 3) of sharp edges, and whether one was found within `reach` (n,)."""
-        if self._crease_tree is None:
-            return points.copy(), np.zeros(len(points), dtype=bool)
-        count = min(4, len(self._segment))
-        found = np.reshape(self._crease_tree.query(points, count)[1], (len(points), count))
-        segment = self._segments[self._segment[found]]
-        along = segment[:, :, 1] - segment[:, :, 0]
-        offset = points[:, None] - segment[:, :, 0]
-        squared = np.maximum(np.einsum("nkd,nkd->nk", along, along), 1e-300)
-        part = np.einsum("nkd,nkd->nk", offset, along) / squared
-        closest = segment[:, :, 0] + np.clip(part, 0, 1)[:, :, None] * along
-        distance = np.linalg.norm(closest - points[:, None], axis=2)
-        rows, best = np.arange(len(points)), distance.argmin(axis=1)
-        return closest[rows, best], distance[rows, best] <= reach / 2
-
-    def __call__(self, points: Floats, normals: Floats, reach: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Nearest points (n, 3), and whether one was found within `reach` (n,) that faces along (n, 3)."""
-        scale = float(np.median(reach))
-        if scale not in self._trees:
-            features = [self._points, scale * self._target.face_normals[self._faces]]
-            self._trees[scale] = cKDTree(np.concatenate(features, axis=1))
-        _, found = self._trees[scale].query(np.concatenate([points, scale * normals], axis=1), CANDIDATES)
-        candidates = self._faces[found]
-        corner = self._target.vertices[self._target.faces[candidates]]
-        closest = _closest_on_triangles(np.repeat(points, CANDIDATES, axis=0), corner.reshape(-1, 3, 3))
-        closest = closest.reshape(len(points), CANDIDATES, 3)
-        distance = np.linalg.norm(closest - points[:, None], axis=2)
-        facing = np.einsum("nkd,nd->nk", self._target.face_normals[candidates], normals) > 0.3
-        distance[~facing] = np.inf
-        best = distance.argmin(axis=1)
-        rows = np.arange(len(points))
-        return closest[rows, best], distance[rows, best] <= reach
+    def __init__(self, space: Space, faces: Integers, normals: Floats) -> None:
+        self.normals = normals
+        self.corners = np.sort(faces, axis=1)
+        table = edge_table(self.corners)
+        self.edges = table.vertices
+        # Sides 01, 12 and 20 of the sorted corners; 20 runs from 0 to 2 there.
+        self.sides = table.of_corner.reshape(-1, 3)
+        self.numbers = _edge_functions(space, self.edges)
+        self.vertices, self.vertex_normals = _mean_normals(faces.reshape(-1), np.repeat(normals, 3, axis=0))
+        _, self.edge_normals = _mean_normals(self.sides.reshape(-1), np.repeat(normals, 3, axis=0))
+        one, other = table.manifold_pairs()
+        turned = np.einsum("ij,ij->i", normals[one // 3], normals[other // 3])
+        self.sharp = np.zeros(len(self.edges), dtype=bool)
+        self.sharp[table.of_corner[one[turned < np.cos(np.radians(SHARP_TURN))]]] = True
+        positions = space.geometry[: space.vertex_count]
+        self.lengths = np.linalg.norm(positions[self.edges[:, 1]] - positions[self.edges[:, 0]], axis=1)
+        self.shortest = np.full(space.vertex_count, np.inf)
+        np.minimum.at(self.shortest, self.edges.ravel(), np.repeat(self.lengths, 2))
 
 
-def _creases(target: Surface) -> Floats:
-    """Sharp edges of a surface, (n, 2, 3)."""
-    faces = target.faces
-    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    edges, inverse = np.unique(pairs, axis=0, return_inverse=True)
-    sharp = _sharp(inverse.reshape(3, -1), target.face_normals, len(edges))
-    return np.asarray(target.vertices[edges[sharp]])
-
-
-def _closest_on_triangles(points: Floats, corner: Floats) -> Floats:
-    """Nearest point of triangle i (n, 3, 3) to point i (n, 3)."""
-    a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
-    u, v, w = b - a, c - a, points - a
-    uu, uv, vv = (np.einsum("nd,nd->n", p, q) for p, q in ((u, u), (u, v), (v, v)))
-    wu, wv = np.einsum("nd,nd->n", w, u), np.einsum("nd,nd->n", w, v)
-    determinant = np.maximum(uu * vv - uv * uv, 1e-300)
-    s, t = (vv * wu - uv * wv) / determinant, (uu * wv - uv * wu) / determinant
-    best = a + s[:, None] * u + t[:, None] * v
-    inside = (s >= 0) & (t >= 0) & (s + t <= 1)
-    nearest = np.where(inside, np.linalg.norm(points - best, axis=1), np.inf)
-    for start, edge in ((a, u), (a, v), (b, c - b)):
-        along = np.einsum("nd,nd->n", points - start, edge) / np.maximum(
-            np.einsum("nd,nd->n", edge, edge), 1e-300
-        )
-        candidate = start + np.clip(along, 0, 1)[:, None] * edge
-        distance = np.linalg.norm(points - candidate, axis=1)
-        closer = distance < nearest
-        best[closer], nearest[closer] = candidate[closer], distance[closer]
-    return best
-
-
-def _snap_vertices(
-    space: Space, faces: Integers, normals: Floats, nearest: _FacingPoints
-) -> tuple[Floats, int]:
-    """Geometry with boundary vertices on the surface, where that flattens no element."""
-    vertex, outward = _mean_normals(faces.reshape(-1), np.repeat(normals, 3, axis=0))
+def _snap_vertices(space: Space, boundary: _Boundary, facing: FacingTarget) -> tuple[Floats, Chosen]:
+    """Geometry with boundary vertices on the surface as far as elements bear; which are at creases."""
+    vertex = boundary.vertices
     positions = space.geometry[: space.vertex_count]
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    length = np.linalg.norm(positions[ends[:, 0]] - positions[ends[:, 1]], axis=1)
-    shortest = np.full(space.vertex_count, np.inf)
-    np.minimum.at(shortest, ends.ravel(), np.repeat(length, 2))
-    reach = FARTHEST * shortest[vertex]
-    moved, found = nearest(positions[vertex], outward, reach)
-    corners = np.sort(faces, axis=1)
-    pairs = np.concatenate([corners[:, [0, 1]], corners[:, [0, 2]], corners[:, [1, 2]]])
-    edges, inverse = np.unique(pairs, axis=0, return_inverse=True)
-    sharp = np.isin(vertex, edges[_sharp(inverse.reshape(3, -1), normals, len(edges))])
-    at_crease, creased = nearest.creases(positions[vertex], outward, reach)
-    moved[sharp & creased], found[sharp & creased] = at_crease[sharp & creased], True
+    reach = FARTHEST * boundary.shortest[vertex]
+    moved, _, found = facing.places(positions[vertex], boundary.vertex_normals, reach)
+    at_crease, creased = facing.creases(positions[vertex], reach / 2)
+    creased &= np.isin(vertex, boundary.edges[boundary.sharp])
+    moved[creased], found[creased] = at_crease[creased], True
     wanted = np.zeros_like(positions)
     wanted[vertex[found]] = moved[found] - positions[vertex[found]]
-    before = _volumes(positions, space.tetrahedra)
-    for _ in range(4):
-        ratio = _volumes(positions + wanted, space.tetrahedra) / before
-        bad = ratio < LEAST_SHRINKING
+    geometry = space.geometry.copy()
+    geometry[: space.vertex_count] += _bearable(positions, space.tetrahedra, wanted)
+    return geometry, creased
+
+
+def _bearable(positions: Floats, tetrahedra: Integers, wanted: Floats) -> Floats:
+    """Movements (v, 3) cut back until no element loses more than it may of its volume."""
+    before = _volumes(positions, tetrahedra)
+    wanted = wanted.copy()
+    for attempt in range(4 + len(positions)):
+        bad = _volumes(positions + wanted, tetrahedra) / before < LEAST_SHRINKING
         if not bad.any():
             break
-        wanted[space.tetrahedra[bad].ravel()] *= 0.5
-    else:
-        for _ in range(len(positions)):
-            bad = _volumes(positions + wanted, space.tetrahedra) / before < LEAST_SHRINKING
-            if not bad.any():
-                break
-            wanted[space.tetrahedra[bad].ravel()] = 0.0
-    geometry = space.geometry.copy()
-    geometry[: space.vertex_count] += wanted
-    return geometry, int(np.count_nonzero(np.any(wanted != 0, axis=1)))
+        wanted[tetrahedra[bad].ravel()] *= 0.5 if attempt < 4 else 0.0
+    return wanted
 
 
-def _bend(space: Space, geometry: Floats, faces: Integers, normals: Floats, nearest: _FacingPoints) -> Floats:
-    """Geometry with the edges of the boundary bent."""
-    corners = np.sort(faces, axis=1)
-    pairs = np.concatenate([corners[:, [0, 1]], corners[:, [0, 2]], corners[:, [1, 2]]])
-    edges, inverse = np.unique(pairs, axis=0, return_inverse=True)
-    inverse = inverse.reshape(3, -1)
-    _, outward = _mean_normals(inverse.ravel(), np.tile(normals, (3, 1)))
-    reach = FARTHEST / 2 * np.linalg.norm(geometry[edges[:, 1]] - geometry[edges[:, 0]], axis=1)
-    numbers = _edge_functions(space, edges)
-    sharp = _sharp(inverse, normals, len(edges))
-
-    along = np.arange(1, 8) / 8
+def _bend(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarget) -> tuple[Floats, Chosen]:
+    """Geometry with the edges of the boundary bent, and which follow a crease."""
+    ends = geometry[boundary.edges]
+    along = np.arange(1, 2 * DIVISIONS) / (2 * DIVISIONS)
+    many = len(along)
+    reach = np.repeat(FARTHEST / 2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), many)
     on_edge = np.stack([1 - along, along, 0 * along, 0 * along], axis=1)
-    movement, found = _movements(geometry[edges], on_edge[:, :2], outward, reach, nearest)
-    at_crease, creased = _movements(geometry[edges], on_edge[:, :2], outward, reach, nearest.creases)
-    use = sharp & creased
-    movement[use], found[use] = at_crease[use], True
+    points = np.einsum("pk,nkd->npd", on_edge[:, :2], ends)
+    flat = points.reshape(-1, 3)
+    places, _, near = facing.places(flat, np.repeat(boundary.edge_normals, many, axis=0), reach)
+    at_crease, creased = facing.creases(flat, reach / 2)
+    found = near.reshape(-1, many).all(axis=1)
+    use = boundary.sharp & creased.reshape(-1, many).all(axis=1)
+    movement = places.reshape(points.shape) - points
+    movement[use], found[use] = (at_crease.reshape(points.shape) - points)[use], True
     geometry = geometry.copy()
-    shape = evaluate(on_edge, GEOMETRY_ORDER)[
-        :, next(i for i, f in enumerate(functions(2)) if f.corners == (0, 1))
-    ]
-    geometry[numbers[found]] = np.einsum("p,epd->ed", shape / (shape @ shape), movement[found])
-    return geometry
+    shape = evaluate(on_edge, GEOMETRY_ORDER)[:, 4 + _local_edge(0, 1)]
+    geometry[boundary.numbers[found]] = np.einsum("p,epd->ed", shape / (shape @ shape), movement[found])
+    return geometry, use
 
 
-def _movements(
-    ends: Floats,
-    weights: Floats,
-    outward: Floats,
-    reach: Floats,
-    nearest: Callable[[Floats, Floats, Floats], tuple[Floats, NDArray[np.bool_]]],
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Ways (n, points, 3) from points of edges to the surface, and whether all of each have one."""
-    points = np.einsum("pk,nkd->npd", weights, ends)
-    many = len(weights)
-    moved, found = nearest(points.reshape(-1, 3), np.repeat(outward, many, axis=0), np.repeat(reach, many))
-    return moved.reshape(points.shape) - points, found.reshape(-1, many).all(axis=1)
+def _fit(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarget, free: Chosen) -> Floats:
+    """Geometry with boundary vertices and edges moved along their normals, nearest to the target in the mean.
+
+    One step of Gauss and Newton on the squared distances along the target's normals, integrated over the
+    boundary; functions that are not `free` (function,) stay.
+    """
+    points, weights, slopes = _on_face()
+    numbers = np.concatenate([boundary.corners, boundary.numbers[boundary.sides]], axis=1)
+    shape = geometry[numbers]
+    here = np.einsum("pk,fkd->fpd", weights, shape)
+    first, second = (np.einsum("pk,fkd->fpd", slope, shape) for slope in slopes)
+    area = np.cross(first, second)
+    area *= np.sign(np.einsum("fpd,fd->fp", area, boundary.normals))[:, :, None]
+    size = np.linalg.norm(area, axis=2)
+    outward = area / np.maximum(size, 1e-300)[:, :, None]
+    many = len(points)
+    reach = np.repeat(FARTHEST / 2 * boundary.lengths[boundary.sides].min(axis=1), many)
+    places, normals, found = facing.places(here.reshape(-1, 3), outward.reshape(-1, 3), reach)
+    gap = np.einsum("id,id->i", places - here.reshape(-1, 3), normals)
+    found &= np.abs(gap) <= reach
+
+    direction = np.zeros_like(geometry)
+    direction[boundary.vertices] = boundary.vertex_normals
+    direction[boundary.numbers] = boundary.edge_normals
+    effect = np.einsum("pk,fkd,fpd->fpk", weights, direction[numbers], normals.reshape(here.shape))
+    effect *= free[numbers][:, None]
+    columns, unknown = np.unique(numbers, return_inverse=True)
+    unknown = unknown.reshape(numbers.shape)
+    scaled = size.ravel() * found
+    pairs = (np.repeat(np.arange(len(gap)), numbers.shape[1]), np.repeat(unknown, many, axis=0).ravel())
+    matrix = sparse.csr_matrix((effect.ravel(), pairs), shape=(len(gap), len(columns)))
+    weighted = matrix.T @ sparse.diags(scaled)
+    normal = (weighted @ matrix).tocsc()
+    diagonal = normal.diagonal()
+    stay = STAYING * diagonal + np.where(diagonal > 0, 0.0, 1.0)
+    step = np.asarray(spsolve(normal + sparse.diags(stay).tocsc(), weighted @ gap))
+    wanted = np.zeros_like(geometry)
+    wanted[columns] = step[:, None] * direction[columns]
+    count = space.vertex_count
+    geometry = geometry.copy()
+    wanted[:count] = _bearable(geometry[:count], space.tetrahedra, wanted[:count])
+    return geometry + wanted
 
 
-def _sharp(edges_of_face: Integers, normals: Floats, count: int) -> NDArray[np.bool_]:
-    """Which boundary edges (count,) part faces that turn by more than `SHARP_TURN`."""
-    total = np.zeros((count, 3))
-    shared = np.bincount(edges_of_face.ravel(), minlength=count)
-    for row in edges_of_face:
-        np.add.at(total, row, normals)
-    # Two unit normals at an angle t have a sum of length 2 cos(t / 2).
-    return (shared == 2) & (np.linalg.norm(total, axis=1) < 2 * np.cos(np.radians(SHARP_TURN) / 2))
+def _on_face() -> tuple[Floats, Floats, tuple[Floats, Floats]]:
+    """Points (p, 3) even over a triangle; values (p, 6) there of corners and sides 01, 12, 02; slopes, twice.
+
+    The slopes are along sides 01 and 02.
+    """
+    upright = [(i, j) for i in range(DIVISIONS) for j in range(DIVISIONS - i)]
+    turned = [(i, j) for i in range(DIVISIONS - 1) for j in range(DIVISIONS - 1 - i)]
+    second = np.array(
+        [(i + 1 / 3, j + 1 / 3) for i, j in upright] + [(i + 2 / 3, j + 2 / 3) for i, j in turned]
+    )
+    second /= DIVISIONS
+    points = np.concatenate([1 - second.sum(axis=1, keepdims=True), second], axis=1)
+    everywhere = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
+    chosen = [0, 1, 2] + [4 + _local_edge(a, b) for a, b in ((0, 1), (1, 2), (0, 2))]
+    values = evaluate(everywhere, GEOMETRY_ORDER)[:, chosen]
+    slope = differentiate(everywhere, GEOMETRY_ORDER)[:, chosen]
+    return points, values, (slope[:, :, 1] - slope[:, :, 0], slope[:, :, 2] - slope[:, :, 0])
+
+
+def _local_edge(a: int, b: int) -> int:
+    """Place of an edge of the reference element among the functions of order 2."""
+    return next(i for i, f in enumerate(functions(2)[4:]) if f.corners == (a, b))
 
 
 def _edge_functions(space: Space, edges: Integers) -> Integers:
@@ -254,8 +236,8 @@ def _edge_functions(space: Space, edges: Integers) -> Integers:
     return np.asarray(space.numbers[:, 4:10].T.ravel()[first[wanted]])
 
 
-def _unfold(space: Space, geometry: Floats) -> tuple[Floats, int]:
-    """Geometry in which no element is folded or nearly so, and how many had to be bent less."""
+def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen]:
+    """Geometry in which no element is folded or nearly so, and which (t,) had to be bent less."""
     points, _ = quadrature(2 * GEOMETRY_ORDER)
     corners_too = np.concatenate([points, np.eye(4), (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]]) / 2])
     derivative = differentiate(corners_too, GEOMETRY_ORDER)
@@ -278,7 +260,7 @@ def _unfold(space: Space, geometry: Floats) -> tuple[Floats, int]:
             break
         held[folded] = True
         geometry[np.unique(space.numbers[folded, 4:count])] *= 0.5 if step < 4 else 0.0
-    return geometry, int(held.sum())
+    return geometry, held
 
 
 def _mean_normals(groups: Integers, normals: Floats) -> tuple[Integers, Floats]:
