@@ -14,14 +14,15 @@ COMPARED = (
 )
 MEASURES = ("psnr_db", "psnr_foreground_db", "ssim", "cpu_s", "cpu_s_alone", "bytes", "training_cpu_s")
 LOOKS = {
-    "VisionNet, reference": ("tab:blue", "o-"),
+    "VisionNet, compiled": ("tab:blue", "o-"),
+    "VisionNet, reference": ("tab:cyan", "o-"),
     "Cycles": ("tab:red", "s-"),
     "ObjectFolder 1.0 network": ("tab:purple", "D"),
     "unlit texture": ("tab:gray", "v"),
     "lambert texture": ("tab:olive", "^"),
     "shadowed lambert texture": ("tab:green", "P"),
 }
-OTHER_LOOK = ("tab:cyan", "o-")
+OTHER_LOOK = ("tab:brown", "o-")
 
 
 def conclude(rows: list[dict[str, Any]], settings: dict[str, Any]) -> None:
