@@ -10,6 +10,8 @@ FEATURES = (8, 8, 4, 3)
 COARSE_LEVELS = 2
 ANGLES = 12
 SURROUNDINGS = 31
+# Cosines of light and camera in the highlight's masking are at least this: finite at grazing angles.
+LEAST_COSINE = 0.01
 
 
 def weight_shapes(sizes: Sequence[int]) -> dict[str, tuple[int, ...]]:

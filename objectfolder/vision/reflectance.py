@@ -14,10 +14,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from objectfolder.vision.incidence import Incidence
-from objectfolder.vision.network_layout import ANGLES, COARSE_LEVELS, FEATURES, SURROUNDINGS, WIDTH
-
-# Keeps the highlight finite at grazing light and view.
-LEAST_COSINE = 0.01
+from objectfolder.vision.network_layout import (
+    ANGLES,
+    COARSE_LEVELS,
+    FEATURES,
+    LEAST_COSINE,
+    SURROUNDINGS,
+    WIDTH,
+)
 
 
 class _Interpolate(torch.autograd.Function):
