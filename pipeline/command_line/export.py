@@ -271,8 +271,8 @@ def _stored_colours(
             "the source's texture at the nearest point",
             0.0,
         )
-    # Half a cell of the network's grid: it knows nothing finer.
-    finest = file.frame.scale / file.description["vision"]["grid_resolution"] / 2
+    # A quarter of a cell of the network's grid: between, its colours are nearly linear.
+    finest = file.frame.scale / file.description["vision"]["grid_resolution"] / 4
     return (
         surface,
         lambda face, at: network_colour(file.vision, surface, file.frame, face, at, appearance.metallic),

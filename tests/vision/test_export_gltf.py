@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import quad
 from vision_shapes import cube, sphere
 
 from objectfolder.errors import InputError
@@ -24,7 +24,9 @@ from objectfolder.vision.export.base_colour import nearest_texture_colour, netwo
 from objectfolder.vision.export.credit import Credit
 from objectfolder.vision.export.gltf import Part, write_glb
 from objectfolder.vision.export.textured_surface import bake, write_mesh, write_surface
-from objectfolder.vision.network_layout import weight_shapes
+from objectfolder.vision.incidence import Incidence
+from objectfolder.vision.network_layout import SURROUNDINGS, weight_shapes
+from objectfolder.vision.reflectance import Reflectance, angle_inputs
 from objectfolder.vision.sparse_grid import SparseGrid
 from objectfolder.vision.visionnet import VisionNet
 
@@ -295,6 +297,13 @@ def constant_network(surface: Surface, albedo: float, lobe: float, log_alpha: fl
     return VisionNet(surface, frame, grid, weights, radiance_scale=0.3, camera_radius=2.5)
 
 
+def weights_of(network: VisionNet) -> tuple[tuple[int, ...], dict[str, torch.Tensor]]:
+    """Grid sizes and weights of a VisionNet by the names its network has for them."""
+    tensors = {name.removeprefix("vision."): value for name, value in network.tensors().items()}
+    grid = SparseGrid.from_bytes(tensors.pop("grid"), 16)
+    return grid.sizes, {name: torch.from_numpy(np.asarray(value)) for name, value in tensors.items()}
+
+
 def test_colour_of_a_lambertian_network_is_its_albedo(ball):
     network = constant_network(ball, 0.35, 0.0, -1.0)
     frame, samples = UnitFrame.of_points(ball.vertices), ball.sample(50, 0)
@@ -308,16 +317,23 @@ def test_colour_of_a_lambertian_network_is_its_albedo(ball):
 @pytest.mark.parametrize("alpha", [0.1, 0.25, 0.6])
 def test_colour_of_a_highlight_is_its_integral(ball, alpha):
     network = constant_network(ball, 0.2, 0.7, np.log(alpha))
-
-    def integrand(angle: float) -> float:
-        middle = np.cos(angle / 2) ** 2
-        lobe = alpha**2 / (4 * (middle * (alpha**2 - 1) + 1) ** 2)
-        return (0.2 + 0.7 * lobe) * 2 * np.sin(angle) * np.cos(angle)
-
-    expected = quad(integrand, 0, np.pi / 2)[0]
+    reflectance = Reflectance(weights_of(network)[0])
+    reflectance.load_state_dict(weights_of(network)[1])
+    # A camera on the normal and 4000 lights from there to the horizon: the rule of the mean in the angle.
+    angle = (np.arange(4000) + 0.5) / 4000 * np.pi / 2
+    normal = np.tile([0.0, 0.0, 1.0], (4000, 1))
+    to_light = np.stack([np.sin(angle), np.zeros(4000), np.cos(angle)], axis=1)
+    points = Incidence(normal * 0.5, normal, normal, to_light, np.ones(4000), np.ones(4000))
+    inputs = (torch.from_numpy(angle_inputs(points)), torch.zeros(4000, SURROUNDINGS))
+    nowhere = [(np.zeros((4000, 8), dtype=np.int32), np.zeros((4000, 8), dtype=np.float32))] * 4
+    with torch.inference_mode():
+        lit, dark = (reflectance(nowhere, *inputs, torch.full((4000,), level)) for level in (1.0, 0.0))
+    weights = 2 * np.sin(angle) * np.cos(angle) * np.pi / 2 / 4000
+    expected = weights @ (lit - dark).numpy().astype(np.float64)
+    assert expected.min() > 0.21
     frame, samples = UnitFrame.of_points(ball.vertices), ball.sample(20, 0)
     colour = network_colour(network, ball, frame, samples.face, samples.barycentric, metallic=1.0)[:, :3]
-    np.testing.assert_allclose(srgb_decode(colour), expected, rtol=0.02)
+    np.testing.assert_allclose(srgb_decode(colour), np.tile(expected, (20, 1)), rtol=0.02)
 
 
 def test_nearest_texture_is_that_of_the_near_layer_of_a_thin_wall():
