@@ -6,7 +6,7 @@ more by inverting the cumulative distribution of their weights, and all 192 for 
 interval is endless; the background is white. The light that enters a point is (1, 1, 1): what is lost on the
 way to it, through shadow or distance, is in the scattering function, and light is marched through *other*
 objects only, of which there are none here. The light's input is its position, one for the whole ray, not its
-direction from each sample.
+direction from each sample. (The code's rays pass through a pixel's corner, the paper's through its middle.)
 
 Left open and decided here: colours are those of an 8-bit image, sRGB on white; transmittance is the stable
 form of `transmittance`, which differs from the published one by rounding; cameras elsewhere keep the far end
