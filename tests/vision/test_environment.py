@@ -69,6 +69,28 @@ def test_a_finite_radius_errs_by_no_more_than_it_says(place: float, radius: floa
     assert max(errors) > 0.3 * bound
 
 
+@pytest.mark.parametrize(("sun", "error_at_2"), [(0.0, 0.09), (800.0, 0.19)])
+def test_parallax_under_a_sky_errs_as_it_is_said_to(sun: float, error_at_2: float) -> None:
+    directions, solid_angle = pixel_directions(128, 256)
+    height = directions[..., 2:]
+    sky = np.where(height > 0, 0.3 + 0.7 * height, 0.15) * np.array([0.7, 0.85, 1.0])
+    sky[directions @ np.array([0.6, 0.0, 0.8]) > np.cos(np.radians(2))] += sun
+    normals = uniform_on_sphere(100, 1.0, np.random.default_rng(4))
+    exact = np.array([
+        (np.maximum(directions @ normal, 0) * solid_angle[:, None]).ravel() @ sky.reshape(-1, 3)
+        for normal in normals
+    ])  # fmt: skip
+
+    def error(radius: float) -> float:
+        lights, colours = environment_lights(sky, 64, radiance_scale=SCALE, radius=radius)
+        found = np.array([irradiance(lights, colours, 0.5 * normal, normal) for normal in normals])
+        return float(np.abs(found - exact).mean() / exact.mean())
+
+    assert error(2.0) == pytest.approx(error_at_2, abs=0.02)
+    assert error(4.0) == pytest.approx(error_at_2 / 2, abs=0.02)
+    assert error(1e4) < 0.01
+
+
 def test_a_small_sun_becomes_lights_in_its_direction_of_its_power() -> None:
     environment = np.zeros((64, 128, 3))
     environment[10:12, 40:43] = [1000.0, 800.0, 500.0]
