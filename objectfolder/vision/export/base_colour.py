@@ -7,6 +7,7 @@ import numpy as np
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.surface import Surface
+from objectfolder.geometry.texture_lookup import bilinear
 from objectfolder.vision.cameras import GOLDEN_RATIO
 from objectfolder.vision.compositing import srgb_encode
 from objectfolder.vision.incidence import Incidence
@@ -36,15 +37,7 @@ def texture_colour(mesh: TexturedMesh, face: np.ndarray, barycentric: np.ndarray
     result = np.empty((len(face), 4))
     for index, texture in enumerate(mesh.textures):
         own = mesh.face_texture[face] == index
-        height, width = texture.shape[:2]
-        x = coordinates[own, 0] * width - 0.5
-        y = (1.0 - coordinates[own, 1]) * height - 0.5
-        left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-        across, down = (x - left)[:, None], (y - top)[:, None]
-        columns, rows = (left % width, (left + 1) % width), (top % height, (top + 1) % height)
-        upper = texture[rows[0], columns[0]] * (1 - across) + texture[rows[0], columns[1]] * across
-        lower = texture[rows[1], columns[0]] * (1 - across) + texture[rows[1], columns[1]] * across
-        result[own] = (upper * (1 - down) + lower * down) / 255.0
+        result[own] = bilinear(texture, coordinates[own])
     return result
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.surface import Surface
@@ -29,10 +30,27 @@ def write_mesh(path: Path, mesh: TexturedMesh, appearance: Appearance, credit: C
                 normals[own],
                 mesh.texture_coordinates[own],
                 mesh.textures[index],
+                alpha_cutoff=mesh.alpha_cutoffs.get(index),
+                metallic_roughness=_metallic_roughness(mesh, index, appearance),
             )
         )
     write_glb(path, parts, appearance, credit, mipmaps=True, extras={"colour": "the source's own textures"})
     return {"triangles": len(mesh.faces), "colour": "the source's own textures", "bytes": path.stat().st_size}
+
+
+def _metallic_roughness(mesh: TexturedMesh, index: int, appearance: Appearance) -> np.ndarray | None:
+    """Return the (h, w, 3) map of a texture as glTF has it; None where the factors say all."""
+    roughness, metallic = mesh.roughness_maps.get(index), mesh.metallic_maps.get(index)
+    if roughness is None and metallic is None:
+        return None
+    height, width = np.max([image.shape for image in (roughness, metallic) if image is not None], axis=0)
+    channels = [np.zeros((height, width), dtype=np.uint8)]
+    for image, factor in ((roughness, appearance.roughness), (metallic, appearance.metallic)):
+        if image is None:
+            image = np.array([[round(255 * factor)]], dtype=np.uint8)
+        resized = Image.fromarray(image).resize((int(width), int(height)), Image.Resampling.BILINEAR)
+        channels.append(np.asarray(resized))
+    return np.stack(channels, axis=-1)
 
 
 def write_surface(
