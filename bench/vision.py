@@ -66,6 +66,7 @@ def main() -> None:
         "--training-views", type=int, nargs="+", default=[100], help="for each size, or one for all"
     )
     parser.add_argument("--held-out-views", type=int, default=6)
+    parser.add_argument("--backends", nargs="+", default=list(BACKENDS), help="ways to render VisionNet")
     parser.add_argument("--rounds", type=int, default=3, help="renders of each view by each way")
     parser.add_argument("--network-cpu-s", type=float, default=120.0, help="training of the paper's network")
     parser.add_argument("--network-steps", type=int, help="its length instead; 200000 as published")
@@ -191,7 +192,7 @@ class Case:
         """Return the case's row."""
         net, net_bytes, fit_cpu_s = self._visionnet()
         answers: dict[tuple[str, int | None], Answer] = {}
-        for backend in BACKENDS:
+        for backend in self.given.backends:
             try:
                 way = net.on("cpu", backend)
             except QueryError as error:
