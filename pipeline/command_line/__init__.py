@@ -15,6 +15,7 @@ EPILOG = """examples:
   objectfolder strike mug.safetensors --points queries/points.npy --forces queries/forces.npy -o sounds
   objectfolder press mug.safetensors --points queries/points.npy --depth 0.001 -o touches
   objectfolder modes mug.obj --material ceramic --max-frequency 20000 --json
+  objectfolder export mug --format nerf -o mug-nerf
 """
 
 

@@ -33,7 +33,7 @@ def test_help_shows_every_command_with_an_example(capsys: pytest.CaptureFixture[
     with pytest.raises(SystemExit):
         main(["--help"])
     text = capsys.readouterr().out
-    for command in ("build", "info", "sample", "render", "strike", "press", "modes"):
+    for command in ("build", "info", "sample", "render", "strike", "press", "modes", "export"):
         assert f"objectfolder {command} " in text
 
 
