@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.curving import GEOMETRY_ORDER
-from objectfolder.audio.eigen import Eigenpairs, improve, lowest_elastic, rigid_motions
+from objectfolder.audio.eigen import Eigenpairs, count_below, improve, lowest_elastic, rigid_motions
 from objectfolder.audio.elasticity import assemble, gains_of_more_functions
 from objectfolder.audio.space import Space
 
@@ -26,6 +26,9 @@ TOGETHER = 2.5
 CENTS_PER_RELATIVE_EIGENVALUE = 600 / np.log(2)
 # Modes of a step start from those of the last one; some beyond those wanted keep the last of them clean.
 GUARD_MODES, GUARD_BAND = 16, 3.0
+# Compact solids may have no mode below such a limit of eta^2 (a cube's first has 8.2) and are counted first;
+# no order brings a mode of order 2 from above so many times the limit to below it.
+SMALL, HEARD_BAND = 9.0, 1.15
 # Bounds of the exponent with which the error falls with the order.
 SLOWEST_RATE, FASTEST_RATE = 2.0, 12.0
 # Share of the wanted error left to the functions of one order that are not taken.
@@ -97,6 +100,8 @@ def choose(
     wanted = min(max_modes, ESTIMATED_MODES)
     chosen = space.orders <= 2
     chosen |= np.any(space.geometry != 0, axis=1)  # else rotations would cost energy
+    if below < SMALL and _is_silent(space, of_function, poisson_ratio, chosen, below):
+        return Choice(chosen, [], np.zeros(0), TOGETHER)
     steps: list[Step] = []
     together = TOGETHER
     foretold: Floats | None = None
@@ -144,6 +149,15 @@ def choose(
         if order + 1 == space.order:
             break
     return Choice(chosen, steps, left, together)
+
+
+def _is_silent(
+    space: Space, of_function: Integers, poisson_ratio: float, chosen: NDArray[np.bool_], below: float
+) -> bool:
+    """Whether no mode of the chosen functions lies below a limit or a little above, by one factorisation."""
+    stiffness, mass = assemble(space, poisson_ratio, chosen)
+    rigid = 6 * (int(of_function.max()) + 1)
+    return count_below(stiffness, mass, HEARD_BAND * below) == rigid
 
 
 def solve_chosen(
@@ -237,7 +251,7 @@ def remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
     """
     ladder = [step.eta_squared for step in choice.steps] + [eta_squared]
     count = min(len(values) for values in ladder)
-    if count == 0:
+    if count == 0 or len(ladder) == 1:
         return np.zeros(0)
     relative = [values[:count] / eta_squared[:count] for values in ladder]
     drops = [np.maximum(a - b, 0) for a, b in pairwise(relative)]

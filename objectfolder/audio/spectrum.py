@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.adaptive import Choice, choose, remaining_cents, summary
+from objectfolder.audio.adaptive import choose, remaining_cents, summary
 from objectfolder.audio.curving import GEOMETRY_ORDER, curve
 from objectfolder.audio.eigen import count_below, lowest_elastic, rigid_motions, weigh
 from objectfolder.audio.elasticity import assemble
@@ -134,15 +134,11 @@ def adapt_spectrum(
     return Spectrum(
         **{
             **vars(found),
-            "error_cents": _errors(choice, found),
+            "error_cents": remaining_cents(choice, found.eta_squared),
             "steps": summary(choice),
             "seconds": {"choose_functions": chose, **found.seconds},
         }
     )
-
-
-def _errors(choice: Choice, found: Spectrum) -> Floats:
-    return remaining_cents(choice, found.eta_squared)
 
 
 def solve_spectrum(

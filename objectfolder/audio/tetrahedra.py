@@ -7,13 +7,8 @@ coarsened. What comes out is compared with the surface. Where fTetWild takes too
 wrong, a wider envelope around a simpler surface is next, and then a lattice cut by the signed distance.
 """
 
-import os
-import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +25,7 @@ from objectfolder.audio.solid import LOCAL_FACES as LOCAL_FACES
 from objectfolder.audio.solid import SMALLEST_SHARE, Solid, boundary_of
 from objectfolder.audio.solid import clean as clean
 from objectfolder.audio.solid import volumes as volumes
+from objectfolder.audio.tetwild import Envelope, run_tetwild
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.geometry.edges import edge_table
 from objectfolder.geometry.local_thickness import LocalThickness, distances_across, local_thickness
@@ -43,11 +39,13 @@ from objectfolder.geometry.winding_number import enclosed_volume, is_closed
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-PATIENCE = 10  # wall seconds for a CPU second: a busy machine must not change what comes out
 MOST_VOLUME_ERROR = 0.04
 MOST_WALL_RATIO = 1.25
 DOUBLED = 5e-4  # of the diagonal: where few places are thinner, they are sheets given twice, not walls
 MOSTLY = 0.75
+# Points along an edge, and of all edges, at which distance is taken; of those how many exactly at a time.
+ALONG_EDGE, MOST_ON_EDGES, EXACT_AT_ONCE = 5, 10_000, 64
+NEGLIGIBLE = 1e-7  # distance over the diagonal, that of single precision
 
 
 @dataclass(frozen=True)
@@ -84,19 +82,6 @@ class Filling:
     stop_energy: float = 40.0
     time_limit_s: float = 100.0
     lattice_nodes: int = 40_000
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """What one run of fTetWild gets: dimensionless lengths, see `Filling`."""
-
-    epsilon: float
-    allowed: float
-    edge_length: float
-    target_faces: int
-    most_faces: int
-    stop_energy: float
-    time_limit_s: float
 
 
 @dataclass(frozen=True)
@@ -263,7 +248,7 @@ def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, 
     )
     scale = measured.form.diagonal_m
     for way, envelope in (("envelope", first), ("wide envelope", second)):
-        raw = _run(measured.form.surface, envelope)
+        raw = run_tetwild(measured.form.surface, envelope)
         if isinstance(raw, str):
             yield way, np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), {"failed": raw}
             continue
@@ -319,6 +304,31 @@ def _wall_ratio(measured: _Measured, solid: Solid) -> float:
     return float(np.median(known) / measured.median) if len(known) else 0.0
 
 
+def _along_edges(surface: Surface) -> Floats:
+    """Points of the edges of a surface, ends included: its farthest places are there, between any samples."""
+    edges = edge_table(surface.faces).vertices
+    step = max(1, len(edges) * ALONG_EDGE // MOST_ON_EDGES)
+    first, last = surface.vertices[edges[::step, 0]], surface.vertices[edges[::step, 1]]
+    share = np.linspace(0, 1, ALONG_EDGE)[:, None, None]
+    return ((1 - share) * first + share * last).reshape(-1, 3)
+
+
+def _largest_distance(surface: Surface, points: Floats) -> float:
+    """Largest distance of points (n, 3) from a surface.
+
+    `SampledDistance` is never too small; where it is large, the exact distance decides.
+    """
+    bound = SampledDistance(surface).nearest(points)[1]
+    order = np.argsort(-bound, kind="stable")
+    largest = 0.0
+    for start in range(0, len(order), EXACT_AT_ONCE):
+        part = order[start : start + EXACT_AT_ONCE]
+        if bound[part[0]] <= largest + NEGLIGIBLE:
+            break
+        largest = max(largest, float(surface.closest_points(points[part]).distance.max()))
+    return largest
+
+
 def _finished(
     fine: Solid, measured: _Measured, filling: Filling, target: Surface, done: dict[str, Any], name: str
 ) -> Solid:
@@ -345,6 +355,10 @@ def _finished(
     there = SampledDistance(boundary).nearest(local.points)[1]
     back = measured.near.nearest(boundary.sample(len(local.points), 1).points)[1]
     away = np.concatenate([there, back]) * scale
+    largest = max(
+        _largest_distance(boundary, np.concatenate([local.points, _along_edges(surface)])),
+        _largest_distance(surface, _along_edges(boundary)),
+    )
     height, longest = heights_and_edges(coarse.vertices[coarse.tetrahedra])
     shaped, _ = shape(
         coarse.vertices[coarse.tetrahedra], local.at(coarse.vertices)[coarse.tetrahedra].min(axis=1)
@@ -366,40 +380,10 @@ def _finished(
         "volume_uncertainty": measured.volume_uncertainty / measured.volume if measured.volume > 0 else None,
         "wall_median_ratio": _wall_ratio(measured, coarse),
         "surface_error_rms_m": float(np.sqrt(np.mean(away**2))),
-        "surface_error_max_m": float(away.max()),
+        "surface_error_max_m": largest * scale,
         "smallest_body_share": SMALLEST_SHARE,
         **coarse.report,
     }
     return Solid(
         measured.form.to_metres(coarse.vertices), coarse.tetrahedra, coarse.component, report, target
     )
-
-
-def _run(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]] | str:
-    """Simplify and fill in a child process; why not, where nothing came back."""
-    with tempfile.TemporaryDirectory() as folder:
-        source, target = Path(folder) / "surface.npz", Path(folder) / "solid.npz"
-        np.savez(source, vertices=surface.vertices, faces=surface.faces, **asdict(envelope))
-        command = [sys.executable, "-m", "objectfolder.audio.tetwild_process", str(source), str(target)]
-        root = str(Path(__file__).parents[2])
-        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-        slow = f"fTetWild took more than {envelope.time_limit_s:.0f} CPU-s"
-        try:
-            done = subprocess.run(
-                command,
-                capture_output=True,
-                text=True,
-                timeout=PATIENCE * envelope.time_limit_s,
-                cwd=folder,  # fTetWild leaves files where it runs
-                check=False,
-                env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-            )
-        except subprocess.TimeoutExpired:
-            return slow
-        if done.returncode < 0:
-            return slow if done.returncode in (-24, -9) else f"fTetWild ended with signal {-done.returncode}"
-        if done.returncode > 0:
-            last = done.stderr.strip().splitlines()[-1:] or ["no message"]
-            return f"fTetWild failed: {last[0]}"
-        with np.load(target) as result:
-            return {key: result[key] for key in result.files}

@@ -1,7 +1,7 @@
 """Child process that fills a surface: ``python -m objectfolder.audio.tetwild_process IN OUT``.
 
 A process of its own because the filling is native code without a way to stop it. IN and OUT are .npz files:
-IN holds `vertices`, `faces` and the numbers of `tetrahedra.Envelope`; OUT holds `vertices`, `tetrahedra`, the
+IN holds `vertices`, `faces` and the numbers of `tetwild.Envelope`; OUT holds `vertices`, `tetrahedra`, the
 faces the surface was simplified to and by how much it moved.
 """
 

@@ -12,7 +12,6 @@ from objectfolder.audio.solid import Solid, clean
 from objectfolder.audio.tetrahedra import Filling, fill
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.geometry.edges import edge_table
-from objectfolder.geometry.sampled_distance import SampledDistance
 from objectfolder.geometry.surface import Surface
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
@@ -40,9 +39,10 @@ def sound(solid: Solid) -> None:
     assert solid.report["least_shape"] > 0
     assert solid.target is not None
     drawn = solid.target.sample(500, 5).points
-    away = SampledDistance(Surface(solid.vertices, solid.boundary()[0])).nearest(drawn)[1]
-    # Both are the largest of a sample.
-    assert away.max() <= 3 * solid.report["surface_error_max_m"] + 1e-12
+    away = Surface(solid.vertices, solid.boundary()[0]).closest_points(drawn).distance
+    # Both are the largest of a sample; rays and distances are good to single precision.
+    negligible = 1e-6 * float(np.ptp(solid.vertices, axis=0).max())
+    assert away.max() <= 1.5 * solid.report["surface_error_max_m"] + negligible
 
 
 def bumpy() -> Any:
