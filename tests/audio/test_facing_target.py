@@ -1,0 +1,53 @@
+"""Places of a surface that face a given way."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from objectfolder.audio.facing_target import FacingTarget
+from objectfolder.geometry.surface import Surface
+
+
+def surface_of(mesh: trimesh.Trimesh) -> Surface:
+    return Surface(np.array(mesh.vertices), np.array(mesh.faces))
+
+
+def directions(count: int) -> np.ndarray:
+    drawn = np.random.default_rng(0).standard_normal((count, 3))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+
+
+def test_triangles_of_a_ball_are_as_round_as_the_ball() -> None:
+    """320 triangles cut up to 1.4 % off; bent to normals that are themselves estimated, a tenth of that."""
+    ball = surface_of(trimesh.creation.icosphere(2, 1.0))
+    wanted = directions(500)
+    places, normals, found = FacingTarget(ball).places(wanted, wanted, np.full(500, 0.3))
+    assert found.all()
+    cut_off = ball.closest_points(wanted).distance.max()
+    assert cut_off > 0.01
+    assert np.abs(np.linalg.norm(places, axis=1) - 1).max() < 0.12 * cut_off
+    assert np.einsum("ij,ij->i", normals, wanted).min() > np.cos(np.radians(1.5))
+
+
+def test_a_box_stays_flat_and_sharp() -> None:
+    box = surface_of(trimesh.creation.box((2, 2, 2)))
+    target = FacingTarget(box)
+    random = np.random.default_rng(1)
+    on_top = np.concatenate([random.uniform(-1, 1, (300, 2)), np.ones((300, 1))], axis=1)
+    up = np.tile([0.0, 0.0, 1.0], (300, 1))
+    places, normals, found = target.places(on_top + 0.05 * up, up, np.full(300, 0.2))
+    assert found.all()
+    np.testing.assert_allclose(places, on_top, atol=1e-12)
+    np.testing.assert_allclose(normals, up, atol=1e-12)
+    corner, near = target.creases(np.array([[0.9, 0.9, 0.3], [0.0, 0.0, 1.0]]), np.array([0.5, 0.5]))
+    np.testing.assert_allclose(corner[0], [1, 1, 0.3], atol=1e-12)
+    assert near.tolist() == [True, False]
+
+
+def test_the_other_side_of_a_thin_wall_is_not_a_place() -> None:
+    wall = FacingTarget(surface_of(trimesh.creation.box((1, 1, 0.01))))
+    point, up = np.array([[0.1, 0.2, -0.004]]), np.array([[0.0, 0.0, 1.0]])
+    places, _, found = wall.places(point, up, np.array([0.1]))
+    assert found.all()
+    assert places[0, 2] == pytest.approx(0.005)
+    assert not wall.places(point, up, np.array([0.001]))[2].any()
