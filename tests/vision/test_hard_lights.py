@@ -101,6 +101,8 @@ def test_a_light_on_the_surface_makes_no_number_that_is_none(cubic: VisionNet, l
     straight = cubic.radiance(origins, np.array([light]) - origins, np.array(light))
     assert np.isfinite(straight).all()
     assert straight[0, 3] == 1
+    # A light is taken to be at least 1e-3 away: a millionfold of the irradiance at distance 1.
+    assert straight.max() < 1e7
 
 
 @pytest.mark.filterwarnings("error")

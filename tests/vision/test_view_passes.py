@@ -87,6 +87,20 @@ def test_a_crop_is_that_part_of_the_image_bit_for_bit(
         np.testing.assert_array_equal(part[name], expected, err_msg=name)
 
 
+def test_rows_and_columns_one_at_a_time_make_up_the_image(cubic: VisionNet) -> None:
+    """Each pixel lies on the rim of a crop: what a neighbour outside of it shows counts, as at level edges."""
+    camera = look_at(np.array([[0.02, 0.03, 2.5]]), target=np.array([0.02, 0.03, 0.0]))
+    whole = cubic.render(camera, LIGHT, SIZE, 39.6, 16)[0]
+    rows = [
+        cubic.render(camera, LIGHT, SIZE, 39.6, 16, crop=(row, 0, 1, SIZE[1]))[0] for row in range(SIZE[0])
+    ]
+    np.testing.assert_array_equal(np.concatenate(rows), whole)
+    columns = [
+        cubic.render(camera, LIGHT, SIZE, 39.6, 16, crop=(0, left, SIZE[0], 1))[0] for left in range(SIZE[1])
+    ]
+    np.testing.assert_array_equal(np.concatenate(columns, axis=1), whole)
+
+
 def test_a_crop_of_a_vast_image_costs_no_more_than_itself(cubic: VisionNet) -> None:
     camera = look_at(np.array([[0.0, -2.5, 0.0]]))
     vast = 1 << 20
