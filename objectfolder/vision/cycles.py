@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.child_process import end_with
+from objectfolder.errors import SimulationError
 from objectfolder.vision.render_request import FACES_WITH_HOLES, Scene, Shots, load_request
 
 
@@ -55,8 +56,10 @@ def render(scene: Scene, shots: Shots) -> np.ndarray:
             camera.matrix_world = shots.camera_to_world[index].T.tolist()
             light.location = shots.light_position[index].tolist()
             bpy.context.scene.cycles.seed = int(shots.seeds[index])
+            # Without it the seed of the first view, kept by persistent data, stays in force.
+            bpy.context.scene.update_tag()
             bpy.ops.render.render(write_still=True)
-            images[index] = _read_image(bpy.context.scene.render.filepath)
+            images[index] = read_exr(bpy.context.scene.render.filepath, shots.height, shots.width)
     return images
 
 
@@ -213,17 +216,35 @@ def _add_camera_and_light(shots: Shots) -> tuple[Any, Any]:
     return camera, light
 
 
-def _read_image(path: str) -> np.ndarray:
-    import bpy
+def read_exr(path: str, height: int, width: int) -> np.ndarray:
+    """Read an uncompressed 32-bit RGBA OpenEXR file of known size: what `render` has Cycles write.
 
-    image = bpy.data.images.load(path)
-    image.colorspace_settings.name = "Non-Color"
-    image.alpha_mode = "PREMUL"
-    width, height = image.size
-    pixels = np.empty(width * height * 4, dtype=np.float32)
-    image.pixels.foreach_get(pixels)
-    bpy.data.images.remove(image)
-    return pixels.reshape(height, width, 4)[::-1]
+    Such a file ends with its scan lines, each a line number, a byte count and the channels A, B, G, R in
+    turn. Blender's own reader takes seven times as long.
+
+    Returns
+    -------
+    np.ndarray
+        (height, width, 4) float32, row 0 on top.
+
+    Raises
+    ------
+    SimulationError
+        A file of another kind.
+    """
+    line = 8 + 16 * width
+    data = np.fromfile(path, dtype=np.uint8)
+    if len(data) > height * line:
+        lines = data[len(data) - height * line :].reshape(height, line)
+        numbers = np.ascontiguousarray(lines[:, :8]).view("<i4")
+        if (numbers == np.stack([np.arange(height), np.full(height, line - 8)], axis=1)).all():
+            channels = np.ascontiguousarray(lines[:, 8:]).view("<f4").reshape(height, 4, width)
+            return channels[:, ::-1].transpose(0, 2, 1)
+    raise SimulationError(
+        "Cycles",
+        "the rendered file is not the uncompressed image asked for",
+        "Use the pinned bpy.",
+    )
 
 
 if __name__ == "__main__":

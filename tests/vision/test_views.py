@@ -1,4 +1,5 @@
 import dataclasses
+import struct
 import sys
 
 import numpy as np
@@ -11,6 +12,7 @@ from objectfolder.vision import cycles_process
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import srgb_decode
+from objectfolder.vision.cycles import read_exr
 from objectfolder.vision.cycles_process import render_in_children
 from objectfolder.vision.passes import cast_passes
 from objectfolder.vision.render_request import Scene, Shots, load_request, save_request, unit_scene
@@ -212,3 +214,14 @@ def test_clipping_is_counted_over_covered_pixels_and_warned_of():
     rgba[0, 0, :2] = rgba[0, 2, 0]
     assert exposure(rgba)["warnings"] == []
     assert exposure(np.zeros_like(rgba))["clipped_share"] == 0.0
+
+
+def test_the_reader_of_renders_takes_only_what_cycles_was_asked_for(tmp_path):
+    image = np.random.default_rng(0).random((3, 5, 4)).astype(np.float32)
+    lines = [struct.pack("<ii", row, 80) + image[row, :, ::-1].T.astype("<f4").tobytes() for row in range(3)]
+    (tmp_path / "whole.exr").write_bytes(b"header" + b"".join(lines))
+    np.testing.assert_array_equal(read_exr(str(tmp_path / "whole.exr"), 3, 5), image)
+    for name, data in {"order": b"header" + b"".join(lines[::-1]), "short": b"".join(lines[1:])}.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(SimulationError, match="not the uncompressed image"):
+            read_exr(str(tmp_path / name), 3, 5)
