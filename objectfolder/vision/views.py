@@ -219,7 +219,8 @@ def noise_floor(first: np.ndarray, second: np.ndarray) -> dict[str, Any]:
     both have wrong alike: noise that the sRGB encoding turns into darker means. Against 4096 samples a pixel
     (a mug, 128 x 128) two views at 256 samples store 60.4 dB where each render has 61.0 and 61.8, four 61.4
     for 61.7 and 61.8. At 32 and 64 samples, where the encoding's bias counts, two views store 0.6 to 0.9 dB
-    too much, four up to 2.2: with fewer than 256 held-out samples take it as a bound from above.
+    too much, four up to 2.2: with fewer than 256 held-out samples take it as a bound from above. A bowl of
+    metal agrees within 0.2 dB of the mean of the two renders at 32 and at 256.
     """
     if len(second) == 0:
         return {
