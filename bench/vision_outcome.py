@@ -153,11 +153,13 @@ def draw(means: dict[int, list[dict[str, Any]]], floors: dict[int, float], path:
                     )  # fmt: skip
         by_time.set(xscale="log", xlabel="CPU seconds a view, one thread", ylabel="PSNR on white, dB")
         by_time.set_title(
-            f"{size} x {size}, mean of {objects}; noise floor of the truth {floors[size]:.0f} dB", fontsize=10
+            f"{size} x {size}, objects: {objects}; noise floor of the truth {floors[size]:.0f} dB",
+            fontsize=10,
         )
         by_size.set(xlabel="MB", xlim=(0, None))
         by_time.grid(alpha=0.3)
         by_size.grid(alpha=0.3)
-    axes[0, 0].legend(fontsize=7)
-    figure.tight_layout()
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8)
+    figure.tight_layout(rect=(0, 0.5 / figure.get_figheight(), 1, 1))
     figure.savefig(path, dpi=120)
