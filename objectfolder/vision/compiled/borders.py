@@ -32,9 +32,9 @@ def unevenly_seen(label, slots):  # type: ignore[no-untyped-def]  # compiled for
     for row in range(height):
         for column in range(width):
             for down, right in ((1, 0), (0, 1)):
-                if row + down < height and column + right < width:
-                    if covered[row, column] != covered[row + down, column + right]:
-                        marked[row, column] = marked[row + down, column + right] = True
+                below, beside = row + down, column + right
+                if below < height and beside < width and covered[row, column] != covered[below, beside]:
+                    marked[row, column] = marked[below, beside] = True
     return marked
 
 
@@ -97,13 +97,3 @@ def sum_by_pixel(pixel, weight, colour, count):  # type: ignore[no-untyped-def] 
         for channel in range(3):
             total[pixel[i], channel] += weight[i] * colour[i, channel]
     return total
-
-
-@kernel
-def heaviest(pixel, weight, count):  # type: ignore[no-untyped-def]  # as above
-    """Return for each pixel (count,) the first of its points of greatest weight; each has one."""
-    best = np.full(count, -1, np.int64)
-    for i in range(len(pixel)):
-        if best[pixel[i]] < 0 or weight[i] > weight[best[pixel[i]]]:
-            best[pixel[i]] = i
-    return best

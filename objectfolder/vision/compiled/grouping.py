@@ -1,6 +1,6 @@
 """Sub-samples of a pixel that see one smooth piece of surface, and the few of them that are shaded.
 
-Coverage and visibility are found at every sub-sample, colour once or a few times a group, as in multisampling.
+Visibility is found at every sub-sample, colour once or a few times a group, as in multisampling.
 """
 
 import numpy as np
@@ -151,7 +151,7 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):  # typ
 
 @kernel
 def _stand_for(members, offsets_x, offsets_y, targets, most, sample, weight, total):  # type: ignore[no-untyped-def]  # as above
-    """Write up to `most` of `members`, and the shares nearest to each, from row `total`; return the next row."""
+    """Write up to `most` of `members` and the shares nearest to each from row `total`; return the next."""
     low_x, high_x = np.float32(1.0), np.float32(-1.0)
     low_y, high_y = np.float32(1.0), np.float32(-1.0)
     for s in members:

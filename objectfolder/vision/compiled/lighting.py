@@ -1,8 +1,65 @@
 """Points of the surface and the light that would reach them unhindered: `incidence.py`, compiled."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
 from objectfolder.vision.compiled.jit import kernel
+from objectfolder.vision.incidence import SELF_OFFSET, TERMINATOR_COSINE, UnitSurface
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points (n,) of a surface as rays meet them; unit frame, float64.
+
+    Parameters
+    ----------
+    face, barycentric, direction
+        (n,), (n, 3) and the (n, 3) unit directions of the rays.
+    position, normal
+        (n, 3), the latter the shading normal on the side seen.
+    side
+        (n,) -1.0 where the back of the face is seen.
+    """
+
+    face: np.ndarray
+    barycentric: np.ndarray
+    direction: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    side: np.ndarray
+
+
+class LitSurface:
+    """A surface in arrays that kernels take, and its bounding volumes."""
+
+    def __init__(self, surface: UnitSurface) -> None:
+        self.vertices = surface.frame.to_unit(surface.surface.vertices)
+        self.faces = surface.surface.faces
+        self.facets = np.ascontiguousarray(surface.surface.face_normals)
+        self._triangles = np.ascontiguousarray(surface.triangles)
+        self._corner_normals = np.ascontiguousarray(surface.surface.corner_normals)
+        self.volumes = BoundingVolumes.of_triangles(self._triangles)
+
+    def points(self, face: np.ndarray, barycentric: np.ndarray, direction: np.ndarray) -> Points:
+        """Return the points of faces (n,) at barycentric coordinates (n, 3) that rays (n, 3) meet."""
+        position, normal, side = surface_points(
+            face, barycentric, direction, self._triangles, self._corner_normals, self.facets
+        )
+        return Points(face, barycentric, direction, position, normal, side)
+
+    def unhindered(self, points: Points, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return irradiance (n,) but for shadow, and where shadow rays start (n, 3)."""
+        irradiance, start = unhindered(
+            points.face, points.barycentric, points.position, points.normal, points.side, light,
+            self._triangles, self._corner_normals, self.facets, TERMINATOR_COSINE, SELF_OFFSET,
+        )  # fmt: skip
+        return irradiance, start
+
+    def blocked(self, start: np.ndarray, light: np.ndarray, asked: np.ndarray) -> np.ndarray:
+        """Whether (n,) the light is hidden from (n, 3) starts of shadow rays, where asked (n,)."""
+        return self.volumes.occluded(start, light, asked)
 
 
 @kernel
@@ -15,14 +72,14 @@ def surface_points(face, barycentric, directions, triangles, corner_normals, fac
         f = face[i]
         b0, b1, b2 = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
         towards = (
-            facets[f, 0] * directions[i, 0] + facets[f, 1] * directions[i, 1] + facets[f, 2] * directions[i, 2]
+            facets[f, 0] * directions[i, 0]
+            + facets[f, 1] * directions[i, 1]
+            + facets[f, 2] * directions[i, 2]
         )
         side[i] = -1.0 if towards > 0 else 1.0
         squared = 0.0
         for k in range(3):
-            position[i, k] = (
-                b0 * triangles[f, 0, k] + b1 * triangles[f, 1, k] + b2 * triangles[f, 2, k]
-            )
+            position[i, k] = b0 * triangles[f, 0, k] + b1 * triangles[f, 1, k] + b2 * triangles[f, 2, k]
             value = side[i] * (
                 b0 * corner_normals[f, 0, k] + b1 * corner_normals[f, 1, k] + b2 * corner_normals[f, 2, k]
             )

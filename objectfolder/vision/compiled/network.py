@@ -11,10 +11,14 @@ from objectfolder.vision.compiled.jit import relaxed_kernel
 from objectfolder.vision.network_layout import weight_shapes
 from objectfolder.vision.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
 
-# Points at a time: the matrices of a block stay in the first cache, and are too small for BLAS to use threads.
+# Points at a time: a block's matrices stay in the first cache, and are too small for BLAS to use threads.
 BLOCK = 64
 # The inputs that this module computes; a network laid out otherwise is refused.
 ANGLES, SURROUNDINGS = 12, 31
+# The nearest that a light is told to be to a point, unit frame; as in `shading`.
+NEAREST = 1e-3
+# Cosines in the highlight are at least this; as in `reflectance`.
+LEAST_COSINE = 0.01
 # Of the surroundings, those that depend on the light alone.
 LIGHT_INPUTS = slice(12, 24)
 
@@ -37,7 +41,7 @@ class CompiledNetwork:
 
     def __init__(self, grid: SparseGrid, weights: Mapping[str, np.ndarray]) -> None:
         known = (ANGLES, SURROUNDINGS, 4)
-        if (network_layout.ANGLES, network_layout.SURROUNDINGS, LEVELS) != known:
+        if known != (network_layout.ANGLES, network_layout.SURROUNDINGS, LEVELS):
             raise FormatError("vision", "inputs that the compiled renderer does not know", "Use torch.")
         expected = weight_shapes(grid.sizes)
         for name in sorted(expected.keys() | weights.keys()):
@@ -63,7 +67,7 @@ class CompiledNetwork:
             *(single(f"bounced.{layer}.{kind}") for layer in (2, 4) for kind in ("weight", "bias")),
         )
         self._albedo = (single("albedo.weight"), single("albedo.bias"))
-        self._alpha2 = np.float32(math.exp(2 * float(weights["log_alpha"])))
+        self._alpha2 = np.float32(np.exp(2 * np.float32(weights["log_alpha"])))
 
     def radiance(
         self,
@@ -210,6 +214,7 @@ def _radiance(
             mx, my, mz = (
                 2 * at_camera * nx - cx, 2 * at_camera * ny - cy, 2 * at_camera * nz - cz
             )  # fmt: skip
+            distance = max(distance, np.float32(NEAREST))
             near = min(distance, np.float32(4.0))
             bounced_in[b, s], bounced_in[b + 1, s], bounced_in[b + 2, s] = x, y, z
             bounced_in[b + 3, s], bounced_in[b + 4, s], bounced_in[b + 5, s] = nx, ny, nz
@@ -229,9 +234,13 @@ def _radiance(
         np.dot(albedo[0], albedo_in, albedo_out)
         for s in range(size):
             i = start + s
+            at_light = max(direct_in[a + 3, s], np.float32(LEAST_COSINE))
+            at_camera = max(direct_in[a + 5, s], np.float32(LEAST_COSINE))
             middle = direct_in[a + 11, s]
             width = middle * middle * (alpha2 - one) + one
-            lobe = alpha2 / (4 * width * width)
+            masked = at_light * math.sqrt(at_camera * at_camera * (one - alpha2) + alpha2)
+            shadowed = at_camera * math.sqrt(at_light * at_light * (one - alpha2) + alpha2)
+            lobe = alpha2 / (2 * width * width * (masked + shadowed))
             arriving = np.float32(irradiance[i])
             for channel in range(3):
                 base = _sigmoid(albedo_out[channel, s] + albedo[1][channel])

@@ -1,0 +1,185 @@
+"""What a camera sees at each sub-sample of each pixel: few of them where a pixel is even, many where not."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.vision.cameras import focal_length_px, sub_ray_offsets
+from objectfolder.vision.compiled.borders import unevenly_seen
+from objectfolder.vision.compiled.grouping import group_samples
+from objectfolder.vision.compiled.rasteriser import edge_functions, rasterise
+
+# What a pixel looks like depends on neighbours at most this far away, pixels.
+MARGIN = 2
+# (top, left, height, width) of a part of an image, pixels.
+Crop = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The faces as a camera projects them, and the window of the image in which they may show.
+
+    Parameters
+    ----------
+    functions, reach
+        As of `rasteriser.edge_functions`.
+    camera_to_world
+        (4, 4).
+    focal, centre
+        Pixels.
+    top, left, height, width
+        The window, pixels; empty where nothing is to be seen.
+    """
+
+    functions: np.ndarray
+    reach: np.ndarray
+    camera_to_world: np.ndarray
+    focal: float
+    centre: tuple[float, float]
+    top: int
+    left: int
+    height: int
+    width: int
+
+    @classmethod
+    def of(
+        cls,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        camera_to_world: np.ndarray,
+        size: tuple[int, int],
+        field_of_view_deg: float,
+        crop: Crop,
+        margin: int,
+    ) -> "Projection":
+        """Project (V, 3) world vertices of (F, 3) faces; see no further than `margin` beyond `crop`."""
+        pose = np.ascontiguousarray(camera_to_world, dtype=np.float64)
+        focal, centre = focal_length_px(size, field_of_view_deg), (size[1] / 2.0, size[0] / 2.0)
+        local = np.ascontiguousarray((vertices - pose[:3, 3]) @ pose[:3, :3])
+        functions, reach = edge_functions(local, faces, focal, *centre)
+        left = max(reach[:, 0].min(), crop[1] - margin, 0.0)
+        right = min(reach[:, 1].max(), crop[1] + crop[3] + margin, size[1])
+        top = max(reach[:, 2].min(), crop[0] - margin, 0.0)
+        bottom = min(reach[:, 3].max(), crop[0] + crop[2] + margin, size[0])
+        if not (left < right and top < bottom):
+            return cls(functions, reach, pose, focal, centre, 0, 0, 0, 0)
+        height, width = int(np.ceil(bottom)) - int(top), int(np.ceil(right)) - int(left)
+        return cls(functions, reach, pose, focal, centre, int(top), int(left), height, width)
+
+    def sample(self, slots: np.ndarray, count: int, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return face (-1: none) and one over depth (count, s) at (2, s) offsets in pixels with a slot."""
+        seen = np.full((count, offsets.shape[1]), -1, dtype=np.int32)
+        nearness = np.zeros(seen.shape, dtype=np.float32)
+        rasterise(
+            self.functions, self.reach, slots, self.top, self.left, offsets[0], offsets[1], seen, nearness
+        )
+        return seen, nearness
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Sub-samples of some pixels, equally many of each.
+
+    Parameters
+    ----------
+    start
+        Number of the first of these pixels among all of the view.
+    seen, label
+        (p, s) face and group of each sub-sample.
+    offsets_x, offsets_y
+        (s,) sub-samples from the centre.
+    """
+
+    start: int
+    seen: np.ndarray
+    label: np.ndarray
+    offsets_x: np.ndarray
+    offsets_y: np.ndarray
+
+    @property
+    def pixels(self) -> slice:
+        """Which pixels of the view these are."""
+        return slice(self.start, self.start + len(self.seen))
+
+
+@dataclass(frozen=True)
+class View:
+    """What a camera sees: the pixels (p,) of a window that see anything, even ones first.
+
+    Parameters
+    ----------
+    projection
+        Of the camera.
+    slots
+        (h, w) int32 of the window: pixel, or -1.
+    columns, rows
+        (p,) centres of the pixels in the image.
+    coverage
+        (p,) share of the pixel.
+    samples
+        Of the even and of the uneven pixels.
+    """
+
+    projection: Projection
+    slots: np.ndarray
+    columns: np.ndarray
+    rows: np.ndarray
+    coverage: np.ndarray
+    samples: tuple[Samples, Samples]
+
+    def places(
+        self, samples: Samples, pixel: np.ndarray, sample: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the face seen and the image point x, y of sub-samples (n,) of pixels (n,) of `samples`."""
+        x = self.columns[samples.pixels][pixel] + samples.offsets_x[sample]
+        y = self.rows[samples.pixels][pixel] + samples.offsets_y[sample]
+        return samples.seen[pixel, sample], x, y
+
+
+def look(projection: Projection, facets: np.ndarray, samples: int, samples_uneven: int) -> View:
+    """Find what is seen, with more sub-samples in pixels where a smooth piece of surface ends.
+
+    Parameters
+    ----------
+    facets
+        (F, 3) unit normals.
+    samples, samples_uneven
+        Sub-samples of an even and of an uneven pixel.
+    """
+    height, width = projection.height, projection.width
+
+    def grouped(slots: np.ndarray, count: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        offsets = np.ascontiguousarray((sub_ray_offsets(wanted) - 0.5).astype(np.float32).T)
+        seen, nearness = projection.sample(slots, count, offsets)
+        rows, columns = np.nonzero(slots >= 0)
+        label = group_samples(
+            seen, nearness, projection.left + columns + 0.5, projection.top + rows + 0.5,
+            projection.functions, facets, offsets[0], offsets[1], 1.0 / projection.focal,
+        )  # fmt: skip
+        return seen, label, offsets
+
+    everywhere = np.arange(height * width, dtype=np.int32).reshape(height, width)
+    seen, label, offsets = grouped(everywhere, height * width, samples)
+    uneven = unevenly_seen(label, everywhere).ravel()
+    even = np.flatnonzero((label[:, 0] >= 0) & ~uneven)
+    again = np.flatnonzero(uneven)
+    slots = np.full(height * width, -1, dtype=np.int32)
+    slots[again] = np.arange(len(again), dtype=np.int32)
+    finer_seen, finer_label, finer_offsets = grouped(slots.reshape(height, width), len(again), samples_uneven)
+    covered = np.count_nonzero(finer_label >= 0, axis=1)
+    found = np.flatnonzero(covered)
+    pixel = np.concatenate([even, again[found]])
+    slots[:] = -1
+    slots[pixel] = np.arange(len(pixel), dtype=np.int32)
+    rows, columns = np.divmod(pixel, max(width, 1))
+    return View(
+        projection,
+        slots.reshape(height, width),
+        projection.left + columns + 0.5,
+        projection.top + rows + 0.5,
+        np.concatenate([np.ones(len(even)), covered[found] / samples_uneven]),
+        (
+            Samples(0, seen[even], label[even], offsets[0], offsets[1]),
+            Samples(len(even), finer_seen[found], finer_label[found], finer_offsets[0], finer_offsets[1]),
+        ),
+    )

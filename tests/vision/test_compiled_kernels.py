@@ -1,0 +1,142 @@
+"""Parts of the compiled renderer alone: boxes, rasteriser, groups, and what its cache relies on."""
+
+import importlib
+import pkgutil
+import types
+
+import numpy as np
+import pytest
+from compiled_cases import SHAPES
+
+import objectfolder.vision.compiled as package
+from objectfolder.geometry.bounding_boxes import BoundingBoxTree
+from objectfolder.geometry.frames import UnitFrame
+from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets
+from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
+from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
+from objectfolder.vision.compiled.renderer import TARGETS
+from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
+from objectfolder.vision.compiled.visibility import Projection
+
+
+def triangles_of(shape: str) -> np.ndarray:
+    surface = SHAPES[shape]()
+    return UnitFrame.of_points(surface.vertices).to_unit(surface.vertices)[surface.faces]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_boxes_find_what_the_numpy_tree_finds(shape):
+    triangles = triangles_of(shape)
+    volumes, tree = BoundingVolumes.of_triangles(triangles), BoundingBoxTree(triangles)
+    random = np.random.default_rng(1)
+    origins, targets = random.normal(size=(2000, 3)), random.uniform(-0.5, 0.5, size=(2000, 3))
+    face, barycentric = volumes.first_hits(origins, targets - origins)
+    expected = tree.nearest_hits(origins, targets - origins)
+    np.testing.assert_array_equal(face >= 0, expected >= 0)
+    # Coincident faces aside, it is the same face.
+    assert (face == expected).mean() > 0.998
+    hit = face >= 0
+    np.testing.assert_allclose(barycentric[hit].sum(axis=1), 1.0)
+    light = np.array([0.7, 0.2, 0.6])
+    wanted = random.random(2000) < 0.8
+    answer = volumes.occluded(targets, light, wanted)
+    np.testing.assert_array_equal(answer, wanted & tree.occluded(targets, light - targets))
+
+
+def test_every_face_is_in_one_leaf_and_boxes_hold_what_is_below_them():
+    triangles = triangles_of("mug")
+    volumes = BoundingVolumes.of_triangles(triangles)
+    np.testing.assert_array_equal(np.sort(volumes.faces), np.arange(len(triangles)))
+
+    def check(node: int) -> np.ndarray:
+        held = []
+        for side in range(2):
+            child, box = volumes.children[node, side], volumes.boxes[node, side]
+            if child >= 0:
+                faces = check(child)
+            else:
+                faces = volumes.faces[~child : ~child + volumes.counts[node, side]]
+            assert (triangles[faces].reshape(-1, 3) > box[:3]).all()
+            assert (triangles[faces].reshape(-1, 3) < box[3:]).all()
+            held.append(faces)
+        return np.concatenate(held)
+
+    assert len(check(0)) == len(triangles)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_rasteriser_sees_what_rays_hit(shape):
+    surface = SHAPES[shape]()
+    vertices = UnitFrame.of_points(surface.vertices).to_unit(surface.vertices)
+    pose, size, samples = look_at(np.array([[1.2, -1.7, 1.3]]))[0], (40, 48), 32
+    at = Projection.of(vertices, surface.faces, pose, size, 39.6, (0, 0, *size), 0)
+    slots = np.arange(at.height * at.width, dtype=np.int32).reshape(at.height, at.width)
+    offsets = np.ascontiguousarray((sub_ray_offsets(samples) - 0.5).astype(np.float32).T)
+    seen, nearness = at.sample(slots, slots.size, offsets)
+    row, column = np.divmod(np.arange(slots.size), at.width)
+    origins, directions = pixel_rays(
+        pose, (row + at.top) * size[1] + column + at.left, sub_ray_offsets(samples), size, 39.6
+    )
+    tree = BoundingBoxTree(vertices[surface.faces])
+    expected = tree.nearest_hits(np.ascontiguousarray(origins), directions).reshape(seen.shape)
+    assert (expected >= 0).sum() > 1000
+    assert ((seen >= 0) != (expected >= 0)).mean() < 2e-4
+    assert (seen != expected).mean() < 2e-3
+    assert (nearness[seen >= 0] > 0).all()
+    everywhere = Projection.of(vertices, surface.faces, pose, size, 39.6, (0, 0, *size), 1000)
+    assert (everywhere.height, everywhere.width) == (at.height, at.width)
+
+
+def test_chosen_samples_are_members_of_their_groups_and_weigh_what_these_cover():
+    random = np.random.default_rng(4)
+    label = random.integers(-1, 3, size=(50, 16)).astype(np.int8)
+    label[:10] = 0
+    offsets = (sub_ray_offsets(16) - 0.5).astype(np.float32)
+    wanted = random.integers(0, 5, size=50)
+    pixel, sample, group, weight = choose_samples(
+        label, 2 * GROUPS, offsets[:, 0].copy(), offsets[:, 1].copy(), wanted, TARGETS
+    )
+    np.testing.assert_array_equal(label[pixel, sample], group)
+    assert len(np.unique(np.stack([pixel, sample]), axis=1).T) == len(pixel)
+    for p in range(50):
+        for g in range(3):
+            mine = (pixel == p) & (group == g)
+            size = np.count_nonzero(label[p] == g)
+            assert mine.sum() == min(wanted[p], size)
+            if wanted[p] and size:
+                assert weight[mine].sum() == pytest.approx(size / 16)
+
+
+def test_a_shadow_splits_a_group_along_its_edge():
+    offsets = (sub_ray_offsets(64) - 0.5).astype(np.float32)
+    x, y = offsets[:, 0].copy(), offsets[:, 1].copy()
+    label = np.zeros((2, 64), dtype=np.int8)
+    label[1, :40] = -1
+    pixel, sample = samples_to_ask(label, np.array([0, 1]), 16, GROUPS)
+    assert np.count_nonzero(pixel == 0) == 16
+    split_groups(label, pixel, sample, x[sample] > 0, x, y, GROUPS)
+    assert set(np.unique(label[0])) == {0, GROUPS}
+    assert ((label[0] == GROUPS) == (x > 0)).mean() > 0.85
+    assert (label[1, :40] == -1).all()
+    assert (label[1, 40:] == GROUPS).all()
+
+
+def test_kernels_take_nothing_from_other_files():
+    # numba's cache looks at the date of a kernel's own file: what it took from another would go stale.
+    found = 0
+    for info in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+        module = importlib.import_module(info.name)
+        for name, value in vars(module).items():
+            if not hasattr(value, "py_func") or value.py_func.__module__ != module.__name__:
+                continue
+            found += 1
+            for used in value.py_func.__code__.co_names:
+                taken = vars(module).get(used)
+                if taken is None or isinstance(taken, types.ModuleType):
+                    continue
+                home = taken.py_func.__module__ if hasattr(taken, "py_func") else None
+                text = f"\n{used}" in importlib.util.find_spec(module.__name__).loader.get_source(
+                    module.__name__
+                )
+                assert home == module.__name__ or text, f"{module.__name__}.{name} takes {used}"
+    assert found > 15
