@@ -21,7 +21,7 @@ from objectfolder.vision.cameras import (
 )
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.cycles_process import render_in_children
-from objectfolder.vision.passes import cast_passes
+from objectfolder.vision.passes import Passes, cast_passes
 from objectfolder.vision.render_request import BOUNCES, LIGHT_POWER_W, Shots, unit_scene
 
 # Held-out views rendered a second time to measure the noise that is left in them.
@@ -40,7 +40,10 @@ TRANSMISSION = (
 )
 # Share of the covered pixels above which clipping is worth a warning.
 CLIPPED_SHARE = 0.01
-CLIPPED = "share of the pixels that the held-out views cover whose straight colour exceeds 1 in a channel"
+CLIPPED = (
+    "share of the pixels covered in the held-out views (in all, where none are held out) whose straight "
+    "colour exceeds 1 in a channel"
+)
 
 # Camera poses (n, 4, 4), light positions (n, 3) and path seeds (n,).
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -60,6 +63,7 @@ def simulate_views(
     light_power_w: float = LIGHT_POWER_W,
     seed: int = 0,
     threads: int = 1,
+    passes: bool = True,
 ) -> Product:
     """Render an object from cameras uniform on a sphere, each with a light uniform on the unit sphere.
 
@@ -88,6 +92,9 @@ def simulate_views(
         Of cameras, lights and paths.
     threads
         Render threads.
+    passes
+        False leaves out depth, normal, albedo and mask, which compress to several times the size of the
+        images and can be cast again at any time (`passes.cast_passes`).
 
     Returns
     -------
@@ -133,32 +140,15 @@ def simulate_views(
     floors = noise_floor(noisy[:NOISE_VIEWS], noisy[held_out_views:])
     cameras, lights, seeds = _joined(training, held_out)
     kept = np.arange(len(rgba)) >= training_views
-    passes = cast_passes(scene, cameras, (height, width), field_of_view_deg)
+    more = {}
+    if passes:
+        more = _pass_arrays(cast_passes(scene, cameras, (height, width), field_of_view_deg))
     samples = np.where(kept, held_out_samples, training_samples).astype(np.int32)
     return Product(
         {
             "rgba": Array(
                 rgba, ("view", "y", "x", "channel"), "1", "scene-linear premultiplied RGBA radiance"
             ),
-            "depth": Array(
-                passes.depth,
-                ("view", "y", "x"),
-                "1",
-                "depth along the camera's -z axis at the pixel's centre",
-            ),
-            "normal": Array(
-                passes.normal,
-                ("view", "y", "x", "axis"),
-                "1",
-                "shading normal at the pixel's centre, unit frame",
-            ),
-            "albedo": Array(
-                passes.albedo,
-                ("view", "y", "x", "channel"),
-                "1",
-                "scene-linear base colour at the pixel's centre",
-            ),
-            "mask": Array(passes.mask, ("view", "y", "x"), "1", "the pixel's centre shows the object"),
             "camera_to_world": Array(
                 cameras, ("view", "row", "column"), "1", "camera pose in the unit frame, OpenGL convention"
             ),
@@ -166,6 +156,7 @@ def simulate_views(
             "held_out": Array(kept, ("view",), "1", "kept from training"),
             "samples": Array(samples, ("view",), "1", "paths a pixel"),
             "seed": Array(seeds, ("view",), "1", "seed of the path sampler"),
+            **more,
         },
         {
             "field_of_view_deg": float(field_of_view_deg),
@@ -190,6 +181,30 @@ def simulate_views(
             **exposure(rgba[kept] if held_out_views else rgba),
         },
     )
+
+
+def _pass_arrays(passes: Passes) -> dict[str, Array]:
+    return {
+        "depth": Array(
+            passes.depth,
+            ("view", "y", "x"),
+            "1",
+            "depth along the camera's -z axis at the pixel's centre",
+        ),
+        "normal": Array(
+            passes.normal,
+            ("view", "y", "x", "axis"),
+            "1",
+            "shading normal at the pixel's centre, unit frame",
+        ),
+        "albedo": Array(
+            passes.albedo,
+            ("view", "y", "x", "channel"),
+            "1",
+            "scene-linear base colour at the pixel's centre",
+        ),
+        "mask": Array(passes.mask, ("view", "y", "x"), "1", "the pixel's centre shows the object"),
+    }
 
 
 def _draw(
