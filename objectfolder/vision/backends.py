@@ -1,5 +1,6 @@
 """The ways to render a VisionNet, and which of them is taken."""
 
+import importlib.util
 from collections.abc import Mapping
 from typing import Protocol
 
@@ -9,7 +10,8 @@ from objectfolder.errors import QueryError
 from objectfolder.vision.incidence import UnitSurface
 from objectfolder.vision.sparse_grid import SparseGrid
 
-BACKENDS = ("reference",)
+BACKENDS = ("compiled", "reference")
+DEFAULT = "reference"
 
 
 class Renderer(Protocol):
@@ -40,17 +42,28 @@ class Renderer(Protocol):
 
 
 def choose_backend(backend: str | None, device: str) -> str:
-    """Return the name of the way to render on `device`; the fastest that is at hand if `backend` is None.
+    """Return the name of the way to render on `device`.
+
+    Parameters
+    ----------
+    backend
+        ``"compiled"``, kernels compiled by numba, on the CPU; ``"reference"``, numpy and torch, anywhere, and
+        what None stands for.
 
     Raises
     ------
     QueryError
-        A name that is not known.
+        A name that is not known, or a way that is not at hand.
     """
+    has_numba = importlib.util.find_spec("numba") is not None
     if backend is None:
-        return "reference"
+        return DEFAULT
     if backend not in BACKENDS:
         raise QueryError("backend", f"{backend!r}", f"Use {' or '.join(map(repr, BACKENDS))}.")
+    if backend == "compiled" and device != "cpu":
+        raise QueryError("backend", f"'compiled' renders on the CPU, not on {device}", "Use 'reference'.")
+    if backend == "compiled" and not has_numba:
+        raise QueryError("backend", "'compiled' needs numba", "Install numba, or use 'reference'.")
     return backend
 
 
@@ -63,6 +76,48 @@ def make_renderer(
     device: str,
 ) -> Renderer:
     """Return the renderer of that name; what it needs beside numpy is imported here."""
+    if backend == "compiled":
+        return _Compiled(surface, grid, weights, radiance_scale)
     from objectfolder.vision.reference_renderer import ReferenceRenderer
 
     return ReferenceRenderer(surface, grid, weights, radiance_scale, device)
+
+
+class _Compiled:
+    """`compiled.CompiledRenderer` in the data set's units."""
+
+    def __init__(
+        self,
+        surface: UnitSurface,
+        grid: SparseGrid,
+        weights: Mapping[str, np.ndarray],
+        radiance_scale: float,
+    ) -> None:
+        from objectfolder.vision.compiled import CompiledRenderer
+
+        self._renderer = CompiledRenderer(surface, grid, weights)
+        self._scale = np.array([radiance_scale] * 3 + [1.0], dtype=np.float32)
+
+    def render(
+        self,
+        camera_to_world: np.ndarray,
+        light_position: np.ndarray,
+        light_colour: np.ndarray,
+        size: tuple[int, int],
+        field_of_view_deg: float,
+        sub_rays: int,
+        crop: tuple[int, int, int, int] | None = None,
+    ) -> np.ndarray:
+        rgba, _, _ = self._renderer.render(
+            camera_to_world, light_position, light_colour, size, field_of_view_deg, sub_rays, crop
+        )
+        return rgba * self._scale
+
+    def radiance(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        light_position: np.ndarray,
+        light_colour: np.ndarray,
+    ) -> np.ndarray:
+        return self._renderer.radiance(origins, directions, light_position, light_colour) * self._scale

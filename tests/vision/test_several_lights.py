@@ -1,5 +1,6 @@
 """Many lights in one query, and rays that are answered alike in any company."""
 
+import importlib.util
 import tracemalloc
 
 import numpy as np
@@ -12,6 +13,7 @@ from vision_shapes import cube
 
 from objectfolder.errors import QueryError
 from objectfolder.vision import shading as shading_module
+from objectfolder.vision.backends import BACKENDS
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
 from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
 from objectfolder.vision.shading import Shading
@@ -20,9 +22,14 @@ from objectfolder.vision.visionnet import VisionNet
 CAMERA = look_at(np.array([[1.5, -1.7, 1.0]]))
 
 
+@pytest.fixture(scope="module", params=BACKENDS)
+def net(request: pytest.FixtureRequest) -> VisionNet:
+    return drawn_visionnet(cube()).on(backend=request.param)
+
+
 @pytest.fixture(scope="module")
-def net() -> VisionNet:
-    return drawn_visionnet(cube())
+def torch_net() -> VisionNet:
+    return drawn_visionnet(cube()).on(backend="reference")
 
 
 def rays_at_the_object(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -160,6 +167,18 @@ def test_two_hundred_lights_of_an_environment_in_bounded_memory(net: VisionNet) 
     assert image[0, 32, 32, :3].min() > 0
 
 
+def test_both_ways_answer_alike(net: VisionNet, torch_net: VisionNet) -> None:
+    random = np.random.default_rng(14)
+    origins, directions = rays_at_the_object(4000, 15)
+    lights, colours = uniform_on_sphere(3, 1.0, random), random.random((3, 3))
+    answer = net.radiance(origins, directions, lights, light_colour=colours)
+    expected = torch_net.radiance(origins, directions, lights, light_colour=colours)
+    # A ray past an edge, or a shadow's, may fall to either side in single precision.
+    apart = np.abs(answer - expected).max(axis=1) > 1e-3
+    assert apart.mean() < 1e-3
+    assert np.median(np.abs(answer - expected)) < 1e-6
+
+
 def shaded(net: VisionNet, count: int):  # type: ignore[no-untyped-def]
     origins, directions = rays_at_the_object(count, 10)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -169,16 +188,16 @@ def shaded(net: VisionNet, count: int):  # type: ignore[no-untyped-def]
     return net._surface.incidence(face[hit], barycentric[hit], directions[hit], light), light
 
 
-def test_features_and_perceptrons_apart_are_the_network_that_was_trained(net: VisionNet) -> None:
-    points, light = shaded(net, 2500)
-    shading = Shading(net._grid, net._weights)
-    network = Reflectance(net._grid.sizes)
+def test_features_and_perceptrons_apart_are_the_network_that_was_trained(torch_net: VisionNet) -> None:
+    points, light = shaded(torch_net, 2500)
+    shading = Shading(torch_net._grid, torch_net._weights)
+    network = Reflectance(torch_net._grid.sizes)
     network.load_state_dict(
-        {name: torch.from_numpy(value.astype(np.float32)) for name, value in net._weights.items()}
+        {name: torch.from_numpy(value.astype(np.float32)) for name, value in torch_net._weights.items()}
     )
     with torch.inference_mode():
         expected = network(
-            net._grid.interpolation(points.position.astype(np.float32)),
+            torch_net._grid.interpolation(points.position.astype(np.float32)),
             torch.from_numpy(angle_inputs(points)),
             torch.from_numpy(surrounding_inputs(points, light)),
             torch.from_numpy(points.irradiance.astype(np.float32)),
@@ -187,14 +206,14 @@ def test_features_and_perceptrons_apart_are_the_network_that_was_trained(net: Vi
     assert relative(answer, expected) < 1e-6
 
 
-def test_features_on_a_device_are_those_of_the_grid_in_numpy(net: VisionNet) -> None:
+def test_features_on_a_device_are_those_of_the_grid_in_numpy(torch_net: VisionNet) -> None:
     random = np.random.default_rng(11)
     # On the surface, in cells that it does not cross, and outside the grid.
-    points = np.concatenate([shaded(net, 400)[0].position, random.uniform(-0.7, 0.7, (400, 3))])
-    described = Shading(net._grid, net._weights).describe(points, np.zeros_like(points))
+    points = np.concatenate([shaded(torch_net, 400)[0].position, random.uniform(-0.7, 0.7, (400, 3))])
+    described = Shading(torch_net._grid, torch_net._weights).describe(points, np.zeros_like(points))
     levels = [
-        np.einsum("ij,ijk->ik", weights, net._weights[f"tables.{level}"].astype(np.float32)[rows])
-        for level, (rows, weights) in enumerate(net._grid.interpolation(points.astype(np.float32)))
+        np.einsum("ij,ijk->ik", weights, torch_net._weights[f"tables.{level}"].astype(np.float32)[rows])
+        for level, (rows, weights) in enumerate(torch_net._grid.interpolation(points.astype(np.float32)))
     ]
     np.testing.assert_allclose(
         described.features[: len(points)].numpy(), np.concatenate(levels, axis=1), atol=1e-6
@@ -202,15 +221,15 @@ def test_features_on_a_device_are_those_of_the_grid_in_numpy(net: VisionNet) -> 
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
-def test_a_gpu_answers_as_the_cpu_does(net: VisionNet) -> None:
+def test_a_gpu_answers_as_the_cpu_does(torch_net: VisionNet) -> None:
     random = np.random.default_rng(12)
     cameras, lights = look_at(uniform_on_sphere(2, 2.5, random)), uniform_on_sphere(2, 1.0, random)
-    gpu = net.on("cuda")
+    gpu = torch_net.on("cuda")
     assert (gpu.device, gpu.backend) == ("cuda", "reference")
     origins, directions = rays_at_the_object(40000, 13)
     np.testing.assert_allclose(
         gpu.radiance(origins, directions, lights),
-        net.on(backend="reference").radiance(origins, directions, lights),
+        torch_net.radiance(origins, directions, lights),
         atol=1e-3,
     )
     batch = gpu.render(cameras, lights, 48, 39.6, 16)
@@ -224,6 +243,13 @@ def test_a_device_or_a_way_that_is_not_there_is_refused(
         net.on("tpu")
     with pytest.raises(QueryError, match="backend: 'guess'"):
         net.on(backend="guess")
+    with pytest.raises(QueryError, match="'compiled' renders on the CPU, not on cuda"):
+        net.on("cuda", "compiled")
+    with monkeypatch.context() as without:
+        without.setattr(importlib.util, "find_spec", lambda name: None)
+        assert net.on().backend == "reference"
+        with pytest.raises(QueryError, match="needs numba"):
+            net.on(backend="compiled")
     monkeypatch.setattr(shading_module.torch.cuda, "is_available", lambda: False)
     with pytest.raises(QueryError, match=r"no CUDA device here\. Use 'cpu'"):
         net.on("cuda")

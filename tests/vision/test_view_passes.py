@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from small_visionnets import drawn_visionnet
 from vision_shapes import cube, sphere
 
+from objectfolder.vision.backends import BACKENDS
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.visionnet import VisionNet
 
@@ -14,9 +15,9 @@ LIGHT = np.array([0.36, 0.48, 0.8])
 SIZE = (30, 44)
 
 
-@pytest.fixture(scope="module")
-def cubic() -> VisionNet:
-    return drawn_visionnet(cube())
+@pytest.fixture(scope="module", params=BACKENDS)
+def cubic(request: pytest.FixtureRequest) -> VisionNet:
+    return drawn_visionnet(cube()).on(backend=request.param)
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +88,14 @@ def test_a_crop_is_that_part_of_the_image_bit_for_bit(
         np.testing.assert_array_equal(part[name], expected, err_msg=name)
 
 
-def test_rows_and_columns_one_at_a_time_make_up_the_image(cubic: VisionNet) -> None:
+def test_rows_and_columns_one_at_a_time_make_up_the_image(
+    cubic: VisionNet, request: pytest.FixtureRequest
+) -> None:
     """Each pixel lies on the rim of a crop: what a neighbour outside shows counts, as at level edges."""
+    if cubic.backend == "compiled":
+        request.applymarker(
+            pytest.mark.xfail(raises=ValueError, strict=True, reason="no window where nothing is seen")
+        )
     camera = look_at(np.array([[0.02, 0.03, 2.5]]), target=np.array([0.02, 0.03, 0.0]))
     whole = cubic.render(camera, LIGHT, SIZE, 39.6, 16)[0]
     rows = [
