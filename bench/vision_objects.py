@@ -248,10 +248,13 @@ class Subject:
     def asked(self, net: VisionNet, views: Product) -> dict[str, Any]:
         """Return the error of the network on the held-out views, and the CPU seconds of an image."""
         held_out = views["held_out"]
-        size = views["rgba"].shape[1:3]
+        height, width = views["rgba"].shape[1:3]
         start = cpu_seconds()
         image = net.render(
-            views["camera_to_world"][held_out], views["light_position"][held_out], size, FIELD_OF_VIEW_DEG
+            views["camera_to_world"][held_out],
+            views["light_position"][held_out],
+            (height, width),
+            FIELD_OF_VIEW_DEG,
         )
         seconds = (cpu_seconds() - start) / len(image)
         return {**means(views, on_white(image)), "image_cpu_s": seconds}
@@ -315,7 +318,7 @@ def unlit(views: Product) -> np.ndarray:
 
 
 def figures(found: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    summaries = {}
+    summaries: dict[str, Any] = {}
     for case, rows in found.items():
         if case == "lights":
             summaries |= {

@@ -16,6 +16,8 @@ from objectfolder.vision.sparse_grid import SparseGrid
 
 # A mirror shows the lamp, a point, to no pixel: its highlight starts a little wider.
 LEAST_ALPHA = 0.0025
+# Albedo below which training starts from the object's own.
+DARK = 0.05
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,18 @@ def display_loss(predicted: torch.Tensor, colour: torch.Tensor, weight: torch.Te
     return (error**2 * weight[:, None]).sum() / (3 * weight.sum())
 
 
+def starting_albedo(rays: TrainingRays, radiance_scale: float) -> np.ndarray:
+    """Return (3,) float32: grey, or the mean colour over the direct light where that is darker than `DARK`.
+
+    A black surface is not found from grey: the gradients vanish on the way. A glossy
+    surface is found worse from its mean, which holds its highlights.
+    """
+    arriving = np.add.reduceat(rays.irradiance, rays.first) / rays.count * radiance_scale
+    shown = (rays.weight[:, None] * np.minimum(rays.colour, 1.0)).sum(axis=0)
+    albedo = shown / max(float((rays.weight * arriving).sum()), 1e-9)
+    return np.where(albedo.max() < DARK, np.maximum(albedo, 0.004), 0.5).astype(np.float32)
+
+
 def train(
     grid: SparseGrid, rays: TrainingRays, *, radiance_scale: float, steps: int, batch_pixels: int,
     learning_rate: float, seed: int,
@@ -135,6 +149,8 @@ def train(
     random = np.random.default_rng(seed)
     network = Reflectance(grid.sizes)
     network.initialise(generator, rays.alpha)
+    with torch.no_grad():
+        network.albedo.bias.copy_(torch.logit(torch.from_numpy(starting_albedo(rays, radiance_scale))))
     tables = list(network.tables)
     known = {id(table) for table in tables}
     others = [parameter for parameter in network.parameters() if id(parameter) not in known]

@@ -1,0 +1,209 @@
+"""Fits to views that a closed form shades: spheres under the inverse square law, shadows included."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from vision_shapes import sphere
+
+from objectfolder.geometry.frames import UnitFrame
+from objectfolder.geometry.surface import Surface
+from objectfolder.store import Array, Product
+from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
+from objectfolder.vision.compositing import composite_on_white, srgb_encode
+from objectfolder.vision.incidence import UnitSurface
+from objectfolder.vision.reflectance import highlight
+from objectfolder.vision.render_request import LIGHT_POWER_W
+from objectfolder.vision.training import LEAST_ALPHA, display_loss, encoded_slope, trace_training_rays
+from objectfolder.vision.visionnet import VisionNet, fit_visionnet
+
+SIZE, FIELD_OF_VIEW_DEG = 32, 39.6
+TOY = {"steps": 150, "batch_pixels": 256, "grid_resolution": 16, "learning_rate": 2e-2}
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """Matt spheres of one colour, unit frame; there is no light but the lamp's."""
+
+    centres: np.ndarray
+    radii: np.ndarray
+    albedo: np.ndarray
+
+    def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return distances (n,), infinite without a hit, and which sphere (n,)."""
+        offset = origins[:, None] - self.centres
+        along = np.einsum("nsj,nj->ns", offset, directions)
+        inside = along**2 - np.einsum("nsj,nsj->ns", offset, offset) + self.radii**2
+        near = -along - np.sqrt(np.maximum(inside, 0))
+        distance = np.where((inside > 0) & (near > 1e-6), near, np.inf)
+        return distance.min(axis=1), distance.argmin(axis=1)
+
+    def radiance(self, origins: np.ndarray, directions: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return (n, 4) premultiplied RGBA: albedo P cos / (4 pi^2 d^2) where the lamp is seen."""
+        distance, which = self.first_hits(origins, directions)
+        hit = np.isfinite(distance)
+        points = origins[hit] + distance[hit, None] * directions[hit]
+        normal = (points - self.centres[which[hit]]) / self.radii[which[hit], None]
+        to_light = light - points
+        length = np.linalg.norm(to_light, axis=1)
+        to_light /= length[:, None]
+        cosine = np.maximum(np.einsum("ij,ij->i", normal, to_light), 0)
+        blocked = self.first_hits(points + 1e-6 * normal, to_light)[0] < length
+        arriving = np.where(blocked, 0, cosine / length**2) * LIGHT_POWER_W / (4 * np.pi**2)
+        rgba = np.zeros((len(directions), 4))
+        rgba[hit] = np.column_stack([arriving[:, None] * self.albedo, np.ones(len(arriving))])
+        return rgba
+
+    def views(self, count: int, held_out: int) -> Product:
+        random = np.random.default_rng(5)
+        cameras = look_at(uniform_on_sphere(count, 2.5, random))
+        lights = uniform_on_sphere(count, 1.0, random)
+        pixels = np.arange(SIZE * SIZE)
+        rgba = np.stack([
+            self.radiance(*pixel_rays(camera, pixels, sub_ray_offsets(16), SIZE, FIELD_OF_VIEW_DEG), light)
+            .reshape(SIZE, SIZE, 16, 4).mean(axis=2)
+            for camera, light in zip(cameras, lights, strict=True)
+        ])  # fmt: skip
+        return Product(
+            {
+                "rgba": Array(rgba.astype(np.float32), ("view", "y", "x", "channel"), "1", "radiance"),
+                "camera_to_world": Array(cameras, ("view", "row", "column"), "1", "pose"),
+                "light_position": Array(lights, ("view", "axis"), "1", "lamp"),
+                "held_out": Array(np.arange(count) >= count - held_out, ("view",), "1", "kept"),
+            },
+            {
+                "field_of_view_deg": FIELD_OF_VIEW_DEG,
+                "camera_radius": 2.5,
+                "light_power_w": LIGHT_POWER_W,
+                "appearance": {"roughness": 1.0, "metallic": 0.0, "specular": 0.0},
+            },
+        )
+
+    def surface(self) -> Surface:
+        meshes = [sphere(radius, (0, 0, 0), 4) for radius in self.radii]
+        vertices = [mesh.vertices + centre for mesh, centre in zip(meshes, self.centres, strict=True)]
+        first = np.cumsum([0, *map(len, vertices[:-1])])
+        faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=True)]
+        return Surface(np.concatenate(vertices), np.concatenate(faces))
+
+
+# The spheres below touch the unit box, so their object frame is the unit frame.
+FRAME = UnitFrame(np.zeros(3), 1.0)
+ONE = (np.zeros((1, 3)), np.array([0.5]))
+APART = (np.array([[-0.3, 0.0, 0.0], [0.3, 0.0, 0.0]]), np.array([0.2, 0.2]))
+CROSSING = (np.array([[-0.15, 0.0, 0.0], [0.15, 0.0, 0.0]]), np.array([0.35, 0.35]))
+CASES = {
+    "a white object": Spheres(*ONE, np.full(3, 0.95)),
+    "a black object": Spheres(*ONE, np.full(3, 0.005)),
+    "a texture of one colour": Spheres(*ONE, np.array([0.7, 0.2, 0.05])),
+    "an object of several components": Spheres(*APART, np.array([0.3, 0.5, 0.7])),
+    "self-intersecting shells": Spheres(*CROSSING, np.array([0.6, 0.5, 0.2])),
+}
+
+
+def fit(case: Spheres, views: Product, seed: int = 0, **more: int) -> VisionNet:
+    return fit_visionnet(case.surface(), FRAME, views, **{**TOY, **more}, seed=seed)
+
+
+def psnr(truth: np.ndarray, answer: np.ndarray, where: np.ndarray | None = None) -> float:
+    error = (composite_on_white(truth) - composite_on_white(answer)) ** 2
+    return float(-10 * np.log10(np.mean(error if where is None else error[where])))
+
+
+# Decibels above the trivial answer within the outline; nearly nothing sets black views apart from one black.
+@pytest.mark.parametrize(("name", "margin_db"), [
+    ("a white object", 20),
+    ("an object of several components", 10),
+    pytest.param("a black object", 1, marks=pytest.mark.slow),
+    pytest.param("a texture of one colour", 10, marks=pytest.mark.slow),
+    pytest.param("self-intersecting shells", 10, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_held_out_views_of_hard_cases_are_answered(name, margin_db):
+    case = CASES[name]
+    views = case.views(20, 4)
+    held_out = views["held_out"]
+    truth = views["rgba"][held_out].astype(np.float64)
+    answer = fit(case, views).render(
+        views["camera_to_world"][held_out], views["light_position"][held_out], SIZE, FIELD_OF_VIEW_DEG, 16
+    )
+    # The trivial answer is given the true outline.
+    alpha = truth[..., 3:]
+    colour = truth[..., :3].sum(axis=(0, 1, 2)) / alpha.sum()
+    trivial = np.concatenate([colour * alpha, alpha], axis=-1)
+    inside = alpha[..., 0] > 0.999
+    assert psnr(truth, answer) > 40
+    assert psnr(truth, answer, inside) > psnr(truth, trivial, inside) + margin_db
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
+    case = CASES["an object of several components"]
+    views = case.views(6, 1)
+    one, again, other = (fit(case, views, seed, steps=20).tensors() for seed in (3, 3, 4))
+    assert one.keys() == again.keys()
+    assert all(one[name].tobytes() == again[name].tobytes() for name in one)
+    assert any(one[name].tobytes() != other[name].tobytes() for name in one)
+
+
+def test_at_most_as_many_pixels_are_traced_as_asked():
+    case = CASES["self-intersecting shells"]
+    views = case.views(6, 1)
+    surface = UnitSurface(case.surface(), FRAME)
+    every = trace_training_rays(surface, views, 4, 10**9, 0)
+    covered = int(np.count_nonzero(views["rgba"][~views["held_out"]][..., 3]))
+    # A pixel that no jittered ray of the polyhedron meets is left out: few, at the outline.
+    assert 0.95 * covered < len(every.count) <= covered
+    some = trace_training_rays(surface, views, 4, 300, 0)
+    assert 200 < len(some.count) < 400
+    assert every.count.sum() == len(every.position)
+    np.testing.assert_array_equal(every.first, np.cumsum(every.count) - every.count)
+
+
+def test_the_highlight_starts_as_wide_as_the_surface_is_rough():
+    case = CASES["a white object"]
+    views = case.views(3, 1)
+    surface = UnitSurface(case.surface(), FRAME)
+    for roughness, alpha in ((0.5, 0.25), (0.0, LEAST_ALPHA)):
+        attributes = {**views.attributes, "appearance": {"roughness": roughness}}
+        rays = trace_training_rays(surface, Product(views.arrays, attributes), 1, 50, 0)
+        assert rays.alpha == pytest.approx(alpha)
+
+
+def reflected(alpha: float, camera_deg: float) -> float:
+    """What a white GGX surface reflects of an even hemisphere of light, by Monte Carlo."""
+    random = np.random.default_rng(0)
+    directions = random.normal(size=(1_000_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions[:, 2] = np.abs(directions[:, 2])
+    camera = np.array([np.sin(np.deg2rad(camera_deg)), 0.0, np.cos(np.deg2rad(camera_deg))])
+    half = directions + camera
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    angles = np.zeros((len(directions), 12), dtype=np.float32)
+    angles[:, 3], angles[:, 5], angles[:, 11] = directions[:, 2], camera[2], half[:, 2]
+    lobe = highlight(torch.from_numpy(angles), torch.tensor(np.log(alpha), dtype=torch.float32))
+    # The lobe leaves out pi; the hemisphere measures 2 pi.
+    return 2 * float((lobe[:, 0].numpy() * directions[:, 2]).mean())
+
+
+@pytest.mark.parametrize("camera_deg", [0.0, 50.0])
+def test_a_smooth_highlight_reflects_all_that_arrives(camera_deg):
+    assert reflected(0.05, camera_deg) == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_roughest_highlight_reflects_what_its_masking_leaves():
+    # alpha = 1 seen along the normal: the integral of l / (1 + l) over the cosine l of the light.
+    assert reflected(1.0, 0.0) == pytest.approx(1 - np.log(2), abs=0.002)
+
+
+def test_the_slope_is_that_of_the_encoding():
+    linear = np.array([1e-4, 0.002, 0.01, 0.2, 0.9])
+    step = 1e-7
+    expected = (srgb_encode(linear + step) - srgb_encode(linear - step)) / (2 * step)
+    np.testing.assert_allclose(encoded_slope(torch.from_numpy(linear)).numpy(), expected, rtol=1e-4)
+
+
+def test_white_is_white_and_coverage_weighs():
+    predicted = torch.tensor([[3.0, 0.5, 0.5], [0.2, 0.2, 0.2]])
+    colour = torch.tensor([[7.0, 0.5, 0.5], [0.3, 0.2, 0.2]])
+    assert display_loss(predicted, colour, torch.tensor([1.0, 0.0])) == 0
+    assert display_loss(predicted, colour, torch.tensor([0.0, 1.0])) > 0
