@@ -7,6 +7,8 @@ import types
 import numpy as np
 import pytest
 from compiled_cases import SHAPES
+from numba import njit
+from numba.core.caching import CacheImpl
 
 import objectfolder.vision.compiled as package
 from objectfolder.geometry.bounding_boxes import BoundingBoxTree
@@ -14,6 +16,7 @@ from objectfolder.geometry.frames import UnitFrame
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
+from objectfolder.vision.compiled.jit import kernel, relaxed_kernel
 from objectfolder.vision.compiled.renderer import TARGETS
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
 from objectfolder.vision.compiled.visibility import Projection
@@ -140,3 +143,15 @@ def test_kernels_take_nothing_from_other_files():
                 )
                 assert home == module.__name__ or text, f"{module.__name__}.{name} takes {used}"
     assert found > 15
+
+
+def test_where_no_cache_can_be_written_kernels_are_compiled_all_the_same(monkeypatch):
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+
+    def doubled(x):
+        return 2 * x
+
+    with pytest.raises(RuntimeError, match="no locator"):
+        njit(doubled, cache=True)
+    assert kernel(doubled)(4.0) == 8.0
+    assert relaxed_kernel(doubled)(np.nan) != relaxed_kernel(doubled)(np.nan)

@@ -1,12 +1,15 @@
 """Pixels in which a shadow ends or colour changes fast, found from one answer a pixel."""
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 import numpy as np
 
 from objectfolder.vision.compiled.jit import kernel
 
 
 @kernel
-def unevenly_seen(label, slots):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+def unevenly_seen(label, slots):
     """Mark (h, w) pixels of a window that more than one group shares, or beside one of other coverage.
 
     Parameters
@@ -39,7 +42,7 @@ def unevenly_seen(label, slots):  # type: ignore[no-untyped-def]  # compiled for
 
 
 @kernel
-def mixed(slots, pixel, state):  # type: ignore[no-untyped-def]  # as above
+def mixed(slots, pixel, state):
     """Mark (p,) pixels that see, or have an edge neighbour that sees, what is lit beside what is in shadow.
 
     Parameters
@@ -69,7 +72,7 @@ def mixed(slots, pixel, state):  # type: ignore[no-untyped-def]  # as above
 
 
 @kernel
-def contrasting(slots, shade, limit):  # type: ignore[no-untyped-def]  # as above
+def contrasting(slots, shade, limit):
     """Mark (p,) pixels whose shade (p, 3) differs by more than `limit` from an edge neighbour's."""
     height, width = slots.shape
     marked = np.zeros(len(shade), np.bool_)
@@ -90,7 +93,7 @@ def contrasting(slots, shade, limit):  # type: ignore[no-untyped-def]  # as abov
 
 
 @kernel
-def sum_by_pixel(pixel, weight, colour, count):  # type: ignore[no-untyped-def]  # as above
+def sum_by_pixel(pixel, weight, colour, count):
     """Return (count, 3) float64 sums of weight * colour over the points of each pixel, in their order."""
     total = np.zeros((count, 3))
     for i in range(len(pixel)):

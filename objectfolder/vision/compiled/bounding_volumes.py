@@ -4,6 +4,9 @@ Binary, split by the binned surface area heuristic (Wald 2007); boxes in single 
 rounding, triangles in double (Möller and Trumbore 1997), both sides.
 """
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,25 +57,23 @@ class BoundingVolumes:
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return face (n,) int32 (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
-        return _first_hits(  # type: ignore[no-any-return]
+        return _first_hits(
             self.boxes, self.children, self.counts, self.triangles, self.faces, origins, directions
         )
 
     def occluded(self, origins: np.ndarray, target: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Whether (n,) a face lies strictly between origins (n, 3) and one target (3,), where wanted (n,)."""
-        return _occluded(  # type: ignore[no-any-return]
-            self.boxes, self.children, self.counts, self.triangles, origins, target, wanted
-        )
+        return _occluded(self.boxes, self.children, self.counts, self.triangles, origins, target, wanted)
 
 
 @kernel
-def _area(low, high):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+def _area(low, high):
     x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
     return x * y + y * z + z * x
 
 
 @kernel
-def _split(low, high, order, first, last):  # type: ignore[no-untyped-def]  # as above
+def _split(low, high, order, first, last):
     """Partition order[first:last] by the cheapest of BINS planes an axis; return where, or the middle."""
     least, most = np.full(3, np.inf), np.full(3, -np.inf)
     for position in range(first, last):
@@ -131,7 +132,7 @@ def _split(low, high, order, first, last):  # type: ignore[no-untyped-def]  # as
 
 
 @kernel
-def _build(low, high):  # type: ignore[no-untyped-def]  # as above
+def _build(low, high):
     count = len(low)
     order = np.arange(count).astype(np.int32)
     room = max(1, count)
@@ -166,7 +167,7 @@ def _build(low, high):  # type: ignore[no-untyped-def]  # as above
 
 
 @kernel
-def _enter(box, ox, oy, oz, ix, iy, iz, limit):  # type: ignore[no-untyped-def]  # as above
+def _enter(box, ox, oy, oz, ix, iy, iz, limit):
     """Return where the ray enters the box, or infinity."""
     a, b = (box[0] - ox) * ix, (box[3] - ox) * ix
     near, far = min(a, b), max(a, b)
@@ -181,7 +182,7 @@ def _enter(box, ox, oy, oz, ix, iy, iz, limit):  # type: ignore[no-untyped-def] 
 
 
 @kernel
-def _inverse(value):  # type: ignore[no-untyped-def]  # as above
+def _inverse(value):
     # Not quite parallel to any side of a box: 0 * infinity would be no number.
     if abs(value) < 1e-18:
         value = 1e-18 if value >= 0 else -1e-18
@@ -189,7 +190,7 @@ def _inverse(value):  # type: ignore[no-untyped-def]  # as above
 
 
 @kernel
-def _meet(triangle, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]  # as above
+def _meet(triangle, ox, oy, oz, dx, dy, dz):
     """Return distance (infinity: none ahead) and the second and third barycentric coordinate."""
     e1x, e1y, e1z = triangle[3], triangle[4], triangle[5]
     e2x, e2y, e2z = triangle[6], triangle[7], triangle[8]
@@ -213,7 +214,7 @@ def _meet(triangle, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]  # 
 
 
 @kernel
-def _first_hits(boxes, children, counts, triangles, faces, origins, directions):  # type: ignore[no-untyped-def]  # as above
+def _first_hits(boxes, children, counts, triangles, faces, origins, directions):
     count = len(origins)
     found = np.full(count, -1, np.int32)
     barycentric = np.zeros((count, 3))
@@ -257,7 +258,7 @@ def _first_hits(boxes, children, counts, triangles, faces, origins, directions):
 
 
 @kernel
-def _occluded(boxes, children, counts, triangles, origins, target, wanted):  # type: ignore[no-untyped-def]  # as above
+def _occluded(boxes, children, counts, triangles, origins, target, wanted):
     count = len(origins)
     blocked = np.zeros(count, np.bool_)
     stack = np.empty(STACK, np.int32)

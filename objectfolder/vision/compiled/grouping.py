@@ -3,6 +3,9 @@
 Visibility is found at every sub-sample, colour once or a few times a group, as in multisampling.
 """
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 import numpy as np
 
 from objectfolder.vision.compiled.jit import kernel
@@ -16,7 +19,7 @@ GROUPS = 8
 
 
 @kernel
-def group_samples(seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+def group_samples(seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant):
     """Return the group (p, s) int8 of each sub-sample, -1 where nothing is seen.
 
     Parameters
@@ -77,7 +80,7 @@ def group_samples(seen, nearness, columns, rows, functions, facets, offsets_x, o
 
 
 @kernel
-def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):  # type: ignore[no-untyped-def]  # as above
+def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
     """Choose up to `wanted` spread sub-samples to stand for each group.
 
     Parameters
@@ -150,7 +153,7 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):  # typ
 
 
 @kernel
-def _stand_for(members, offsets_x, offsets_y, targets, most, sample, weight, total):  # type: ignore[no-untyped-def]  # as above
+def _stand_for(members, offsets_x, offsets_y, targets, most, sample, weight, total):
     """Write up to `most` of `members` and the shares nearest to each from row `total`; return the next."""
     low_x, high_x = np.float32(1.0), np.float32(-1.0)
     low_y, high_y = np.float32(1.0), np.float32(-1.0)

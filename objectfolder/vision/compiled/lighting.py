@@ -1,5 +1,8 @@
 """Points of the surface and the light that would reach them unhindered: `incidence.py`, compiled."""
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +66,7 @@ class LitSurface:
 
 
 @kernel
-def surface_points(face, barycentric, directions, triangles, corner_normals, facets):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+def surface_points(face, barycentric, directions, triangles, corner_normals, facets):
     """Return position and shading normal (n, 3), and the side seen (n,): -1.0 the back."""
     count = len(face)
     position, normal = np.empty((count, 3)), np.empty((count, 3))
@@ -93,7 +96,7 @@ def surface_points(face, barycentric, directions, triangles, corner_normals, fac
 
 @kernel
 def unhindered(face, barycentric, position, normal, side, light, triangles, corner_normals, facets,
-               terminator_cosine, self_offset):  # type: ignore[no-untyped-def]  # as above  # fmt: skip
+               terminator_cosine, self_offset):  # fmt: skip
     """Return irradiance (n,) but for shadow, and where shadow rays start (n, 3).
 
     As `incidence.UnitSurface.incidence` and `incidence.shadow_ray_start`; `light` is (3,).

@@ -1,5 +1,8 @@
 """The network of `reflectance.py`, compiled: features, inputs and perceptrons over blocks of points."""
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def, call-overload, operator, assignment"
+
 import math
 from collections.abc import Mapping
 
@@ -17,8 +20,6 @@ BLOCK = 64
 ANGLES, SURROUNDINGS = 12, 31
 # The nearest that a light is told to be to a point, unit frame; as in `shading`.
 NEAREST = 1e-3
-# Cosines in the highlight are at least this; as in `reflectance`.
-LEAST_COSINE = 0.01
 # Of the surroundings, those that depend on the light alone.
 LIGHT_INPUTS = slice(12, 24)
 
@@ -81,15 +82,16 @@ class CompiledNetwork:
         waves = [np.sin(math.pi * light), np.cos(math.pi * light), np.sin(2 * math.pi * light)]
         inputs = np.concatenate([light, *waves]).astype(np.float32)
         bias = self._bounced_bias + self._bounced_light @ inputs
-        return _radiance(  # type: ignore[no-any-return]
+        return _radiance(
             position, normal, to_camera, irradiance, light,
             self._tables, self._lookups, self._resolutions, HALF_WIDTH,
             self._direct, bias, self._bounced, self._albedo, self._alpha2,
+            np.float32(network_layout.LEAST_COSINE),
         )  # fmt: skip
 
 
 @relaxed_kernel
-def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first, s):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first, s):
     """Write the features of one level at a point to features[first:, s]: `SparseGrid.interpolation`."""
     one, zero = np.float32(1.0), np.float32(0.0)
     scale, limit = resolution / (2 * half_width), resolution * (1 - 1e-7)
@@ -128,7 +130,7 @@ def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first
 
 
 @relaxed_kernel
-def _hidden(weight, bias, inputs, out):  # type: ignore[no-untyped-def]  # as above
+def _hidden(weight, bias, inputs, out):
     np.dot(weight, inputs, out)
     zero = np.float32(0.0)
     for row in range(out.shape[0]):
@@ -138,20 +140,20 @@ def _hidden(weight, bias, inputs, out):  # type: ignore[no-untyped-def]  # as ab
 
 
 @relaxed_kernel
-def _sigmoid(x):  # type: ignore[no-untyped-def]  # as above
+def _sigmoid(x):
     return np.float32(1.0) / (np.float32(1.0) + math.exp(-x))
 
 
 @relaxed_kernel
-def _softplus(x):  # type: ignore[no-untyped-def]  # as above
+def _softplus(x):
     return max(x, np.float32(0.0)) + math.log1p(math.exp(-abs(x)))
 
 
 @relaxed_kernel
 def _radiance(
     position, normal, to_camera, irradiance, light, tables, lookups, resolutions, half_width,
-    direct, bounced_bias, bounced, albedo, alpha2,
-):  # type: ignore[no-untyped-def]  # as above  # fmt: skip
+    direct, bounced_bias, bounced, albedo, alpha2, least_cosine,
+):  # fmt: skip
     count = len(position)
     radiance = np.empty((count, 3), np.float32)
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -234,8 +236,8 @@ def _radiance(
         np.dot(albedo[0], albedo_in, albedo_out)
         for s in range(size):
             i = start + s
-            at_light = max(direct_in[a + 3, s], np.float32(LEAST_COSINE))
-            at_camera = max(direct_in[a + 5, s], np.float32(LEAST_COSINE))
+            at_light = max(direct_in[a + 3, s], least_cosine)
+            at_camera = max(direct_in[a + 5, s], least_cosine)
             middle = direct_in[a + 11, s]
             width = middle * middle * (alpha2 - one) + one
             masked = at_light * math.sqrt(at_camera * at_camera * (one - alpha2) + alpha2)

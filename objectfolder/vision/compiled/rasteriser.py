@@ -6,6 +6,9 @@ the sign of v0 . (v1 x v2). Divided by that determinant their sum is one over de
 triangles that pass the camera need no cutting.
 """
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 import numpy as np
 
 from objectfolder.vision.compiled.jit import kernel, relaxed_kernel
@@ -15,7 +18,7 @@ WIDENING = 1e-6
 
 
 @kernel
-def edge_functions(vertices, faces, focal, centre_x, centre_y):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+def edge_functions(vertices, faces, focal, centre_x, centre_y):
     """Return the edge functions of each face over the image, and the pixels that its image may touch.
 
     Parameters
@@ -75,7 +78,7 @@ def edge_functions(vertices, faces, focal, centre_x, centre_y):  # type: ignore[
 
 
 @relaxed_kernel
-def rasterise(functions, reach, slots, top, left, offsets_x, offsets_y, seen, nearness):  # type: ignore[no-untyped-def]  # as above
+def rasterise(functions, reach, slots, top, left, offsets_x, offsets_y, seen, nearness):
     """Write the nearest face at each sub-sample of the pixels that have a slot.
 
     Parameters
@@ -133,7 +136,7 @@ def rasterise(functions, reach, slots, top, left, offsets_x, offsets_y, seen, ne
 
 
 @kernel
-def meet_planes(functions, face, x, y, camera_to_world, focal, centre_x, centre_y):  # type: ignore[no-untyped-def]  # as above
+def meet_planes(functions, face, x, y, camera_to_world, focal, centre_x, centre_y):
     """Return where rays through (n,) image points (x, y) meet the faces (n,) they are known to see.
 
     Returns

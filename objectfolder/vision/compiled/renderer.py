@@ -175,6 +175,8 @@ class CompiledRenderer:
             MARGIN,
         )
         view = look(projection, self._surface.facets, effort.samples, effort.samples_uneven)
+        if len(view.rows) == 0:
+            return rgba
         probes = self._chosen(
             view, [samples.label for samples in view.samples], np.ones(len(view.rows), dtype=np.int64)
         )

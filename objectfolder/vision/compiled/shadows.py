@@ -1,12 +1,15 @@
 """Where a shadow ends inside a pixel: some sub-samples are asked, the others follow the nearest."""
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 import numpy as np
 
 from objectfolder.vision.compiled.jit import kernel
 
 
 @kernel
-def samples_to_ask(label, rows, rays, groups):  # type: ignore[no-untyped-def]  # compiled for the types it meets
+def samples_to_ask(label, rows, rays, groups):
     """Return (n,) rows of `label` (p, s) and sub-samples: about `rays` of each of `rows`.
 
     These are every so many of the lattice's samples, and all of a group that has none of them.
@@ -29,7 +32,7 @@ def samples_to_ask(label, rows, rays, groups):  # type: ignore[no-untyped-def]  
 
 
 @kernel
-def split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups):  # type: ignore[no-untyped-def]  # as above
+def split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups):
     """Raise by `groups` the label (p, s) of sub-samples whose nearest asked one of their group is blocked.
 
     Parameters
