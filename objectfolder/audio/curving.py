@@ -17,6 +17,7 @@ from scipy.sparse.linalg import spsolve
 
 from objectfolder.audio.facing_target import SHARP_TURN, FacingTarget
 from objectfolder.audio.hierarchic import EDGES, differentiate, evaluate, functions, quadrature
+from objectfolder.audio.inner_edges import bend_along
 from objectfolder.audio.space import Space
 from objectfolder.geometry.edges import edge_table
 from objectfolder.geometry.surface import Surface
@@ -70,11 +71,11 @@ def curve(space: Space, faces: Integers, normals: Floats, target: Surface) -> tu
     geometry, creased_edges = _bend(space, geometry, boundary, facing)
     free = np.ones(len(geometry), dtype=bool)
     free[boundary.vertices[creased]] = free[boundary.numbers[creased_edges]] = False
-    geometry, held = _unfold(space, geometry)
+    geometry, held = _unfold(space, bend_along(space, geometry, boundary.numbers))
     for _ in range(FITS):
         free[space.numbers[held, 4:10]] = False
         geometry = _fit(space, geometry, boundary, facing, free)
-        geometry, more = _unfold(space, geometry)
+        geometry, more = _unfold(space, bend_along(space, geometry, boundary.numbers))
         held |= more
     bent = space.shaped(geometry)
     moved = geometry[: space.vertex_count] != space.geometry[: space.vertex_count]

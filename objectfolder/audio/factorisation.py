@@ -54,9 +54,10 @@ class Factorisation:
             ) from error
 
     def _pardiso(self, matrix: sparse.csr_matrix, kind: int) -> None:
+        # Before the import, which looks for MKL as well.
+        _say_where_mkl_is()
         from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
 
-        _say_where_mkl_is()
         self._upper = sparse.triu(matrix, format="csr")
         self._upper.sort_indices()
         self._factors: Any = PyPardisoSolver(mtype=kind)

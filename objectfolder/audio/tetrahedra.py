@@ -72,11 +72,11 @@ class Filling:
 
     edge_length: float = 0.1
     bulk_elements: int = 500
-    surface_per_thickness: float = 0.15
-    surface_error: float = 0.0015
+    surface_per_thickness: float = 0.1
+    surface_error: float = 0.001
     least_shape: float = 0.2
-    epsilon_per_wall: float = 0.12
-    simplification_per_wall: float = 0.15
+    epsilon_per_wall: float = 0.08
+    simplification_per_wall: float = 0.08
     target_faces: int = 800
     most_faces: int = 1600
     stop_energy: float = 40.0

@@ -41,7 +41,7 @@ def _obj_files(mesh: Path) -> list[Path]:
     for library in libraries:
         files += library_files(mesh, library)
         materials = read_material_library(mesh, library).values()
-        files += [material.texture for material in materials if material.texture is not None]
+        files += [file for material in materials for file in material.files]
     return files
 
 

@@ -11,7 +11,6 @@ from objectfolder.vision.incidence import UnitSurface
 from objectfolder.vision.sparse_grid import SparseGrid
 
 BACKENDS = ("compiled", "reference")
-DEFAULT = "reference"
 
 
 class Renderer(Protocol):
@@ -47,23 +46,23 @@ def choose_backend(backend: str | None, device: str) -> str:
     Parameters
     ----------
     backend
-        ``"compiled"``, kernels compiled by numba, on the CPU; ``"reference"``, numpy and torch, anywhere, and
-        what None stands for.
+        ``"compiled"``, kernels compiled by numba, on the CPU; ``"reference"``, numpy and torch, anywhere. None
+        stands for the first where it can be had, else for the second.
 
     Raises
     ------
     QueryError
         A name that is not known, or a way that is not at hand.
     """
-    has_numba = importlib.util.find_spec("numba") is not None
+    compiles = all(importlib.util.find_spec(name) is not None for name in ("numba", "scipy"))
     if backend is None:
-        return DEFAULT
+        return "compiled" if device == "cpu" and compiles else "reference"
     if backend not in BACKENDS:
         raise QueryError("backend", f"{backend!r}", f"Use {' or '.join(map(repr, BACKENDS))}.")
     if backend == "compiled" and device != "cpu":
         raise QueryError("backend", f"'compiled' renders on the CPU, not on {device}", "Use 'reference'.")
-    if backend == "compiled" and not has_numba:
-        raise QueryError("backend", "'compiled' needs numba", "Install numba, or use 'reference'.")
+    if backend == "compiled" and not compiles:
+        raise QueryError("backend", "'compiled' needs numba and scipy", "Install them, or use 'reference'.")
     return backend
 
 
@@ -108,7 +107,7 @@ class _Compiled:
         sub_rays: int,
         crop: tuple[int, int, int, int] | None = None,
     ) -> np.ndarray:
-        rgba, _, _ = self._renderer.render(
+        rgba = self._renderer.image(
             camera_to_world, light_position, light_colour, size, field_of_view_deg, sub_rays, crop
         )
         return rgba * self._scale

@@ -137,7 +137,7 @@ class VisionNet:
             ``"cpu"``, or ``"cuda"`` for the network and its features; their answers agree to 1e-3 in linear
             radiance.
         backend
-            One of `backends.BACKENDS`; `backends.DEFAULT` if None.
+            One of `backends.BACKENDS`; if None, see `backends.choose_backend`.
 
         Raises
         ------

@@ -63,7 +63,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "0000_normal.npy in the object frame, 0000_mask.png",
     )
     command.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="default cpu")
-    command.add_argument("--backend", choices=BACKENDS, help="default: reference")
+    command.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        help="default: compiled where numba is installed and the device is the CPU",
+    )
 
 
 def render(options: argparse.Namespace, folder: Path) -> None:

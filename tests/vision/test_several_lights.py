@@ -254,6 +254,7 @@ def test_a_device_or_a_way_that_is_not_there_is_refused(
     with pytest.raises(QueryError, match=r"no CUDA device here\. Use 'cpu'"):
         net.on("cuda")
     assert net.on("cpu", "reference").backend == "reference"
+    assert net.on().backend == "compiled"
 
 
 @pytest.mark.parametrize(("lights", "colours", "word"), [

@@ -1,0 +1,71 @@
+"""Edges inside a bent wall follow its two sides."""
+
+import numpy as np
+
+from objectfolder.audio.hierarchic import EDGES
+from objectfolder.audio.inner_edges import bend_along
+from objectfolder.audio.solid import boundary_of
+from objectfolder.audio.space import Space
+
+
+def _box(cells: tuple[int, int, int], size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    axes = [np.linspace(0, length, count + 1) for length, count in zip(size, cells, strict=True)]
+    vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    corners = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    tetrahedra = []
+    for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
+        path = np.cumsum([0, *(strides[axis] for axis in order)])
+        tetrahedra.append((corners @ strides)[:, None] + path)
+    return vertices, np.concatenate(tetrahedra)
+
+
+def _bends(space: Space, curvature: float) -> tuple[np.ndarray, np.ndarray]:
+    """Geometry in which every edge is bent as z = curvature x^2 / 2 bends it, and the boundary's functions."""
+    faces, _, _ = boundary_of(space.tetrahedra)
+    pairs = {tuple(sorted(pair)) for face in faces for pair in (face[:2], face[1:], face[[0, 2]])}
+    vertices = space.geometry[: space.vertex_count]
+    geometry = space.geometry.copy()
+    boundary = set()
+    # The function of an edge is 4 la lb up to its factor, which the middle of the edge tells.
+    for element in range(len(space.tetrahedra)):
+        for local in range(6):
+            number = space.numbers[element, 4 + local]
+            a, b = _ends(space, element, local)
+            along = vertices[b, 0] - vertices[a, 0]
+            middle = np.zeros((1, 4))
+            middle[0, [list(space.tetrahedra[element]).index(v) for v in (a, b)]] = 0.5
+            unit = np.zeros((len(geometry), 1))
+            unit[number] = 1
+            height = space.values(unit, np.array([element]), middle)[0, 0]
+            geometry[number] = (0, 0, -curvature * along**2 / 8 / height)
+            if (min(a, b), max(a, b)) in pairs:
+                boundary.add(number)
+    return geometry, np.array(sorted(boundary))
+
+
+def _ends(space: Space, element: int, local: int) -> tuple[int, int]:
+    a, b = space.tetrahedra[element, EDGES[local]]
+    return int(a), int(b)
+
+
+def test_a_wall_bent_to_a_parabola_is_bent_throughout() -> None:
+    """The vertices stay where they are, so what is left to bend is a parabola on each edge: known inside too."""
+    space = Space.on(*_box((6, 4, 2), (6.0, 4.0, 0.3)), order=2)
+    bent, boundary = _bends(space, 0.1)
+    inner = np.setdiff1d(np.unique(space.numbers[:, 4:10]), boundary)
+    assert len(inner) > 100
+    known = np.zeros_like(bent)
+    known[: space.vertex_count] = bent[: space.vertex_count]
+    known[boundary] = bent[boundary]
+    found = bend_along(space, known, boundary)
+    np.testing.assert_array_equal(found[boundary], bent[boundary])
+    size = np.abs(bent[inner]).max()
+    assert np.abs(found[inner] - bent[inner]).max() < 0.25 * size
+    assert np.sqrt(np.mean((found[inner] - bent[inner]) ** 2)) < 0.05 * size
+
+
+def test_a_straight_boundary_leaves_inner_edges_straight() -> None:
+    space = Space.on(*_box((2, 2, 2), (1.0, 1.0, 1.0)), order=2)
+    geometry, boundary = _bends(space, 0.0)
+    np.testing.assert_array_equal(bend_along(space, geometry, boundary), geometry)
