@@ -46,8 +46,8 @@ def choose_backend(backend: str | None, device: str) -> str:
     Parameters
     ----------
     backend
-        ``"compiled"``, kernels compiled by numba, on the CPU; ``"reference"``, numpy and torch, anywhere. None
-        stands for the first where it can be had, else for the second.
+        ``"compiled"``, kernels compiled by numba, on the CPU; ``"reference"``, numpy and torch, anywhere.
+        None stands for the first where it can be had, else for the second.
 
     Raises
     ------

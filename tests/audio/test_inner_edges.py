@@ -21,7 +21,7 @@ def _box(cells: tuple[int, int, int], size: tuple[float, float, float]) -> tuple
 
 
 def _bends(space: Space, curvature: float) -> tuple[np.ndarray, np.ndarray]:
-    """Geometry in which every edge is bent as z = curvature x^2 / 2 bends it, and the boundary's functions."""
+    """Every edge bent as z = curvature x^2 / 2 bends it, and the functions of the boundary's edges."""
     faces, _, _ = boundary_of(space.tetrahedra)
     pairs = {tuple(sorted(pair)) for face in faces for pair in (face[:2], face[1:], face[[0, 2]])}
     vertices = space.geometry[: space.vertex_count]
@@ -50,7 +50,7 @@ def _ends(space: Space, element: int, local: int) -> tuple[int, int]:
 
 
 def test_a_wall_bent_to_a_parabola_is_bent_throughout() -> None:
-    """The vertices stay where they are, so what is left to bend is a parabola on each edge: known inside too."""
+    """The vertices stay where they are: what is left is a parabola on each edge, known inside too."""
     space = Space.on(*_box((6, 4, 2), (6.0, 4.0, 0.3)), order=2)
     bent, boundary = _bends(space, 0.1)
     inner = np.setdiff1d(np.unique(space.numbers[:, 4:10]), boundary)
