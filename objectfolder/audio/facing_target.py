@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from objectfolder.geometry.bounding_boxes import closest_barycentric
 from objectfolder.geometry.edges import edge_table
+from objectfolder.geometry.normals import SHARP_ABOVE_DEG
 from objectfolder.geometry.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -15,6 +16,12 @@ CANDIDATES = 12
 SAMPLES = 60_000
 # Degrees between faces at a sharp edge.
 SHARP_TURN = 35.0
+# Degrees between faces up to which they stand for a round surface, and from which on they are what they say:
+# sixteen sides are round, an octagon is an octagon.
+ROUND, FACETED = 24.0, 34.0
+# A face so many times as deep as the next one around a turn is flat: the turn is a bevel's.
+EVEN, BEVELLED = 2.0, 4.0
+FLAT_TURN = 2.0
 LEAST_FACING = 0.3  # cosine between a normal given and that of a place
 NEAREST_CREASES = 4
 
@@ -24,7 +31,8 @@ class FacingTarget:
 
     Triangles of a smooth surface cut its curvature off. Each is bent to its corners' normals by half of Phong
     tessellation (T. Boubekeur and M. Alexa, ACM Trans. Graph. 27, 2008), which with that share is exact for a
-    sphere to second order; normals keep creases, so flat faces stay flat.
+    sphere to second order; normals keep creases, so flat faces stay flat. Where faces turn far from
+    one another, or are large beside bevels, as on furniture of few polygons, they are taken as flat.
     """
 
     def __init__(self, surface: Surface) -> None:
@@ -38,6 +46,9 @@ class FacingTarget:
         first, second = edges.manifold_pairs()
         normals = surface.face_normals
         turned = np.einsum("ij,ij->i", normals[first // 3], normals[second // 3])
+        self._roundness = _roundness(
+            surface, first, second, np.degrees(np.arccos(np.clip(turned, -1.0, 1.0)))
+        )
         sharp = edges.of_corner[first[turned < np.cos(np.radians(SHARP_TURN))]]
         self._creases = np.asarray(surface.vertices[edges.vertices[sharp]])
         length = np.linalg.norm(self._creases[:, 1] - self._creases[:, 0], axis=1)
@@ -77,7 +88,8 @@ class FacingTarget:
         weights = barycentric.reshape(len(points), CANDIDATES, 3)[rows, best]
         corners = self._surface.corner_normals[face]
         height = np.einsum("ikd,ikd->ik", self._triangles[face] - flat[rows, best, None], corners)
-        bent = flat[rows, best] + np.einsum("ik,ikd->id", weights * height, corners) / 2
+        share = self._roundness[face][:, None] / 2
+        bent = flat[rows, best] + share * np.einsum("ik,ikd->id", weights * height, corners)
         facing_there = np.einsum("ik,ikd->id", weights, corners)
         facing_there /= np.maximum(np.linalg.norm(facing_there, axis=1, keepdims=True), 1e-300)
         return bent, facing_there, distance[rows, best] <= reach
@@ -97,3 +109,26 @@ class FacingTarget:
         distance = np.linalg.norm(closest - points[:, None], axis=2)
         rows, best = np.arange(len(points)), distance.argmin(axis=1)
         return closest[rows, best], distance[rows, best] <= reach
+
+
+def _roundness(surface: Surface, first: Integers, second: Integers, turn_deg: Floats) -> Floats:
+    """How far (f,) each face stands for a round one, 0 to 1.
+
+    Parameters
+    ----------
+    first, second
+        (e,) corners, numbered through all faces, of the two faces of an edge.
+    turn_deg
+        (e,) degrees between these.
+    """
+    # Normals at corners do not reach across a crease.
+    smooth = (turn_deg > FLAT_TURN) & (turn_deg < SHARP_ABOVE_DEG)
+    one, other, turn = first[smooth] // 3, second[smooth] // 3, turn_deg[smooth]
+    widest, deepest = np.zeros(len(surface.faces)), np.ones(len(surface.faces))
+    # Both are as wide as their common edge, so that areas are as depths.
+    area = np.maximum(surface.face_areas, 1e-300)
+    for here, there in ((one, other), (other, one)):
+        np.maximum.at(widest, here, turn)
+        np.maximum.at(deepest, here, area[here] / area[there])
+    even = np.clip((BEVELLED - deepest) / (BEVELLED - EVEN), 0.0, 1.0)
+    return np.asarray(np.clip((FACETED - widest) / (FACETED - ROUND), 0.0, 1.0) * even)

@@ -29,6 +29,23 @@ def test_triangles_of_a_ball_are_as_round_as_the_ball() -> None:
     assert np.einsum("ij,ij->i", normals, wanted).min() > np.cos(np.radians(1.5))
 
 
+@pytest.mark.parametrize(("sides", "round_share"), [(8, 0.0), (24, 1.0)])
+def test_an_octagonal_leg_is_an_octagon_and_one_of_many_sides_is_round(
+    sides: int, round_share: float
+) -> None:
+    leg = surface_of(trimesh.creation.cylinder(1.0, 4.0, sections=sides))
+    angle = np.linspace(0, 2 * np.pi, 301)[:-1]
+    wanted = np.stack([np.cos(angle), np.sin(angle), np.full(300, 0.1)], axis=1)
+    outward = wanted * (1.0, 1.0, 0.0)
+    places, _, found = FacingTarget(leg).places(wanted, outward, np.full(300, 0.3))
+    assert found.all()
+    flat = 1 - np.linalg.norm(leg.closest_points(wanted).points[:, :2], axis=1)
+    bent = 1 - np.linalg.norm(places[:, :2], axis=1)
+    assert np.abs(bent).max() == pytest.approx(
+        (1 - round_share) * flat.max(), abs=0.3 * round_share * flat.max()
+    )
+
+
 def test_a_box_stays_flat_and_sharp() -> None:
     box = surface_of(trimesh.creation.box((2, 2, 2)))
     target = FacingTarget(box)

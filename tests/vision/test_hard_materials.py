@@ -4,7 +4,9 @@ Flat quads that do not see one another reflect light once: where they are matt, 
 passes alone, albedo P max(0, n.l) / (4 pi^2 d^2), so that one comparison tests image and passes together.
 """
 
+import multiprocessing
 import resource
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -265,6 +267,15 @@ LARGEST_PEAK_KIB = 640 * 1024
 
 
 def test_texture_of_4096_texels_a_side_stays_below_640_mib():
+    # A process of its own: the peak is that of the largest child so far, and this one has had others.
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
+        centre, albedo, peak_kib = alone.submit(_large_texture).result()
+    assert centre == pytest.approx(albedo, rel=0.05)
+    assert peak_kib < LARGEST_PEAK_KIB
+
+
+def _large_texture() -> tuple[float, float, int]:
+    """Albedo seen in the middle of a noisy 4096 texture, its mean, and the renderer's peak memory."""
     random = np.random.default_rng(0)
     texture = random.integers(0, 256, (4096, 4096, 4), dtype=np.uint8)
     texture[..., 3] = 255
@@ -272,5 +283,4 @@ def test_texture_of_4096_texels_a_side_stays_below_640_mib():
     found = rendered(scene([(0.0, 0.0, 0.4, texture, SQUARE)]), light, samples=64)[0]
     albedo = srgb_decode(bilinear(texture, random.random((100_000, 2)))[:, :3]).mean()
     centre = found[10:14, 16:20, :3].mean() / (LIGHT_POWER_W / (4 * np.pi**2))
-    assert centre == pytest.approx(albedo, rel=0.05)
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < LARGEST_PEAK_KIB
+    return float(centre), float(albedo), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
