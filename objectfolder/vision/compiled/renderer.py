@@ -273,7 +273,16 @@ class CompiledRenderer:
         return self._surface.points(face, barycentric, direction)
 
     def _colour(self, points: Points, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
-        return self._network.radiance(points.position, points.normal, -points.direction, irradiance, light)
+        colour = self._network.radiance(points.position, points.normal, -points.direction, irradiance, light)
+        if self._network.mirrors:
+            row, met = self._surface.mirrored(points)
+            arriving, start = self._surface.unhindered(met, light)
+            arriving[self._surface.blocked(start, light, arriving > 0)] = 0.0
+            camera = -np.einsum("ij,ij->i", points.normal[row], points.direction[row])
+            colour[row] += self._network.mirrored(
+                points.position[row], camera, met.position, met.normal, -met.direction, arriving, light
+            )
+        return colour
 
     def _lit(self, view: View, probes: _Chosen, light: np.ndarray, effort: Effort) -> np.ndarray:
         """Return the colour (p, 3) of the pixels under one light of colour 1."""
