@@ -134,10 +134,10 @@ class Shading:
         """
         near = replace(met_points, distance=np.maximum(met_points.distance, NEAREST))
         camera = np.einsum("ij,ij->i", points.normal[row], points.to_camera[row])
-        features = np.zeros((self._rows(len(row)), seen.features.shape[1]), dtype=np.float32)
-        features = torch.from_numpy(features).to(self.device)
-        features[: len(row)] = seen.features[torch.from_numpy(row).to(self.device)]
+        rows = np.zeros(self._rows(len(row)), dtype=np.int64)
+        rows[: len(row)] = row
         with torch.inference_mode():
+            features = seen.features[torch.from_numpy(rows).to(self.device)]
             (colour,) = self._by_block(
                 self._lit_in_mirror,
                 features,
