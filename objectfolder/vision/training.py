@@ -23,8 +23,9 @@ from objectfolder.vision.sparse_grid import SparseGrid
 
 # A mirror shows the lamp, a point, to no pixel: its highlight starts a little wider.
 LEAST_ALPHA = 0.0025
-# Roughness up to which a conductor's mirror rays pay.
-MOST_ROUGHNESS = 0.45
+# Roughness up to which a conductor's mirror rays pay. A steel mug of 0.4 gains 0.8 dB for 1.8 times the
+# time, which more sub-rays gain as well; a metal teapot of 0.25 gains 5.8 dB for 1.6 times the time.
+MOST_ROUGHNESS = 0.3
 # Albedo below which training starts from the object's own.
 DARK = 0.05
 

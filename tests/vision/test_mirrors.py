@@ -180,7 +180,7 @@ def test_a_fit_with_mirrors_is_nearer_a_path_traced_conductor_and_its_file_answe
     (0.1, 1.0, True, 24),
     (0.25, 1.0, True, 12),
     (0.0, 1.0, True, 24),
-    (0.7, 1.0, False, 4),
+    (0.4, 1.0, False, 8),
     (0.1, 0.0, False, 24),
 ])  # fmt: skip
 def test_smooth_conductors_alone_show_themselves(roughness, metallic, shown, rays):
