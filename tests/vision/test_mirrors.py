@@ -5,6 +5,7 @@ import pytest
 from compiled_cases import SHAPES, joined, network
 from vision_shapes import sphere
 
+from objectfolder.errors import FormatError
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.store import Array, Product
 from objectfolder.vision.appearance import Appearance
@@ -187,3 +188,12 @@ def test_smooth_conductors_alone_show_themselves(roughness, metallic, shown, ray
     appearance = Appearance(roughness=roughness, metallic=metallic)
     assert shows_itself(appearance) is shown
     assert rays_to_meet(appearance) == rays
+
+
+@pytest.mark.parametrize("lost", ["log_mirror_alpha", "facing.weight", "facing.bias"])
+def test_a_file_that_lost_a_part_of_its_mirrors_is_refused(lost):
+    surface, grid, weights = network(SHAPES["cube"](), mirrors=True)
+    net = VisionNet(surface.surface, surface.frame, grid, weights, radiance_scale=0.5, camera_radius=2.5)
+    tensors = {name: value for name, value in net.tensors().items() if name != f"vision.{lost}"}
+    with pytest.raises(FormatError, match=r"vision\.(log_mirror_alpha|facing)"):
+        VisionNet.from_tensors(tensors, net.metadata(), surface.surface, surface.frame)
