@@ -38,12 +38,12 @@ from objectfolder.audio.tetrahedra import Filling, fill
 # Wanted accuracies in cents; the first is the default and the one the bars are about.
 ACCURACIES = (5.0, 20.0, 10.0, 2.0, 1.0)
 FINEST_CENTS = 0.5
-# Half the edge and about a third of the distance from the surface.
+# Three quarters of the edge and about half of the distance from the surface.
 FINEST_FILLING: dict[str, Any] = {
     "edge_length": 0.075,
     "bulk_elements": 1200,
-    "surface_per_thickness": 0.1,
-    "surface_error": 0.002,
+    "surface_per_thickness": 0.06,
+    "surface_error": 0.0006,
 }
 ORDERS = (1, 2, 3)
 RESOLUTIONS = (16, 32, 64)

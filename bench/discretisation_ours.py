@@ -39,6 +39,7 @@ def ours(
         watch.cpu_s,
         {
             "error_estimate_cents": attributes["error_estimate_cents"],
+            "geometry_error_estimate_cents": attributes["geometry_error_estimate_cents"],
             "certificate_holds": attributes["count_certificate"]["holds"],
             "elements": len(solid.tetrahedra),
             "stated_frequency_limit_hz": attributes["stated_frequency_limit_hz"],

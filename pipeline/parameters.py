@@ -35,6 +35,8 @@ class VisionParameters:
     training_samples: int
     held_out_views: int
     held_out_samples: int
+    light_power_w: float
+    passes: bool
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ STAGES = {
             inputs=(ProductInput(OBJECTS, ("digests.geometry", "digests.texture")),),
             parameters=("vision",),
             fields=("appearance",),
-            packages=("bpy", "numpy", "zarr"),
+            packages=("bpy", "embreex", "numpy", "zarr"),
         ),
         Stage(
             "modes",

@@ -180,6 +180,7 @@ def modes_of_solid(
         "count_certificate": {**spectrum.certificate, "limit_hz": limit_hz},
         "accuracy_cents": float(accuracy_cents),
         "error_estimate_cents": float(spectrum.error_cents.max()) if len(spectrum.error_cents) else None,
+        "geometry_error_estimate_cents": _geometry_error_cents(solid, volume_m3),
         "rigid_frequency_hz": float(np.sqrt(spectrum.rigid_eta_squared) * radians / (2 * np.pi)),
         "discretisation": {
             "highest_order": highest_order,
@@ -210,6 +211,16 @@ def _volume_error(solid: Solid, volume_m3: float) -> dict[str, float]:
         "volume_error": (1 + straight) * volume_m3 / solid.volume_m3 - 1,
         "volume_error_of_straight_elements": straight,
     }
+
+
+def _geometry_error_cents(solid: Solid, volume_m3: float) -> float | None:
+    """What walls thicker or thinner by the error of the volume do to a bending mode; None without a volume.
+
+    A plate's or a shell's bending frequencies are proportional to its thickness. `error_estimates_cents` know
+    nothing of it: they are of the elements, whatever shape these were given.
+    """
+    error = _volume_error(solid, volume_m3).get("volume_error")
+    return None if error is None else abs(float(1200 * np.log2(1 + error)))
 
 
 def _cpu_seconds() -> float:

@@ -27,6 +27,7 @@ DEFINITIONS = {
     "audio.stft_distance": "Mean |STFT difference|^2 over the truth's peak; Hann 400, hop 160, 512 bins",
     "audio.envelope_distance": "Root mean square difference of Hilbert envelopes over the truth's peak",
     "audio.solver_error_estimate_cents": "Estimated discretisation error of the solver on the first modes",
+    "audio.solver_geometry_error_cents": "1200 log2(volume of the solid / of the surface): walls in the mean",
 }
 
 
@@ -40,6 +41,7 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
         "first_frequency_hz": float(frequencies[0]) if len(frequencies) else None,
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
         "solver_error_estimate_cents": modes.attributes["error_estimate_cents"],
+        "solver_geometry_error_cents": modes.attributes["geometry_error_estimate_cents"],
         "count_certificate": modes.attributes["count_certificate"],
         "training_points": int((~modes["held_out"]).sum()),
         "held_out_points": len(truth),

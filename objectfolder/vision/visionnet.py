@@ -302,7 +302,7 @@ def fit_visionnet(
     training_sub_rays: int | None = None,
     training_pixels: int = 600_000,
     learning_rate: float = 1e-2,
-    grid_corners: int = 110_000,
+    grid_corners: int = 100_000,
     grid_resolution: int = 128,
     mirrors: bool | None = None,
     seed: int = 0,

@@ -70,6 +70,7 @@ def run(options: argparse.Namespace) -> None:
         ],
         "count_certificate": attributes["count_certificate"],
         "error_estimate_cents": attributes["error_estimate_cents"],
+        "geometry_error_estimate_cents": attributes["geometry_error_estimate_cents"],
         "frequency_limit_hz": attributes["stated_frequency_limit_hz"],
         "bodies": attributes["discretisation"].get("bodies"),
         "discretisation": attributes["discretisation"],
@@ -95,4 +96,7 @@ def _print_table(result: dict[str, Any], material: str) -> None:
         f"count: {certificate['counted']} eigenvalues below the limit = {certificate['rigid']} rigid + "
         f"{certificate['elastic_found']} found ({certificate['method']})"
     )
+    geometry = result["geometry_error_estimate_cents"]
+    if geometry is not None:
+        print(f"shape: the mean wall of the solid is off by what bends frequencies {geometry:.1f} cents")
     print("CPU seconds: " + ", ".join(f"{name} {value:.1f}" for name, value in result["seconds"].items()))

@@ -198,6 +198,7 @@ OBJECT_NUMBERS = {
         "stft_distance",
         "envelope_distance",
         "solver_error_estimate_cents",
+        "solver_geometry_error_cents",
         "held_out_points",
     ),
     "touch": (

@@ -1,5 +1,6 @@
 """From a surface and a material to the product of modes."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -219,3 +220,20 @@ def test_a_scanned_mug_rings(shared_objects: Path) -> None:
     assert abs(attributes["discretisation"]["volume_error"]) < 0.01
     # Cubic elements, 190 000 unknowns on twice as many tetrahedra: 2805, 2832, 3140 Hz.
     np.testing.assert_allclose(product["frequencies_hz"][:3], [2805, 2832, 3140], rtol=0.03)
+
+
+def test_the_wall_that_a_solid_lost_is_stated_in_cents() -> None:
+    """A plate's bending frequencies are proportional to its thickness: 2 % of it are 34 cents."""
+    solid = box((8, 8, 1), (0.1, 0.1, 0.005))
+    report = {**solid.report, "volume_error": -0.02}
+    attributes = modes_of_solid(
+        surface_of(solid),
+        dataclasses.replace(solid, report=report),
+        material(),
+        max_frequency_hz=8000,
+        max_modes=4,
+        training_points=8,
+        held_out_points=8,
+        seed=0,
+    ).attributes
+    assert attributes["geometry_error_estimate_cents"] == pytest.approx(-1200 * np.log2(0.98), rel=1e-9)

@@ -85,6 +85,7 @@ def fidelity(
             "stft_distance": 1e-6 if audible else None,
             "envelope_distance": 1e-3 if audible else None,
             "solver_error_estimate_cents": 12.0 if audible else None,
+            "solver_geometry_error_cents": 3.0 if audible else None,
             "count_certificate": {},
             "held_out_points": 64,
             "modes_table": [
