@@ -85,6 +85,11 @@ def test_both_ways_show_the_surface_in_itself(shape):
     image = fast.image(pose, lights, colours, (24, 24), 39.6, 64)
     truth = slow.render(pose, lights, colours, (24, 24), 39.6, 256)
     assert np.sqrt(((image - truth) ** 2).mean()) < 0.02
+    for way, sub_rays in ((fast, 64), (slow, 8)):
+        query = pose, lights, colours, (24, 24), 39.6, sub_rays
+        part = (way.image if way is fast else way.render)(*query, (7, 5, 11, 13))
+        whole = image if way is fast else slow.render(*query)
+        np.testing.assert_array_equal(part, whole[7:18, 5:18])
 
 
 ROUGHNESS, FACING = 0.3, 0.7
