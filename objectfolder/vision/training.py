@@ -106,8 +106,8 @@ def trace_training_rays(
 ) -> TrainingRays:  # fmt: skip
     """Trace `sub_rays` jittered rays through covered pixels of the views that are not held out.
 
-    All of them, or a random choice of about `most_pixels`: it bounds memory at 190 bytes a ray, and 68 more
-    for each that sees the surface in itself where `mirrors` are asked for.
+    All of them, or a random choice of about `most_pixels`: it bounds memory at 190 bytes a ray; where
+    `mirrors` are asked for, 4 more and 68 for each that sees a lit part of the surface in itself.
 
     Raises
     ------
