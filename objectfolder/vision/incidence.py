@@ -12,6 +12,9 @@ from objectfolder.geometry.surface import Surface
 TERMINATOR_COSINE = 0.1
 # Distance (unit frame) by which a shadow ray starts off its own face.
 SELF_OFFSET = 1e-4
+# Cosine with the facet to which mirror rays are lifted that a bent normal sends below it; Cycles bends the
+# normal to the same end.
+LEAST_MIRROR_COSINE = 0.01
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,24 @@ class Incidence:
     irradiance: np.ndarray
 
 
+@dataclass(frozen=True)
+class MirrorHits:
+    """What the surface shows of itself at n of its points, were it a mirror; unit frame, float64.
+
+    Parameters
+    ----------
+    row
+        (m,) the points whose mirror rays meet the surface.
+    face, barycentric, direction
+        (m,), (m, 3) where, and the (m, 3) unit directions of these rays.
+    """
+
+    row: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
+    direction: np.ndarray
+
+
 class UnitSurface:
     """A surface queried in its unit frame."""
 
@@ -53,14 +74,8 @@ class UnitSurface:
         self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray, light_position: np.ndarray
     ) -> Incidence:
         """Return what reaches the points hit by rays along `directions` from a light, (3,) or (n, 3)."""
-        triangles, corner_normals = self.triangles[face], self.surface.corner_normals[face]
-        position = np.einsum("ij,ijk->ik", barycentric, triangles)
-        facet = self.surface.face_normals[face]
-        # The side seen decides where a normal points, as in Cycles: scans have inverted and open faces.
-        side = np.where(np.einsum("ij,ij->i", facet, directions) > 0, -1.0, 1.0)
-        facet, corner_normals = facet * side[:, None], corner_normals * side[:, None, None]
-        bent = np.einsum("ij,ijk->ik", barycentric, corner_normals)
-        normal = bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)
+        position, normal, facet, corner_normals = self._seen(face, barycentric, directions)
+        triangles = self.triangles[face]
         to_light = light_position - position
         distance = np.linalg.norm(to_light, axis=1)
         to_light /= np.maximum(distance, 1e-9)[:, None]
@@ -75,6 +90,46 @@ class UnitSurface:
         irradiance = np.zeros(len(position))
         irradiance[lit] = np.where(blocked, 0.0, cosine[lit] / np.maximum(distance[lit], 1e-3) ** 2)
         return Incidence(position, normal, -directions, to_light, distance, irradiance)
+
+    def seen(
+        self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and shading normals (n, 3) of the points hit by rays along `directions`."""
+        return self._seen(face, barycentric, directions)[:2]
+
+    def _seen(
+        self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, shading normal, facet normal and corner normals on the side seen."""
+        corner_normals, facet = self.surface.corner_normals[face], self.surface.face_normals[face]
+        position = np.einsum("ij,ijk->ik", barycentric, self.triangles[face])
+        # The side seen decides where a normal points, as in Cycles: scans have inverted and open faces.
+        side = np.where(np.einsum("ij,ij->i", facet, directions) > 0, -1.0, 1.0)
+        facet, corner_normals = facet * side[:, None], corner_normals * side[:, None, None]
+        bent = np.einsum("ij,ijk->ik", barycentric, corner_normals)
+        normal = bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)
+        return position, normal, facet, corner_normals
+
+    def mirrored(self, face: np.ndarray, points: Incidence) -> MirrorHits:
+        """Trace the mirror ray of each of the points, which lie on faces (n,)."""
+        facet = self.surface.face_normals[face]
+        facet = facet * np.where(np.einsum("ij,ij->i", facet, points.to_camera) < 0, -1.0, 1.0)[:, None]
+        start, directions = mirror_rays(points.position, points.normal, points.to_camera, facet)
+        found, barycentric = self.first_hits(start, directions)
+        row = np.flatnonzero(found >= 0)
+        return MirrorHits(row, found[row], barycentric[row], directions[row])
+
+
+def mirror_rays(
+    position: np.ndarray, normal: np.ndarray, to_camera: np.ndarray, facet: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and unit directions (n, 3) of mirror rays; `facet` is on the camera's side."""
+    camera = np.einsum("ij,ij->i", normal, to_camera)[:, None]
+    directions = 2 * camera * normal - to_camera
+    rise = np.einsum("ij,ij->i", facet, directions)[:, None]
+    directions += np.maximum(LEAST_MIRROR_COSINE - rise, 0.0) * facet
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return position + SELF_OFFSET * facet, directions
 
 
 def shadow_ray_start(

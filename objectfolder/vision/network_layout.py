@@ -1,6 +1,6 @@
 """Sizes of the network's parts, apart from torch so that opening an Object File checks them at once."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 
 WIDTH = 64
@@ -12,15 +12,24 @@ ANGLES = 12
 SURROUNDINGS = 31
 # Cosines of light and camera in the highlight's masking are at least this: finite at grazing angles.
 LEAST_COSINE = 0.01
+# The weight that tells a network with mirrors: GGX width of the highlight as it is seen in the surface.
+MIRROR_WIDTH = "log_mirror_alpha"
 
 
-def weight_shapes(sizes: Sequence[int]) -> dict[str, tuple[int, ...]]:
+def has_mirrors(names: Collection[str]) -> bool:
+    """Whether weights of these names belong to a network that shows the surface in itself."""
+    return MIRROR_WIDTH in names
+
+
+def weight_shapes(sizes: Sequence[int], mirrors: bool = False) -> dict[str, tuple[int, ...]]:
     """Return the shape of each weight of `reflectance.Reflectance` by name.
 
     Parameters
     ----------
     sizes
         Corners of each grid level, coarse to fine.
+    mirrors
+        Whether the network shows the surface in itself.
     """
     features = sum(FEATURES)
     shapes: dict[str, tuple[int, ...]] = {"log_alpha": ()}
@@ -35,4 +44,7 @@ def weight_shapes(sizes: Sequence[int]) -> dict[str, tuple[int, ...]]:
             shapes[f"{name}.{2 * index}.weight"] = (outputs, inputs)
             shapes[f"{name}.{2 * index}.bias"] = (outputs,)
     shapes["albedo.weight"], shapes["albedo.bias"] = (3, features + 3), (3,)
+    if mirrors:
+        shapes[MIRROR_WIDTH] = ()
+        shapes["facing.weight"], shapes["facing.bias"] = (3, features), (3,)
     return shapes

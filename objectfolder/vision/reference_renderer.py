@@ -5,9 +5,9 @@ from functools import partial
 
 import numpy as np
 
-from objectfolder.vision.incidence import UnitSurface
+from objectfolder.vision.incidence import Incidence, MirrorHits, UnitSurface
 from objectfolder.vision.pixel_integration import integrate_pixels
-from objectfolder.vision.shading import Shading
+from objectfolder.vision.shading import Described, Shading
 from objectfolder.vision.sparse_grid import SparseGrid
 
 # Points lit at a time: what a render holds at once does not grow with its lights or its rays.
@@ -106,5 +106,24 @@ class ReferenceRenderer:
                 points = self._surface.incidence(face[rows], barycentric[rows], directions[rows], light)
                 if described is None:
                     described = self._shading.describe(points.position, points.normal)
+                    met = self._met_in_mirrors(face[rows], points) if self._shading.mirrors else None
                 result[rows, :3] += factors[index] * self._shading.radiance(described, points, light)
+                if met is not None:
+                    hits_again, known = met
+                    lit = self._surface.incidence(
+                        hits_again.face, hits_again.barycentric, hits_again.direction, light
+                    )
+                    shown = self._shading.mirrored(described, points, hits_again.row, known, lit)
+                    result[rows[hits_again.row], :3] += factors[index] * shown
         return result
+
+    def _met_in_mirrors(self, face: np.ndarray, points: Incidence) -> tuple[MirrorHits, Described] | None:
+        """Return where the mirror rays of points on faces (n,) meet the surface, and what is known there.
+
+        None where no ray does.
+        """
+        hits = self._surface.mirrored(face, points)
+        if len(hits.row) == 0:
+            return None
+        position, normal = self._surface.seen(hits.face, hits.barycentric, hits.direction)
+        return hits, self._shading.describe(position, normal)

@@ -3,10 +3,15 @@
 Radiance = P / (4 pi^2) * (irradiance * reflectance(features, angles) + albedo * bounced(coarse features,
 normal, light, view)), where irradiance = visibility cos / d^2 is traced, not learned. The highlight in the
 reflectance is a GGX lobe whose strength is learned.
+
+A network with mirrors adds what a point shows of the surface itself along the mirror ray: Fresnel factor *
+irradiance * reflectance of the point that this ray meets, its lobe wider by the width of the first. The
+Fresnel factor (Schlick 1994) scales both highlights; its value when seen facing is learned place by place.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -64,6 +69,12 @@ def angle_inputs(points: Incidence) -> np.ndarray:
     return np.concatenate([points.normal, np.stack([*powers, *lobes], axis=1)], axis=1).astype(np.float32)
 
 
+def fifth_power_of_rim(camera: np.ndarray) -> np.ndarray:
+    """Return (1 - cosine of the camera)^5 float32: how nearly edge on a mirror is seen."""
+    result: np.ndarray = (np.clip(1 - camera, 0.0, 1.0) ** 5).astype(np.float32)
+    return result
+
+
 def surrounding_inputs(points: Incidence, light_position: np.ndarray) -> np.ndarray:
     """Return (n, 31) float32: where the point is, how it lies, where the light and the camera are."""
     lamp = np.broadcast_to(light_position, points.position.shape)
@@ -95,6 +106,27 @@ def highlight(angles: Tensor, log_alpha: Tensor) -> Tensor:
     return alpha2 / (2 * (middle * middle * (alpha2 - 1) + 1) ** 2 * (masked + shadowed))
 
 
+@dataclass(frozen=True)
+class Mirrored:
+    """What m of n points show of the surface itself: where their mirror rays meet it.
+
+    Parameters
+    ----------
+    row
+        (m,) int64 which points.
+    rim
+        (m, 1) of these, see `fifth_power_of_rim`.
+    interpolation, angles, irradiance
+        Of the points met, as of `Reflectance.forward`.
+    """
+
+    row: Tensor
+    rim: Tensor
+    interpolation: list[tuple[np.ndarray, np.ndarray]]
+    angles: Tensor
+    irradiance: Tensor
+
+
 class Reflectance(nn.Module):
     """Features on a sparse grid and two small perceptrons.
 
@@ -102,10 +134,13 @@ class Reflectance(nn.Module):
     ----------
     sizes
         Corners of each grid level, coarse to fine.
+    mirrors
+        Whether it shows the surface in itself.
     """
 
-    def __init__(self, sizes: Sequence[int]) -> None:
+    def __init__(self, sizes: Sequence[int], mirrors: bool = False) -> None:
         super().__init__()
+        self.mirrors = mirrors
         self.tables = nn.ParameterList(
             nn.Parameter(torch.zeros(size, FEATURES[level])) for level, size in enumerate(sizes)
         )
@@ -127,9 +162,22 @@ class Reflectance(nn.Module):
         self.albedo = nn.Linear(features + 3, 3)
         # GGX width of the highlight that the network scales.
         self.log_alpha = nn.Parameter(torch.tensor(math.log(0.25)))
+        if mirrors:
+            self.facing = nn.Linear(features, 3)
+            self.log_mirror_alpha = nn.Parameter(torch.tensor(math.log(0.25)))
 
-    def initialise(self, generator: torch.Generator, alpha: float = 0.25) -> None:
-        """Draw the starting weights; the highlight starts with GGX width `alpha`."""
+    def initialise(self, generator: torch.Generator, alpha: float = 0.25, metallic: float = 0.0) -> None:
+        """Draw the starting weights.
+
+        Parameters
+        ----------
+        generator
+            Of the random numbers.
+        alpha
+            GGX width of the highlight.
+        metallic
+            Where a network with mirrors starts from: 1 an even grey reflection, 0 that of a clear coat.
+        """
         with torch.no_grad():
             self.log_alpha.fill_(math.log(alpha))
             for table in self.tables:
@@ -142,6 +190,32 @@ class Reflectance(nn.Module):
             for perceptron, bias in ((self.direct, (0.0,) * 3 + (-3.0,) * 3), (self.bounced, (-4.0,) * 3)):
                 perceptron.get_parameter("4.weight").mul_(0.1)
                 perceptron.get_parameter("4.bias").copy_(torch.tensor(bias))
+            if self.mirrors:
+                # Both lobes vary by half-vector: their variances add.
+                self.log_mirror_alpha.fill_(math.log(alpha) + 0.5 * math.log(2.0))
+                self.facing.weight.mul_(0.1)
+                self.facing.bias.fill_(torch.logit(torch.tensor(0.04 + 0.46 * metallic)).item())
+                self.direct.get_parameter("4.bias")[:3] = -3.0 * metallic
+                self.direct.get_parameter("4.bias")[3:] = 0.0
+
+    def fresnel(self, features: Tensor, grazing: Tensor) -> Tensor:
+        """Return (n, 3) the share reflected; `grazing` (n, 1) is (1 - cosine)^5."""
+        facing = torch.sigmoid(self.facing(features))
+        return facing + (1 - facing) * grazing
+
+    def reflectance(self, features: Tensor, albedo: Tensor, angles: Tensor, log_alpha: Tensor) -> Tensor:
+        """Return (n, 3) pi times the reflectance, its highlight of a given width."""
+        out = self.direct(torch.cat([features, angles], dim=1))
+        lobe = highlight(angles, log_alpha)
+        if self.mirrors:
+            gloss = self.fresnel(features, angles[:, 7:8]) * 2 * torch.sigmoid(out[:, 3:])
+        else:
+            gloss = functional.softplus(out[:, 3:])
+        return albedo * 2 * torch.sigmoid(out[:, :3]) + gloss * lobe
+
+    def base(self, features: Tensor, angles: Tensor) -> Tensor:
+        """Return the (n, 3) albedo."""
+        return torch.sigmoid(self.albedo(torch.cat([features, angles[:, :3]], dim=1)))
 
     def forward(
         self,
@@ -149,13 +223,23 @@ class Reflectance(nn.Module):
         angles: Tensor,
         surroundings: Tensor,
         irradiance: Tensor,
+        mirrored: Mirrored | None = None,
     ) -> Tensor:
         """Return (n, 3) radiance over P / (4 pi^2)."""
         levels = [interpolate(table, *at) for table, at in zip(self.tables, interpolation, strict=True)]
         features = torch.cat(levels, dim=1)
-        out = self.direct(torch.cat([features, angles], dim=1))
-        lobe = highlight(angles, self.log_alpha)
-        albedo = torch.sigmoid(self.albedo(torch.cat([features, angles[:, :3]], dim=1)))
-        reflectance = albedo * 2 * torch.sigmoid(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
+        albedo = self.base(features, angles)
+        reflectance = self.reflectance(features, albedo, angles, self.log_alpha)
         light = functional.softplus(self.bounced(torch.cat([*levels[:COARSE_LEVELS], surroundings], dim=1)))
-        return irradiance[:, None] * reflectance + albedo * light
+        radiance = irradiance[:, None] * reflectance + albedo * light
+        if mirrored is None:
+            return radiance
+        levels = [
+            interpolate(table, *at) for table, at in zip(self.tables, mirrored.interpolation, strict=True)
+        ]
+        met = torch.cat(levels, dim=1)
+        seen = mirrored.irradiance[:, None] * self.reflectance(
+            met, self.base(met, mirrored.angles), mirrored.angles, self.log_mirror_alpha
+        )
+        share = self.fresnel(features[mirrored.row], mirrored.rim)
+        return radiance.index_add(0, mirrored.row, share * seen)

@@ -14,8 +14,13 @@ from torch.nn import functional
 
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.incidence import Incidence
-from objectfolder.vision.network_layout import COARSE_LEVELS
-from objectfolder.vision.reflectance import Reflectance, angle_inputs, highlight, surrounding_inputs
+from objectfolder.vision.network_layout import COARSE_LEVELS, has_mirrors
+from objectfolder.vision.reflectance import (
+    Reflectance,
+    angle_inputs,
+    fifth_power_of_rim,
+    surrounding_inputs,
+)
 from objectfolder.vision.sparse_grid import CORNERS, HALF_WIDTH, SparseGrid
 
 # Rows that the network sees at a time, the last ones filled up: libraries round a matrix product by its
@@ -57,6 +62,11 @@ class Shading:
     device
         ``"cpu"`` or ``"cuda"``.
 
+    Attributes
+    ----------
+    mirrors
+        Whether the surface is shown in itself.
+
     Raises
     ------
     FormatError
@@ -67,7 +77,7 @@ class Shading:
 
     def __init__(self, grid: SparseGrid, weights: Mapping[str, np.ndarray], device: str = "cpu") -> None:
         require_device(device)
-        network = Reflectance(grid.sizes)
+        network = Reflectance(grid.sizes, mirrors=has_mirrors(weights.keys()))
         state = {name: torch.from_numpy(value.astype(np.float32)) for name, value in weights.items()}
         try:
             network.load_state_dict(state)
@@ -75,6 +85,7 @@ class Shading:
             raise FormatError("vision", f"tensors do not fit the network: {error}") from error
         self.device = torch.device(device)
         self._network = network.eval().to(self.device)
+        self.mirrors = network.mirrors
         self._block = BLOCK[device]
         self._resolution = grid.resolution
         self._lookups = [torch.from_numpy(lookup).to(self.device) for lookup in grid.lookups]
@@ -107,6 +118,38 @@ class Shading:
             answer: np.ndarray = colour[: described.count].cpu().numpy()
         return answer
 
+    def mirrored(
+        self, seen: Described, points: Incidence, row: np.ndarray, met: Described, met_points: Incidence
+    ) -> np.ndarray:
+        """Return the (m, 3) float32 radiance over P / (4 pi^2) that points add by mirroring others.
+
+        Parameters
+        ----------
+        seen, points
+            The n points.
+        row
+            (m,) those whose mirror rays meet the surface.
+        met, met_points
+            The points met, under the same light.
+        """
+        near = replace(met_points, distance=np.maximum(met_points.distance, NEAREST))
+        camera = np.einsum("ij,ij->i", points.normal[row], points.to_camera[row])
+        rows = np.zeros(self._rows(len(row)), dtype=np.int64)
+        rows[: len(row)] = row
+        with torch.inference_mode():
+            features = seen.features[torch.from_numpy(rows).to(self.device)]
+            (colour,) = self._by_block(
+                self._lit_in_mirror,
+                features,
+                self._padded(fifth_power_of_rim(camera)[:, None]),
+                met.features,
+                met.albedo,
+                self._padded(angle_inputs(near)),
+                self._padded(near.irradiance[:, None]),
+            )
+            answer: np.ndarray = colour[: len(row)].cpu().numpy()
+        return answer
+
     def _lit(
         self,
         features: Tensor,
@@ -117,11 +160,22 @@ class Shading:
         irradiance: Tensor,
     ) -> list[Tensor]:
         network = self._network
-        out = network.direct(torch.cat([features, angles], dim=1))
-        lobe = highlight(angles, network.log_alpha)
-        reflectance = albedo * 2 * torch.sigmoid(out[:, :3]) + functional.softplus(out[:, 3:]) * lobe
+        reflectance = network.reflectance(features, albedo, angles, network.log_alpha)
         light = functional.softplus(network.bounced(torch.cat([coarse, around], dim=1)))
         return [irradiance * reflectance + albedo * light]
+
+    def _lit_in_mirror(
+        self,
+        features: Tensor,
+        rim: Tensor,
+        met: Tensor,
+        albedo: Tensor,
+        angles: Tensor,
+        irradiance: Tensor,
+    ) -> list[Tensor]:
+        network = self._network
+        reflectance = network.reflectance(met, albedo, angles, network.log_mirror_alpha)
+        return [network.fresnel(features, rim) * irradiance * reflectance]
 
     def _levels(self, points: Tensor) -> list[Tensor]:
         """Interpolate the features of each level at (n, 3) points; as `SparseGrid.interpolation`."""
@@ -148,10 +202,12 @@ class Shading:
 
     def _padded(self, values: np.ndarray) -> Tensor:
         """Return (n, c) values on the device, float32, with zeros up to a whole number of blocks."""
-        rows = -(-len(values) // self._block) * self._block
-        full = np.zeros((rows, values.shape[1]), dtype=np.float32)
+        full = np.zeros((self._rows(len(values)), values.shape[1]), dtype=np.float32)
         full[: len(values)] = values
         return torch.from_numpy(full).to(self.device)
+
+    def _rows(self, count: int) -> int:
+        return -(-count // self._block) * self._block
 
     def _by_block(self, function, *tensors: Tensor) -> list[Tensor]:  # type: ignore[no-untyped-def]  # any number of tensors
         """Apply `function` to a block of rows of each tensor at a time."""

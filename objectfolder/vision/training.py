@@ -8,16 +8,47 @@ import torch
 
 from objectfolder.errors import InputError
 from objectfolder.store import Product
+from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import pixel_rays, sub_ray_offsets
 from objectfolder.vision.compositing import SRGB_KNEE
 from objectfolder.vision.incidence import Incidence, UnitSurface
-from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
+from objectfolder.vision.reflectance import (
+    Mirrored,
+    Reflectance,
+    angle_inputs,
+    fifth_power_of_rim,
+    surrounding_inputs,
+)
 from objectfolder.vision.sparse_grid import SparseGrid
 
 # A mirror shows the lamp, a point, to no pixel: its highlight starts a little wider.
 LEAST_ALPHA = 0.0025
+# Roughness up to which a conductor's mirror rays pay. A steel mug of 0.4 gains 0.8 dB for 1.8 times the
+# time, which more sub-rays gain as well; a metal teapot of 0.25 gains 5.8 dB for 1.6 times the time.
+MOST_ROUGHNESS = 0.3
 # Albedo below which training starts from the object's own.
 DARK = 0.05
+
+
+@dataclass(frozen=True)
+class MirrorRays:
+    """Points lit by the lamp that sub-rays see in the surface as in a mirror.
+
+    Parameters
+    ----------
+    place
+        (n,) int32 for each sub-ray the row of its point below, or -1.
+    rim
+        (m, 1) of the mirror, see `reflectance.fifth_power_of_rim`.
+    position, angles, irradiance
+        (m, ...) as of `TrainingRays`.
+    """
+
+    place: np.ndarray
+    rim: np.ndarray
+    position: np.ndarray
+    angles: np.ndarray
+    irradiance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -36,6 +67,10 @@ class TrainingRays:
         (pixels,) float32 squared coverage.
     alpha
         GGX width of the surface shown, where the highlight starts from.
+    metallic
+        Of the surface shown.
+    mirrored
+        What the surface shows of itself; None if that is not asked.
     """
 
     position: np.ndarray
@@ -47,14 +82,32 @@ class TrainingRays:
     colour: np.ndarray
     weight: np.ndarray
     alpha: float
+    metallic: float
+    mirrored: MirrorRays | None = None
+
+
+def shows_itself(appearance: Appearance) -> bool:
+    """Whether one mirror ray a point pays: the surface is a smooth enough conductor."""
+    return appearance.metallic >= 0.5 and appearance.roughness <= MOST_ROUGHNESS
+
+
+def rays_to_meet(appearance: Appearance) -> int:
+    """Return how many rays through a training pixel a highlight asks for.
+
+    With 4 rays a narrow highlight is met by chance, and the fit flattens it: a metal teapot of roughness
+    0.25 gains 1.7 dB by 12 rays in place of 4 at equal cost.
+    """
+    return int(np.clip(round(3.0 / max(appearance.roughness, 1e-3)), 4, 24))
 
 
 def trace_training_rays(
-    surface: UnitSurface, views: Product, sub_rays: int, most_pixels: int, seed: int
-) -> TrainingRays:
+    surface: UnitSurface, views: Product, sub_rays: int, most_pixels: int, seed: int,
+    mirrors: bool = False,
+) -> TrainingRays:  # fmt: skip
     """Trace `sub_rays` jittered rays through covered pixels of the views that are not held out.
 
-    All of them, or a random choice of about `most_pixels`: it bounds memory at 190 bytes a ray.
+    All of them, or a random choice of about `most_pixels`: it bounds memory at 190 bytes a ray; where
+    `mirrors` are asked for, 4 more and 68 for each that sees a lit part of the surface in itself.
 
     Raises
     ------
@@ -68,6 +121,8 @@ def trace_training_rays(
     offsets = sub_ray_offsets(sub_rays)
     parts: list[tuple[np.ndarray, ...]] = []
     pixels_of: list[tuple[np.ndarray, ...]] = []
+    seen_again: list[tuple[np.ndarray, ...]] = []
+    met = 0
     for view in chosen:
         rgba = views["rgba"][view].astype(np.float32).reshape(-1, 4)
         pixels = np.flatnonzero(rgba[:, 3] > 0)
@@ -87,6 +142,9 @@ def trace_training_rays(
         seen = count > 0
         alpha = np.clip(rgba[pixels, 3:], 0.0, 1.0)[seen]
         parts.append(_inputs(points, light))
+        if mirrors:
+            seen_again.append(_mirrored(surface, face[hit], points, light, met))
+            met += len(seen_again[-1][1])
         pixels_of.append((count[seen], rgba[pixels, :3][seen] / alpha, alpha[:, 0] ** 2))
     if sum(len(counts) for counts, _, _ in pixels_of) == 0:
         raise InputError("views", "no training view shows the object", "Render more views.")
@@ -94,10 +152,33 @@ def trace_training_rays(
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
     count, colour, weight = (np.concatenate(column) for column in zip(*pixels_of, strict=True))
+    appearance = Appearance(**views.attributes["appearance"])
+    mirrored = [np.concatenate(column) for column in zip(*seen_again, strict=True)]
     return TrainingRays(
         position, angles, surroundings, irradiance, np.cumsum(count) - count, count, colour, weight,
-        max(views.attributes["appearance"]["roughness"] ** 2, LEAST_ALPHA),
+        max(appearance.roughness**2, LEAST_ALPHA), appearance.metallic,
+        MirrorRays(*mirrored) if mirrors else None,
     )  # fmt: skip
+
+
+def _mirrored(
+    surface: UnitSurface, face: np.ndarray, points: Incidence, light: np.ndarray, first: int
+) -> tuple[np.ndarray, ...]:
+    """Return the columns of `MirrorRays` for points on faces (n,), numbered from `first`."""
+    hits = surface.mirrored(face, points)
+    met = surface.incidence(hits.face, hits.barycentric, hits.direction, light)
+    lit = np.flatnonzero(met.irradiance > 0)
+    place = np.full(len(face), -1, dtype=np.int32)
+    place[hits.row[lit]] = first + np.arange(len(lit), dtype=np.int32)
+    row = hits.row[lit]
+    camera = np.einsum("ij,ij->i", points.normal[row], points.to_camera[row])
+    return (
+        place,
+        fifth_power_of_rim(camera)[:, None],
+        met.position[lit].astype(np.float32),
+        angle_inputs(met)[lit],
+        met.irradiance[lit].astype(np.float32),
+    )
 
 
 def _inputs(points: Incidence, light: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -147,8 +228,8 @@ def train(
     """Fit a network by Adam with a cosine schedule; the same seed gives the same weights."""
     generator = torch.Generator().manual_seed(seed)
     random = np.random.default_rng(seed)
-    network = Reflectance(grid.sizes)
-    network.initialise(generator, rays.alpha)
+    network = Reflectance(grid.sizes, mirrors=rays.mirrored is not None)
+    network.initialise(generator, rays.alpha, rays.metallic)
     with torch.no_grad():
         network.albedo.bias.copy_(torch.logit(torch.from_numpy(starting_albedo(rays, radiance_scale))))
     tables = list(network.tables)
@@ -191,6 +272,21 @@ def _predict(network: Reflectance, grid: SparseGrid, rays: TrainingRays, batch: 
         torch.from_numpy(rays.angles[row]),
         torch.from_numpy(rays.surroundings[row]),
         torch.from_numpy(rays.irradiance[row]),
+        None if rays.mirrored is None else _in_mirrors(grid, rays.mirrored, row),
     )
     total = torch.zeros(len(batch), 3).index_add(0, torch.from_numpy(owner), radiance)
     return total / torch.from_numpy(count.astype(np.float32))[:, None]
+
+
+def _in_mirrors(grid: SparseGrid, mirrored: MirrorRays, row: np.ndarray) -> Mirrored:
+    """Return what sub-rays `row` (n,) see in the surface."""
+    place = mirrored.place[row]
+    owner = np.flatnonzero(place >= 0)
+    met = place[owner]
+    return Mirrored(
+        torch.from_numpy(owner),
+        torch.from_numpy(mirrored.rim[met]),
+        grid.interpolation(mirrored.position[met]),
+        torch.from_numpy(mirrored.angles[met]),
+        torch.from_numpy(mirrored.irradiance[met]),
+    )

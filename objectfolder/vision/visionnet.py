@@ -11,16 +11,19 @@ from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.points import point_rows
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
+from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.backends import Renderer, choose_backend, make_renderer
 from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.incidence import UnitSurface
-from objectfolder.vision.network_layout import weight_shapes
+from objectfolder.vision.network_layout import has_mirrors, weight_shapes
 from objectfolder.vision.pixel_centres import cast_pixel_centres
 from objectfolder.vision.sparse_grid import SparseGrid, covering_points
 from objectfolder.vision.view_query import light_colours, ray_query, view_query
 
 PREFIX = "vision."
 SUB_RAYS = 64
+# Rays through a training pixel without mirrors.
+FEW_RAYS = 4
 # Shape of a pixel, and type, of what a view can show.
 PASSES: dict[str, tuple[tuple[int, ...], type]] = {
     "rgba": ((4,), np.float32),
@@ -113,7 +116,7 @@ class VisionNet:
         if "grid" not in own:
             raise FormatError(PREFIX + "grid", "missing")
         grid = SparseGrid.from_bytes(own.pop("grid"), int(metadata["grid_resolution"]))
-        expected = weight_shapes(grid.sizes)
+        expected = weight_shapes(grid.sizes, mirrors=has_mirrors(own))
         for name in sorted(expected.keys() | own.keys()):
             found = own[name].shape if name in own else None
             if found != expected.get(name):
@@ -296,11 +299,12 @@ def fit_visionnet(
     *,
     steps: int = 1200,
     batch_pixels: int = 1024,
-    training_sub_rays: int = 4,
+    training_sub_rays: int | None = None,
     training_pixels: int = 600_000,
     learning_rate: float = 1e-2,
     grid_corners: int = 100_000,
     grid_resolution: int = 128,
+    mirrors: bool | None = None,
     seed: int = 0,
 ) -> VisionNet:
     """Fit a VisionNet to the views that are not held out.
@@ -316,11 +320,15 @@ def fit_visionnet(
     views
         Product of `views.simulate_views`.
     steps, batch_pixels, learning_rate
-        Steps of Adam, pixels a step, and its rate.
+        Steps of Adam, pixels a step (of 4 rays; fewer pixels of more rays), and its rate.
     training_sub_rays, training_pixels
-        Rays through each training pixel, and how many pixels to choose from all training views at most.
+        Rays through each training pixel, and how many pixels (of 4 rays, as above) to choose from all
+        training views at most. 4 rays if None; with mirrors as many as meet a narrow highlight.
     grid_corners, grid_resolution
         At most this many corners at the finest level, and at most this many cells a side (a multiple of 8).
+    mirrors
+        Whether the network shows the surface in itself, at the cost of one more ray a point; if None,
+        where `training.shows_itself` says so.
     seed
         Of initial weights, batches and rays.
 
@@ -329,15 +337,23 @@ def fit_visionnet(
     InputError
         No training view shows the object.
     """
-    from objectfolder.vision.training import trace_training_rays, train
+    from objectfolder.vision.training import rays_to_meet, shows_itself, trace_training_rays, train
 
     unit_surface = UnitSurface(surface, frame)
-    rays = trace_training_rays(unit_surface, views, training_sub_rays, training_pixels, seed)
+    appearance = Appearance(**views.attributes["appearance"])
+    if mirrors is None:
+        mirrors = shows_itself(appearance)
+    sub_rays = training_sub_rays or (rays_to_meet(appearance) if mirrors else FEW_RAYS)
+    # More rays a pixel cost fewer pixels: memory and time stay.
+    share = min(1.0, FEW_RAYS / sub_rays)
+    rays = trace_training_rays(
+        unit_surface, views, sub_rays, int(training_pixels * share), seed, mirrors=mirrors
+    )
     points = covering_points(surface, frame.to_unit(surface.vertices), grid_resolution)
     grid = SparseGrid.within_budget(np.concatenate([points, rays.position]), grid_corners, grid_resolution)
     scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
     network = train(
-        grid, rays, radiance_scale=scale, steps=steps, batch_pixels=batch_pixels,
+        grid, rays, radiance_scale=scale, steps=steps, batch_pixels=max(1, int(batch_pixels * share)),
         learning_rate=learning_rate, seed=seed,
     )  # fmt: skip
     weights = {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}

@@ -82,7 +82,9 @@ SHAPES = {
 }
 
 
-def network(surface: Surface, seed: int = 0, resolution: int = 16) -> tuple[UnitSurface, SparseGrid, dict]:
+def network(
+    surface: Surface, seed: int = 0, resolution: int = 16, mirrors: bool = False
+) -> tuple[UnitSurface, SparseGrid, dict]:
     """A surface in its unit frame, its grid, and a network drawn at random whose colours are plain to see."""
     frame = UnitFrame.of_points(surface.vertices)
     grid = SparseGrid.of_points(
@@ -90,8 +92,10 @@ def network(surface: Surface, seed: int = 0, resolution: int = 16) -> tuple[Unit
     )
     random = np.random.default_rng(seed)
     weights = {}
-    for name, shape in weight_shapes(grid.sizes).items():
+    for name, shape in weight_shapes(grid.sizes, mirrors=mirrors).items():
         spread = 0.5 if name.startswith("tables") else 1.0 / np.sqrt(shape[-1] if shape else 1)
         weights[name] = (random.normal(size=shape) * spread).astype(np.float16)
     weights["log_alpha"] = np.array(np.log(0.25), dtype=np.float16)
+    if mirrors:
+        weights["log_mirror_alpha"] = np.array(np.log(0.4), dtype=np.float16)
     return UnitSurface(surface, frame), grid, weights

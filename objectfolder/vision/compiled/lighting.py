@@ -9,7 +9,7 @@ import numpy as np
 
 from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
 from objectfolder.vision.compiled.jit import kernel
-from objectfolder.vision.incidence import SELF_OFFSET, TERMINATOR_COSINE, UnitSurface
+from objectfolder.vision.incidence import SELF_OFFSET, TERMINATOR_COSINE, UnitSurface, mirror_rays
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,14 @@ class LitSurface:
             self._triangles, self._corner_normals, self.facets, TERMINATOR_COSINE, SELF_OFFSET,
         )  # fmt: skip
         return irradiance, start
+
+    def mirrored(self, points: Points) -> tuple[np.ndarray, Points]:
+        """Return which of the points (m,) see the surface in their mirror rays, and what they see there."""
+        facet = self.facets[points.face] * points.side[:, None]
+        start, direction = mirror_rays(points.position, points.normal, -points.direction, facet)
+        face, barycentric = self.volumes.first_hits(start, direction)
+        row = np.flatnonzero(face >= 0)
+        return row, self.points(face[row], barycentric[row], direction[row])
 
     def blocked(self, start: np.ndarray, light: np.ndarray, asked: np.ndarray) -> np.ndarray:
         """Whether (n,) the light is hidden from (n, 3) starts of shadow rays, where asked (n,)."""

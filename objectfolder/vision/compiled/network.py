@@ -11,7 +11,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.vision import network_layout
 from objectfolder.vision.compiled.jit import relaxed_kernel
-from objectfolder.vision.network_layout import weight_shapes
+from objectfolder.vision.network_layout import MIRROR_WIDTH, has_mirrors, weight_shapes
 from objectfolder.vision.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
 
 # Points at a time: a block's matrices stay in the first cache, and are too small for BLAS to use threads.
@@ -34,6 +34,11 @@ class CompiledNetwork:
     weights
         Arrays by name.
 
+    Attributes
+    ----------
+    mirrors
+        Whether the surface is shown in itself.
+
     Raises
     ------
     FormatError
@@ -44,7 +49,8 @@ class CompiledNetwork:
         known = (ANGLES, SURROUNDINGS, 4)
         if known != (network_layout.ANGLES, network_layout.SURROUNDINGS, LEVELS):
             raise FormatError("vision", "inputs that the compiled renderer does not know", "Use torch.")
-        expected = weight_shapes(grid.sizes)
+        self.mirrors = has_mirrors(weights.keys())
+        expected = weight_shapes(grid.sizes, mirrors=self.mirrors)
         for name in sorted(expected.keys() | weights.keys()):
             found = weights[name].shape if name in weights else None
             if found != expected.get(name):
@@ -69,6 +75,12 @@ class CompiledNetwork:
         )
         self._albedo = (single("albedo.weight"), single("albedo.bias"))
         self._alpha2 = np.float32(np.exp(2 * np.float32(weights["log_alpha"])))
+        # As the albedo's, with no part of the normal.
+        facing, bias = np.zeros_like(self._albedo[0]), np.zeros(3, dtype=np.float32)
+        if self.mirrors:
+            facing[:, :-3], bias = weights["facing.weight"], single("facing.bias")
+            self._mirror_alpha2 = np.float32(np.exp(2 * np.float32(weights[MIRROR_WIDTH])))
+        self._facing = (facing, bias)
 
     def radiance(
         self,
@@ -79,15 +91,48 @@ class CompiledNetwork:
         light: np.ndarray,
     ) -> np.ndarray:
         """Return (n, 3) float32 radiance over P / (4 pi^2) of points (n, 3) with irradiance (n,)."""
+        return self._evaluated(position, normal, to_camera, irradiance, light, self._alpha2, True)
+
+    def mirrored(
+        self,
+        mirror: np.ndarray,
+        camera: np.ndarray,
+        position: np.ndarray,
+        normal: np.ndarray,
+        to_camera: np.ndarray,
+        irradiance: np.ndarray,
+        light: np.ndarray,
+    ) -> np.ndarray:
+        """Return (n, 3) float32 radiance over P / (4 pi^2) of points as seen in others.
+
+        Parameters
+        ----------
+        mirror, camera
+            (n, 3) points of the mirror, and the cosine (n,) with which the camera sees them.
+        position, normal, to_camera, irradiance
+            Of the points seen there, as for `radiance`; `to_camera` is against the mirror ray.
+        """
+        shown = self._evaluated(position, normal, to_camera, irradiance, light, self._mirror_alpha2, False)
+        rim = (np.clip(1 - camera, 0.0, 1.0) ** 5).astype(np.float32)
+        answer: np.ndarray = shown * _fresnel(
+            mirror, rim, self._tables, self._lookups, self._resolutions, HALF_WIDTH, *self._facing
+        )
+        return answer
+
+    def _evaluated(
+        self, position: np.ndarray, normal: np.ndarray, to_camera: np.ndarray, irradiance: np.ndarray,
+        light: np.ndarray, alpha2: np.float32, bounces: bool,
+    ) -> np.ndarray:  # fmt: skip
         waves = [np.sin(math.pi * light), np.cos(math.pi * light), np.sin(2 * math.pi * light)]
         inputs = np.concatenate([light, *waves]).astype(np.float32)
         bias = self._bounced_bias + self._bounced_light @ inputs
-        return _radiance(
+        answer: np.ndarray = _radiance(
             position, normal, to_camera, irradiance, light,
             self._tables, self._lookups, self._resolutions, HALF_WIDTH,
-            self._direct, bias, self._bounced, self._albedo, self._alpha2,
+            self._direct, bias, self._bounced, self._albedo, self._facing, self.mirrors, bounces, alpha2,
             np.float32(network_layout.LEAST_COSINE),
         )  # fmt: skip
+        return answer
 
 
 @relaxed_kernel
@@ -150,9 +195,15 @@ def _softplus(x):
 
 
 @relaxed_kernel
+def _schlick(facing, rim):
+    share = _sigmoid(facing)
+    return share + (np.float32(1.0) - share) * rim
+
+
+@relaxed_kernel
 def _radiance(
     position, normal, to_camera, irradiance, light, tables, lookups, resolutions, half_width,
-    direct, bounced_bias, bounced, albedo, alpha2, least_cosine,
+    direct, bounced_bias, bounced, albedo, facing, mirrors, bounces, alpha2, least_cosine,
 ):  # fmt: skip
     count = len(position)
     radiance = np.empty((count, 3), np.float32)
@@ -165,6 +216,7 @@ def _radiance(
     direct_out = np.empty((6, BLOCK), np.float32)
     bounced_out = np.empty((3, BLOCK), np.float32)
     albedo_out = np.empty((3, BLOCK), np.float32)
+    facing_out = np.zeros((3, BLOCK), np.float32)
     features, coarse = albedo_in.shape[0] - 3, bounced_in.shape[0] - 19
     lx, ly, lz = np.float32(light[0]), np.float32(light[1]), np.float32(light[2])
     for start in range(0, count, BLOCK):
@@ -230,10 +282,13 @@ def _radiance(
         _hidden(direct[0], direct[1], direct_in, first)
         _hidden(direct[2], direct[3], first, second)
         np.dot(direct[4], second, direct_out)
-        _hidden(bounced[0], bounced_bias, bounced_in, first)
-        _hidden(bounced[1], bounced[2], first, second)
-        np.dot(bounced[3], second, bounced_out)
+        if bounces:
+            _hidden(bounced[0], bounced_bias, bounced_in, first)
+            _hidden(bounced[1], bounced[2], first, second)
+            np.dot(bounced[3], second, bounced_out)
         np.dot(albedo[0], albedo_in, albedo_out)
+        if mirrors:
+            np.dot(facing[0], albedo_in, facing_out)
         for s in range(size):
             i = start + s
             at_light = max(direct_in[a + 3, s], least_cosine)
@@ -247,7 +302,33 @@ def _radiance(
             for channel in range(3):
                 base = _sigmoid(albedo_out[channel, s] + albedo[1][channel])
                 diffuse = 2 * base * _sigmoid(direct_out[channel, s] + direct[5][channel])
-                gloss = _softplus(direct_out[channel + 3, s] + direct[5][channel + 3]) * lobe
-                light_in = _softplus(bounced_out[channel, s] + bounced[4][channel])
-                radiance[i, channel] = arriving * (diffuse + gloss) + base * light_in
+                strength = direct_out[channel + 3, s] + direct[5][channel + 3]
+                if mirrors:
+                    share = _schlick(facing_out[channel, s] + facing[1][channel], direct_in[a + 7, s])
+                    gloss = share * 2 * _sigmoid(strength) * lobe
+                else:
+                    gloss = _softplus(strength) * lobe
+                radiance[i, channel] = arriving * (diffuse + gloss)
+                if bounces:
+                    radiance[i, channel] += base * _softplus(bounced_out[channel, s] + bounced[4][channel])
     return radiance
+
+
+@relaxed_kernel
+def _fresnel(position, rim, tables, lookups, resolutions, half_width, weight, bias):
+    """Return (n, 3) the shares that mirrors at (n, 3) reflect: `reflectance.Reflectance.fresnel`."""
+    share = np.empty((len(position), 3), np.float32)
+    features = np.zeros((weight.shape[1], 1), np.float32)
+    for i in range(len(position)):
+        row = 0
+        for level in range(4):
+            table, lookup, resolution = tables[level], lookups[level], resolutions[level]
+            _interpolate(table, lookup, resolution, half_width,
+                         position[i, 0], position[i, 1], position[i, 2], features, row, 0)  # fmt: skip
+            row += table.shape[1]
+        for channel in range(3):
+            total = bias[channel]
+            for f in range(row):
+                total += weight[channel, f] * features[f, 0]
+            share[i, channel] = _schlick(total, rim[i])
+    return share

@@ -273,7 +273,24 @@ class CompiledRenderer:
         return self._surface.points(face, barycentric, direction)
 
     def _colour(self, points: Points, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
-        return self._network.radiance(points.position, points.normal, -points.direction, irradiance, light)
+        colour = self._network.radiance(points.position, points.normal, -points.direction, irradiance, light)
+        if self._network.mirrors:
+            row, shown = self._in_mirrors(points, light)
+            colour[row] += shown
+        return colour
+
+    def _in_mirrors(self, points: Points, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points (m,) whose mirror rays meet a lit part of the surface, and its colour (m, 3)."""
+        row, met = self._surface.mirrored(points)
+        arriving, start = self._surface.unhindered(met, light)
+        arriving[self._surface.blocked(start, light, arriving > 0)] = 0.0
+        lit = np.flatnonzero(arriving)
+        row = row[lit]
+        camera = -np.einsum("ij,ij->i", points.normal[row], points.direction[row])
+        return row, self._network.mirrored(
+            points.position[row], camera, met.position[lit], met.normal[lit], -met.direction[lit],
+            arriving[lit], light,
+        )  # fmt: skip
 
     def _lit(self, view: View, probes: _Chosen, light: np.ndarray, effort: Effort) -> np.ndarray:
         """Return the colour (p, 3) of the pixels under one light of colour 1."""

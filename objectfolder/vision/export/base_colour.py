@@ -11,6 +11,7 @@ from objectfolder.geometry.texture_lookup import bilinear
 from objectfolder.vision.cameras import GOLDEN_RATIO
 from objectfolder.vision.compositing import srgb_encode
 from objectfolder.vision.incidence import Incidence
+from objectfolder.vision.network_layout import has_mirrors
 from objectfolder.vision.sparse_grid import SparseGrid
 from objectfolder.vision.visionnet import PREFIX, VisionNet
 
@@ -112,7 +113,7 @@ def _network_of(network: VisionNet) -> "tuple[SparseGrid, Reflectance]":
 
     tensors = {name.removeprefix(PREFIX): value for name, value in network.tensors().items()}
     grid = SparseGrid.from_bytes(tensors.pop("grid"), int(network.metadata()["grid_resolution"]))
-    reflectance = Reflectance(grid.sizes)
+    reflectance = Reflectance(grid.sizes, mirrors=has_mirrors(tensors))
     reflectance.load_state_dict(
         {name: torch.from_numpy(np.asarray(value, dtype=np.float32)) for name, value in tensors.items()}
     )
