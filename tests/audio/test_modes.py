@@ -218,8 +218,8 @@ def test_a_scanned_mug_rings(shared_objects: Path) -> None:
     assert attributes["count_certificate"]["holds"]
     assert attributes["error_estimate_cents"] < 40
     assert abs(attributes["discretisation"]["volume_error"]) < 0.01
-    # Cubic elements, 190 000 unknowns on twice as many tetrahedra: 2805, 2832, 3140 Hz.
-    np.testing.assert_allclose(product["frequencies_hz"][:3], [2805, 2832, 3140], rtol=0.03)
+    # Two and a half times as many bent tetrahedra, half as far from the scan, 180 000 unknowns.
+    np.testing.assert_allclose(product["frequencies_hz"][:3], [2809, 2880, 3131], rtol=0.02)
 
 
 def test_the_wall_that_a_solid_lost_is_stated_in_cents() -> None:
