@@ -1,0 +1,118 @@
+"""What tasks are known to have cost: in one data set, and in the hundred scans the package was tried on.
+
+``known_costs.csv`` beside this module has a row for every object and stage of a data set of real scans at
+the default size (and of the starter set), one thread a task; ``python -m bench.known_costs`` wrote it.
+"""
+
+import contextlib
+import csv
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from pipeline.run_log import COLUMNS, QUERY, costs_path
+from pipeline.stages import STAGES
+
+PACKAGED = Path(__file__).with_name("known_costs.csv")
+PACKAGED_COLUMNS = ("object", "stage", "input_bytes", "cpu_s", "wall_s", "peak_memory_mb", "product_bytes")
+
+
+@dataclass(frozen=True)
+class KnownCost:
+    """What the task of an object and stage took when it last ran.
+
+    Parameters
+    ----------
+    object_id, stage
+        Whose task it was.
+    wall_s, cpu_s
+        Seconds; CPU seconds include child processes.
+    memory_bytes
+        Largest peak of all its runs: a peak of child processes is noted only where it exceeds those of
+        earlier tasks in the same process, so a lower one may miss them.
+    input_bytes, product_bytes
+        Sizes of the files read and made, None where they are gone.
+    """
+
+    object_id: str
+    stage: str
+    wall_s: float
+    cpu_s: float
+    memory_bytes: int
+    input_bytes: int | None = None
+    product_bytes: int | None = None
+
+
+def costs_of(root: Path) -> list[KnownCost]:
+    """Return the known costs of a data set, the last run of each object and stage; sizes not looked up."""
+    found: dict[tuple[str, str], KnownCost] = {}
+    path = costs_path(root)
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        for object_id, stage, wall_s, cpu_s, peak_mb in _numbers(csv.reader(file)):
+            before = found.get((object_id, stage))
+            peak = max(int(peak_mb * 1e6), before.memory_bytes if before else 0)
+            found[object_id, stage] = KnownCost(object_id, stage, wall_s, cpu_s, peak)
+    return list(found.values())
+
+
+@cache
+def packaged_costs() -> tuple[KnownCost, ...]:
+    """Return the costs of the scans that the package was tried on."""
+    with PACKAGED.open(newline="", encoding="utf-8") as file:
+        return tuple(
+            KnownCost(
+                row["object"],
+                row["stage"],
+                float(row["wall_s"]),
+                float(row["cpu_s"]),
+                int(float(row["peak_memory_mb"]) * 1e6),
+                int(row["input_bytes"]) if row["input_bytes"] else None,
+                int(row["product_bytes"]) if row["product_bytes"] else None,
+            )
+            for row in csv.DictReader(file)
+        )
+
+
+def write_costs(costs: Iterable[KnownCost], path: Path) -> None:
+    """Write a table as `packaged_costs` reads it."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(PACKAGED_COLUMNS)
+        for cost in costs:
+            sizes = ["" if size is None else size for size in (cost.input_bytes, cost.product_bytes)]
+            times = (round(cost.cpu_s, 2), round(cost.wall_s, 2), round(cost.memory_bytes / 1e6, 1))
+            table.writerow((cost.object_id, cost.stage, sizes[0], *times, sizes[1]))
+
+
+def input_bytes(root: Path, stage: str, object_id: str) -> int | None:
+    """Return the bytes of the products that a stage reads of an object; None where one is missing."""
+    if stage not in STAGES or not STAGES[stage].inputs:
+        return None
+    return _total(product.kind.path(root, object_id) for product in STAGES[stage].inputs)
+
+
+def product_bytes(root: Path, stage: str, object_id: str) -> int | None:
+    """Return the bytes of the products that a stage made of an object; None where one is missing."""
+    return _total(STAGES[stage].targets(root, object_id)) if stage in STAGES else None
+
+
+def _total(paths: Iterable[Path]) -> int | None:
+    try:
+        return sum(path.stat().st_size for path in paths)
+    except OSError:
+        return None
+
+
+def _numbers(rows: Iterator[list[str]]) -> Iterator[tuple[str, str, float, float, float]]:
+    header = next(rows, list(COLUMNS))
+    places = [
+        header.index(name) for name in ("object", "stage", "wall_seconds", "cpu_seconds", "peak_memory_mb")
+    ]
+    for row in rows:
+        if len(row) > max(places) and row[places[1]] != QUERY:
+            with contextlib.suppress(ValueError):  # a line that a kill cut short
+                wall_s, cpu_s, peak_mb = (float(row[place]) for place in places[2:])
+                yield row[places[0]], row[places[1]], wall_s, cpu_s, peak_mb

@@ -1,0 +1,151 @@
+"""What tasks are expected to take: own runs first, then others of the stage, then the packaged costs."""
+
+import csv
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.estimates import MEMORY_MARGIN, MEMORY_QUANTILE, Estimates
+from pipeline.known_costs import costs_of, packaged_costs
+from pipeline.parameters import read_parameters
+from pipeline.run_log import COLUMNS, Costs, costs_path
+from pipeline.stages import MODES, OBJECTS, STAGES
+from pipeline.task import Outcome
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def note(root: Path, stage: str, object_id: str, wall_s: float, memory_bytes: float = 1e8) -> None:
+    Costs(root, stage).add(Outcome(object_id, None, wall_s, wall_s / 2, int(memory_bytes), "f" * 64))
+
+
+def test_an_objects_own_last_run_comes_first(tmp_path):
+    for seconds in (40.0, 20.0):
+        note(tmp_path, "modes", "cup", seconds, memory_bytes=seconds * 1e8)
+    note(tmp_path, "modes", "dish", 7.0)
+    found = Estimates(tmp_path).of("modes", "cup", 10)
+    assert (found.wall_s, found.cpu_s, found.known) == (20.0, 10.0, True)
+    # A later peak may miss that of child processes, so the largest counts.
+    assert found.memory_bytes == int(4e9 * MEMORY_MARGIN)
+
+
+def test_the_median_of_a_stage_stands_for_objects_that_never_ran(tmp_path):
+    for index in range(21):
+        note(tmp_path, "tune", f"o{index}", 1000.0 if index == 0 else 3.0, memory_bytes=(index + 1) * 1e7)
+    found = Estimates(tmp_path).of("tune", "new")
+    assert found.wall_s == 3.0  # one that hung says nothing of the rest
+    assert not found.known
+    assert found.memory_bytes >= 20e7
+
+
+def test_seconds_follow_the_size_of_the_input_where_they_did_before(tmp_path):
+    rng = np.random.default_rng(0)
+    for index, size in enumerate(rng.integers(1_000, 1_000_000, 40)):
+        path = OBJECTS.path(tmp_path, f"o{index}")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(bytes(int(size)))
+        note(tmp_path, "modes", f"o{index}", 1e-3 * float(size) ** 0.75 * float(rng.lognormal(0, 0.2)))
+    estimates = Estimates(tmp_path)
+    for size in (2_000, 50_000, 900_000):
+        assert estimates.of("modes", "new", size).wall_s == pytest.approx(1e-3 * size**0.75, rel=0.3)
+
+
+def test_a_size_that_explains_nothing_is_left_out(tmp_path):
+    rng = np.random.default_rng(1)
+    for index, size in enumerate(rng.integers(1_000, 1_000_000, 40)):
+        path = OBJECTS.path(tmp_path, f"o{index}")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(bytes(int(size)))
+        note(tmp_path, "modes", f"o{index}", 10 * float(rng.lognormal(0, 0.5)))
+    estimates = Estimates(tmp_path)
+    assert estimates.of("modes", "new", 2_000).wall_s == estimates.of("modes", "new", 900_000).wall_s
+
+
+def test_few_runs_set_the_pace_of_this_machine(tmp_path):
+    before = Estimates(tmp_path).of("modes", "new")
+    for index in range(3):
+        note(tmp_path, "modes", f"o{index}", 3 * before.wall_s)
+    after = Estimates(tmp_path).of("modes", "new")
+    assert after.wall_s == pytest.approx(3 * before.wall_s, rel=0.01)
+    assert after.memory_bytes >= before.memory_bytes
+
+
+def test_a_rendering_is_never_taken_for_one_without_its_child(tmp_path):
+    note(tmp_path, "views", "first", 60.0, memory_bytes=3.5e8)
+    note(tmp_path, "views", "second", 60.0, memory_bytes=1.3e8)  # the child's peak is no longer seen
+    assert Estimates(tmp_path).of("views", "second").memory_bytes >= 3.5e8
+
+
+def test_every_stage_has_packaged_costs_and_a_new_data_set_estimates(tmp_path):
+    for stage in STAGES:
+        found = Estimates(tmp_path).of(stage, "new")
+        assert found.wall_s > 0
+        assert found.memory_bytes > 5e7
+        assert found.product_bytes > 1e5
+
+
+def test_packaged_costs_follow_the_parameters(tmp_path):
+    text = (REPOSITORY / "params.yaml").read_text()
+    sizes = {}
+    for size in ("default", "paper"):
+        path = tmp_path / f"{size}.yaml"
+        path.write_text(text.replace("size: default", f"size: {size}"))
+        estimates = Estimates(tmp_path, read_parameters(path))
+        sizes[size] = {stage: estimates.of(stage, "new") for stage in STAGES}
+    default, paper = sizes["default"], sizes["paper"]
+    unscaled = Estimates(tmp_path)
+    assert all(default[stage] == unscaled.of(stage, "new") for stage in STAGES)
+    assert paper["views"].wall_s / default["views"].wall_s == pytest.approx(
+        256**2 * (500 * 32 + 20 * 256) / (128**2 * (100 * 32 + 12 * 256))
+    )
+    assert paper["touches"].product_bytes / default["touches"].product_bytes == pytest.approx(5500 / 150)
+    assert paper["modes"] == default["modes"]
+
+
+def test_memory_of_unseen_objects_is_rarely_above_its_estimate(tmp_path):
+    """Half of the packaged objects estimate the other half."""
+    for stage in STAGES:
+        rows = [cost for cost in packaged_costs() if cost.stage == stage]
+        if len(rows) < 40:
+            continue
+        root = tmp_path / stage
+        for cost in rows[::2]:
+            note(root, stage, cost.object_id, cost.wall_s, cost.memory_bytes)
+        allowed = Estimates(root).of(stage, "new").memory_bytes
+        above = sum(cost.memory_bytes > allowed for cost in rows[1::2])
+        assert above <= (1 - MEMORY_QUANTILE) * len(rows[1::2]) + 2, stage
+
+
+def test_a_line_that_a_kill_cut_short_is_passed_over(tmp_path):
+    note(tmp_path, "modes", "cup", 5.0)
+    with costs_path(tmp_path).open("a") as file:
+        file.write("dish,modes,ffff,1.0,")
+    assert [cost.object_id for cost in costs_of(tmp_path)] == ["cup"]
+    assert not Estimates(tmp_path).of("modes", "dish").known
+
+
+def test_a_thousand_objects_are_estimated_at_once(tmp_path):
+    path = costs_path(tmp_path)
+    path.parent.mkdir(parents=True)
+    with path.open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(COLUMNS)
+        for index in range(500):
+            table.writerows([f"o{index}", stage, "f" * 64, 1.0, 1.0, 100.0, "", ""] for stage in STAGES)
+    (tmp_path / MODES.folder).mkdir(parents=True)
+    begin = time.process_time()
+    estimates = Estimates(tmp_path)
+    for index in range(1000):
+        for stage in STAGES:
+            estimates.of(stage, f"o{index}", 1000)
+    assert time.process_time() - begin < 2.0  # 0.1 s on an idle machine
+
+
+def test_estimating_loads_neither_dask_nor_dvc():
+    code = "import sys, pipeline.estimates; print({'dask', 'distributed', 'dvc'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=REPOSITORY)
+    assert done.stdout.strip() == "set()", done.stderr
