@@ -5,67 +5,82 @@
 """
 
 import contextlib
+import functools
 import logging
 import os
 import threading
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from objectfolder.errors import InputError, SimulationError
+from objectfolder.errors import SimulationError
+from pipeline.crew import Crew
+from pipeline.dask_crew import DaskCrew, Patience
+from pipeline.environment_check import environment_of
 from pipeline.isolation import Child, ChildSettings
+from pipeline.local_crew import LocalCrew
+from pipeline.places import ADDRESS, Place, read_place
 from pipeline.task import Call, Failure, Outcome
 
-ADDRESS = "DASK_SCHEDULER_ADDRESS"
-PLACE = "OBJECTFOLDER_CLUSTER"
+__all__ = ["Place", "crew", "read_place", "run_calls"]
+
 FEW = 1  # calls for which a cluster would cost more than it gives
 WINDOW = 2  # calls submitted for each worker: enough to keep it busy, few enough to keep the order
 
 
-@dataclass(frozen=True)
-class Place:
-    """A cluster on this machine.
+@contextlib.contextmanager
+def crew(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = ()) -> Iterator[Crew]:
+    """Start or join what a place describes.
 
     Parameters
     ----------
-    workers
-        Worker processes; None for one a core.
-    child
-        How the child processes of the workers run.
-    dask
-        Settings for Dask.
+    place
+        Where to run.
+    root
+        The data folder, absolute.
+    jobs_at_most
+        Jobs that there will be: no more workers are started, and no cluster for a single one.
+    stages
+        Stages (`pipeline.stage.Stage`) to be run: what workers from elsewhere must have the code of.
     """
+    import dask
 
-    workers: int | None = None
-    child: ChildSettings = field(default_factory=ChildSettings)
-    dask: dict[str, Any] = field(default_factory=dict)
+    address = os.environ.get(ADDRESS)
+    if jobs_at_most <= FEW and not address:
+        with LocalCrew(root, place.child) as alone:
+            yield alone
+        return
+    with dask.config.set(place.dask), contextlib.ExitStack() as stack:
+        patience = Patience()
+        wanted = None
+        if address:
+            wanted = environment_of(stages)
+        else:
+            cluster = stack.enter_context(_local_cluster(place, jobs_at_most))
+            address = cluster.scheduler_address
+            patience = Patience(workers_s=120.0)
+        connect = functools.partial(_connected, address)
+        yield stack.enter_context(DaskCrew(connect, root, place.child, wanted, None, patience))
 
 
-def read_place(root: Path) -> Place:
-    """Read the description of the cluster; without a file, the defaults.
+def _connected(address: str, seconds: float) -> Any:
+    from distributed import Client
 
-    Raises
-    ------
-    InputError
-        A file that is missing, is no YAML, or has an unknown key.
-    """
-    named = os.environ.get(PLACE)
-    path = Path(named) if named else root / "cluster" / "local.yaml"
-    if not named and not path.is_file():
-        return Place()
-    try:
-        content = yaml.safe_load(path.read_text())
-    except (OSError, yaml.YAMLError) as error:
-        raise InputError(str(path), f"cannot be read ({error})", f"Set {PLACE} to a YAML file.") from error
-    known = {"workers", "dask", *(entry.name for entry in fields(ChildSettings))}
-    for key in content:
-        if key not in known:
-            raise InputError(str(path), f"unknown key {key!r}", f"Known are {', '.join(sorted(known))}.")
-    child = {entry.name: content[entry.name] for entry in fields(ChildSettings) if entry.name in content}
-    return Place(content.get("workers"), ChildSettings(**child), content.get("dask") or {})
+    return Client(address, timeout=seconds, set_as_default=False)
+
+
+def _local_cluster(place: Place, jobs_at_most: int) -> Any:
+    from dask.system import CPU_COUNT
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=min(place.workers or CPU_COUNT, jobs_at_most),
+        threads_per_worker=1,
+        memory_limit=0,  # the memory is the children's, which the nanny does not see
+        host="127.0.0.1",
+        dashboard_address=os.environ.get("OBJECTFOLDER_DASHBOARD", "127.0.0.1:0"),
+        silence_logs=logging.ERROR,
+    )
 
 
 def run_calls(calls: Sequence[Call], place: Place, root: Path) -> Iterator[Outcome]:
@@ -99,7 +114,7 @@ def _run_on_dask(calls: Sequence[Call], place: Place, root: Path) -> Iterator[Ou
                 return None
             key = f"{call.stage}-{call.request.object_id}-{call.fingerprint[:8]}"
             running[key] = call
-            return client.submit(run_on_worker, call, place.child, root, key=key, pure=False)
+            return client.submit(_run_call, call, place.child, root, key=key, pure=False)
 
         workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
         window = (submit_next() for _ in range(WINDOW * workers))
@@ -150,8 +165,7 @@ def _client(place: Place, calls: int) -> Iterator[Any]:
 _own = threading.local()
 
 
-def run_on_worker(call: Call, settings: ChildSettings, root: Path) -> Outcome:
-    """Run a call in the child process of this worker thread."""
+def _run_call(call: Call, settings: ChildSettings, root: Path) -> Outcome:
     child = getattr(_own, "child", None)
     if child is None:
         child = _own.child = Child(root, settings)
