@@ -10,7 +10,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.known_costs import PACKAGED, costs_of, input_bytes, product_bytes, write_costs
+from pipeline.known_costs import PACKAGED, costs_of, product_bytes, write_costs
+from pipeline.loads import Loads
 from pipeline.parameters import read_parameters
 from pipeline.records import read_table
 from pipeline.stages import STAGES
@@ -22,18 +23,19 @@ def main() -> None:
     costs = {}
     for root in parser.parse_args().roots:
         listed = read_table(root, read_parameters(root / "params.yaml").objects).rows
+        loads = Loads(root)
         for cost in costs_of(root):
             if cost.object_id not in listed or cost.stage not in STAGES:
                 continue
-            row = listed[cost.object_id]
             sources = STAGES[cost.stage].sources
-            read = (
-                sum(path.stat().st_size for path in sources(row).values())
+            size = (
+                next(path.stat().st_size for path in sources(listed[cost.object_id]).values())
                 if sources
-                else input_bytes(root, cost.stage, cost.object_id)
+                else None
             )
+            load = loads.of(cost.stage, cost.object_id, size)
             made = product_bytes(root, cost.stage, cost.object_id)
-            costs[cost.object_id, cost.stage] = replace(cost, input_bytes=read, product_bytes=made)
+            costs[cost.object_id, cost.stage] = replace(cost, load=load, product_bytes=made)
     order = list(STAGES)
     rows = sorted(costs.values(), key=lambda cost: (order.index(cost.stage), cost.object_id))
     write_costs(rows, PACKAGED)

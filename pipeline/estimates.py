@@ -2,34 +2,34 @@
 
 In this order: what the same object and stage took last in this data set; a model of what others of this
 stage took here; a model of what it took on the scans the package was tried on (`pipeline.known_costs`).
-A model is the median, times a power of the input's bytes where these explain anything (Theil-Sen slope of
-the logarithms whose 95 % interval is clear of zero).
+A model is the median, times a power of the task's load (`pipeline.loads`) where that explains anything: the
+Theil-Sen slope of the logarithms, if its 95 % interval is clear of zero.
 
-Times and bytes of the packaged costs follow the parameters where the law is plain: rendering goes with
-views x pixels x samples, touching with touches x pixels, and so do the bytes of both with views x pixels and
-touches x pixels. Modes, encoding and verification are taken as they were at the default size. Costs known
-from this data set are taken as they were, whatever its parameters were then.
+Of the packaged costs, those of rendering follow views x pixels x samples and those of touching touches x
+pixels; the bytes of both follow views x pixels and touches x pixels. The rest is taken as it was at the
+default size. What is known from this data set is taken as it was, whatever its parameters were then.
 
-Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, else the `MEMORY_QUANTILE` of
-others. Cycles renders in a process of its own, whose peak is noted for the first task of a worker only, so
-that no rendering is taken to need less than the usual one.
+Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, else a model of others, raised until
+`MEMORY_QUANTILE` of them lie below. Cycles renders in a process of its own, whose peak is noted only for the
+first task of a worker, so that no rendering is taken to need less than the usual one.
 """
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.known_costs import KnownCost, costs_of, input_bytes, packaged_costs
+from pipeline.known_costs import KnownCost, costs_of, packaged_costs
+from pipeline.loads import Loads
 from pipeline.parameters import Parameters
 
 MEMORY_MARGIN = 1.15
 MEMORY_QUANTILE = 0.95
-ENOUGH_ROWS = 10  # of this data set, to leave the packaged costs aside
+ENOUGH_ROWS = 10  # of this data set, to leave the packaged costs aside; with a load, to fit a slope
 MOST_ROWS = 400  # that a model is fitted to
 RENDERING = "views"
 UNKNOWN_SECONDS_A_BYTE = 1e-6  # of a stage that is known nowhere: only the order counts
@@ -64,6 +64,39 @@ class Estimate:
     known: bool = False
 
 
+@dataclass(frozen=True)
+class PowerLaw:
+    """``level (load / usual_load) ** exponent``."""
+
+    level: float
+    usual_load: float = 1.0
+    exponent: float = 0.0
+
+    def of(self, load: float | None) -> float:
+        """Return the value at a load; the level where it is None."""
+        if not load or not self.exponent:
+            return self.level
+        return self.level * (load / self.usual_load) ** self.exponent
+
+    def times(self, factor: float) -> "PowerLaw":
+        """Return the law that gives `factor` times its values."""
+        return replace(self, level=self.level * factor)
+
+
+@dataclass(frozen=True)
+class Model:
+    """What tasks of a stage take, by their load."""
+
+    wall: PowerLaw
+    cpu: PowerLaw
+    memory: PowerLaw
+    product_bytes: int = 0
+
+    def of(self, load: float | None) -> Estimate:
+        """Return what a task with this load is expected to take."""
+        return Estimate(self.wall.of(load), self.cpu.of(load), int(self.memory.of(load)), self.product_bytes)
+
+
 class Estimates:
     """Estimates for the tasks of one data set.
 
@@ -76,14 +109,14 @@ class Estimates:
     """
 
     def __init__(self, root: Path, parameters: Parameters | None = None) -> None:
-        self._root = root
         self._parameters = parameters
+        self._loads = Loads(root, parameters)
         self._own: dict[tuple[str, str], KnownCost] = {}
         self._by_stage: dict[str, list[KnownCost]] = {}
         for cost in costs_of(root):
             self._own[cost.object_id, cost.stage] = cost
             self._by_stage.setdefault(cost.stage, []).append(cost)
-        self._models: dict[str, _Model] = {}
+        self._models: dict[str, Model | None] = {}
 
     def of(self, stage: str, object_id: str, size_bytes: int | None = None) -> Estimate:
         """Return what the task of an object is expected to take.
@@ -95,154 +128,76 @@ class Estimates:
         object_id
             Of an object, known or not.
         size_bytes
-            Bytes of the files it reads; None where they do not exist yet.
+            Bytes of the first file it reads (the mesh for the first stage, else the object's product); None
+            where that does not exist yet.
         """
-        model = self._model(stage)
-        usual = model.of(size_bytes)
-        own = self._own.get((object_id, stage))
-        if own is None:
-            return usual
-        memory = int(own.memory_bytes * MEMORY_MARGIN)
-        if stage == RENDERING:
-            memory = max(memory, usual.memory_bytes)
-        return Estimate(own.wall_s, own.cpu_s, memory, usual.product_bytes, known=True)
-
-    def _model(self, stage: str) -> "_Model":
         if stage not in self._models:
             self._models[stage] = self._fitted(stage)
-        return self._models[stage]
+        model = self._models[stage]
+        if model is None:
+            seconds = UNKNOWN_SECONDS_A_BYTE * (size_bytes or 0)
+            return Estimate(seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
+        own = self._own.get((object_id, stage))
+        if own is None:
+            return model.of(self._loads.of(stage, object_id, size_bytes))
+        memory = int(own.memory_bytes * MEMORY_MARGIN)
+        if stage == RENDERING:
+            memory = max(memory, int(model.memory.level))
+        return Estimate(own.wall_s, own.cpu_s, memory, model.product_bytes, known=True)
 
-    def _fitted(self, stage: str) -> "_Model":
-        rows = self._by_stage.get(stage, [])
+    def _fitted(self, stage: str) -> Model | None:
         packaged = _packaged_model(stage)
         if packaged is not None and self._parameters is not None:
-            packaged = packaged.scaled(*_scales(stage, self._parameters))
+            packaged = _scaled(packaged, stage, self._parameters)
+        rows = self._by_stage.get(stage, [])
         if not rows:
-            return packaged or _Model(wall=None, cpu=None)
-        here = rows[:: math.ceil(len(rows) / MOST_ROWS)]
-        sizes = [input_bytes(self._root, stage, cost.object_id) for cost in here]
-        own = _Model(
-            _PowerLaw.fitted(sizes, [cost.wall_s for cost in here]),
-            _PowerLaw.fitted(sizes, [cost.cpu_s for cost in here]),
-            _high([cost.memory_bytes for cost in rows]),
-            packaged.product_bytes if packaged else 0,
-        )
-        if packaged is None or len(rows) >= ENOUGH_ROWS:
+            return packaged
+        rows = [
+            replace(cost, load=self._loads.of(stage, cost.object_id))
+            for cost in rows[:: math.ceil(len(rows) / MOST_ROWS)]
+        ]
+        own = fit(rows)
+        if packaged is None:
             return own
-        # Few rows say how fast this machine is, but not how memory spreads, nor how sizes matter.
-        return _Model(
-            packaged.wall_times(_pace(packaged.wall, sizes, [cost.wall_s for cost in here])),
-            packaged.cpu_times(_pace(packaged.cpu, sizes, [cost.cpu_s for cost in here])),
-            max(own.memory_bytes, packaged.memory_bytes),
+        if len(rows) >= ENOUGH_ROWS:
+            return replace(own, product_bytes=packaged.product_bytes)
+        # Few rows say how fast this machine is, but not how memory spreads, nor what loads mean.
+        over = (cost.memory_bytes * MEMORY_MARGIN / packaged.memory.of(cost.load) for cost in rows)
+        return Model(
+            packaged.wall.times(_pace(packaged.wall, rows, [cost.wall_s for cost in rows])),
+            packaged.cpu.times(_pace(packaged.cpu, rows, [cost.cpu_s for cost in rows])),
+            packaged.memory.times(max(1.0, *over)),
             packaged.product_bytes,
         )
 
 
-@dataclass(frozen=True)
-class _PowerLaw:
-    """``level (size / usual_size) ** exponent``."""
-
-    level: float
-    usual_size: float = 1.0
-    exponent: float = 0.0
-
-    def of(self, size: int | None) -> float:
-        if not size or not self.exponent:
-            return self.level
-        return self.level * (size / self.usual_size) ** self.exponent
-
-    @classmethod
-    def fitted(cls, sizes: Iterable[int | None], values: Iterable[float]) -> "_PowerLaw":
-        pairs = [(size, max(value, 1e-3)) for size, value in zip(sizes, values, strict=True)]
-        level = float(np.median([value for _, value in pairs]))
-        sized = np.log([(size, value) for size, value in pairs if size]).reshape(-1, 2)
-        if len(sized) < ENOUGH_ROWS:
-            return cls(level)
-        x, y = sized.T
-        exponent = _theil_sen(x, y)
-        usual = float(np.median(x))
-        return cls(float(np.exp(np.median(y - exponent * (x - usual)))), math.exp(usual), exponent)
-
-
-@dataclass(frozen=True)
-class _Model:
-    """What tasks of a stage take."""
-
-    wall: _PowerLaw | None
-    cpu: _PowerLaw | None
-    memory_bytes: int = UNKNOWN_MEMORY_BYTES
-    product_bytes: int = 0
-
-    def of(self, size: int | None) -> Estimate:
-        unknown = UNKNOWN_SECONDS_A_BYTE * (size or 0)
-        return Estimate(
-            self.wall.of(size) if self.wall else unknown,
-            self.cpu.of(size) if self.cpu else unknown,
-            self.memory_bytes,
-            self.product_bytes,
-        )
-
-    def scaled(self, seconds: float, size: float) -> "_Model":
-        return _Model(
-            self.wall_times(seconds),
-            self.cpu_times(seconds),
-            self.memory_bytes,
-            int(self.product_bytes * size),
-        )
-
-    def wall_times(self, factor: float) -> _PowerLaw | None:
-        return _times(self.wall, factor)
-
-    def cpu_times(self, factor: float) -> _PowerLaw | None:
-        return _times(self.cpu, factor)
-
-
-def _times(law: _PowerLaw | None, factor: float) -> _PowerLaw | None:
-    return law and _PowerLaw(law.level * factor, law.usual_size, law.exponent)
-
-
-def _pace(law: _PowerLaw | None, sizes: list[int | None], values: list[float]) -> float:
-    """Return the median of the values over what the law says of them."""
-    if law is None:
-        return 1.0
-    return float(np.median([value / law.of(size) for size, value in zip(sizes, values, strict=True)]))
-
-
-@cache
-def _packaged_model(stage: str) -> _Model | None:
-    rows = [cost for cost in packaged_costs() if cost.stage == stage]
-    if not rows:
-        return None
-    sizes = [cost.input_bytes for cost in rows]
-    # One thread a task: alone on its core, its wall seconds are its CPU seconds.
-    cpu = _PowerLaw.fitted(sizes, [cost.cpu_s for cost in rows])
+def fit(rows: Sequence[KnownCost]) -> Model:
+    """Return the model of the tasks of a stage; at least one is needed."""
+    loads = [cost.load for cost in rows]
+    peaks = [float(cost.memory_bytes) for cost in rows]
+    # A peak that misses the child says nothing of its load.
+    memory = _law([None] * len(rows) if rows[0].stage == RENDERING else loads, peaks)
+    over = [peak / memory.of(load) for peak, load in zip(peaks, loads, strict=True)]
     made = [cost.product_bytes for cost in rows if cost.product_bytes is not None]
-    return _Model(cpu, cpu, _high([cost.memory_bytes for cost in rows]), int(np.median(made)) if made else 0)
+    return Model(
+        _law(loads, [cost.wall_s for cost in rows]),
+        _law(loads, [cost.cpu_s for cost in rows]),
+        memory.times(MEMORY_MARGIN * float(np.quantile(over, MEMORY_QUANTILE, method="higher"))),
+        int(np.median(made)) if made else 0,
+    )
 
 
-def _high(peaks: list[int]) -> int:
-    """Return the quantile of peaks with its margin, by the next observation above."""
-    return int(MEMORY_MARGIN * float(np.quantile(peaks, MEMORY_QUANTILE, method="higher")))
+def _law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:
+    positive = [max(value, 1e-3) for value in values]
+    loaded = [(load, value) for load, value in zip(loads, positive, strict=True) if load]
+    if len(loaded) < ENOUGH_ROWS:
+        return PowerLaw(float(np.median(positive)))
+    x, y = np.log(loaded).T
+    exponent, usual = _slope(x, y), float(np.median(x))
+    return PowerLaw(math.exp(float(np.median(y - exponent * (x - usual)))), math.exp(usual), exponent)
 
 
-def _scales(stage: str, parameters: Parameters) -> tuple[float, float]:
-    """Return by what seconds and bytes of a stage differ from those at the default size."""
-    vision, touch = parameters.vision, parameters.touch
-    if stage == RENDERING:
-        pixels = vision.resolution**2
-        views = vision.training_views + vision.held_out_views
-        rays = pixels * (
-            vision.training_views * vision.training_samples + vision.held_out_views * vision.held_out_samples
-        )
-        return rays / PACKAGED_RAYS, views * pixels / PACKAGED_VIEW_PIXELS
-    if stage == "touches":
-        height, width = touch.sensor["image_height"], touch.sensor["image_width"]
-        pixels = (touch.touches + touch.held_out_touches) * height * width
-        return (pixels / PACKAGED_TOUCH_PIXELS,) * 2
-    return 1.0, 1.0
-
-
-def _theil_sen(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     """Return the median slope between pairs, 0 where its 95 % interval (Sen 1968) has zero in it."""
     first, second = np.triu_indices(len(x), 1)
     run, rise = x[second] - x[first], y[second] - y[first]
@@ -254,3 +209,34 @@ def _theil_sen(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     low = slopes[max(0, math.floor(len(slopes) / 2 - half))]
     high = slopes[min(len(slopes) - 1, math.ceil(len(slopes) / 2 + half))]
     return 0.0 if low <= 0 <= high else float(np.median(slopes))
+
+
+def _pace(law: PowerLaw, rows: Sequence[KnownCost], seconds: Sequence[float]) -> float:
+    return float(np.median([took / law.of(cost.load) for cost, took in zip(rows, seconds, strict=True)]))
+
+
+@cache
+def _packaged_model(stage: str) -> Model | None:
+    rows = [cost for cost in packaged_costs() if cost.stage == stage]
+    # One thread a task: alone on its core, its wall seconds are its CPU seconds.
+    return replace(model := fit(rows), wall=model.cpu) if rows else None
+
+
+def _scaled(model: Model, stage: str, parameters: Parameters) -> Model:
+    """Return the packaged model at other parameters than those of the default size."""
+    vision, touch = parameters.vision, parameters.touch
+    if stage == RENDERING:
+        pixels = vision.resolution**2
+        shots = (
+            vision.training_views * vision.training_samples + vision.held_out_views * vision.held_out_samples
+        )
+        seconds = pixels * shots / PACKAGED_RAYS
+        size = (vision.training_views + vision.held_out_views) * pixels / PACKAGED_VIEW_PIXELS
+    elif stage == "touches":
+        pixels = touch.sensor["image_height"] * touch.sensor["image_width"]
+        seconds = size = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
+    else:
+        return model
+    return Model(
+        model.wall.times(seconds), model.cpu.times(seconds), model.memory, int(model.product_bytes * size)
+    )

@@ -15,7 +15,7 @@ from pipeline.run_log import COLUMNS, QUERY, costs_path
 from pipeline.stages import STAGES
 
 PACKAGED = Path(__file__).with_name("known_costs.csv")
-PACKAGED_COLUMNS = ("object", "stage", "input_bytes", "cpu_s", "wall_s", "peak_memory_mb", "product_bytes")
+PACKAGED_COLUMNS = ("object", "stage", "load", "cpu_s", "wall_s", "peak_memory_mb", "product_bytes")
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,10 @@ class KnownCost:
     memory_bytes
         Largest peak of all its runs: a peak of child processes is noted only where it exceeds those of
         earlier tasks in the same process, so a lower one may miss them.
-    input_bytes, product_bytes
-        Sizes of the files read and made, None where they are gone.
+    load
+        What its cost goes with (see `pipeline.loads`); None where that is not known.
+    product_bytes
+        Size of all files it made; None where one is gone.
     """
 
     object_id: str
@@ -40,7 +42,7 @@ class KnownCost:
     wall_s: float
     cpu_s: float
     memory_bytes: int
-    input_bytes: int | None = None
+    load: float | None = None
     product_bytes: int | None = None
 
 
@@ -69,7 +71,7 @@ def packaged_costs() -> tuple[KnownCost, ...]:
                 float(row["wall_s"]),
                 float(row["cpu_s"]),
                 int(float(row["peak_memory_mb"]) * 1e6),
-                int(row["input_bytes"]) if row["input_bytes"] else None,
+                float(row["load"]) if row["load"] else None,
                 int(row["product_bytes"]) if row["product_bytes"] else None,
             )
             for row in csv.DictReader(file)
@@ -82,26 +84,16 @@ def write_costs(costs: Iterable[KnownCost], path: Path) -> None:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(PACKAGED_COLUMNS)
         for cost in costs:
-            sizes = ["" if size is None else size for size in (cost.input_bytes, cost.product_bytes)]
+            load = "" if cost.load is None else f"{cost.load:.6g}"
             times = (round(cost.cpu_s, 2), round(cost.wall_s, 2), round(cost.memory_bytes / 1e6, 1))
-            table.writerow((cost.object_id, cost.stage, sizes[0], *times, sizes[1]))
-
-
-def input_bytes(root: Path, stage: str, object_id: str) -> int | None:
-    """Return the bytes of the products that a stage reads of an object; None where one is missing."""
-    if stage not in STAGES or not STAGES[stage].inputs:
-        return None
-    return _total(product.kind.path(root, object_id) for product in STAGES[stage].inputs)
+            made = "" if cost.product_bytes is None else cost.product_bytes
+            table.writerow((cost.object_id, cost.stage, load, *times, made))
 
 
 def product_bytes(root: Path, stage: str, object_id: str) -> int | None:
     """Return the bytes of the products that a stage made of an object; None where one is missing."""
-    return _total(STAGES[stage].targets(root, object_id)) if stage in STAGES else None
-
-
-def _total(paths: Iterable[Path]) -> int | None:
     try:
-        return sum(path.stat().st_size for path in paths)
+        return sum(path.stat().st_size for path in STAGES[stage].targets(root, object_id))
     except OSError:
         return None
 

@@ -1,6 +1,7 @@
 """What tasks are expected to take: own runs first, then others of the stage, then the packaged costs."""
 
 import csv
+import math
 import subprocess
 import sys
 import time
@@ -9,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.estimates import MEMORY_MARGIN, MEMORY_QUANTILE, Estimates
-from pipeline.known_costs import costs_of, packaged_costs
+from pipeline.estimates import MEMORY_MARGIN, MEMORY_QUANTILE, Estimates, fit
+from pipeline.known_costs import KnownCost, costs_of, packaged_costs
+from pipeline.loads import bending_modes, picture_share
 from pipeline.parameters import read_parameters
 from pipeline.run_log import COLUMNS, Costs, costs_path
 from pipeline.stages import MODES, OBJECTS, STAGES
@@ -48,10 +50,10 @@ def test_seconds_follow_the_size_of_the_input_where_they_did_before(tmp_path):
         path = OBJECTS.path(tmp_path, f"o{index}")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(bytes(int(size)))
-        note(tmp_path, "modes", f"o{index}", 1e-3 * float(size) ** 0.75 * float(rng.lognormal(0, 0.2)))
+        note(tmp_path, "touches", f"o{index}", 1e-3 * float(size) ** 0.75 * float(rng.lognormal(0, 0.2)))
     estimates = Estimates(tmp_path)
     for size in (2_000, 50_000, 900_000):
-        assert estimates.of("modes", "new", size).wall_s == pytest.approx(1e-3 * size**0.75, rel=0.3)
+        assert estimates.of("touches", "new", size).wall_s == pytest.approx(1e-3 * size**0.75, rel=0.3)
 
 
 def test_a_size_that_explains_nothing_is_left_out(tmp_path):
@@ -60,9 +62,9 @@ def test_a_size_that_explains_nothing_is_left_out(tmp_path):
         path = OBJECTS.path(tmp_path, f"o{index}")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(bytes(int(size)))
-        note(tmp_path, "modes", f"o{index}", 10 * float(rng.lognormal(0, 0.5)))
+        note(tmp_path, "touches", f"o{index}", 10 * float(rng.lognormal(0, 0.5)))
     estimates = Estimates(tmp_path)
-    assert estimates.of("modes", "new", 2_000).wall_s == estimates.of("modes", "new", 900_000).wall_s
+    assert estimates.of("touches", "new", 2_000).wall_s == estimates.of("touches", "new", 900_000).wall_s
 
 
 def test_few_runs_set_the_pace_of_this_machine(tmp_path):
@@ -78,6 +80,40 @@ def test_a_rendering_is_never_taken_for_one_without_its_child(tmp_path):
     note(tmp_path, "views", "first", 60.0, memory_bytes=3.5e8)
     note(tmp_path, "views", "second", 60.0, memory_bytes=1.3e8)  # the child's peak is no longer seen
     assert Estimates(tmp_path).of("views", "second").memory_bytes >= 3.5e8
+
+
+def test_bending_modes_are_those_of_a_plate():
+    """A simply supported plate has f = π/2 √(D/ρh) (m²/a² + n²/b²) (Leissa, Vibration of Plates)."""
+    a, b, h, frequency_hz = 0.5, 0.4, 0.001, 20_000.0
+    steel = {"youngs_modulus_pa": 200e9, "density_kg_m3": 7850.0, "poisson_ratio": 0.29}
+    bending = steel["youngs_modulus_pa"] * h**3 / 12 / (1 - steel["poisson_ratio"] ** 2)
+    m, n = np.meshgrid(np.arange(1, 400), np.arange(1, 400))
+    pitch = math.pi / 2 * math.sqrt(bending / (steel["density_kg_m3"] * h)) * ((m / a) ** 2 + (n / b) ** 2)
+    measured = {"wall_thickness": {"thin_m": h}, "area_m2": 2 * a * b}
+    count = int((pitch < frequency_hz).sum())
+    assert bending_modes(measured, steel, frequency_hz) == pytest.approx(count, rel=0.05)
+
+
+def test_the_share_of_a_picture_is_the_mean_projection_of_the_box():
+    extents = np.array([0.3, 0.2, 0.05])
+    directions = np.random.default_rng(0).normal(size=(100_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    faces = extents.prod() / extents
+    share = float((np.abs(directions) @ faces).mean() / (extents @ extents))
+    assert picture_share({"length": {"extents_m": list(extents)}}) == pytest.approx(share, rel=0.01)
+
+
+def test_memory_follows_the_load_and_stays_above_nearly_all():
+    rng = np.random.default_rng(2)
+    loads = rng.lognormal(5, 1, 200)
+    peaks = 1e8 * loads**0.5 * rng.lognormal(0, 0.3, 200)
+    rows = [
+        KnownCost("o", "modes", 1.0, 1.0, int(peak), load) for load, peak in zip(loads, peaks, strict=True)
+    ]
+    model = fit(rows)
+    above = sum(row.memory_bytes > model.of(row.load).memory_bytes for row in rows)
+    assert above <= (1 - MEMORY_QUANTILE) * len(rows)
+    assert model.of(1000.0).memory_bytes / model.of(10.0).memory_bytes == pytest.approx(10.0, rel=0.2)
 
 
 def test_every_stage_has_packaged_costs_and_a_new_data_set_estimates(tmp_path):
