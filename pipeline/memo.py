@@ -1,7 +1,9 @@
-"""A local memo of products by fingerprint, so that a setting set back costs no computation.
+"""A memo of products by fingerprint, so that what was made once is not made again.
 
 It lies in ``.objectfolder/memo``, outside git and DVC. Files are copies (sharing blocks where the file
 system can), so a product damaged in place leaves its memo whole. ``OBJECTFOLDER_MEMO_GB`` caps its size.
+Behind it may stand a shared store (`pipeline.shared`), from which what is not here is taken, and which
+gets what is made here.
 """
 
 import contextlib
@@ -9,51 +11,91 @@ import os
 import shutil
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError, InputError
-from pipeline import products
+from pipeline import products, shared
+from pipeline.copying import copy_file
+from pipeline.storage import Store, disk_error, product_name
 
 CAP = "OBJECTFOLDER_MEMO_GB"
 DEFAULT_GB = 20.0
-FICLONE = 0x40049409  # ioctl of Linux: share the blocks of another file
+STATE = ".objectfolder"
+
+
+def memo_base(root: Path) -> Path:
+    """Return the folder of the memo of a data set.
+
+    A copy in which DVC runs an experiment (``dvc exp run --temp``) has the memo of its original.
+    """
+    parents = root.parents
+    in_copy = len(parents) > 3 and [folder.name for folder in parents[:3]] == ["exps", "tmp", ".dvc"]
+    return (parents[3] if in_copy else root) / STATE / "memo"
 
 
 def memo_folder(root: Path, fingerprint: str) -> Path:
     """Return the folder of the products with this fingerprint."""
-    return root / ".objectfolder" / "memo" / fingerprint[:2] / fingerprint
+    return memo_base(root) / fingerprint[:2] / fingerprint
 
 
 def remember(folder: Path, path: Path) -> None:
-    """Put a copy of a product into its memo folder; a full disk loses the memo, not the product."""
+    """Put a copy of a product into its memo folder, and into the shared store if there is one.
+
+    A full disk or a store out of reach loses the copy, not the product.
+    """
     with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
         copy_file(path, folder / memo_name(path))
+    shared.share(folder.parents[2], product_name(folder.name, memo_name(path)), path)
 
 
 def restore(folder: Path, fingerprint: str, targets: tuple[Path, ...]) -> bool:
-    """Put remembered products in place; False, and nothing done, unless all are there and whole."""
-    sources = [folder / memo_name(target) for target in targets]
-    if not all(source.is_file() for source in sources):
-        return False
-    try:
-        for source in sources:
-            products.verify(source)
-            if products.read_fingerprint(source) != fingerprint:
-                return False
-    except FormatError:
-        shutil.rmtree(folder, ignore_errors=True)
-        return False
-    for source, target in zip(sources, targets, strict=True):
-        copy_file(source, target)
-    os.utime(folder)
+    """Put remembered products in place; False, and nothing done, unless all are there and whole.
+
+    Raises
+    ------
+    InputError
+        A shared store that cannot be used as it is named, or a folder that cannot be written.
+    SimulationError
+        The disk is full.
+    """
+    sources = _sources(folder, targets)
+    if not _whole(sources, fingerprint):
+        stored = _stored(folder, targets)
+        if not shared.fetch(stored, sources):
+            return False
+        if not _whole(sources, fingerprint):
+            shared.discard(stored)
+            return False
+    _place(sources, targets)
+    return True
+
+
+def take(folder: Path, fingerprint: str, targets: tuple[Path, ...], store: Store) -> bool:
+    """Put products into place from a store, and remember them; False unless all are there and whole.
+
+    Raises
+    ------
+    InputError, SimulationError
+        The store or the disk cannot be used.
+    """
+    sources = _sources(folder, targets)
+    if not _whole(sources, fingerprint):
+        stored = _stored(folder, targets)
+        if not all(store.get(name, source) for name, source in zip(stored, sources, strict=True)):
+            return False
+        if not _whole(sources, fingerprint):
+            return False
+    _place(sources, targets)
     return True
 
 
 def prune(root: Path) -> None:
-    """Remove the memos longest unused until the rest fits the cap."""
-    base = root / ".objectfolder" / "memo"
-    folders = [(folder.stat().st_mtime, folder) for folder in base.glob("*/*")]
-    sizes = {folder: sum(path.stat().st_size for path in folder.iterdir()) for _, folder in folders}
+    """Remove the memos longest unused until the rest fits the cap; share what could not be shared before."""
+    base = memo_base(root)
+    shared.settle(base.parent)
+    folders, sizes = [], {}
+    for folder in base.glob("*/*"):
+        with contextlib.suppress(OSError):  # another run prunes too
+            sizes[folder] = sum(path.stat().st_size for path in folder.iterdir())
+            folders.append((folder.stat().st_mtime, folder))
     excess = sum(sizes.values()) - cap_bytes()
     for _, folder in sorted(folders):
         if excess <= 0:
@@ -83,18 +125,34 @@ def memo_name(path: Path) -> str:
     return f"{path.parent.name}{suffix}"
 
 
-def copy_file(source: Path, target: Path) -> None:
-    """Copy a file atomically, by reference where the file system can."""
-    with atomic_write(target) as file, open(source, "rb") as original:
-        if not _clone(original.fileno(), file.fileno()):
-            shutil.copyfileobj(original, file, 1 << 20)
+def _sources(folder: Path, targets: tuple[Path, ...]) -> list[Path]:
+    return [folder / memo_name(target) for target in targets]
 
 
-def _clone(source: int, target: int) -> bool:
-    try:
-        import fcntl
+def _stored(folder: Path, targets: tuple[Path, ...]) -> list[str]:
+    return [product_name(folder.name, memo_name(target)) for target in targets]
 
-        fcntl.ioctl(target, FICLONE, source)
-    except (ImportError, OSError):
+
+def _whole(sources: list[Path], fingerprint: str) -> bool:
+    """Whether all products are there and whole; removes the memo of a damaged one."""
+    if not all(source.is_file() for source in sources):
         return False
-    return True
+    try:
+        for source in sources:
+            products.verify(source)
+        if all(products.read_fingerprint(source) == fingerprint for source in sources):
+            return True
+    except FormatError:
+        pass
+    shutil.rmtree(sources[0].parent, ignore_errors=True)
+    return False
+
+
+def _place(sources: list[Path], targets: tuple[Path, ...]) -> None:
+    for source, target in zip(sources, targets, strict=True):
+        try:
+            copy_file(source, target)
+        except OSError as error:
+            raise disk_error(error, target.parent) from error
+    with contextlib.suppress(OSError):
+        os.utime(sources[0].parent)
