@@ -1,8 +1,8 @@
-"""The process in which task bodies run: ``python -m pipeline.child PARENT_PID SCRATCH_FOLDER``.
+"""The process in which task bodies run; `pipeline.guard` starts it and ends what it leaves.
 
 It reads pickled calls from standard input and answers with pickled outcomes on what was standard
 output; the task's own output goes to standard error. It works in a scratch folder, where native code
-may leave what it likes, and dies with its parent.
+may leave what it likes. A call whose code is not the code that is loaded here is refused with `STALE`.
 """
 
 import contextlib
@@ -16,13 +16,16 @@ import time
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 from objectfolder.child_process import end_with
+from objectfolder.errors import InputError
+from objectfolder.provenance import code_identity
 from pipeline import memo, products
 from pipeline.task import Call, Outcome, Timed, failure_of
 
 LENGTH_BYTES = 8
+STALE = "stale"
 
 
 def send(stream: IO[bytes], message: Any) -> None:
@@ -76,22 +79,52 @@ def execute(call: Call) -> Outcome:
     )
 
 
-def main() -> None:
-    """Serve calls until standard input ends."""
-    parent = int(sys.argv[1])
-    end_with(parent)
-    os.chdir(sys.argv[2])
+def serve(guard: int, scratch: str) -> NoReturn:
+    """Serve calls until standard input ends.
+
+    Parameters
+    ----------
+    guard
+        The process that forked this one, with which it ends.
+    scratch
+        Folder to work in.
+    """
+    end_with(guard)
+    os.chdir(scratch)
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what native code prints must not mix with the answers
     calls = sys.stdin.buffer
     # A clean exit at interruption is the parent's to decide.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    code = _LoadedCode()
     while (call := receive(calls)) is not None:
-        outcome = execute(call)
+        answer = execute(call) if code.serves(call) else STALE
         sys.stdout.flush()
-        send(answers, outcome)
+        send(answers, answer)
     answers.flush()
     os._exit(0)  # native libraries that crash while they are taken down have nothing left to lose
+
+
+class _LoadedCode:
+    """Digests of modules from before their import, to compare with what a product would be labelled."""
+
+    def __init__(self) -> None:
+        self._digests: dict[str, str] = {}
+
+    def serves(self, call: Call) -> bool:
+        """Whether a task's modules, here and on disk, are those that its fingerprint names, if any.
+
+        On disk too, because a task may start processes of its own.
+        """
+        wanted = call.parts.get("code")
+        if wanted is None:
+            return True
+        try:
+            found = code_identity(call.task.partition(":")[0])
+        except InputError:
+            return True  # the import will say what is wrong
+        self._digests = {**found, **self._digests}
+        return found == wanted and all(self._digests[name] == digest for name, digest in wanted.items())
 
 
 def _cpu_seconds() -> float:
@@ -114,7 +147,3 @@ def _peak_bytes() -> int:
         lines = Path("/proc/self/status").read_text().splitlines()
         return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-if __name__ == "__main__":
-    main()

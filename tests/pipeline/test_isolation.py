@@ -1,35 +1,45 @@
-"""Tasks that crash, exit, hang or chatter harm themselves alone."""
+"""Tasks that crash, exit, hang or chatter harm themselves alone, and leave no process behind."""
 
 import os
 import signal
+import subprocess
+import sys
+import threading
 import time
 
+import psutil
 import pytest
-from toys import python
 
-from pipeline.cluster import Place, run_calls
-from pipeline.isolation import Child, ChildSettings
+from objectfolder.provenance import code_identity
+from pipeline import host_memory, scratch
+from pipeline.isolation import Child, ChildSettings, Interrupted, ProcessKilled
+from pipeline.process_tree import descendants
 from pipeline.task import Call, Request
 
 POISON = {
-    "kill": "import os, signal; os.kill(os.getpid(), signal.SIGKILL)",
     "segfault": "import ctypes; print('last words', flush=True); ctypes.string_at(0)",
     "exit": "import sys; sys.exit(3)",
     "os_exit": "import os; os._exit(4)",
     "error": "raise KeyError('lost')",
     "system": "import subprocess; subprocess.run(['true']); print('chatter on stdout'); raise OSError('no')",
+    "flood": "import os; os.write(1, b'x' * 100_000); raise OSError('flooded')",
 }
 EXPECTED = {
-    "kill": "killed (SIGKILL)",
     "segfault": "crashed (SIGSEGV)",
     "exit": "exit(3)",
     "os_exit": "ended (exit 4)",
     "error": "KeyError: 'lost'",
     "system": "OSError: no",
+    "flood": "OSError: flooded",
 }
+SLEEPER = "import subprocess; sleeper = subprocess.Popen(['sleep', '300'])"
+# As native code may: a process in a session of its own, whose parent is gone.
+ORPHAN = "import subprocess; subprocess.run(['sh', '-c', 'setsid sleep 300 & echo $! > orphan'])"
+HANG = f"{SLEEPER}; {ORPHAN}; sleeper.wait()"
+PATIENCE_S = 60.0
 
 
-def calls_of(toys, names, poison=POISON):
+def calls_of(toys, names, poison=POISON, parts=None):
     for name in names:
         toys.add(name, f"poison {poison[name]}" if name in poison else "1.0")
     return [
@@ -39,10 +49,26 @@ def calls_of(toys, names, poison=POISON):
             Request(name, {"mesh": toys.rows[name]["mesh"]}, {}, {}, 0),
             toys.ingest.targets(toys.root, name),
             "0" * 64,
-            {},
+            parts or {},
         )
         for name in names
     ]
+
+
+def wait_for(condition, what):
+    deadline = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline, what
+        time.sleep(0.02)
+    return found
+
+
+def alive(pid):
+    return psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+
+
+def guard_of(child):
+    return child._process.pid
 
 
 def test_poison_fails_itself_and_nothing_else(toys):
@@ -59,51 +85,165 @@ def test_poison_fails_itself_and_nothing_else(toys):
             assert outcome.peak_bytes > 1e6
     assert "last words" in outcomes["segfault"].failure.detail
     assert "KeyError" in outcomes["error"].failure.detail
-
-
-def test_poison_on_the_cluster_fails_itself_and_nothing_else(toys):
-    names = ["good_0", "kill", "good_1", "segfault", "good_2", "exit", "good_3", "good_4"]
-    outcomes = list(run_calls(calls_of(toys, names), Place(workers=2), toys.root))
-    assert sorted(outcome.object_id for outcome in outcomes) == sorted(names)
-    failed = {outcome.object_id for outcome in outcomes if outcome.failure}
-    assert failed == {"kill", "segfault", "exit"}
     assert len(toys.executed()) == len(names)
 
 
-def test_a_running_scheduler_is_used_by_address(toys, monkeypatch):
-    from distributed import LocalCluster
+@pytest.mark.parametrize("victim", ["task", "guard"])
+def test_killed_from_outside_is_told_apart_from_failing(toys, victim):
+    killed, good = calls_of(toys, ["killed", "good"], {"killed": f"{SLEEPER}; sleeper.wait()"})
+    with Child(toys.root, ChildSettings()) as child:
+        assert child.run(good).failure is None
+        guard = guard_of(child)
+        (task,) = descendants(guard)
+        killer = threading.Thread(
+            target=lambda: _kill_when_it_has_a_child(task, {"guard": guard}.get(victim, task))
+        )
+        killer.start()
+        with pytest.raises(ProcessKilled, match="SIGKILL"):
+            child.run(killed)
+        killer.join()
+        assert child.run(good).failure is None
+        assert guard_of(child) != guard
+    assert not alive(guard)
+    assert not alive(task)
 
-    with LocalCluster(
-        n_workers=1, threads_per_worker=2, host="127.0.0.1", dashboard_address=None, memory_limit=0
-    ) as cluster:
-        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
-        outcomes = list(run_calls(calls_of(toys, ["good_0", "kill", "good_1"]), Place(), toys.root))
-    assert {outcome.object_id: outcome.failure is None for outcome in outcomes} == {
-        "good_0": True,
-        "kill": False,
-        "good_1": True,
-    }
+
+def _kill_when_it_has_a_child(task, victim):
+    wait_for(lambda: descendants(task), "the task has started something")
+    os.kill(victim, signal.SIGKILL)
 
 
-def test_tasks_work_in_a_scratch_folder(toys):
+def test_a_child_killed_while_idle_is_no_ones_loss(toys):
+    first, second = calls_of(toys, ["first", "second"])
+    with Child(toys.root, ChildSettings()) as child:
+        child.run(first)
+        (task,) = descendants(guard_of(child))
+        os.kill(task, signal.SIGKILL)
+        wait_for(lambda: child._process.poll() is not None, "the guard follows its task")
+        assert child.run(second).failure is None
+
+
+def test_interrupted_by_another_thread(toys):
+    (call,) = calls_of(toys, ["long"], {"long": f"{SLEEPER}; sleeper.wait()"})
+    with Child(toys.root, ChildSettings()) as child:
+
+        def interrupt():
+            wait_for(lambda: child._process and len(descendants(guard_of(child))) == 2, "the task runs")
+            child.interrupt()
+
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        with pytest.raises(Interrupted):
+            child.run(call)
+        thread.join()
+        toys.add("long", "1.0")
+        assert child.run(call).failure is None
+
+
+def test_tasks_work_in_a_scratch_folder_that_goes(toys):
     poison = {"litter": "from pathlib import Path; Path('left_behind').write_text('x'); 1 / 0"}
     with Child(toys.root, ChildSettings()) as child:
         (call,) = calls_of(toys, ["litter"], poison)
         assert "ZeroDivisionError" in child.run(call).failure.error
+        folder = child._scratch.path
+        assert folder.parent == scratch.home()
+        assert (folder / "left_behind").exists()
+    assert not folder.exists()
     assert not (toys.root / "left_behind").exists()
 
 
 def test_hung_task_is_ended_with_what_it_started(toys):
-    marker = toys.root / "still_there"
-    body = (
-        f"import subprocess, time; subprocess.Popen(['sh', '-c', 'sleep 2; touch {marker}']); time.sleep(60)"
-    )
-    (call,) = calls_of(toys, ["hang"], {"hang": body})
-    with Child(toys.root, ChildSettings(time_limit_s=1.0)) as child:
+    (call,) = calls_of(toys, ["hang"], {"hang": HANG})
+    with Child(toys.root, ChildSettings(time_limit_s=3.0)) as child:
+        seen: set[int] = set()
+        watcher = threading.Thread(target=lambda: seen.update(_when_all_run(child)))
+        watcher.start()
         outcome = child.run(call)
-    assert "no answer within 1 s" in outcome.failure.error
-    time.sleep(2.5)
-    assert not marker.exists()
+        watcher.join()
+    assert "no answer within 3 s" in outcome.failure.error
+    assert len(seen) >= 3
+    assert not any(map(alive, seen))
+
+
+def _when_all_run(child):
+    """Return a task's processes once the orphan is among them."""
+    orphan = child._scratch.path / "orphan"
+    wait_for(lambda: orphan.exists() and orphan.read_text().strip(), "the orphan has started")
+    pid = int(orphan.read_text())
+    return {
+        *wait_for(lambda: _with(pid, descendants(guard_of(child))), "the orphan was adopted"),
+        guard_of(child),
+    }
+
+
+def _with(pid, pids):
+    return pids if pid in pids else []
+
+
+@pytest.mark.parametrize(
+    "end", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name
+)
+def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
+    script = (
+        "import sys\n"
+        f"sys.path.insert(0, {str(os.path.dirname(__file__))!r})\n"
+        "from pathlib import Path\n"
+        "from test_isolation import HANG, calls_of\n"
+        "from toys import Toys\n"
+        "from pipeline.isolation import Child, ChildSettings\n"
+        f"toys = Toys(Path.cwd(), {toys.package!r})\n"
+        "(call,) = calls_of(toys, ['hang'], {'hang': HANG})\n"
+        "child = Child(Path.cwd(), ChildSettings())\n"
+        "print(child._scratch.path, flush=True)\n"
+        "child.run(call)\n"
+    )
+    starter = subprocess.Popen(
+        [sys.executable, "-c", script],
+        cwd=toys.root,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    folder = type(toys.root)(starter.stdout.readline().strip())
+    orphan = folder / "orphan"
+    wait_for(lambda: orphan.exists() and orphan.read_text().strip(), "the orphan has started")
+    # Starter, guard, task, sleeper and the orphan that left its session.
+    running = {
+        starter.pid,
+        *wait_for(lambda: _with(int(orphan.read_text()), descendants(starter.pid)), "adopted"),
+    }
+    assert len(running) >= 5
+    starter.send_signal(end)
+    starter.wait(PATIENCE_S)
+    starter.stdout.close()
+    wait_for(lambda: not any(map(alive, running)), "all processes are gone")
+    wait_for(lambda: not folder.exists(), "the scratch folder is gone")
+
+
+def test_folders_of_dead_owners_are_swept_and_others_left(toys, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    script = (
+        "import os; from pipeline.scratch import Scratch; "
+        "mine = Scratch(); print(mine.path, flush=True); os._exit(0)"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    left = type(tmp_path)(done.stdout.strip())
+    foreign = scratch.home() / "another-host~1~0.00~task-x"
+    other = scratch.home() / "notes"
+    for folder in (foreign, other):
+        folder.mkdir()
+    mine = scratch.Scratch()
+    assert scratch.abandoned() == [left]
+    Child(toys.root, ChildSettings()).__exit__(None, None, None)
+    assert not left.exists()
+    assert mine.path.exists()
+    assert foreign.exists()
+    assert other.exists()
+    mine.close()
+    assert not mine.path.exists()
 
 
 def test_children_are_replaced_after_some_tasks(toys):
@@ -114,26 +254,57 @@ def test_children_are_replaced_after_some_tasks(toys):
     assert errors[0] == errors[1] != errors[2] == errors[3]
 
 
-def test_children_have_one_thread_and_no_parent_that_is_gone(toys):
-    script = (
-        "import os, sys, time\n"
-        "from pathlib import Path\n"
-        "from pipeline.isolation import Child, ChildSettings\n"
-        "child = Child(Path.cwd(), ChildSettings())\n"
-        "process = child._started()\n"
-        "settings = Path(f'/proc/{process.pid}/environ').read_text()\n"
-        "print(process.pid, settings.count('OMP_NUM_THREADS=1'), flush=True)\n"
-        "time.sleep(0.5)\n"
-        "os.kill(os.getpid(), 9)\n"
-    )
+def test_children_that_keep_memory_between_tasks_are_replaced(toys):
+    names = ["small", "leaks", "after"]
+    poison = dict.fromkeys(names, "import os; raise OSError(f'pid {os.getpid()}')")
+    poison["leaks"] = "import os, sys; sys.leak = b'x' * (300 << 20); raise OSError(f'pid {os.getpid()}')"
+    with Child(toys.root, ChildSettings(recycle_above_bytes=300 << 20)) as child:
+        errors = [child.run(call).failure.error for call in calls_of(toys, names, poison)]
+    assert errors[0] == errors[1] != errors[2]
 
-    pid, found = map(int, python(toys.root, "-c", script).stdout.split())
-    assert found == 1
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline:
-        try:
-            os.kill(pid, signal.SIG_DFL)
-        except ProcessLookupError:
-            return
-        time.sleep(0.1)
-    pytest.fail("the child outlived its parent")
+
+def test_children_whose_code_changed_are_replaced_and_code_that_keeps_changing_fails(toys):
+    module = toys.ingest.task.partition(":")[0]
+    with Child(toys.root, ChildSettings()) as child:
+        (call,) = calls_of(toys, ["a"], parts={"code": code_identity(module)})
+        assert child.run(call).failure is None
+        guard = guard_of(child)
+        assert child.run(call).failure is None
+        assert guard_of(child) == guard
+        toys.tasks.write_text(toys.tasks.read_text().replace("8, 300", "8, 301"))
+        assert "the code of this stage changed" in child.run(call).failure.error
+        (renewed,) = calls_of(toys, ["a"], parts={"code": code_identity(module)})
+        assert child.run(renewed).failure is None
+        assert guard_of(child) != guard
+
+
+def test_processes_of_a_task_find_the_code_of_the_task(toys):
+    body = (
+        "import subprocess, sys; raise OSError(subprocess.run([sys.executable, '-c', "
+        f"'import {toys.package}; print({toys.package}.__file__)'], capture_output=True, text=True).stdout)"
+    )
+    (call,) = calls_of(toys, ["where"], {"where": body})
+    with Child(toys.root, ChildSettings()) as child:
+        assert str(toys.root / toys.package) in child.run(call).failure.error
+
+
+def test_children_have_the_threads_they_are_given_and_die_before_others_when_memory_runs_out(toys):
+    (call,) = calls_of(toys, ["a"])
+    with Child(toys.root, ChildSettings(threads=3)) as child:
+        child.run(call)
+        (task,) = descendants(guard_of(child))
+        environment = psutil.Process(task).environ()
+        assert environment["OMP_NUM_THREADS"] == environment["NUMBA_NUM_THREADS"] == "3"
+        if sys.platform == "linux":
+            with open(f"/proc/{task}/oom_score_adj") as file, open("/proc/self/oom_score_adj") as own:
+                assert int(file.read()) > int(own.read())
+
+
+def test_a_kill_for_want_of_memory_is_recognised(toys, monkeypatch):
+    (call,) = calls_of(toys, ["large"], {"large": "import os; os.kill(os.getpid(), 9)"})
+    counts = iter([3, 4])
+    monkeypatch.setattr(host_memory, "out_of_memory_kills", lambda: next(counts))
+    with Child(toys.root, ChildSettings()) as child:
+        failure = child.run(call).failure
+    assert "killed by the system, which had run out of memory" in failure.error
+    assert "fewer workers" in failure.remedy

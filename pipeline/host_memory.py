@@ -1,0 +1,98 @@
+"""Memory of this host, or of the control group that holds this process where that is smaller."""
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+UNLIMITED = 1 << 60  # version 1 of control groups writes a number near 2**63 where there is no limit
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Files of a control group with a limit."""
+
+    limit: Path
+    used: Path
+    statistics: Path
+    reclaimable: str  # line of the statistics: cache that goes when memory is asked for
+    events: Path
+
+
+def total_bytes() -> int:
+    """Return the bytes that processes here may use together."""
+    import psutil
+
+    limits = [limit for group in _groups() if (limit := _number(group.limit)) is not None]
+    return min([int(psutil.virtual_memory().total), *limits])
+
+
+def available_bytes() -> int:
+    """Return the bytes that can still be taken before the host swaps or kills."""
+    import psutil
+
+    left = [int(psutil.virtual_memory().available)]
+    for group in _groups():
+        limit, used = _number(group.limit), _number(group.used)
+        if limit is not None and used is not None:
+            left.append(max(0, limit - used + _entry(group.statistics, group.reclaimable)))
+    return min(left)
+
+
+def out_of_memory_kills() -> int:
+    """Return how often the kernel has killed a process for want of memory, here and in this group."""
+    groups = sum(_entry(group.events, "oom_kill") for group in _groups())
+    return _entry(Path("/proc/vmstat"), "oom_kill") + groups
+
+
+@functools.cache
+def _groups() -> tuple[_Group, ...]:
+    """Return the limited control groups that this process is in, from its own to the outermost."""
+    return tuple(group for group in _all_groups() if (_number(group.limit) or UNLIMITED) < UNLIMITED)
+
+
+def _all_groups() -> Iterator[_Group]:
+    try:
+        lines = Path("/proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, controllers, own = line.split(":", 2)
+        if controllers == "":
+            names = ("memory.max", "memory.current", "memory.stat", "inactive_file", "memory.events")
+            mount = Path("/sys/fs/cgroup")
+        elif "memory" in controllers.split(","):
+            names = (
+                "memory.limit_in_bytes",
+                "memory.usage_in_bytes",
+                "memory.stat",
+                "total_inactive_file",
+                "memory.oom_control",
+            )
+            mount = Path("/sys/fs/cgroup/memory")
+        else:
+            continue
+        folder = mount / own.lstrip("/")
+        # In a container the own group is often mounted as the root, whatever its name outside.
+        for at in (folder, *folder.parents):
+            if at.is_relative_to(mount) and (at / names[0]).is_file():
+                yield _Group(at / names[0], at / names[1], at / names[2], names[3], at / names[4])
+
+
+def _number(path: Path) -> int | None:
+    """Return the number in a file; None for ``max`` or no file."""
+    try:
+        return int(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def _entry(path: Path, name: str) -> int:
+    try:
+        for line in path.read_text().splitlines():
+            key, _, value = line.partition(" ")
+            if key == name:
+                return int(value)
+    except (OSError, ValueError):
+        pass
+    return 0

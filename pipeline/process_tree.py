@@ -1,0 +1,54 @@
+"""The processes that a process started, and what those started."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def descendants(pid: int) -> list[int]:
+    """Return the ids of all processes below `pid`, without itself; of none that is gone."""
+    found: list[int] = []
+    pending = [pid]
+    while pending:
+        below = list(_children(pending.pop()))
+        found.extend(below)
+        pending.extend(below)
+    return found
+
+
+def of_session(session: int) -> list[int]:
+    """Return the ids of the processes of a session, its leader included while it lives.
+
+    Unlike `descendants` this finds those whose parents are gone; it looks at every process of the host.
+    """
+    import psutil
+
+    found = []
+    for pid in psutil.pids():
+        with contextlib.suppress(OSError):
+            if os.getsid(pid) == session:
+                found.append(pid)
+    return found
+
+
+def _children(pid: int) -> Iterator[int]:
+    """Yield the children of a process; the kernel lists them by the thread that started them."""
+    tasks = f"/proc/{pid}/task"
+    try:
+        for thread in os.listdir(tasks):
+            with open(f"{tasks}/{thread}/children", "rb") as file:
+                yield from map(int, file.read().split())
+    except OSError:
+        if (
+            not Path("/proc/self/task").is_dir()
+            or not Path(f"/proc/self/task/{os.getpid()}/children").exists()
+        ):
+            yield from _children_by_parent(pid)
+
+
+def _children_by_parent(pid: int) -> Iterator[int]:
+    import psutil
+
+    with contextlib.suppress(psutil.Error):
+        yield from (child.pid for child in psutil.Process(pid).children())
