@@ -10,7 +10,7 @@ pixels; the bytes of both follow views x pixels and touches x pixels. The rest i
 default size. What is known from this data set is taken as it was, whatever its parameters were then.
 
 Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, else a model of others, raised until
-`MEMORY_QUANTILE` of them lie below. Cycles renders in a process of its own, whose peak is noted only for the
+`HIGH_QUANTILE` of them lie below, times the margin. Cycles renders in a process of its own, whose peak is noted only for the
 first task of a worker, so that no rendering is taken to need less than the usual one.
 """
 
@@ -28,7 +28,7 @@ from pipeline.loads import Loads
 from pipeline.parameters import Parameters
 
 MEMORY_MARGIN = 1.15
-MEMORY_QUANTILE = 0.95
+HIGH_QUANTILE = 0.95
 ENOUGH_ROWS = 10  # of this data set, to leave the packaged costs aside; with a load, to fit a slope
 MOST_ROWS = 400  # that a model is fitted to
 RENDERING = "views"
@@ -48,7 +48,10 @@ class Estimate:
     Parameters
     ----------
     wall_s, cpu_s
-        Seconds on one core.
+        Seconds on one core, as many tasks take more as take less.
+    high_wall_s
+        Seconds that few tasks like it exceed. Which task to start first is better judged by these: one whose
+        length is uncertain may turn out to be the longest, and then must not have been started last.
     memory_bytes
         Peak of its process, on the high side.
     product_bytes
@@ -59,6 +62,7 @@ class Estimate:
 
     wall_s: float
     cpu_s: float
+    high_wall_s: float
     memory_bytes: int
     product_bytes: int
     known: bool = False
@@ -85,16 +89,20 @@ class PowerLaw:
 
 @dataclass(frozen=True)
 class Model:
-    """What tasks of a stage take, by their load."""
+    """What tasks of a stage take, by their load; `spread` times their seconds are exceeded by few."""
 
     wall: PowerLaw
     cpu: PowerLaw
     memory: PowerLaw
+    spread: float = 1.0
     product_bytes: int = 0
 
     def of(self, load: float | None) -> Estimate:
         """Return what a task with this load is expected to take."""
-        return Estimate(self.wall.of(load), self.cpu.of(load), int(self.memory.of(load)), self.product_bytes)
+        wall_s = self.wall.of(load)
+        return Estimate(
+            wall_s, self.cpu.of(load), self.spread * wall_s, int(self.memory.of(load)), self.product_bytes
+        )
 
 
 class Estimates:
@@ -136,14 +144,14 @@ class Estimates:
         model = self._models[stage]
         if model is None:
             seconds = UNKNOWN_SECONDS_A_BYTE * (size_bytes or 0)
-            return Estimate(seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
+            return Estimate(seconds, seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
         own = self._own.get((object_id, stage))
         if own is None:
             return model.of(self._loads.of(stage, object_id, size_bytes))
         memory = int(own.memory_bytes * MEMORY_MARGIN)
         if stage == RENDERING:
             memory = max(memory, int(model.memory.level))
-        return Estimate(own.wall_s, own.cpu_s, memory, model.product_bytes, known=True)
+        return Estimate(own.wall_s, own.cpu_s, own.wall_s, memory, model.product_bytes, known=True)
 
     def _fitted(self, stage: str) -> Model | None:
         packaged = _packaged_model(stage)
@@ -163,11 +171,11 @@ class Estimates:
             return replace(own, product_bytes=packaged.product_bytes)
         # Few rows say how fast this machine is, but not how memory spreads, nor what loads mean.
         over = (cost.memory_bytes * MEMORY_MARGIN / packaged.memory.of(cost.load) for cost in rows)
-        return Model(
-            packaged.wall.times(_pace(packaged.wall, rows, [cost.wall_s for cost in rows])),
-            packaged.cpu.times(_pace(packaged.cpu, rows, [cost.cpu_s for cost in rows])),
-            packaged.memory.times(max(1.0, *over)),
-            packaged.product_bytes,
+        return replace(
+            packaged,
+            wall=packaged.wall.times(_pace(packaged.wall, rows, [cost.wall_s for cost in rows])),
+            cpu=packaged.cpu.times(_pace(packaged.cpu, rows, [cost.cpu_s for cost in rows])),
+            memory=packaged.memory.times(max(1.0, *over)),
         )
 
 
@@ -179,12 +187,20 @@ def fit(rows: Sequence[KnownCost]) -> Model:
     memory = _law([None] * len(rows) if rows[0].stage == RENDERING else loads, peaks)
     over = [peak / memory.of(load) for peak, load in zip(peaks, loads, strict=True)]
     made = [cost.product_bytes for cost in rows if cost.product_bytes is not None]
+    cpu = _law(loads, [cost.cpu_s for cost in rows])
+    # CPU seconds, because what else the machine did meanwhile is no property of the tasks.
+    longer = [cost.cpu_s / cpu.of(cost.load) for cost in rows]
     return Model(
         _law(loads, [cost.wall_s for cost in rows]),
-        _law(loads, [cost.cpu_s for cost in rows]),
-        memory.times(MEMORY_MARGIN * float(np.quantile(over, MEMORY_QUANTILE, method="higher"))),
+        cpu,
+        memory.times(MEMORY_MARGIN * _high(over)),
+        max(1.0, _high(longer)),
         int(np.median(made)) if made else 0,
     )
+
+
+def _high(values: Sequence[float]) -> float:
+    return float(np.quantile(values, HIGH_QUANTILE, method="higher"))
 
 
 def _law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:
@@ -237,6 +253,9 @@ def _scaled(model: Model, stage: str, parameters: Parameters) -> Model:
         seconds = size = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
     else:
         return model
-    return Model(
-        model.wall.times(seconds), model.cpu.times(seconds), model.memory, int(model.product_bytes * size)
+    return replace(
+        model,
+        wall=model.wall.times(seconds),
+        cpu=model.cpu.times(seconds),
+        product_bytes=int(model.product_bytes * size),
     )
