@@ -12,7 +12,7 @@ import importlib.util
 import json
 import platform
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ PACKAGES = ("objectfolder", "pipeline")
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 # Wording of errors and bookkeeping of provenance decide no number of a product.
 NEUTRAL_MODULES = frozenset({"objectfolder.errors", "objectfolder.provenance"})
+_known: dict[str, Any] = {}
 
 
 def canonical_json(value: Any) -> str:
@@ -52,7 +53,7 @@ def seed_from(base_seed: int, task: str, object_id: str) -> int:
     return int.from_bytes(digest[:4], "big") >> 1
 
 
-def code_identity(module: str) -> dict[str, str]:
+def code_identity(module: str, known: MutableMapping[str, Any] | None = None) -> dict[str, str]:
     """Return digests of the normalised source of `module` and of every package module it imports.
 
     Imports are followed through the source, function-level ones and modules named in a string (to be
@@ -64,6 +65,9 @@ def code_identity(module: str) -> dict[str, str]:
     ----------
     module
         Dotted name of a module inside a package.
+    known
+        What earlier calls found in sources, by their content, in values that JSON holds; what is new is
+        added. None keeps it for this process.
 
     Returns
     -------
@@ -76,18 +80,22 @@ def code_identity(module: str) -> dict[str, str]:
         `module` is not found.
     """
     roots = frozenset({*PACKAGES, module.split(".")[0]})
-    if _source_path(module) is None:
+    source_path = functools.cache(_source_path)
+    if source_path(module) is None:
         raise InputError(module, "no such module", "Name a module that Python finds.")
+    known = _known if known is None else known
     found: dict[str, str] = {}
     pending = [module]
     while pending:
         name = pending.pop()
-        path = _source_path(name)
+        path = source_path(name)
         if name in found or name in NEUTRAL_MODULES or path is None:
             continue
-        status = path.stat()
-        found[name], imports = _normalised(name, path, roots, status.st_mtime_ns, status.st_size)
-        pending.extend(imports)
+        found[name], mentions = _normalised(name, path, known)
+        for origin, member in mentions:
+            if origin.split(".")[0] in roots:
+                submodule = f"{origin}.{member}"
+                pending.append(submodule if member and source_path(submodule) else origin)
     return dict(sorted(found.items()))
 
 
@@ -126,37 +134,40 @@ def _source_path(module: str) -> Path | None:
     return None
 
 
-@functools.cache
-def _normalised(
-    module: str, path: Path, roots: frozenset[str], modified_ns: int, size: int
-) -> tuple[str, tuple[str, ...]]:
-    """Return the digest of the normalised source of `module` and the modules it imports from `roots`."""
-    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+def _normalised(module: str, path: Path, known: MutableMapping[str, Any]) -> tuple[str, list[list[str]]]:
+    """Return the digest of the normalised source of `module`, and what it may import."""
+    source = path.read_bytes()
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    imports = tuple(sorted(_imported(tree, package, roots) - {module}))
-    text = ast.unparse(_without_docstrings(tree))
-    return hashlib.sha256(text.encode()).hexdigest()[:16], imports
+    # Versions of Python may write the same tree differently.
+    about = f"{platform.python_version()} {package}\n".encode()
+    key = hashlib.sha256(about + source).hexdigest()
+    if key not in known:
+        tree = ast.parse(source, filename=str(path))
+        mentions = sorted(_mentioned(tree, package))
+        text = ast.unparse(_without_docstrings(tree))
+        known[key] = [hashlib.sha256(text.encode()).hexdigest()[:16], [list(mention) for mention in mentions]]
+    digest, imports = known[key]
+    return digest, imports
 
 
-def _imported(tree: ast.AST, package: str, roots: frozenset[str]) -> set[str]:
-    """Return the modules under `roots` that `tree`, a module inside `package`, imports anywhere."""
-    modules: set[str] = set()
+def _mentioned(tree: ast.AST, package: str) -> set[tuple[str, str]]:
+    """Return what `tree`, a module inside `package`, imports anywhere: modules, and names in them.
+
+    The name is empty for a module that is imported itself, or named in a string.
+    """
+    mentions: set[tuple[str, str]] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            modules.update(alias.name for alias in node.names if alias.name.split(".")[0] in roots)
+            mentions.update((alias.name, "") for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             origin = node.module or ""
             if node.level:
                 parts = package.split(".")
                 origin = ".".join(parts[: len(parts) - node.level + 1] + ([origin] if origin else []))
-            if origin.split(".")[0] in roots:
-                names = (f"{origin}.{alias.name}" for alias in node.names)
-                modules.update(name if _source_path(name) else origin for name in names)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
-            name = node.value
-            if name.split(".")[0] in roots and _DOTTED.fullmatch(name) and _source_path(name):
-                modules.add(name)
-    return modules
+            mentions.update((origin, alias.name) for alias in node.names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and _DOTTED.fullmatch(node.value):
+            mentions.add((node.value, ""))
+    return mentions
 
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:

@@ -1,11 +1,29 @@
-"""Which products were checked whole, by size, time and inode, so that each is read through only once."""
+"""What is known of files by their size, time and inode, so that each is read through only once.
+
+A product was checked whole, carries a fingerprint and a few attributes that later stages go by; a source
+file has a digest. All of it can be read again from the files themselves.
+"""
 
 import json
+import operator
+import os
+import time
+from collections.abc import Sequence
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError
+from objectfolder.provenance import file_digest
+from objectfolder.store import read_attributes
+from objectfolder.tensor_file import read_metadata
 from pipeline import products
+from pipeline.task_code import TaskCode
+
+FINGERPRINT = "fingerprint"
+# A file that changed this shortly ago can change again without its time telling.
+SETTLED_S = 2.0
 
 
 class Verified:
@@ -18,39 +36,116 @@ class Verified:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
+        self.code = TaskCode(root)
+        self._prefix = f"{root}{os.sep}"
         self._path = root / ".objectfolder" / "verified.json"
         try:
-            self._seen: dict[str, list[int]] = json.loads(self._path.read_text())
+            kept = json.loads(self._path.read_bytes())
         except (OSError, ValueError):
-            self._seen = {}
+            kept = None
+        # By path: state, then for a product whether it was checked, and attributes; for a source its digest.
+        kept = kept if isinstance(kept, dict) else {}
+        self._products: dict[str, dict[str, Any]] = kept.get("products", {})
+        self._sources: dict[str, dict[str, Any]] = kept.get("sources", {})
+        self._changed = False
+
+    def attributes(self, path: Path, names: Sequence[str]) -> dict[str, Any]:
+        """Return attributes of a product by their dotted names.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no product.
+        FormatError
+            A file that cannot be read, or lacks one of them.
+        """
+        entry = self._product(path)
+        known: dict[str, Any] = entry["attributes"]
+        if not known.keys() >= set(names):
+            found = _read(path)
+            try:
+                known |= {name: reduce(operator.getitem, name.split("."), found) for name in names}
+            except (KeyError, TypeError) as error:
+                finding = f"it carries no {error.args[0]}"
+                raise FormatError(str(path), finding, "Delete it; a run makes it again.") from error
+            self._changed = True
+        return {name: known[name] for name in names}
 
     def holds(self, path: Path, fingerprint: str) -> bool:
         """Whether `path` is a whole product with this fingerprint."""
         try:
-            if products.read_fingerprint(path) != fingerprint:
+            if self.attributes(path, (FINGERPRINT,))[FINGERPRINT] != fingerprint:
                 return False
-            if self._seen.get(self._key(path)) != _state(path):
+            entry = self._product(path)
+            if not entry["whole"]:
                 products.verify(path)
-                self.add(path)
-        except FormatError:
+                entry["whole"] = self._changed = True
+        except (FileNotFoundError, FormatError):
             return False
         return True
 
-    def add(self, path: Path) -> None:
-        """Note a product as checked."""
-        self._seen[self._key(path)] = _state(path)
+    def add(self, path: Path, fingerprint: str | None = None) -> None:
+        """Note a product as checked, its fingerprint with it where that is known."""
+        entry = self._product(path)
+        entry["whole"] = self._changed = True
+        if fingerprint is not None:
+            entry["attributes"][FINGERPRINT] = fingerprint
+
+    def source_digest(self, path: Path) -> str:
+        """Return the SHA-256 of a source file.
+
+        Raises
+        ------
+        OSError
+            A file that cannot be read.
+        """
+        key = self._key(path)
+        now = time.time()
+        state = _state(path)
+        entry = self._sources.get(key)
+        if entry is not None and entry["state"] == state:
+            return str(entry["digest"])
+        digest = file_digest(path)
+        if now - state[1] / 1e9 > SETTLED_S:
+            self._sources[key] = {"state": state, "digest": digest}
+            self._changed = True
+        return digest
 
     def save(self) -> None:
-        """Write the cache, without files that are gone."""
-        self._seen = {key: state for key, state in self._seen.items() if (self._root / key).exists()}
+        """Write what is known, without files that are gone."""
+        self.code.save()
+        if not self._changed:
+            return
+        kept = {
+            kind: {key: entry for key, entry in entries.items() if os.path.exists(self._place(key))}
+            for kind, entries in (("products", self._products), ("sources", self._sources))
+        }
         with atomic_write(self._path) as file:
-            file.write(json.dumps(self._seen).encode())
+            file.write(json.dumps(kept).encode())
+        self._changed = False
+
+    def _product(self, path: Path) -> dict[str, Any]:
+        """Return what is known of a product as it is now."""
+        key = self._key(path)
+        state = _state(path)
+        entry = self._products.get(key)
+        if entry is None or entry["state"] != state:
+            entry = self._products[key] = {"state": state, "whole": False, "attributes": {}}
+        return entry
 
     def _key(self, path: Path) -> str:
-        return path.relative_to(self._root).as_posix()
+        return str(path).removeprefix(self._prefix)
+
+    def _place(self, key: str) -> str:
+        return os.path.join(self._prefix, key)
 
 
-def _state(path: Path) -> list[int]:
-    status = path.stat()
+def _read(path: Path) -> dict[str, Any]:
+    if path.name.endswith(products.TENSORS):
+        return dict(read_metadata(path))
+    return read_attributes(path)
+
+
+def _state(path: Path | str) -> list[int]:
+    status = os.stat(path)
     return [status.st_size, status.st_mtime_ns, status.st_ino]
