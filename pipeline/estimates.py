@@ -9,9 +9,9 @@ Of the packaged costs, those of rendering follow views x pixels x samples and th
 pixels; the bytes of both follow views x pixels and touches x pixels. The rest is taken as it was at the
 default size. What is known from this data set is taken as it was, whatever its parameters were then.
 
-Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, else a model of others, raised until
-`HIGH_QUANTILE` of them lie below, times the margin. Cycles renders in a process of its own, whose peak is noted only for the
-first task of a worker, so that no rendering is taken to need less than the usual one.
+Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, else the same margin on a model of
+others, raised until `HIGH_QUANTILE` of them lie below. Cycles renders in a process of its own, whose peak is
+noted only for the first task of a worker, so that no rendering is taken to need less than the usual one.
 """
 
 import math
