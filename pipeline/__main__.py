@@ -9,7 +9,7 @@ from pathlib import Path
 
 from objectfolder.errors import ObjectFolderError
 from pipeline import selection
-from pipeline.cluster import read_place, run_calls
+from pipeline.cluster import crew, read_place
 from pipeline.converge import converge
 from pipeline.parameters import read_parameters
 from pipeline.progress import failure_table
@@ -29,7 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     root = Path.cwd()
     try:
         if options.command in STAGES:
-            return converge_stage(root, options.command)
+            return converge_stages(root, [options.command])
+        if options.command == "products":
+            return converge_stages(root, list(STAGES))
         if options.command == "starter":
             return make_starter_set(root)
         if options.command == "report":
@@ -49,24 +51,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def converge_stage(root: Path, name: str) -> int:
-    """Converge one stage over all objects; return 1 where it does not stand."""
+def converge_stages(root: Path, names: Sequence[str]) -> int:
+    """Converge stages over all objects; return 1 where one does not stand."""
     parameters = read_parameters(root / PARAMETERS)
-    if name == "objects":
+    if "objects" in names:
         records = read_table(root, parameters.objects)
         write_records(root, records)
     else:
         records = read_records(root)
     place = read_place(root)
-    summary = converge(
-        STAGES[name],
+    stages = [STAGES[name] for name in names]
+    summaries = converge(
+        stages,
         root,
         parameters,
         records.rows,
-        lambda calls: run_calls(calls, place, root),
-        records.refused if name == "objects" else (),
+        lambda jobs: crew(place, root, jobs, stages),
+        records.refused if "objects" in names else (),
     )
-    return summary.exit_code(parameters.allow_failures)
+    return max(summary.exit_code(parameters.allow_failures) for summary in summaries)
 
 
 def make_starter_set(root: Path) -> int:
@@ -127,6 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name in ("starter", *STAGES, "report"):
         commands.add_parser(name, help=f"run the stage {name}")
+    commands.add_parser("products", help="run all stages that make products, with no barrier between them")
     choose = commands.add_parser("select", help="choose objects in params.yaml")
     choose.add_argument("--objects", help="table of objects, a CSV file")
     choose.add_argument("--only", help="ids with commas between them; empty for all")

@@ -1,33 +1,38 @@
-"""Bring the products of a stage to what the inputs ask for, doing only what is left to do.
+"""Bring products to what the inputs ask for, doing only what is left to do.
 
 The result is a pure function of the inputs, whatever was there before and however often it was
 interrupted: a product is kept if it carries the wanted fingerprint, taken from the memo if that has
 it, and computed otherwise, longest expected first; products of objects not listed, and of objects that
-fail, go.
+fail, go. Over several stages an object goes on to its next stage as soon as its own inputs are there.
 """
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.errors import InputError
-from objectfolder.provenance import fingerprint
 from pipeline import memo
+from pipeline.crew import Crew, Job
+from pipeline.dispatch import Dispatch
+from pipeline.estimates import Estimates
+from pipeline.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.parameters import Parameters
 from pipeline.progress import Progress, failure_table
 from pipeline.run_log import Costs, write_run
 from pipeline.stage import Row, Stage
-from pipeline.task import Call, Failure, Outcome, failure_of
+from pipeline.task import Failure
 from pipeline.verified import Verified
 
-RunCalls = Callable[[Sequence[Call]], Iterable[Outcome]]
+# From the number of tasks there are at most to who runs them; entered only where there are any.
+CrewFor = Callable[[int], AbstractContextManager[Crew]]
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Object ids by what happened to them, and the failures."""
+    """Object ids of a stage by what happened to them, and the failures."""
 
+    stage: str
     kept: tuple[str, ...]
     restored: tuple[str, ...]  # from the memo
     computed: tuple[str, ...]
@@ -40,144 +45,132 @@ class Summary:
         return 0 if not self.failures or (allow_failures and made) else 1
 
 
-@dataclass
-class _Plan:
-    fingerprints: dict[str, str]
-    kept: list[str]
-    restored: list[str]
-    calls: dict[str, Call]
-    failures: list[Failure]
-
-
 def converge(
-    stage: Stage,
+    stages: Sequence[Stage],
     root: Path,
     parameters: Parameters,
     rows: Mapping[str, Row],
-    run: RunCalls,
+    crew_for: CrewFor,
     refused: Sequence[Failure] = (),
-) -> Summary:
-    """Make, keep and remove products until those of `stage` are what the inputs ask for.
+) -> list[Summary]:
+    """Make, keep and remove products until those of `stages` are what the inputs ask for.
 
     Parameters
     ----------
-    stage
-        What to converge.
+    stages
+        What to converge, each after those whose products it reads.
     root
         Root of the data set, absolute.
     parameters
-        Of the whole run; the stage picks what it reads.
+        Of the whole run; each stage picks what it reads.
     rows
         The listed objects.
-    run
-        Runs calls in the given order and yields their outcomes (see `pipeline.cluster.run_calls`).
+    crew_for
+        Who runs the tasks (see `pipeline.cluster.crew`).
     refused
-        Objects that were refused before this stage; they count as failures.
+        Objects that were refused before the first stage; they count as its failures.
 
     Returns
     -------
-    Summary
-        What happened; also logged under ``runs/``.
+    list of Summary
+        What happened, a stage each; also logged under ``runs/``.
+
+    Raises
+    ------
+    SimulationError
+        The crew is gone. What is finished stays finished.
     """
-    for kind in stage.products:
-        (root / kind.folder).mkdir(parents=True, exist_ok=True)
-        kind.sweep(root)
-    removed = _remove_unlisted(stage, root, rows)
+    removed = {stage.name: _tidy(stage, root, rows) for stage in stages}
     verified = Verified(root)
-    plan = _plan(stage, root, parameters, rows, verified)
-    for failure in plan.failures:
-        _remove(stage, root, failure.object_id)
-    plan.failures[:0] = refused  # their ids may be no file names; as unlisted ones they are gone already
-    costs = Costs(root, stage.name)
-    sizes = {
-        object_id: sum(path.stat().st_size for path in call.request.inputs.values())
-        for object_id, call in plan.calls.items()
-    }
-    expected = costs.expected(sizes)
-    progress = Progress(stage.name, len(plan.kept) + len(plan.restored), len(plan.failures), expected)
-    computed = []
+    costs = {stage.name: Costs(root, stage.name) for stage in stages}
+    flow = Flow(stages, root, parameters, rows, verified, Estimates(root, parameters))
     try:
-        for outcome in run(sorted(plan.calls.values(), key=lambda call: -expected[call.request.object_id])):
-            if outcome.failure is None:
-                computed.append(outcome.object_id)
-                costs.add(outcome)
-                for path in stage.targets(root, outcome.object_id):
-                    verified.add(path)
-            else:
-                plan.failures.append(outcome.failure)
-                _remove(stage, root, outcome.object_id)
-            progress.add(outcome)
+        jobs = flow.begin()
+        progress = {stage.name: _progress(stage, flow, jobs) for stage in stages}
+        if jobs:
+            with crew_for(flow.unsettled()) as crew:
+                dispatch = Dispatch(crew, flow.stands)
+                for job in jobs:
+                    dispatch.add(job)
+                for finished in dispatch.outcomes():
+                    stage_name = finished.job.call.stage
+                    if finished.outcome.failure is None and finished.outcome.wall_s > 0:
+                        costs[stage_name].add(finished.outcome)
+                    for job in flow.done(finished):
+                        dispatch.add(job)
+                    progress[stage_name].add(finished.outcome)
+        for line in progress.values():
+            line.close()
     finally:
         verified.save()
         memo.prune(root)
-    progress.close()
-    summary = Summary(
-        tuple(plan.kept), tuple(plan.restored), tuple(sorted(computed)), tuple(removed), tuple(plan.failures)
-    )
-    _log(stage, root, plan, summary, costs)
-    if summary.failures:
-        print(failure_table(summary.failures), file=sys.stderr)
-    return summary
+    summaries = []
+    for stage in stages:
+        earlier = tuple(refused) if stage is stages[0] else ()
+        summaries.append(_summary(stage.name, flow, removed[stage.name], earlier))
+        _log(summaries[-1], root, flow.fingerprints(stage.name), costs[stage.name])
+    first: dict[str, Failure] = {}
+    for summary in summaries:
+        for failure in summary.failures:
+            first.setdefault(failure.object_id, failure)
+    if first:
+        print(failure_table(list(first.values())), file=sys.stderr)
+    return summaries
 
 
-def _plan(
-    stage: Stage, root: Path, parameters: Parameters, rows: Mapping[str, Row], verified: Verified
-) -> _Plan:
-    plan = _Plan({}, [], [], {}, [])
-    for object_id, row in rows.items():
-        try:
-            request, parts = stage.prepare(root, parameters, object_id, row)
-        except InputError as error:
-            plan.failures.append(failure_of(object_id, error))
-            continue
-        wanted = plan.fingerprints[object_id] = fingerprint(parts)
-        targets = stage.targets(root, object_id)
-        folder = memo.memo_folder(root, wanted)
-        if all(verified.holds(path, wanted) for path in targets):
-            plan.kept.append(object_id)
-        elif memo.restore(folder, wanted, targets):
-            plan.restored.append(object_id)
-            for path in targets:
-                verified.add(path)
-        else:
-            provenance = {**parts, "fingerprints": {**stage.lineage(parts), stage.name: wanted}}
-            plan.calls[object_id] = Call(stage.name, stage.task, request, targets, wanted, provenance, folder)
-    return plan
-
-
-def _remove_unlisted(stage: Stage, root: Path, rows: Mapping[str, Row]) -> list[str]:
+def _tidy(stage: Stage, root: Path, rows: Mapping[str, Row]) -> tuple[str, ...]:
+    """Remove half-written files, and products of objects not listed; return the ids of those."""
+    for kind in stage.products:
+        (root / kind.folder).mkdir(parents=True, exist_ok=True)
+        kind.sweep(root)
     present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
     unlisted = sorted(present - set(rows))
     for object_id in unlisted:
-        _remove(stage, root, object_id)
-    return unlisted
+        for path in stage.targets(root, object_id):
+            path.unlink(missing_ok=True)
+    return tuple(unlisted)
 
 
-def _remove(stage: Stage, root: Path, object_id: str) -> None:
-    for path in stage.targets(root, object_id):
-        path.unlink(missing_ok=True)
+def _progress(stage: Stage, flow: Flow, jobs: Sequence[Job]) -> Progress:
+    outcomes = list(flow.outcomes(stage.name).values())
+    expected = {job.call.request.object_id: job.seconds for job in jobs if job.call.stage == stage.name}
+    failed = outcomes.count(FAILED)
+    return Progress(stage.name, len(outcomes) - failed, failed, expected)
 
 
-def _log(stage: Stage, root: Path, plan: _Plan, summary: Summary, costs: Costs) -> None:
+def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: tuple[Failure, ...]) -> Summary:
+    by_outcome: dict[str, list[str]] = {KEPT: [], RESTORED: [], COMPUTED: [], FAILED: []}
+    for object_id, outcome in flow.outcomes(stage).items():
+        by_outcome[outcome].append(object_id)
+    return Summary(
+        stage,
+        tuple(by_outcome[KEPT]),
+        tuple(by_outcome[RESTORED]),
+        tuple(sorted(by_outcome[COMPUTED])),
+        removed,
+        (*refused, *flow.failures(stage)),
+    )
+
+
+def _log(summary: Summary, root: Path, fingerprints: Mapping[str, str], costs: Costs) -> None:
     outcomes = {
-        **dict.fromkeys(summary.kept, "kept"),
-        **dict.fromkeys(summary.restored, "restored"),
-        **dict.fromkeys(summary.computed, "computed"),
-        **{failure.object_id: "failed" for failure in summary.failures},
+        **dict.fromkeys(summary.kept, KEPT),
+        **dict.fromkeys(summary.restored, RESTORED),
+        **dict.fromkeys(summary.computed, COMPUTED),
+        **{failure.object_id: FAILED for failure in summary.failures},
     }
     lines = []
     for object_id, outcome in sorted(outcomes.items()):
-        cost = costs.of(plan.fingerprints.get(object_id, ""))
-        known = cost if outcome != "failed" else None
+        known = costs.of(fingerprints.get(object_id, "")) if outcome != FAILED else None
         lines.append(
             {
                 "object_id": object_id,
-                "stage": stage.name,
-                "fingerprint": plan.fingerprints.get(object_id),
+                "stage": summary.stage,
+                "fingerprint": fingerprints.get(object_id),
                 "outcome": outcome,
                 "wall_s": known.wall_s if known else None,
                 "cpu_s": known.cpu_s if known else None,
                 "peak_memory_mb": known.peak_memory_mb if known else None,
             }
         )
-    write_run(root, stage.name, lines, summary.failures)
+    write_run(root, summary.stage, lines, summary.failures)

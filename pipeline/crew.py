@@ -78,11 +78,22 @@ class Finished:
 
 @dataclass(frozen=True)
 class Lost:
-    """A job whose slot went away under it; it may be tried elsewhere."""
+    """A job whose slot or process went away under it; it may be tried again.
+
+    Parameters
+    ----------
+    job, slot
+        What ran where.
+    reason
+        What is known, for a person.
+    counts
+        Whether the job itself may be the reason.
+    """
 
     job: Job
     slot: str
     reason: str
+    counts: bool = True
 
 
 class Crew(Protocol):
@@ -96,12 +107,16 @@ class Crew(Protocol):
         """Return the memory that tasks may take on each host."""
         ...
 
+    def may_still_offer(self, needs: frozenset[str]) -> bool:
+        """Whether slots that offer `needs` may still join."""
+        ...
+
     def start(self, job: Job, slot: str) -> None:
         """Begin a job in a free slot, and return at once."""
         ...
 
     def wait(self) -> Sequence[Finished | Lost]:
-        """Wait until jobs end or the slots change; the second returns an empty sequence.
+        """Wait until jobs end, the slots change, or no more are to join; the last two return nothing.
 
         Raises
         ------

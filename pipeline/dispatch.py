@@ -2,13 +2,14 @@
 
 import bisect
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
-from pipeline.crew import Crew, Finished, Job, Lost
+from pipeline.crew import Crew, Finished, Job, Lost, Slot
 from pipeline.schedule import choose
 from pipeline.task import Failure, Outcome
 
-MOST_LOSSES = 3  # slots that a job may lose before it counts as the reason
+MOST_LOSSES = 2  # slots or processes that a job may lose before it counts as the reason
 
 
 class Dispatch:
@@ -18,12 +19,15 @@ class Dispatch:
     ----------
     crew
         Who runs them.
+    stands
+        Whether the products of a job are there: a slot may be lost between making them and saying so.
     """
 
-    def __init__(self, crew: Crew) -> None:
+    def __init__(self, crew: Crew, stands: Callable[[Job], bool] = lambda job: False) -> None:
         self._crew = crew
+        self._stands = stands
         self._waiting: list[Job] = []
-        self._running: dict[str, tuple[Job, str]] = {}  # by slot: the job, and the slot's host
+        self._running: dict[str, tuple[Job, Slot]] = {}  # by slot
         self._losses: Counter[str] = Counter()
 
     def add(self, job: Job) -> None:
@@ -33,10 +37,16 @@ class Dispatch:
     def outcomes(self) -> Iterator[Finished]:
         """Yield what ends, until nothing waits and nothing runs.
 
-        A job whose slot was lost is tried again elsewhere; one that lost `MOST_LOSSES` slots failed.
+        A job whose slot or process was lost is tried again; one that lost `MOST_LOSSES` of them failed,
+        and so did one that no slot there is can run.
         """
         while self._waiting or self._running:
-            self._start()
+            slots = self._crew.slots()
+            self._start(slots)
+            if self._waiting and slots and not self._running:
+                yield from self._refuse(slots)
+                if not self._waiting:
+                    continue
             for event in self._crew.wait():
                 self._running.pop(event.slot, None)
                 if isinstance(event, Finished):
@@ -44,30 +54,50 @@ class Dispatch:
                 elif (given_up := self._after_loss(event)) is not None:
                     yield given_up
 
-    def _start(self) -> None:
-        slots = self._crew.slots()
+    def _start(self, slots: Mapping[str, Slot]) -> None:
         free = {name: slot for name, slot in slots.items() if name not in self._running}
         if not free or not self._waiting:
             return
         left = dict(self._crew.memory_bytes())
-        for job, host in self._running.values():
-            if host in left:
-                left[host] -= job.memory_bytes
-        busy = frozenset(host for _, host in self._running.values())
+        for job, slot in self._running.values():
+            if slot.host in left:
+                left[slot.host] -= job.memory_bytes
+        busy = frozenset(slot.host for _, slot in self._running.values())
         for job, name in choose(self._waiting, free, left, busy):
             self._waiting.remove(job)
-            self._running[name] = (job, slots[name].host)
+            self._running[name] = (job, slots[name])
             self._crew.start(job, name)
 
+    def _refuse(self, slots: Mapping[str, Slot]) -> Iterator[Finished]:
+        """End the jobs that need what no slot offers or is to offer."""
+        offers = frozenset().union(*(slot.offers for slot in slots.values()))
+        still = {needs: self._crew.may_still_offer(needs) for needs in {job.needs for job in self._waiting}}
+        refused = [job for job in self._waiting if not still[job.needs]]
+        self._waiting = [job for job in self._waiting if still[job.needs]]
+        for job in refused:
+            missing = ", ".join(sorted(job.needs - offers)) or "all it needs in one place"
+            remedy = "Add workers that do (the place in cluster/ says what they offer)."
+            yield _failed(job, "", f"no worker offers {missing}", remedy)
+
     def _after_loss(self, lost: Lost) -> Finished | None:
-        self._losses[lost.job.key] += 1
-        if self._losses[lost.job.key] < MOST_LOSSES:
+        if self._stands(lost.job):
+            call = lost.job.call
+            return Finished(
+                lost.job, lost.slot, Outcome(call.request.object_id, fingerprint=call.fingerprint)
+            )
+        self._losses[lost.job.key] += lost.counts
+        if not lost.counts:
             self.add(lost.job)
             return None
-        object_id = lost.job.call.request.object_id
-        failure = Failure(
-            object_id,
-            f"{MOST_LOSSES} workers were lost while they ran it ({lost.reason})",
-            "Out of memory, most likely: run fewer workers, or lower the settings of this stage.",
-        )
-        return Finished(lost.job, lost.slot, Outcome(object_id, failure))
+        if self._losses[lost.job.key] < MOST_LOSSES:
+            # Memory is the likeliest reason: the second time it gets all of a host.
+            whole = max(self._crew.memory_bytes().values(), default=0)
+            self.add(replace(lost.job, memory_bytes=max(lost.job.memory_bytes, whole)))
+            return None
+        remedy = "Out of memory, most likely: run fewer workers, or lower the settings of this stage."
+        return _failed(lost.job, lost.slot, f"{lost.reason}, {MOST_LOSSES} times", remedy)
+
+
+def _failed(job: Job, slot: str, error: str, remedy: str) -> Finished:
+    object_id = job.call.request.object_id
+    return Finished(job, slot, Outcome(object_id, Failure(object_id, error, remedy)))

@@ -1,21 +1,38 @@
 """What a stage is: a task, the products it makes of each object, and exactly what it reads."""
 
 import dataclasses
-import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.provenance import code_identity, file_digest, package_versions, seed_from
-from objectfolder.store import read_attributes
+from objectfolder.provenance import package_versions, seed_from
 from pipeline.parameters import Parameters
-from pipeline.products import ProductKind, read_fingerprint
+from pipeline.products import ProductKind
 from pipeline.task import Request
+from pipeline.verified import FINGERPRINT, Verified
 
 Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What the task of an object gets, the parts of its fingerprint, and its inputs by content.
+
+    Parameters
+    ----------
+    request
+        The argument of the task.
+    parts
+        Everything that decides the product.
+    inputs
+        Input name to the fingerprint of a product, or the SHA-256 of a source file.
+    """
+
+    request: Request
+    parts: dict[str, Any]
+    inputs: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -34,8 +51,10 @@ class ProductInput:
     kind: ProductKind
     attributes: tuple[str, ...] = ()
 
-    def digest(self, path: Path) -> str | dict[str, Any]:
-        """Return what stands for the content: tasks are pure, so a fingerprint stands for a product.
+    def digest(self, path: Path, verified: Verified) -> tuple[str, str | dict[str, Any]]:
+        """Return the product's fingerprint, and what stands for the content that the task reads.
+
+        Tasks are pure, so a fingerprint stands for a whole product.
 
         Raises
         ------
@@ -44,15 +63,13 @@ class ProductInput:
         """
         remedy = f"See what failed in stage {self.kind.made_by}."
         try:
-            whole = read_fingerprint(path)
-            if whole is None:
-                raise InputError(path.name, f"input missing: {self.kind.made_by} failed", remedy)
-            if not self.attributes:
-                return whole
-            found = read_attributes(path)
-            return {name: reduce(operator.getitem, name.split("."), found) for name in self.attributes}
-        except (FormatError, KeyError, TypeError) as error:
+            found = verified.attributes(path, (FINGERPRINT, *self.attributes))
+        except FileNotFoundError as error:
+            raise InputError(path.name, f"input missing: {self.kind.made_by} failed", remedy) from error
+        except FormatError as error:
             raise InputError(path.name, f"input unreadable: {error}", remedy) from error
+        whole = found.pop(FINGERPRINT)
+        return whole, found if self.attributes else whole
 
 
 @dataclass(frozen=True)
@@ -78,6 +95,8 @@ class Stage:
         Fields of the object's row that it reads.
     packages
         Distributions whose version may change its numbers.
+    needs
+        Pools of workers that can run it (`pipeline.crew.BLENDER`); empty for any.
     """
 
     name: str
@@ -88,15 +107,32 @@ class Stage:
     parameters: tuple[str, ...] = ()
     fields: tuple[str, ...] = ()
     packages: tuple[str, ...] = ("numpy",)
+    needs: frozenset[str] = frozenset()
+
+    @property
+    def follows(self) -> frozenset[str]:
+        """Names of the stages whose products it reads."""
+        return frozenset(product.kind.made_by for product in self.inputs)
 
     def targets(self, root: Path, object_id: str) -> tuple[Path, ...]:
         """Return the paths of the products of an object."""
         return tuple(kind.path(root, object_id) for kind in self.products)
 
     def prepare(
-        self, root: Path, parameters: Parameters, object_id: str, row: Row
-    ) -> tuple[Request, dict[str, Any]]:
-        """Return what the task of an object gets, and the parts of its fingerprint.
+        self, root: Path, parameters: Parameters, object_id: str, row: Row, verified: Verified
+    ) -> Prepared:
+        """Return what the task of an object gets, and what its products are made from.
+
+        Parameters
+        ----------
+        root
+            Root of the data set.
+        parameters
+            Of the whole run.
+        object_id, row
+            The object, and what the table says of it.
+        verified
+            What is known of files and code.
 
         Raises
         ------
@@ -105,12 +141,13 @@ class Stage:
         """
         paths: dict[str, Path] = {}
         digests: dict[str, Any] = {}
+        contents: dict[str, str] = {}
         for product in self.inputs:
             path = paths[product.kind.name] = product.kind.path(root, object_id)
-            digests[product.kind.name] = product.digest(path)
+            contents[product.kind.name], digests[product.kind.name] = product.digest(path, verified)
         for role, path in (self.sources(row) if self.sources else {}).items():
             paths[role] = path
-            digests[role] = source_digest(path)
+            contents[role] = digests[role] = source_digest(path, verified)
         read = {name: pick(parameters, name) for name in self.parameters}
         record = {name: row[name] for name in self.fields}
         seed = seed_from(parameters.seed, self.name, object_id)
@@ -119,11 +156,11 @@ class Stage:
             "parameters": read,
             "record": record,
             "inputs": digests,
-            "code": code_identity(self.task.partition(":")[0]),
+            "code": verified.code.identity(self.task.partition(":")[0]),
             "packages": package_versions(self.packages),
             "seed": seed,
         }
-        return Request(object_id, paths, read, record, seed), parts
+        return Prepared(Request(object_id, paths, read, record, seed), parts, contents)
 
     def lineage(self, parts: Mapping[str, Any]) -> dict[str, str]:
         """Return the fingerprints of the whole products that the task reads, by stage."""
@@ -134,7 +171,7 @@ class Stage:
         }
 
 
-def source_digest(path: Path) -> str:
+def source_digest(path: Path, verified: Verified) -> str:
     """Return the SHA-256 of a source file.
 
     Raises
@@ -143,7 +180,7 @@ def source_digest(path: Path) -> str:
         A file that cannot be read.
     """
     try:
-        return file_digest(path)
+        return verified.source_digest(path)
     except OSError as error:
         raise InputError(
             str(path), f"cannot be read ({error.strerror})", "Correct the path in the table."

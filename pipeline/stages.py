@@ -1,5 +1,6 @@
 """The stages that converge, in order; what each makes, and exactly what it reads."""
 
+from pipeline.crew import BLENDER
 from pipeline.products import TENSORS, ProductKind
 from pipeline.records import sources
 from pipeline.stage import ProductInput, Stage
@@ -33,6 +34,7 @@ STAGES = {
             parameters=("vision",),
             fields=("appearance",),
             packages=("bpy", "embreex", "numpy", "zarr"),
+            needs=frozenset({BLENDER}),
         ),
         Stage(
             "modes",

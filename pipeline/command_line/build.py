@@ -43,9 +43,10 @@ def run(options: argparse.Namespace) -> None:
     """Build, verify, save; print the fidelity and the cost of each step."""
     from objectfolder.audio.materials import find_material, read_materials
     from objectfolder.catalogue import ObjectRecord
-    from pipeline.cluster import Place, run_calls
+    from pipeline.cluster import crew
     from pipeline.converge import converge
     from pipeline.parameters import read_parameters
+    from pipeline.places import Place
     from pipeline.records import row_of
     from pipeline.run_log import Costs
     from pipeline.stages import OBJECT_FILES, STAGES
@@ -76,8 +77,11 @@ def run(options: argparse.Namespace) -> None:
     )
     rows = {object_id: row_of(record, material)}
     with _workspace(options.keep) as root:
+        # One stage at a time, so that one child process serves and a failure ends the rest.
         for stage in STAGES.values():
-            summary = converge(stage, root, parameters, rows, lambda calls: run_calls(calls, Place(), root))
+            (summary,) = converge(
+                [stage], root, parameters, rows, lambda jobs: crew(Place(workers=1), root, jobs)
+            )
             if summary.failures:
                 failure = summary.failures[0]
                 raise SimulationError(f"{object_id}, stage {stage.name}", failure.error, failure.remedy)

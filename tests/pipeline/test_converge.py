@@ -1,12 +1,14 @@
 """The scenarios of a stage that converges, executions counted."""
 
 import os
+from contextlib import nullcontext
 
 import pytest
-from toys import FILES, INGESTED, QUALITY, TUNED
+from toys import FILES, INGESTED, QUALITY, TUNED, Here
 
 from objectfolder.store import read_attributes
 from objectfolder.tensor_file import read_metadata
+from pipeline.crew import Lost
 from pipeline.products import read_fingerprint
 
 ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))
@@ -187,16 +189,10 @@ def test_half_written_leftovers_are_swept(toys):
 
 
 def test_longest_expected_first(toys):
-    order = []
-
-    def run(calls):
-        order.append([call.request.object_id for call in calls])
-        return []
-
+    crew = Here()
     toys.add("ball", "1." + "0" * 50)
-    toys.converge(toys.ingest, run=run)
-    assert order[0][0] == "ball"  # the largest input
-    toys.converge(toys.ingest)
+    toys.converge(toys.ingest, crew_for=lambda jobs: nullcontext(crew))
+    assert crew.order[0] == "ingest ball"  # the largest input
     costs = toys.root / ".objectfolder" / "costs.csv"
     rows = costs.read_text().splitlines()
     slow = next(row.split(",") for row in rows if row.startswith("dish,ingest"))
@@ -205,8 +201,55 @@ def test_longest_expected_first(toys):
     for name in toys.rows:
         INGESTED.path(toys.root, name).unlink()
     os.rename(toys.root / ".objectfolder" / "memo", toys.root / "gone")
-    toys.converge(toys.ingest, run=run)
-    assert order[-1][0] == "dish"  # the longest last time
+    crew.order.clear()
+    toys.converge(toys.ingest, crew_for=lambda jobs: nullcontext(crew))
+    assert crew.order[0] == "ingest dish"  # the longest last time
+
+
+def test_an_object_goes_on_as_soon_as_its_own_inputs_are_there(toys):
+    crew = Here()
+    summaries = toys.flow(crew_for=lambda jobs: nullcontext(crew))
+    assert toys.executed() == ALL
+    assert [summary.computed for summary in summaries] == [("ball", "cup", "dish")] * 3
+    # Not one stage waits for all objects of the one before.
+    assert crew.order.index("ingest dish") > crew.order.index("ingest ball")
+    for name in ("ball", "cup", "dish"):
+        steps = [crew.order.index(f"{stage} {name}") for stage in ("ingest", "tune", "encode")]
+        assert steps == sorted(steps)
+    assert toys.flow(crew_for=None)[0].kept == ("ball", "cup", "dish")
+    assert toys.executed() == []
+
+
+def test_flow_and_stages_one_by_one_make_the_same_bytes(toys):
+    toys.flow()
+    flowed = {path: path.read_bytes() for path in toys.root.glob("data/*/*")}
+    for path in flowed:
+        path.unlink()
+    os.rename(toys.root / ".objectfolder" / "memo", toys.root / "gone")
+    toys.converge()
+    assert {path: path.read_bytes() for path in toys.root.glob("data/*/*")} == flowed
+
+
+def test_failure_in_a_flow_stops_that_object_alone(toys):
+    toys.add("cup", "poison raise ValueError('no cup')")
+    ingested, tuned, encoded = toys.flow()
+    assert ingested.computed == tuned.computed == encoded.computed == ("ball", "dish")
+    assert "no cup" in ingested.failures[0].error
+    assert "input missing: ingest failed" in encoded.failures[0].error
+    toys.executed()
+    toys.add("cup", "2.5")
+    assert not any(summary.failures for summary in toys.flow())
+    assert toys.executed() == ["encode cup", "ingest cup", "tune cup"]
+
+
+def test_only_stages_that_read_what_changed_run_in_a_flow(toys):
+    toys.flow()
+    toys.executed()
+    toys.rows["cup"]["material"] = {"stiffness": 4.0}
+    ingested, tuned, _ = toys.flow()
+    assert toys.executed() == ["encode cup", "tune cup"]
+    assert ingested.kept == ("ball", "cup", "dish")
+    assert tuned.kept == ("ball", "dish")
 
 
 def test_fingerprint_is_independent_of_place(toys):
@@ -217,3 +260,16 @@ def test_fingerprint_is_independent_of_place(toys):
     toys.rows["cup"]["mesh"] = moved
     toys.converge()
     assert read_fingerprint(INGESTED.path(toys.root, "cup")) == first
+
+
+class Forgetful(Here):
+    """Runs jobs, and is lost before it says so."""
+
+    def wait(self):
+        return [Lost(event.job, event.slot, "its worker went away") for event in super().wait()]
+
+
+def test_products_of_a_lost_worker_are_not_made_again(toys):
+    summaries = toys.flow(crew_for=lambda jobs: nullcontext(Forgetful()))
+    assert toys.executed() == ALL
+    assert [summary.computed for summary in summaries] == [("ball", "cup", "dish")] * 3

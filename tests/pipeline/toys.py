@@ -3,15 +3,16 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.child import execute
-from pipeline.converge import RunCalls, Summary, converge
+from pipeline.converge import CrewFor, Summary, converge
+from pipeline.crew import Finished, Job, Lost, Slot
 from pipeline.parameters import Parameters, read_parameters
 from pipeline.products import TENSORS, ProductKind
 from pipeline.stage import ProductInput, Stage
-from pipeline.task import Call, Outcome
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -67,7 +68,7 @@ from pathlib import Path
 sys.path.insert(0, "@TESTS@")
 from toys import Toys
 
-from pipeline.cluster import read_place, run_calls
+from pipeline.cluster import crew, read_place
 from pipeline.converge import converge
 
 if __name__ == "__main__":
@@ -76,17 +77,18 @@ if __name__ == "__main__":
     toys.rows = json.loads(Path("rows.json").read_text())
     for row in toys.rows.values():
         row["mesh"] = Path(row["mesh"])
-    stage = getattr(toys, sys.argv[1])
-    summary = converge(
-        stage, root, toys.parameters, toys.rows, lambda calls: run_calls(calls, read_place(root), root)
+    stages = [getattr(toys, name) for name in sys.argv[1].split(",")]
+    place = read_place(root)
+    summaries = converge(
+        stages, root, toys.parameters, toys.rows, lambda jobs: crew(place, root, jobs)
     )
-    sys.exit(summary.exit_code(allow_failures=len(sys.argv) > 2))
+    sys.exit(max(summary.exit_code(allow_failures=len(sys.argv) > 2) for summary in summaries))
 '''
 
 INGESTED = ProductKind("data/ingested", stage="ingest")
-TUNED = ProductKind("data/tuned")
-FILES = ProductKind("data/files", TENSORS)
-QUALITY = ProductKind("data/quality")
+TUNED = ProductKind("data/tuned", stage="tune")
+FILES = ProductKind("data/files", TENSORS, "encode")
+QUALITY = ProductKind("data/quality", stage="encode")
 
 
 class Toys:
@@ -140,9 +142,17 @@ class Toys:
     def parameters(self) -> Parameters:
         return read_parameters(self.root / "params.yaml")
 
-    def converge(self, *stages: Stage, run: RunCalls | None = None) -> list[Summary]:
-        stages = stages or (self.ingest, self.tune, self.encode)
-        return [converge(stage, self.root, self.parameters, self.rows, run or run_here) for stage in stages]
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        return self.ingest, self.tune, self.encode
+
+    def converge(self, *stages: Stage, crew_for: CrewFor | None = None) -> list[Summary]:
+        """Converge stages one after the other, as DVC does."""
+        return [self.flow(stage, crew_for=crew_for)[0] for stage in stages or self.stages]
+
+    def flow(self, *stages: Stage, crew_for: CrewFor | None = None) -> list[Summary]:
+        """Converge stages at once."""
+        return converge(stages or self.stages, self.root, self.parameters, self.rows, crew_for or here)
 
     def save(self) -> None:
         """Write what a driver process needs."""
@@ -158,9 +168,38 @@ class Toys:
         return sorted(lines)
 
 
-def run_here(calls: Sequence[Call]) -> Iterable[Outcome]:
-    """Run calls in this process."""
-    return map(execute, calls)
+class Here:
+    """A crew of one that runs jobs in this process, and notes their order."""
+
+    def __init__(self) -> None:
+        self.order: list[str] = []
+        self._job: Job | None = None
+
+    def slots(self) -> Mapping[str, Slot]:
+        return {"here": Slot("here", "here")}
+
+    def memory_bytes(self) -> Mapping[str, int]:
+        return {"here": 1 << 40}
+
+    def may_still_offer(self, needs: frozenset[str]) -> bool:
+        return False
+
+    def start(self, job: Job, slot: str) -> None:
+        assert self._job is None
+        self._job = job
+        self.order.append(f"{job.call.stage} {job.call.request.object_id}")
+
+    def wait(self) -> Sequence[Finished | Lost]:
+        job, self._job = self._job, None
+        assert job is not None
+        return [Finished(job, "here", execute(job.call))]
+
+
+@contextmanager
+def here(jobs: int) -> Iterator[Here]:
+    """Who runs jobs in this process."""
+    assert jobs > 0
+    yield Here()
 
 
 def python(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
