@@ -1,0 +1,185 @@
+"""One data set made while parts of its run are killed, and what became of it.
+
+A `Round` is a folder, some kills, and runs until all is made. Workers are those of a cluster of the
+driver's own (``local``), or join a scheduler that is a process of its own (``address``).
+"""
+
+import contextlib
+import random
+import socket
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import psutil
+from chaos import Ground, Killed, Watcher, kill, redone, victims, wait_for
+
+SCHEDULER, DRIVER, WORKER, CHILD = "scheduler", "driver", "worker", "child"
+LOCAL, ADDRESS = "local", "address"
+SURVIVED = frozenset({WORKER, CHILD})  # kills that no run ends of
+MOST_RUNS = 3  # that may be needed besides one for each kill of a driver or scheduler
+
+
+class Round:
+    """A disturbed making of a data set.
+
+    Parameters
+    ----------
+    ground
+        Where, and of what.
+    place
+        `LOCAL` or `ADDRESS`.
+    seed
+        Decides what is killed when.
+    """
+
+    def __init__(self, ground: Ground, place: str, seed: int) -> None:
+        self.ground = ground
+        self.kills: list[Killed] = []
+        self.moments: list[dict[str, Any]] = []
+        self.exit_codes: list[int] = []
+        self._chance = random.Random(seed)
+        self._place = place
+        self._port = free_port()
+        self._scheduler: subprocess.Popen[bytes] | None = None
+        self._driver: subprocess.Popen[bytes] | None = None
+        self._workers: list[subprocess.Popen[bytes]] = []
+
+    def disturb(self, what: Sequence[str]) -> None:
+        """Run, kill these one after the other, and run until all is made."""
+        with Watcher(self.ground.root) as self.watcher:
+            try:
+                if self._place == ADDRESS:
+                    self._start_scheduler()
+                    self._workers = [
+                        self.ground.start("-m", "pipeline", "worker", self._address) for _ in "ab"
+                    ]
+                for index, kind in enumerate(what):
+                    self._kill_one(kind, len(what) - index)
+                self._finish(len(what))
+            finally:
+                self._end()
+
+    def verdict(self, undisturbed: Mapping[str, str]) -> dict[str, Any]:
+        """Return what is wrong with what was made, each entry empty where nothing is."""
+        digests = self.ground.digests()
+        return {
+            "products_missing": sorted(undisturbed.keys() - digests.keys()),
+            "products_that_differ": sorted(
+                name for name, digest in digests.items() if undisturbed.get(name) != digest
+            ),
+            "finished_work_redone": redone(self.ground.executions(), self.kills),
+            "half_written": self.watcher.broken,
+            "processes_left": [process.pid for process in self._left],
+            "files_left": self.ground.litter(),
+            "runs_ended_by_a_kill_they_should_survive": self._failed_runs(),
+        }
+
+    def record(self) -> dict[str, Any]:
+        """Return what was done."""
+        return {
+            "place": self._place,
+            "kills": [
+                {**moment, **asdict(killed)} for moment, killed in zip(self.moments, self.kills, strict=True)
+            ],
+            "executions": len(self.ground.executions()),
+            "works": len(self.ground.works),
+            "exit_codes": self.exit_codes,
+            "products_read_by_the_watcher": self.watcher.reads,
+        }
+
+    @property
+    def _address(self) -> str:
+        return f"tcp://127.0.0.1:{self._port}"
+
+    def _start_scheduler(self) -> None:
+        command = ("-m", "pipeline", "scheduler", "--host", "127.0.0.1", "--port", str(self._port))
+        self._scheduler = self.ground.start(*command)
+
+    def _running_driver(self) -> subprocess.Popen[bytes]:
+        if self._driver is not None and self._driver.poll() is not None:
+            self.exit_codes.append(self._driver.returncode)
+            self._driver = None
+        if self._driver is None:
+            given = {"OBJECTFOLDER_CLUSTER": self._address} if self._place == ADDRESS else {}
+            self._driver = self.ground.start(environment=given)
+        return self._driver
+
+    def _kill_one(self, kind: str, kills_left: int) -> None:
+        """Kill at a random moment of what is left to do, so that the others have their share of it."""
+        while True:
+            driver = self._running_driver()
+            begun = len(self.ground.executions())
+            left = len(self.ground.works) - len({one.work for one in self.ground.executions()})
+            more = self._chance.randint(1, max(1, left // kills_left))
+            wait_for(
+                lambda: len(self.ground.executions()) >= begun + more or driver.poll() is not None,  # noqa: B023
+                "tasks begin",
+            )
+            delay_s = self._chance.uniform(0.0, 0.2)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                driver.wait(delay_s)
+            found = self._candidates(kind, driver)
+            if driver.poll() is not None:
+                return  # it ended before the moment came
+            if not found:
+                continue
+            stood = sum(map(self.ground.stands, self.ground.works))
+            with contextlib.suppress(psutil.NoSuchProcess):
+                self.kills.append(kill(self.ground, kind, self._chance.choice(found)))
+                self.moments.append(
+                    {"executions_begun": begun + more, "then_s": round(delay_s, 4), "finished": stood}
+                )
+                if kind == SCHEDULER:
+                    self._start_scheduler()
+                return
+
+    def _candidates(self, kind: str, driver: subprocess.Popen[bytes]) -> list[psutil.Process]:
+        if kind == DRIVER:
+            return [psutil.Process(driver.pid)]
+        if kind == SCHEDULER:
+            assert self._scheduler is not None
+            return [psutil.Process(self._scheduler.pid)]
+        return victims(self.ground)[kind]
+
+    def _finish(self, kills: int) -> None:
+        for _ in range(kills + MOST_RUNS):
+            driver = self._running_driver()
+            wait_for(lambda: driver.poll() is not None, "the run ends")  # noqa: B023
+            if driver.returncode == 0:
+                break
+        self.exit_codes.append(self._driver.returncode if self._driver else -1)
+
+    def _failed_runs(self) -> list[int]:
+        if all(killed.what in SURVIVED for killed in self.kills):
+            return [code for code in self.exit_codes if code]
+        return self.exit_codes[-1:] if self.exit_codes[-1] else []
+
+    def _end(self) -> None:
+        """End what is meant to run on, as a person does, and see what does not end."""
+        for process in (*self._workers, self._scheduler):
+            if process is not None:
+                process.terminate()
+        with contextlib.suppress(TimeoutError):
+            wait_for(lambda: not self.ground.processes(), "all processes are gone", 60.0)
+        self._left = self.ground.processes()
+        self.ground.end()
+
+
+def undisturbed(root: Path, contents: Mapping[str, str]) -> dict[str, str]:
+    """Return the digests of all products, made without any disturbance."""
+    ground = Ground(root, contents)
+    if ground.run() != 0:
+        raise AssertionError((root / "output.log").read_text())
+    assert set(ground.counts().values()) == {1}
+    return ground.digests()
+
+
+def free_port() -> int:
+    """Return a port of this host that nobody listens on."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        port: int = listener.getsockname()[1]
+        return port

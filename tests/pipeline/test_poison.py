@@ -1,0 +1,78 @@
+"""A task that crashes, hangs or eats all memory among thirty: it fails alone, with its reason."""
+
+import json
+from pathlib import Path
+
+import pytest
+from chaos import Ground, wait_for
+
+OBJECTS = 30
+ENDING = {
+    "segfault": ("os.kill(os.getpid(), 11)", "crashed (SIGSEGV)"),
+    "null_read": ("import ctypes; ctypes.string_at(0)", "crashed (SIGSEGV)"),
+    "abort": ("os.abort()", "crashed (SIGABRT)"),
+    "os_exit": ("os._exit(4)", "ended (exit 4)"),
+    "sys_exit": ("import sys; sys.exit(3)", "exit(3)"),
+}
+# A process that has left the session, so that only a search finds it.
+STRAY = "import subprocess; subprocess.Popen(['sleep', '3600'], start_new_session=True)"
+HANGING = {
+    "holds_interpreter": "import signal; signal.signal(15, signal.SIG_IGN); sum(iter(int, 1))",
+    "forks": f"{STRAY}; subprocess.Popen(['sleep', '3600']); time.sleep(3600)",
+}
+LIMIT_S = 12.0
+MEMORY_LIMIT_BYTES = 700_000_000
+# Ends by itself where nobody ends it, so that a test that fails harms nobody.
+GREEDY = {
+    "greedy": "held = [b'x' * (1 << 24) for _ in range(100)]; raise OSError('nobody minded')",
+    "greedy_offspring": "import subprocess, sys; "
+    "subprocess.run([sys.executable, '-c', "
+    "\"import time; held = [b'x' * (1 << 24) for _ in range(100)]; time.sleep(20)\"]); "
+    "raise OSError('nobody minded')",
+}
+
+
+def contents(poison: dict[str, str]) -> dict[str, str]:
+    """Return thirty objects, the poisonous ones spread among them."""
+    good = iter(f"good_{index:02}" for index in range(OBJECTS))
+    found = {}
+    step = OBJECTS // len(poison)
+    for name, code in poison.items():
+        found.update({next(good): "1.5" for _ in range(step - 1)})
+        found[name] = f"poison {code}"
+    found.update({next(good): "1.5" for _ in range(OBJECTS - len(found))})
+    return found
+
+
+def run(root: Path, poison: dict[str, str], **settings: object) -> dict[str, str]:
+    """Run two stages over them on two workers; check what holds of every poison, return the reasons."""
+    ground = Ground(root, contents(poison), **settings)
+    try:
+        assert ground.run(stages="ingest,tune") == 1
+        wait_for(lambda: not ground.processes(), "all processes of the run are gone")
+    finally:
+        ground.end()
+    failures = json.loads((root / "runs" / "ingest-failures.json").read_text())
+    assert sorted(failure["object_id"] for failure in failures) == sorted(poison)
+    counts = ground.counts()
+    good = set(ground.toys.rows) - set(poison)
+    assert len(good) + len(poison) == OBJECTS
+    assert counts == {("ingest", name): 1 for name in (*good, *poison)} | {("tune", name): 1 for name in good}
+    for name in ground.toys.rows:
+        for stage in (ground.toys.ingest, ground.toys.tune):
+            assert ground.stands((stage.name, name)) is (name in good)
+    assert ground.litter() == []
+    return {failure["object_id"]: failure["error"] for failure in failures}
+
+
+@pytest.mark.slow
+def test_each_fails_alone_with_its_reason(tmp_path):
+    limits = {"time_limit_s": LIMIT_S, "memory_limit_bytes": MEMORY_LIMIT_BYTES}
+    codes = {**{name: code for name, (code, _) in ENDING.items()}, **HANGING, **GREEDY}
+    reasons = run(tmp_path / "data_set", codes, **limits)
+    for name, (_, reason) in ENDING.items():
+        assert reason in reasons[name]
+    for name in HANGING:
+        assert f"no answer within {LIMIT_S:g} s" in reasons[name]
+    for name in GREEDY:
+        assert f"used more than {MEMORY_LIMIT_BYTES / 1e9:g} GB" in reasons[name]
