@@ -14,10 +14,11 @@ RESERVE_SHARE = 0.04  # of the host's memory: with less left, tasks above what w
 # Above this the estimate of a task is wrong by more than estimates are; below, it is no reason to die.
 ALLOWED_FACTOR = 1.5
 ALLOWED_BYTES = 256 << 20
+ALLOWED_SHARE = 0.5  # of the host's memory, where nothing is expected
 FASTEST_GROWTH = 8e9  # bytes per second that a thread can touch for the first time
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 1.0
 LARGEST_PART = 0.05  # of the time that may go into looking
-PAGE_SHARE = 0.1  # of the elapsed time: short tasks are looked at often enough to know their peak
+ELAPSED_SHARE = 0.1  # of the time a task has run: short tasks are looked at often enough to know their peak
 
 
 class MemoryWatch:
@@ -46,7 +47,9 @@ class MemoryWatch:
         self._pid = pid
         self._limit = limit_bytes or int(LIMIT_SHARE * total)
         self._reserve = int(RESERVE_SHARE * total)
-        self._allowed = int(ALLOWED_FACTOR * expected_bytes + ALLOWED_BYTES) if expected_bytes else 0
+        self._allowed = ALLOWED_SHARE * total
+        if expected_bytes:
+            self._allowed = ALLOWED_FACTOR * expected_bytes + ALLOWED_BYTES
         self._available = available
         self._begin = time.monotonic()
         self._pause_s = SHORTEST_PAUSE_S
@@ -65,16 +68,16 @@ class MemoryWatch:
                 f"used more than {_gigabytes(self._limit)}: {_gigabytes(used)} in {_processes(pids)}",
                 "Lower the settings of this stage, or raise memory_limit_bytes of the cluster.",
             )
-        elif available < self._reserve and self._allowed and used > self._allowed:
+        elif available < self._reserve and used > self._allowed:
             failure = Failure(
                 object_id,
-                f"used more than expected, {_gigabytes(used)} in {_processes(pids)}, when its host had only "
+                f"used {_gigabytes(used)} in {_processes(pids)}, more than its part, when its host had only "
                 f"{_gigabytes(available)} left",
                 "Run fewer workers on a host, or lower the settings of this stage.",
             )
         now = time.monotonic()
         room = max(0, min(self._limit - used, available - self._reserve))
-        pause = min(room / FASTEST_GROWTH, LONGEST_PAUSE_S, PAGE_SHARE * (now - self._begin))
+        pause = min(room / FASTEST_GROWTH, LONGEST_PAUSE_S, ELAPSED_SHARE * (now - self._begin))
         self._pause_s = max(pause, SHORTEST_PAUSE_S, (now - begin) / LARGEST_PART)
         return failure
 

@@ -1,0 +1,202 @@
+"""Tasks that grow: ended before their host suffers, whichever of their processes it is, and they alone."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from test_isolation import calls_of
+
+from pipeline import host_memory
+from pipeline.isolation import Child, ChildSettings
+from pipeline.memory_watch import LONGEST_PAUSE_S, SHORTEST_PAUSE_S, MemoryWatch, proportional_bytes
+from pipeline.process_tree import descendants
+
+LIMIT_BYTES = 400_000_000
+# Each ends by itself where nobody ends it, well above the limit, so that a test that fails harms nobody.
+GRADUAL = "held = [b'x' * (8 << 20) for _ in range(100)]; raise OSError('nobody minded')"
+ONE_STEP = "held = b'x' * (1 << 30); raise OSError('nobody minded')"
+IN_A_CHILD = (
+    "import subprocess, sys; subprocess.run([sys.executable, '-c', "
+    "\"import time; held = [b'x' * (8 << 20) for _ in range(100)]; time.sleep(60)\"]); "
+    "raise OSError('nobody minded')"
+)
+HOLD_120_MB = "import time; held = b'x' * (120 << 20); time.sleep(60)"
+SPREAD = (
+    "import subprocess; subprocess.run(['sh', '-c', 'for i in 1 2 3 4; do \"$0\" -c \"$1\" & done; wait', "
+    f"{sys.executable!r}, {HOLD_120_MB!r}]); raise OSError('nobody minded')"
+)
+
+
+@pytest.mark.parametrize(
+    "body", [GRADUAL, ONE_STEP, IN_A_CHILD, SPREAD], ids=["gradual", "step", "child", "spread"]
+)
+def test_a_task_that_grows_beyond_its_limit_is_ended_and_the_next_one_runs(toys, body):
+    grows, good = calls_of(toys, ["grows", "good"], {"grows": body})
+    with Child(toys.root, ChildSettings(memory_limit_bytes=LIMIT_BYTES)) as child:
+        begin = time.monotonic()
+        outcome = child.run(grows)
+        assert time.monotonic() - begin < 55
+        assert "used more than 0.4 GB" in outcome.failure.error
+        assert "memory_limit_bytes" in outcome.failure.remedy
+        assert LIMIT_BYTES < outcome.peak_bytes < 2 * LIMIT_BYTES
+        assert child._process is None
+        assert child.run(good).failure is None
+
+
+def test_peak_counts_what_a_task_started(toys):
+    body = IN_A_CHILD.replace("range(100)", "range(20)").replace("sleep(60)", "sleep(1)")
+    small, starts = calls_of(toys, ["small", "starts"], {"starts": body})
+    with Child(toys.root, ChildSettings()) as child:
+        alone = child.run(small).peak_bytes
+        for _ in range(2):  # the second time it is no new largest child
+            assert child.run(starts).peak_bytes > alone + (160 << 20)
+
+
+@pytest.fixture
+def holder():
+    """A process with a child that holds 400 MiB."""
+    inner = "import sys; held = b'x' * (400 << 20); print('held', flush=True); sys.stdin.read()"
+    script = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {inner!r}])"
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.communicate()
+
+
+def test_where_the_host_runs_short_only_what_is_above_its_estimate_ends(holder):
+    def look(expected_mb, left):
+        return MemoryWatch(holder.pid, None, expected_mb * 10**6, lambda: left).look("mug")
+
+    little, much = host_memory.total_bytes() // 100, host_memory.total_bytes() // 10
+    failure = look(50, little)
+    assert failure.error.startswith("used 0.4")
+    assert "in one process" in failure.error
+    assert "left" in failure.error
+    assert "fewer workers" in failure.remedy
+    assert look(50, much) is None
+    assert look(300, little) is None
+    assert look(0, little) is None
+
+
+def test_shared_memory_counts_once():
+    script = (
+        "import os, sys, time\n"
+        "held = b'x' * (200 << 20)\n"
+        "if os.fork() == 0: time.sleep(300)\n"
+        "if os.fork() == 0: time.sleep(300)\n"
+        "print('held', flush=True); sys.stdin.read(); os.killpg(0, 9)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout.readline() == "held\n"
+    pids = [process.pid, *descendants(process.pid)]
+    resident = sum(psutil.Process(pid).memory_info().rss for pid in pids)
+    assert len(pids) == 3
+    assert resident > 600 << 20
+    assert 200 << 20 < proportional_bytes(pids) < 300 << 20
+    watch = MemoryWatch(psutil.Process().pid, 500_000_000)
+    assert watch.look("mug") is None
+    assert watch.peak_bytes > 600 << 20
+    process.communicate()
+
+
+def test_looks_come_faster_as_room_runs_out(holder):
+    def pause(limit):
+        watch = MemoryWatch(holder.pid, limit)
+        watch._begin -= 100.0  # a long task
+        watch.look("mug")
+        return watch.pause_s
+
+    assert pause(450 << 20) < pause(4 << 30) <= LONGEST_PAUSE_S
+    assert pause(450 << 20) >= SHORTEST_PAUSE_S
+
+
+def test_a_control_group_counts_where_it_is_smaller_than_the_host(tmp_path, monkeypatch):
+    for name, text in (
+        ("memory.max", "1000000000\n"),
+        ("memory.current", "700000000\n"),
+        ("memory.stat", "anon 500000000\ninactive_file 150000000\n"),
+        ("memory.events", "low 0\noom 2\noom_kill 2\n"),
+    ):
+        (tmp_path / name).write_text(text)
+    names = [tmp_path / name for name in ("memory.max", "memory.current", "memory.stat")]
+    before = host_memory.out_of_memory_kills()
+    group = host_memory._Group(*names, "inactive_file", tmp_path / "memory.events")
+    monkeypatch.setattr(host_memory, "_groups", lambda: (group,))
+    assert host_memory.total_bytes() == 1_000_000_000
+    assert host_memory.available_bytes() == 450_000_000
+    assert host_memory.out_of_memory_kills() == before + 2
+
+
+GROUPED = """
+import sys
+sys.path.insert(0, {tests!r})
+from pathlib import Path
+from test_isolation import calls_of
+from toys import Toys
+from pipeline.isolation import Child, ChildSettings
+
+toys = Toys(Path.cwd(), {package!r})
+(call,) = calls_of(toys, ["grows"], {{"grows": {body!r}}})
+with Child(Path.cwd(), ChildSettings(memory_limit_bytes=1 << 40)) as child:
+    failure = child.run(call, {expected}).failure
+print(failure.error, failure.remedy, sep="\\n")
+"""
+
+
+@pytest.fixture
+def control_group():
+    """A control group of 1 GB for a process, where this user may make one."""
+    for base, limit in (
+        (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes"),
+        (Path("/sys/fs/cgroup"), "memory.max"),
+    ):
+        folder = base / f"objectfolder-test-{os.getpid()}"
+        try:
+            folder.mkdir()
+        except OSError:
+            continue
+        try:
+            (folder / limit).write_text(str(10**9))
+        except OSError:
+            folder.rmdir()
+            continue
+        yield folder
+        folder.rmdir()
+        return
+    pytest.skip("no control group can be made here (needs root, and the memory controller)")
+
+
+@pytest.mark.parametrize(
+    ("expected", "finding", "remedy"),
+    [
+        (0, "more than its part, when its host had only", "fewer workers"),
+        (1 << 40, "killed by the system, which had run out of memory", "fewer workers"),
+    ],
+    ids=["watched", "killed by the kernel"],
+)
+def test_in_a_control_group(toys, control_group, expected, finding, remedy):
+    script = GROUPED.format(
+        tests=str(Path(__file__).parent),
+        package=toys.package,
+        body=GRADUAL.replace("100", "150"),
+        expected=expected,
+    )
+    joined = f'echo $$ > {control_group}/cgroup.procs && exec {sys.executable} -c "$0"'
+    done = subprocess.run(
+        ["sh", "-c", joined, script], cwd=toys.root, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert finding in done.stdout
+    assert remedy in done.stdout
