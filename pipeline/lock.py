@@ -10,9 +10,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PROJECT = "objectfolder-factory"
-EXTRAS = ("factory", "dev")
+EXTRAS = ("factory", "s3", "ssh", "slurm", "kubernetes", "dev")
 HEADER = """\
-# What `.[factory,dev]` resolves to on Python 3.11; written by `make lock` from a working environment.
+# What `.[factory,s3,ssh,slurm,kubernetes,dev]` resolves to on Python 3.11; written by `make lock` from a working environment.
 # torch has no build suffix, so that any build of the version serves: CPU or CUDA.
 """
 

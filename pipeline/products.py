@@ -1,14 +1,14 @@
 """Product files: one an object and kind, each carrying the fingerprint of what it was made from."""
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError
-from objectfolder.store import Product, read_attributes, write_product
+from objectfolder.store import Product, write_product
 from objectfolder.tensor_file import DIGEST, TensorFile, read_metadata, read_tensor_file, write_tensor_file
+from pipeline import archives
 
 ZARR = ".zarr.zip"
 TENSORS = ".safetensors"
@@ -88,7 +88,7 @@ def read_fingerprint(path: Path) -> str | None:
         A file that cannot be read, or has no fingerprint.
     """
     try:
-        found = (read_metadata(path) if path.name.endswith(TENSORS) else read_attributes(path)).get(
+        found = (read_metadata(path) if path.name.endswith(TENSORS) else archives.read_attributes(path)).get(
             "fingerprint"
         )
     except FileNotFoundError:
@@ -110,10 +110,4 @@ def verify(path: Path) -> None:
         if DIGEST not in read_tensor_file(path).metadata:
             raise FormatError(str(path), "it carries no content digest", "Delete it; a run makes it again.")
         return
-    try:
-        with zipfile.ZipFile(path) as archive:
-            damaged = archive.testzip()
-    except (zipfile.BadZipFile, OSError, ValueError, RuntimeError, NotImplementedError) as error:
-        raise FormatError(str(path), f"unreadable ({error})", "Delete it; a run makes it again.") from error
-    if damaged is not None:
-        raise FormatError(str(path), f"entry {damaged} is damaged", "Delete it; a run makes it again.")
+    archives.check(path)

@@ -1,0 +1,138 @@
+"""What a product's archive may hold: exactly what `objectfolder.store.write_product` writes.
+
+An archive fetched from elsewhere is data of strangers. Zarr's own reader would follow any codec, type and
+size that it declares; this looks at the declarations first, reads no array, and allocates next to nothing.
+"""
+
+import json
+import math
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import FormatError
+
+REMEDY = "Delete it; a run makes it again."
+LARGEST_JSON_BYTES = 64_000_000
+LARGEST_PRODUCT_BYTES = 8_000_000_000  # of all arrays together, as they are in memory
+MOST_CHUNKS = 1_000_000
+ITEM_BYTES = {
+    "bool": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "float16": 2, "int32": 4, "uint32": 4,
+    "float32": 4, "complex64": 8, "int64": 8, "uint64": 8, "float64": 8, "complex128": 16,
+}  # fmt: skip
+CODECS = ("bytes", "blosc")
+# Four of versions, flags and size of an item, then bytes before and after compression, and of a block.
+BLOSC_HEADER_BYTES = 16
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+_CHUNK = re.compile(r"c(/\d{1,9}){0,32}")
+
+
+def read_attributes(path: Path) -> dict[str, Any]:
+    """Read the attributes of a product and nothing else of it.
+
+    Raises
+    ------
+    FormatError
+        A file that is no product, or one whose header would not fit its limits.
+    FileNotFoundError
+        No such file.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            attributes = _json(archive, archive.getinfo("zarr.json"))["attributes"]
+    except FileNotFoundError:
+        raise
+    except (zipfile.BadZipFile, OSError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        raise FormatError(str(path), f"not a readable product ({error})", REMEDY) from error
+    if not isinstance(attributes, dict):
+        raise FormatError(str(path), "not a readable product (its attributes have no names)", REMEDY)
+    return attributes
+
+
+def check(path: Path) -> None:
+    """Check every entry of a product's archive, and its checksum.
+
+    Raises
+    ------
+    FormatError
+        A damaged archive, a name that leads out of it, or a type, codec, or size that no product has.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check(archive)
+            damaged = archive.testzip()
+    except (
+        zipfile.BadZipFile, OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError,
+    ) as error:  # fmt: skip
+        raise FormatError(str(path), f"unreadable ({error})", REMEDY) from error
+    if damaged is not None:
+        raise FormatError(str(path), f"entry {damaged} is damaged", REMEDY)
+
+
+def _check(archive: zipfile.ZipFile) -> None:
+    entries = archive.infolist()
+    if len({entry.filename for entry in entries}) != len(entries):
+        raise ValueError("an entry is there twice")
+    arrays: dict[str, int] = {}
+    total = 0
+    for entry in entries:
+        name, _, rest = entry.filename.partition("/")
+        if entry.filename == "zarr.json":
+            _check_group(_json(archive, entry))
+        elif not _NAME.fullmatch(name):
+            raise ValueError(f"entry {entry.filename!r} is no part of a product")
+        elif rest == "zarr.json":
+            arrays[name], whole = _bytes(name, _json(archive, entry))
+            total += whole
+    if total > LARGEST_PRODUCT_BYTES:
+        raise ValueError(f"its arrays would take {total} bytes")
+    for entry in entries:
+        name, _, rest = entry.filename.partition("/")
+        if rest and rest != "zarr.json":
+            if name not in arrays or not _CHUNK.fullmatch(rest):
+                raise ValueError(f"entry {entry.filename!r} is no part of a product")
+            _check_chunk(archive, entry, arrays[name])
+
+
+def _json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
+    if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > LARGEST_JSON_BYTES:
+        raise ValueError(f"entry {entry.filename} is compressed or of {entry.file_size} bytes")
+    return json.loads(archive.read(entry))
+
+
+def _check_group(said: dict[str, Any]) -> None:
+    more = said.keys() - {"attributes", "zarr_format", "node_type"}
+    if said["zarr_format"] != 3 or said["node_type"] != "group" or more:
+        raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(more)}")
+
+
+def _bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
+    """Return the bytes of a chunk and of all chunks in memory, after checking what an array says of itself."""
+    shape, grid = said["shape"], said["chunk_grid"]
+    chunks = grid["configuration"]["chunk_shape"]
+    codecs = [codec["name"] for codec in said["codecs"]]
+    if said["zarr_format"] != 3 or said["node_type"] != "array" or grid["name"] != "regular":
+        raise ValueError(f"{name} is no array of Zarr 3 in regular chunks")
+    if said["data_type"] not in ITEM_BYTES:
+        raise ValueError(f"{name} is of type {said['data_type']!r}")
+    if tuple(codecs) != CODECS or said.get("storage_transformers"):
+        raise ValueError(f"{name} is stored by {codecs}")
+    if len(chunks) != len(shape) or not all(type(size) is int and size >= 0 for size in (*shape, *chunks)):
+        raise ValueError(f"{name} has shape {shape} in chunks of {chunks}")
+    item = ITEM_BYTES[said["data_type"]]
+    count = math.prod(math.ceil(size / max(1, chunk)) for size, chunk in zip(shape, chunks, strict=True))
+    if count > MOST_CHUNKS:
+        raise ValueError(f"{name} lies in {count} chunks")
+    chunk = math.prod(chunks) * item
+    return chunk, max(math.prod(shape) * item, chunk)
+
+
+def _check_chunk(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, expected: int) -> None:
+    if entry.compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"entry {entry.filename} is compressed twice")
+    with archive.open(entry) as file:
+        header = file.read(BLOSC_HEADER_BYTES)
+    declared = int.from_bytes(header[4:8], "little")
+    if len(header) < BLOSC_HEADER_BYTES or declared != expected:
+        raise ValueError(f"entry {entry.filename} holds {declared} bytes where {expected} are described")
