@@ -10,12 +10,13 @@ import errno
 import os
 import random
 import re
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from objectfolder.atomic import atomic_write
+from objectfolder.atomic import PARTIAL
 from objectfolder.errors import InputError, ObjectFolderError, SimulationError
 from pipeline.copying import copy_file
 
@@ -28,9 +29,8 @@ TIMEOUTS = {"connect_timeout": 10, "read_timeout": 30}
 NAME = re.compile(r"(sources/)?[0-9a-f]{2}/[0-9a-f]{64}(/[a-z_]+\.[a-z.]+)?")
 NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT})
 # Errors of libraries for object stores that another try does not mend.
-PERMANENT = frozenset(
-    {"NoCredentialsError", "PartialCredentialsError", "ParamValidationError", "ProfileNotFound"}
-)
+CREDENTIALS = frozenset({"NoCredentialsError", "PartialCredentialsError", "ProfileNotFound"})
+MISNAMED = frozenset({"InvalidBucketName", "ParamValidationError", "InvalidRegionError"})
 LIBRARIES = frozenset(
     {"aiobotocore", "aiohttp", "asyncio", "botocore", "gcsfs", "google", "requests", "urllib3"}
 )
@@ -135,8 +135,7 @@ class Store:
             if self._folder is not None:
                 copy_file(Path(path), target)
                 return
-            with atomic_write(target) as file:
-                self._files.get_file(path, file.name)
+            self._download(path, target)
 
         try:
             self._patiently(download, target.parent)
@@ -151,6 +150,19 @@ class Store:
             self._patiently(lambda: self._files.rm_file(path))
         except FileNotFoundError:
             return
+
+    def _download(self, path: str, target: Path) -> None:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=PARTIAL, dir=target.parent)
+        try:
+            self._files.get_file(path, temporary)
+            os.fsync(descriptor)
+            os.replace(temporary, target)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+        finally:
+            os.close(descriptor)
 
     def _path(self, name: str) -> str:
         if not NAME.fullmatch(name):
@@ -192,7 +204,9 @@ class Store:
             return InputError(self.url, f"access denied ({error})", remedy)
         if any("NoSuchBucket" in str(cause) for cause in _causes(error)):
             return InputError(self.url, "no such bucket", f"Create it, or correct {STORE}.")
-        if type(error).__name__ in PERMANENT:
+        if type(error).__name__ in MISNAMED:
+            return InputError(self.url, _said(error), f"Correct {STORE}.")
+        if type(error).__name__ in CREDENTIALS:
             return InputError(
                 self.url, _said(error), "Set the credentials as the store's library asks (AWS_...)."
             )

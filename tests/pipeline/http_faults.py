@@ -1,0 +1,180 @@
+"""An HTTP proxy that does to requests what networks and servers do to them, at random by a seed."""
+
+import contextlib
+import http.client
+import random
+import socket
+import struct
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import urlsplit
+
+KINDS = (
+    "500",  # not done
+    "503",
+    "500 after",  # done, and said not to be
+    "late",  # done, but the answer comes after the client gave up
+    "reset",
+    "reset after",  # done, and the answer lost
+    "request cut",
+    "answer cut",
+)
+BODIES = {"500": "InternalError", "503": "SlowDown"}
+HOP = {"connection", "keep-alive", "transfer-encoding", "content-length"}
+
+
+class Proxy:
+    """What passes between clients and the server at `upstream`.
+
+    Parameters
+    ----------
+    upstream
+        Address of the server.
+    rate
+        Share of requests that something happens to.
+    seed
+        Of the random choices.
+    late_s
+        How long an answer that is late takes.
+    kinds
+        What may happen.
+    """
+
+    def __init__(
+        self, upstream: str, rate: float = 0.0, seed: int = 0, late_s: float = 2.0, kinds: tuple[str, ...] = KINDS
+    ) -> None:  # fmt: skip
+        self.host = urlsplit(upstream).netloc
+        self.rate = rate
+        self.late_s = late_s
+        self.kinds = kinds
+        self.requests: Counter[str] = Counter()  # by method
+        self.faults: Counter[str] = Counter()  # by kind
+        self.bytes_up = self.bytes_down = 0
+        self.refuse = False  # as a server that is down
+        self.after: Callable[[str, str], None] = lambda method, path: None
+        self._chance = random.Random(seed)
+        self._lock = threading.Lock()
+
+    def fault(self, method: str) -> str:
+        with self._lock:
+            self.requests[method] += 1
+            kind = self._chance.choice(self.kinds) if self._chance.random() < self.rate else ""
+            if kind:
+                self.faults[kind] += 1
+            return kind
+
+    def cut(self, length: int) -> int:
+        with self._lock:
+            return self._chance.randrange(max(1, length))
+
+    def passed(self, up: int, down: int) -> None:
+        with self._lock:
+            self.bytes_up += up
+            self.bytes_down += down
+
+
+@contextlib.contextmanager
+def standing_before(proxy: Proxy) -> Iterator[str]:
+    """Yield the address of the proxy while it serves."""
+    handler = type("Handler", (_Handler,), {"proxy": proxy})
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    server.daemon_threads = True
+    server.handle_error = lambda *_: None  # clients that hang up are what this is about
+    thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    proxy: Proxy
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+    def pass_on(self) -> None:
+        length = int(self.headers.get("Content-Length") or 0)
+        if self.headers.get("Expect", "").lower() == "100-continue":
+            pass  # `parse_request` has answered
+        body = self.rfile.read(length)
+        if self.proxy.refuse:
+            return self.reset()
+        kind = self.proxy.fault(self.command)
+        if kind in BODIES:
+            return self.fail(kind)
+        if kind == "reset":
+            return self.reset()
+        if kind == "request cut":
+            self.ask(body[: self.proxy.cut(length)])
+            return self.reset()
+        status, headers, answer = self.ask(body)
+        self.proxy.passed(length, len(answer))
+        self.proxy.after(self.command, self.path)
+        if kind == "500 after":
+            return self.fail("500")
+        if kind == "reset after":
+            return self.reset()
+        if kind == "late":
+            time.sleep(self.proxy.late_s)
+            return self.reset()
+        cut = self.proxy.cut(len(answer)) if kind == "answer cut" else len(answer)
+        self.answer(status, headers, answer, cut)
+        return None
+
+    do_GET = do_HEAD = do_PUT = do_POST = do_DELETE = pass_on
+
+    def ask(self, body: bytes) -> tuple[int, list[tuple[str, str]], bytes]:
+        """Pass the request on with as much of its body as there is, and return the answer."""
+        connection = http.client.HTTPConnection(self.proxy.host, timeout=60)
+        whole = len(body) == int(self.headers.get("Content-Length") or 0)
+        try:
+            connection.putrequest(self.command, self.path, skip_host=True, skip_accept_encoding=True)
+            for name, value in self.headers.items():
+                if name.lower() not in ("connection", "expect"):
+                    connection.putheader(name, value)
+            connection.endheaders()
+            connection.send(body)
+            if not whole:
+                return 0, [], b""
+            answer = connection.getresponse()
+            content = answer.read()
+            self.length = answer.getheader("Content-Length") or str(len(content))
+            return answer.status, answer.getheaders(), content
+        finally:
+            connection.close()
+
+    def answer(self, status: int, headers: list[tuple[str, str]], content: bytes, cut: int) -> None:
+        self.send_response_only(status)
+        for name, value in headers:
+            if name.lower() not in HOP:
+                self.send_header(name, value)
+        if status != 204:
+            self.send_header("Content-Length", self.length if self.command == "HEAD" else str(len(content)))
+        self.end_headers()
+        self.wfile.write(content[:cut])
+        if cut < len(content):
+            self.wfile.flush()
+            self.close_connection = True
+
+    def fail(self, status: str) -> None:
+        text = (
+            f"<?xml version='1.0'?><Error><Code>{BODIES[status]}</Code><Message>try again</Message></Error>"
+        )
+        self.length = str(len(text))
+        self.answer(
+            int(status), [("Content-Type", "application/xml")], b"" if self.command == "HEAD" else text.encode(),
+            len(text),
+        )  # fmt: skip
+
+    def reset(self) -> None:
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.close_connection = True
+        self.connection.close()
