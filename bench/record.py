@@ -68,7 +68,9 @@ def versions() -> dict[str, Any]:
             found[package] = None
     found["processor"] = _processor()
     found["commit"] = _git("rev-parse", "HEAD")
-    status = _git("status", "--porcelain", "--untracked-files=no", "--", "objectfolder", "bench/*.py")
+    status = _git(
+        "status", "--porcelain", "--untracked-files=no", "--", "objectfolder", "pipeline", "bench/*.py"
+    )
     found["uncommitted_changes"] = None if status is None else bool(status)
     return found
 
