@@ -1,7 +1,6 @@
 """A crew of Dask workers: they come and go, and so may the scheduler."""
 
 import itertools
-import queue
 import secrets
 import sys
 import time
@@ -11,21 +10,23 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from objectfolder.errors import SimulationError
+from objectfolder.errors import FormatError, InputError, SimulationError
 from pipeline.crew import Finished, Job, Lost, Slot
 from pipeline.environment_check import Environment
 from pipeline.isolation import ChildSettings
-from pipeline.task import Outcome, failure_of
-from pipeline.worker_task import TOPIC, Introduction, Question, from_message, introduce, run_on_worker
+from pipeline.porter import Porter
+from pipeline.scheduler_link import ENDED, JOINED, LEFT, TOLD, Event, SchedulerLink, error_of
+from pipeline.shipping import Shipment
+from pipeline.task import Call, Outcome, failure_of
+from pipeline.worker_task import Introduction, Question, from_message, introduce, run_on_worker
 
+PUBLISHED, COLLECTED = "published", "collected"
 GONE = "the scheduler went away"
+SAME = "Install on it what the driver has: the same checkout, and requirements.lock."
 TICK_S = 0.5  # between looks at the connection where nothing happens
 REFRESH_S = 15.0  # between looks at the list of workers, should news of one be lost
 TELL_AFTER_S = 10.0  # without a worker
 TOKENS = ".objectfolder"
-SAME = "Install on it what the driver has: the same checkout, and requirements.lock."
-CLOSE_S = 10.0
-JOINED, LEFT, TOLD, ENDED = "joined", "left", "told", "ended"
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Patience:
     reconnect_s
         For a scheduler that went away.
     workers_s
-        For a first worker; None for ever.
+        For a worker while there is none; None for ever.
     pools_s
         After a worker joined or left, for others that offer what none does.
     """
@@ -51,14 +52,18 @@ class Patience:
 class _Task:
     job: Job
     slot: str
-    future: Any
+    shares_folder: bool
+    future: Any = None  # once its inputs are where the worker can read them
+    outcome: Outcome | None = None  # while its products are being collected
 
+    @property
+    def worker(self) -> str:
+        return _worker_of(self.slot)
 
-@dataclass(frozen=True)
-class _Event:
-    kind: str
-    subject: Any
-    connection: int
+    def release(self) -> None:
+        """Tell the scheduler that nobody waits for it."""
+        if self.future is not None:
+            self.future.release()
 
 
 class DaskCrew:
@@ -89,37 +94,43 @@ class DaskCrew:
         memory_gb: float | None = None,
         patience: Patience = Patience(),
     ) -> None:
-        self._connect = connect
         self._root = root
         self._settings = settings
         self._patience = patience
         self._run = secrets.token_hex(8)
+        self._link = SchedulerLink(connect, self._run)
         token_name = f"{TOKENS}/shared-{self._run}"
         self._token = root / token_name
         self._question = Question(root, token_name, secrets.token_hex(16), wanted, memory_gb)
-        self._events: queue.SimpleQueue[_Event] = queue.SimpleQueue()
         self._numbers = itertools.count()
-        self._connection = 0
-        self._client: Any = None
-        self._stream: Any = None
         self._introducing: dict[str, tuple[str, Any]] = {}  # by key: worker and future
         self._workers: dict[str, Introduction] = {}  # those that get work
         self._refused: dict[str, str] = {}
         self._slots: dict[str, Slot] = {}
         self._tasks: dict[str, _Task] = {}  # by key
+        self._porter: Porter | None = None
         self._changed_at = self._looked_at = time.monotonic()
         self._lamented = False
 
     def __enter__(self) -> "DaskCrew":
         self._token.parent.mkdir(exist_ok=True)
         self._token.write_text(self._question.token)
-        self._open(self._patience.reconnect_s)
+        try:
+            self._open(self._patience.reconnect_s)
+        except OSError as error:
+            self._token.unlink()
+            finding = f"no scheduler answers ({error})"
+            raise SimulationError("cluster", finding, "Start it, or correct its address.") from error
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._close()
+        if self._porter is not None:
+            self._porter.close()
+        for task in self._tasks.values():
+            task.release()
+        self._link.close()
         self._token.unlink(missing_ok=True)
 
     def slots(self) -> Mapping[str, Slot]:
@@ -137,14 +148,18 @@ class DaskCrew:
         """Return whether a slot that offers `needs` is there or may still join."""
         if any(needs <= slot.offers for slot in self._slots.values()):
             return True
-        return bool(self._introducing) or time.monotonic() - self._changed_at < self._patience.pools_s
+        return bool(self._introducing) or self._waited() < self._patience.pools_s
 
     def start(self, job: Job, slot: str) -> None:
-        """Send a job to the worker of a slot."""
-        worker = slot.partition("#")[0]
+        """Send a job to the worker of a slot, its inputs first where it does not share the folder."""
         key = self._key(job.key)
-        future = self._submit(run_on_worker, key, worker, job.call, self._settings, self._root)
-        self._tasks[key] = _Task(job, slot, future)
+        shares = self._workers[_worker_of(slot)].shares_folder
+        self._tasks[key] = _Task(job, slot, shares)
+        if shares:
+            self._send(key, job.call)
+        else:
+            assert self._porter is not None
+            self._porter.publish(key, job)
 
     def wait(self) -> Sequence[Finished | Lost]:
         """Wait until jobs end, or slots come or go, or patience with those who may come runs out.
@@ -155,9 +170,9 @@ class DaskCrew:
             The scheduler is gone for good, or no worker that may work has come.
         """
         while True:
-            before = dict(self._slots)
-            found = [result for event in self._pending() for result in self._handle(event)]
-            if self._client.status != "running" or self._client.scheduler_comm is not self._stream:
+            before = self._slots
+            found = [result for event in self._link.events(TICK_S) for result in self._handle(event)]
+            if not self._link.is_up():
                 return found + self._reconnect()
             if found or before != self._slots:
                 return found
@@ -167,34 +182,28 @@ class DaskCrew:
             elif not self._tasks and self._waited() >= self._patience.pools_s:
                 return []
 
-    def _pending(self) -> list[_Event]:
-        """Return what happened, after waiting a moment for a first event."""
-        found = []
-        try:
-            found.append(self._events.get(timeout=TICK_S))
-            while True:
-                found.append(self._events.get_nowait())
-        except queue.Empty:
-            return [event for event in found if event.connection == self._connection]
-
-    def _handle(self, event: _Event) -> Sequence[Finished | Lost]:
+    def _handle(self, event: Event) -> Sequence[Finished | Lost]:
         if event.kind == JOINED:
             self._introduce(event.subject)
         elif event.kind == LEFT:
-            return self._leave(event.subject["worker"], bool(event.subject.get("expected")))
+            return self._leave(*event.subject)
         elif event.kind == TOLD:
             return self._told(event.subject)
         elif event.kind == ENDED:
             return self._ended(event.subject)
+        elif event.kind == PUBLISHED:
+            return self._published(*event.subject)
+        elif event.kind == COLLECTED:
+            return self._collected(*event.subject)
         return ()
 
     def _introduce(self, worker: str) -> None:
         """Ask a worker who it is, before it gets work."""
-        known = {address for address, _ in self._introducing.values()}
-        if worker in self._workers or worker in self._refused or worker in known:
+        asked = {address for address, _ in self._introducing.values()}
+        if worker in self._workers or worker in self._refused or worker in asked:
             return
         key = self._key("introduction")
-        self._introducing[key] = (worker, self._submit(introduce, key, worker, self._question))
+        self._introducing[key] = (worker, self._link.submit(worker, introduce, key, self._question))
 
     def _leave(self, worker: str, expected: bool) -> list[Lost]:
         """Forget a worker; what it ran is lost."""
@@ -203,56 +212,101 @@ class DaskCrew:
             self._introducing.pop(key)[1].release()
         self._workers.pop(worker, None)
         self._refused.pop(worker, None)
-        gone = {name for name in self._slots if name.partition("#")[0] == worker}
-        self._slots = {name: slot for name, slot in self._slots.items() if name not in gone}
-        keys = [key for key, task in self._tasks.items() if task.slot.partition("#")[0] == worker]
+        self._slots = {name: slot for name, slot in self._slots.items() if _worker_of(name) != worker}
+        # A job whose products are being collected needs its worker no more.
+        keys = [key for key, task in self._tasks.items() if task.worker == worker and task.outcome is None]
         return [self._lose(key, f"worker {worker} went away", not expected) for key in keys]
 
-    def _lose(self, key: str, reason: str, counts: bool) -> Lost:
-        task = self._tasks.pop(key)
-        task.future.release()
-        return Lost(task.job, task.slot, reason, counts)
-
-    def _told(self, message: Mapping[str, Any]) -> list[Finished | Lost]:
+    def _told(self, message: Mapping[str, Any]) -> Sequence[Finished | Lost]:
         """Take what a worker says of itself or of a job."""
         key = message["key"]
         if key in self._introducing:
             worker, future = self._introducing.pop(key)
             future.release()
-            answer = Introduction(**message["introduction"])
-            self._admit(worker, answer, refusal(answer))
+            self._admit(worker, Introduction(**message["introduction"]))
         elif key in self._tasks and "lost" in message:
             return [self._lose(key, message["lost"], True)]
         elif key in self._tasks:
-            task = self._tasks.pop(key)
-            task.future.release()
-            return [Finished(task.job, task.slot, from_message(message["outcome"]))]
-        return []
+            task, outcome = self._tasks[key], from_message(message["outcome"])
+            if task.shares_folder or outcome.failure is not None:
+                return [self._finish(key, outcome)]
+            task.outcome = outcome
+            task.release()
+            assert self._porter is not None
+            self._porter.collect(key, task.job)
+        return ()
 
-    def _ended(self, key: str) -> list[Finished | Lost]:
+    def _ended(self, key: str) -> Sequence[Finished | Lost]:
         """Take the end of a task of which nothing was told: it failed around the job, not in it."""
         if key in self._introducing:
             worker, future = self._introducing.pop(key)
-            self._refuse(worker, f"it cannot run this code ({_error(future)})")
-        elif key in self._tasks:
+            self._refuse(worker, f"it cannot run this code ({error_of(future)}). {SAME}")
+        elif key in self._tasks and self._tasks[key].outcome is None:
             future = self._tasks[key].future
-            error = _error(future)
+            error = error_of(future)
             if future.status == "error" and type(error).__name__ != "KilledWorker":
-                task = self._tasks.pop(key)
-                object_id = task.job.call.request.object_id
-                return [Finished(task.job, task.slot, Outcome(object_id, failure_of(object_id, error)))]
+                return [self._fail(key, error)]
             return [self._lose(key, f"its worker went away ({error})", True)]
-        return []
+        return ()
 
-    def _admit(self, worker: str, answer: Introduction, refused: str) -> None:
-        if refused:
-            self._refuse(worker, refused)
+    def _published(self, key: str, result: Shipment | Exception) -> Sequence[Finished | Lost]:
+        if key not in self._tasks:
+            return ()  # lost meanwhile
+        if isinstance(result, Exception):
+            return [self._fail(key, result)]
+        self._send(key, result)
+        return ()
+
+    def _collected(self, key: str, problem: Exception | None) -> Sequence[Finished | Lost]:
+        outcome = self._tasks[key].outcome
+        assert outcome is not None
+        if problem is None:
+            return [self._finish(key, outcome)]
+        if isinstance(problem, FormatError):
+            return [self._lose(key, f"its product was damaged on its way ({problem})", True)]
+        return [self._fail(key, problem)]
+
+    def _send(self, key: str, call: Call | Shipment) -> None:
+        task = self._tasks[key]
+        root = self._root if task.shares_folder else None
+        expected_bytes = task.job.memory_bytes
+        task.future = self._link.submit(
+            task.worker, run_on_worker, key, call, self._settings, root, expected_bytes
+        )
+
+    def _finish(self, key: str, outcome: Outcome) -> Finished:
+        task = self._tasks.pop(key)
+        task.release()
+        return Finished(task.job, task.slot, outcome)
+
+    def _fail(self, key: str, error: BaseException) -> Finished:
+        object_id = self._tasks[key].job.call.request.object_id
+        return self._finish(key, Outcome(object_id, failure_of(object_id, error)))
+
+    def _lose(self, key: str, reason: str, counts: bool) -> Lost:
+        task = self._tasks.pop(key)
+        task.release()
+        return Lost(task.job, task.slot, reason, counts)
+
+    def _admit(self, worker: str, answer: Introduction) -> None:
+        if answer.differing:
+            self._refuse(worker, f"{', '.join(answer.differing)}. {SAME}")
             return
+        if not answer.shares_folder and self._porter is None:
+            try:
+                self._porter = Porter(
+                    self._root,
+                    lambda *subject: self._link.tell(Event(PUBLISHED, subject)),
+                    lambda *subject: self._link.tell(Event(COLLECTED, subject)),
+                )
+            except InputError as error:
+                self._refuse(worker, f"it does not see the data folder {self._root}. {error.remedy}")
+                return
         self._changed_at = time.monotonic()
         self._workers[worker] = answer
-        for index in range(answer.threads):
-            name = f"{worker}#{index}" if index else worker
-            self._slots[name] = Slot(name, answer.host, frozenset(answer.offers))
+        names = [f"{worker}#{index}" if index else worker for index in range(answer.threads)]
+        own = {name: Slot(name, answer.host, frozenset(answer.offers)) for name in names}
+        self._slots = {**self._slots, **own}
 
     def _refuse(self, worker: str, reason: str) -> None:
         self._refused[worker] = reason
@@ -260,69 +314,44 @@ class DaskCrew:
         print(f"worker {worker} gets no work: {reason}", file=sys.stderr)
 
     def _lament(self) -> None:
-        """Say that no worker is there; give up where nobody can be expected any more."""
+        """Say that no worker is there; give up where none can be expected any more."""
         waited = self._waited()
         if self._refused and not self._introducing and waited >= self._patience.pools_s:
             reasons = "; ".join(sorted(set(self._refused.values())))
-            raise SimulationError("cluster", f"no worker may work: {reasons}", SAME)
+            raise SimulationError("cluster", "no worker may work", reasons)
         if self._patience.workers_s is not None and waited >= self._patience.workers_s:
-            raise SimulationError("cluster", f"no worker for {waited:.0f} s", "See docs/cluster.md.")
+            remedy = "Look at its log, or raise workers_within_s of the place."
+            raise SimulationError("cluster", f"no worker for {waited:.0f} s", remedy)
         if waited >= TELL_AFTER_S and not self._lamented:
             self._lamented = True
-            print(f"waiting for workers of {self._client.scheduler.address}", file=sys.stderr)
+            print(f"waiting for workers of {self._link.address}", file=sys.stderr)
 
     def _waited(self) -> float:
         return time.monotonic() - self._changed_at
 
     def _look(self) -> None:
-        """Compare with the scheduler's own list of workers, now and then: news may get lost."""
-        if time.monotonic() - self._looked_at < REFRESH_S:
-            return
-        for worker in self._listed():
-            self._introduce(worker)
-
-    def _listed(self) -> set[str]:
-        self._looked_at = time.monotonic()
-        return set(self._client.scheduler_info(n_workers=-1)["workers"])
+        """Compare with the scheduler's own list of workers now and then."""
+        if time.monotonic() - self._looked_at >= REFRESH_S:
+            self._looked_at = time.monotonic()
+            for worker in self._link.workers():
+                self._introduce(worker)
 
     def _open(self, seconds: float) -> None:
-        self._connection += 1
-        connection = self._connection
-        self._client = self._connect(seconds)
-        self._stream = self._client.scheduler_comm
-
-        def on_worker(event: tuple[float, Mapping[str, Any]]) -> None:
-            action = event[1].get("action")
-            if action == "add-worker":
-                self._events.put(_Event(JOINED, event[1]["worker"], connection))
-            elif action == "remove-worker":
-                self._events.put(_Event(LEFT, event[1], connection))
-
-        def on_answer(event: tuple[float, Mapping[str, Any]]) -> None:
-            if event[1].get("run") == self._run:
-                self._events.put(_Event(TOLD, event[1], connection))
-
-        self._client.subscribe_topic("all", on_worker)
-        self._client.subscribe_topic(TOPIC, on_answer)
-        self._changed_at = time.monotonic()
+        self._link.open(seconds)
+        self._changed_at = self._looked_at = time.monotonic()
         self._lamented = False
-        for worker in self._listed():
+        for worker in self._link.workers():
             self._introduce(worker)
-
-    def _close(self) -> None:
-        for task in self._tasks.values():
-            task.future.release()
-        if self._client is not None:
-            self._client.close(timeout=CLOSE_S)
 
     def _reconnect(self) -> list[Finished | Lost]:
         """Wait for the scheduler to return at its address; what ran is lost."""
-        lost: list[Finished | Lost] = [self._lose(key, GONE, False) for key in list(self._tasks)]
-        self._close()
+        running = [key for key, task in self._tasks.items() if task.outcome is None]
+        lost: list[Finished | Lost] = [self._lose(key, GONE, False) for key in running]
+        self._link.close()
         self._introducing.clear()
         self._workers.clear()
         self._refused.clear()
-        self._slots.clear()
+        self._slots = {}
         print(f"{GONE}; waiting {self._patience.reconnect_s:g} s for its return", file=sys.stderr)
         deadline = time.monotonic() + self._patience.reconnect_s
         while (left := deadline - time.monotonic()) > 0:
@@ -333,36 +362,10 @@ class DaskCrew:
                 time.sleep(min(TICK_S, left))
         raise SimulationError("cluster", GONE, "Run again: nothing finished is lost.")
 
-    def _submit(self, function: Callable[..., None], key: str, worker: str, *arguments: Any) -> Any:
-        future = self._client.submit(
-            function,
-            self._run,
-            key,
-            *arguments,
-            key=key,
-            workers=[worker],
-            allow_other_workers=False,
-            pure=False,
-        )
-        connection = self._connection
-        future.add_done_callback(lambda _: self._events.put(_Event(ENDED, key, connection)))
-        return future
-
     def _key(self, name: str) -> str:
         """Return a key that neither another try nor another driver of this scheduler uses."""
         return f"{name}-{self._run}-{next(self._numbers)}"
 
 
-def refusal(answer: Introduction) -> str:
-    """Return why a worker may not work; empty where it may."""
-    if answer.differing:
-        return f"{', '.join(answer.differing)}. {SAME}"
-    if not answer.shares_folder:
-        return "it does not see the data folder. Share the folder, or set OBJECTFOLDER_STORE to a store."
-    return ""
-
-
-def _error(future: Any) -> BaseException:
-    """Return why a future of which nothing was told ended."""
-    error = future.exception() if future.status == "error" else None
-    return error if isinstance(error, BaseException) else RuntimeError(f"its task was {future.status}")
+def _worker_of(slot: str) -> str:
+    return slot.partition("#")[0]

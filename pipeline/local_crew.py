@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 
 from pipeline.crew import Finished, Job, Lost, Slot
-from pipeline.isolation import Child, ChildSettings
+from pipeline.isolation import Child, ChildSettings, ProcessKilled
 from pipeline.worker_task import offers_here, usable_bytes
 
 HERE = "here"
@@ -60,4 +60,7 @@ class LocalCrew:
         job, self._job = self._job, None
         if job is None:
             return ()
-        return (Finished(job, HERE, self._child.run(job.call)),)
+        try:
+            return (Finished(job, HERE, self._child.run(job.call, job.memory_bytes)),)
+        except ProcessKilled as error:
+            return (Lost(job, HERE, str(error)),)

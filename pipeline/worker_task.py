@@ -4,15 +4,15 @@ Answers go to the driver as events through the scheduler, ahead of the news that
 result stays on a worker that may die before it is fetched.
 """
 
+import contextlib
 import dataclasses
 import importlib.util
 import os
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,17 @@ from typing import Any
 from pipeline import host_memory
 from pipeline.crew import BLENDER, GPU
 from pipeline.environment_check import Environment, differences
-from pipeline.isolation import Child, ChildSettings
+from pipeline.isolation import Child, ChildSettings, Interrupted, ProcessKilled
+from pipeline.shipping import Shipment
 from pipeline.task import Call, Failure, Outcome
 
 TOPIC = "objectfolder"
 HOST = "OBJECTFOLDER_WORKER_HOST"
 MEMORY = "OBJECTFOLDER_WORKER_MEMORY_GB"
+POOLS = (BLENDER, GPU)
+NOTHING = "nothing"  # resource of a worker that was started for no pool
 USABLE = 0.9  # of a host's memory, where nobody said how much
+CANCELLED = "cancelled"  # Dask's word for a running task whose result nobody wants
 CHECK_LIMIT_S = 600.0
 
 
@@ -84,12 +88,11 @@ class Introduction:
 def introduce(run: str, key: str, question: Question) -> None:
     """Tell the driver who this worker is."""
     worker = _worker()
-    stated = worker.state.total_resources  # where a worker was started for certain pools alone
     shares = _shares(question)
     answer = Introduction(
         host=os.environ.get(HOST) or _host(worker.ip),
         memory_bytes=usable_bytes(question.memory_gb),
-        offers=tuple(pool for pool in (BLENDER, GPU) if stated.get(pool)) or offers_here(),
+        offers=_stated(worker.state.total_resources),
         threads=worker.state.nthreads,
         shares_folder=shares,
         differing=_differing(question, shares),
@@ -97,10 +100,62 @@ def introduce(run: str, key: str, question: Question) -> None:
     worker.log_event(TOPIC, {"run": run, "key": key, "introduction": dataclasses.asdict(answer)})
 
 
-def run_on_worker(run: str, key: str, call: Call, settings: ChildSettings, root: Path) -> None:
-    """Run a call in the child process of this worker thread, and tell the driver what became of it."""
-    outcome = _child(root, settings).run(call)
-    _worker().log_event(TOPIC, {"run": run, "key": key, "outcome": as_message(outcome)})
+def run_on_worker(
+    run: str, key: str, call: Call | Shipment, settings: ChildSettings, root: Path | None, expected_bytes: int
+) -> None:
+    """Run a call in the child process of this worker thread, and tell the driver what became of it.
+
+    The child runs in the data folder `root`, or here if the folder is not shared. When the driver gives
+    the task up, or is gone, the child ends too.
+    """
+    worker = _worker()
+    child = _child(root or Path.cwd(), settings)
+    given_up = GivenUp.of(worker)
+    answer: dict[str, Any] = {"run": run, "key": key}
+    try:
+        with given_up.ends(key, child):
+            answer["outcome"] = as_message(child.run(call, expected_bytes))
+    except ProcessKilled as error:
+        answer["lost"] = str(error)
+    except Interrupted:
+        return
+    worker.log_event(TOPIC, answer)
+
+
+class GivenUp:
+    """A plugin of the worker that ends the child of a task that nobody waits for any more."""
+
+    def __init__(self) -> None:
+        self._children: dict[str, Child] = {}
+        self._lock = threading.Lock()
+
+    @classmethod
+    def of(cls, worker: Any) -> "GivenUp":
+        """Return the plugin of a worker; the first task to ask puts it there."""
+        with _making:
+            plugin: GivenUp | None = worker.plugins.get(cls.__name__)
+            if plugin is None:
+                plugin = worker.plugins[cls.__name__] = cls()
+            return plugin
+
+    @contextlib.contextmanager
+    def ends(self, key: str, child: Child) -> Iterator[None]:
+        """Let `child` end with the task `key` as long as this lasts."""
+        with self._lock:
+            self._children[key] = child
+        try:
+            yield
+        finally:
+            with self._lock:
+                del self._children[key]
+
+    def transition(self, key: str, start: str, finish: str, **_: Any) -> None:
+        """Take the news of a task from the worker."""
+        if finish == CANCELLED:
+            with self._lock:
+                child = self._children.get(key)
+                if child is not None:
+                    child.interrupt()
 
 
 def as_message(outcome: Outcome) -> dict[str, Any]:
@@ -117,6 +172,7 @@ def from_message(message: Mapping[str, Any]) -> Outcome:
 
 
 _own = threading.local()
+_making = threading.Lock()
 
 
 def _child(root: Path, settings: ChildSettings) -> Child:
@@ -156,6 +212,13 @@ def offers_here() -> tuple[str, ...]:
     return tuple(pool for pool, there in able.items() if there)
 
 
+def _stated(resources: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the pools that a worker was started for, else those that it can serve."""
+    if any(name in resources for name in (*POOLS, NOTHING)):
+        return tuple(pool for pool in POOLS if resources.get(pool))
+    return offers_here()
+
+
 def _has_gpu() -> bool:
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")
     if visible is not None and visible.strip() in ("", "-1", "NoDevFiles"):
@@ -174,16 +237,15 @@ def _differing(question: Question, shares: bool) -> tuple[str, ...]:
     """Return how this worker differs, seen from where its children run."""
     if question.wanted is None:
         return ()
-    with tempfile.TemporaryDirectory() as elsewhere:
-        answer = subprocess.run(
-            [sys.executable, "-m", "pipeline.environment_check"],
-            input=question.wanted.as_json(),
-            capture_output=True,
-            text=True,
-            cwd=question.root if shares else elsewhere,
-            timeout=CHECK_LIMIT_S,
-            check=False,
-        )
+    answer = subprocess.run(
+        [sys.executable, "-m", "pipeline.environment_check"],
+        input=question.wanted.as_json(),
+        capture_output=True,
+        text=True,
+        cwd=question.root if shares else None,
+        timeout=CHECK_LIMIT_S,
+        check=False,
+    )
     if answer.returncode:
         lines = answer.stderr.strip().splitlines() or [f"exit {answer.returncode}"]
         return (f"its environment cannot be read ({lines[-1]})",)
