@@ -1,0 +1,218 @@
+"""What is kept of runs: costs, the last failures, and a record that survives kills and two writers."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import pytest
+
+from objectfolder.errors import SimulationError
+from pipeline import run_log, run_record
+from pipeline.known_costs import costs_of
+from pipeline.report.costs import read_costs
+from pipeline.run_log import (
+    COLUMNS,
+    QUERY,
+    RUN_ID,
+    Costs,
+    compact,
+    costs_path,
+    read_failures,
+    read_failures_by_fingerprint,
+    write_run,
+)
+from pipeline.run_record import RunRecord, new_run_id, read_record, records
+from pipeline.task import Failure, Outcome
+
+FINGERPRINTS = [f"{index:064x}" for index in range(12)]
+
+
+def outcome(name, seconds=1.0, fingerprint=FINGERPRINTS[0], megabytes=100, queries=None):
+    return Outcome(name, None, seconds, seconds, megabytes * 10**6, fingerprint, queries or {})
+
+
+def test_costs_are_known_by_fingerprint_and_object_and_kept_for_the_next_run(tmp_path):
+    costs = Costs(tmp_path, "views")
+    for index, seconds in enumerate((3.0, 5.0)):
+        costs.add(outcome("mug", seconds, FINGERPRINTS[index]))
+    for known in (costs, Costs(tmp_path, "views")):
+        assert known.of(FINGERPRINTS[0]).wall_s == 3.0
+        assert known.last_of("mug").wall_s == 5.0
+        assert known.of(FINGERPRINTS[2]) is None
+    assert Costs(tmp_path, "modes").last_of("mug") is None
+
+
+def test_a_line_that_a_kill_cut_short_costs_no_other_line(tmp_path):
+    Costs(tmp_path, "views").add(outcome("mug", 3.0))
+    whole = costs_path(tmp_path).read_bytes()
+    costs_path(tmp_path).write_bytes(whole + b"dish,views,00ab,1.")
+    Costs(tmp_path, "views").add(outcome("cup", 4.0))
+    known = Costs(tmp_path, "views")
+    assert known.last_of("mug").wall_s == 3.0
+    assert known.last_of("cup").wall_s == 4.0
+    assert known.last_of("dish") is None
+    assert ("dish", "views") in read_costs(costs_path(tmp_path)).stages  # with nothing measured
+    assert read_costs(costs_path(tmp_path)).stages["dish", "views"][0].wall_seconds is None
+
+
+def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
+    for name in ("mug", "cup"):
+        for index, fingerprint in enumerate(FINGERPRINTS):
+            fidelity = Costs(tmp_path, "fidelity")
+            peak = 900 if index == 1 else 100
+            fidelity.add(outcome(name, index, fingerprint, peak, {"views": index, "modes": 2 * index}))
+            fidelity.add(outcome(name, index + 0.5, fingerprint))  # the same again
+    with costs_path(tmp_path).open("a") as file:
+        file.write("dish,fidelity,00ab,1.")
+    before, estimates = costs_path(tmp_path).stat().st_size, costs_of(tmp_path)
+    compact(tmp_path)
+    assert costs_path(tmp_path).stat().st_size == before  # small enough as it is
+    monkeypatch.setattr(run_log, "COMPACT_ABOVE_BYTES", 1000)
+    compact(tmp_path)
+    assert costs_path(tmp_path).stat().st_size < before / 2
+    assert costs_of(tmp_path) == estimates
+    known, table = Costs(tmp_path, "fidelity"), read_costs(costs_path(tmp_path))
+    for fingerprint in FINGERPRINTS[-5:]:
+        index = FINGERPRINTS.index(fingerprint)
+        assert known.of(fingerprint).wall_s == index + 0.5
+        assert table.seconds_per_query("mug", "modes", {"fidelity": fingerprint}) == 2 * index
+    assert known.of(FINGERPRINTS[0]) is None
+    with costs_path(tmp_path).open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert tuple(rows[0]) == COLUMNS
+    assert {len(row) for row in rows} == {len(COLUMNS)}
+    assert sum(row[1] == QUERY for row in rows) == 2 * 2 * 5
+    size = costs_path(tmp_path).stat().st_size
+    compact(tmp_path)
+    assert costs_path(tmp_path).stat().st_size == size
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from pipeline import run_log
+from pipeline.run_log import Costs, compact
+from pipeline.run_record import RunRecord
+from pipeline.task import Outcome
+
+run_log.COMPACT_ABOVE_BYTES = 1000
+costs = Costs(Path.cwd(), "views")
+with RunRecord(Path.cwd(), ["views"]) as record:
+    for index in range(200):
+        done = Outcome(f"{sys.argv[1]}_{index % 20}", None, index, index, 10**6, f"{index:064x}")
+        costs.add(done)
+        record.task("views", done, slot=sys.argv[1])
+        if index % 25 == 0:
+            compact(Path.cwd())
+"""
+
+
+def test_two_writers_lose_nothing_of_each_other(tmp_path, monkeypatch):
+    monkeypatch.setenv(RUN_ID, new_run_id())
+    monkeypatch.setenv("PYTHONPATH", str(run_log.Path(__file__).parents[2]))
+    writers = [
+        subprocess.Popen([sys.executable, "-c", WRITER, name], cwd=tmp_path, stderr=subprocess.PIPE)
+        for name in ("one", "two")
+    ]
+    for writer in writers:
+        assert writer.wait(120) == 0, writer.stderr.read()
+        writer.stderr.close()
+    known = Costs(tmp_path, "views")
+    for name in ("one", "two"):
+        assert [known.last_of(f"{name}_{index}").wall_s for index in range(20)] == list(range(180, 200))
+    (path,) = records(tmp_path)
+    lines = read_record(path)
+    assert len(lines) == len(path.read_text().splitlines()) == 2 * (200 + 2)
+    for name in ("one", "two"):
+        seconds = [line["wall_s"] for line in lines if line.get("slot") == name]
+        assert seconds == list(range(200))
+
+
+def test_a_record_says_what_ran_where_and_how_it_ended(tmp_path):
+    failure = Failure("cup", "no faces", "Export it again.", "x" * 10_000)
+    with RunRecord(tmp_path, ["views"]) as record:
+        record.task("views", outcome("mug", 2.5), "tcp://10.0.0.1:1", "alpha", 2)
+        record.task("views", Outcome("cup", failure))
+        record.note("lost", slot="tcp://10.0.0.1:2")
+        record.stage("views", 7, 1, 1, 1, ["dish"])
+    (path,) = records(tmp_path)
+    start, mug, cup, lost, stage, end = read_record(path)
+    assert path.stem == start["run"] == end["run"] == record.run_id
+    assert start["stages"] == ["views"]
+    assert (mug["object"], mug["outcome"], mug["slot"], mug["host"], mug["tries"]) == (
+        "mug",
+        "computed",
+        "tcp://10.0.0.1:1",
+        "alpha",
+        2,
+    )
+    assert (mug["wall_s"], mug["peak_memory_mb"], mug["fingerprint"]) == (2.5, 100.0, FINGERPRINTS[0])
+    assert (cup["outcome"], cup["error"], cup["remedy"]) == ("failed", "no faces", "Export it again.")
+    assert len(cup["detail"]) < 3000
+    assert lost["event"] == "lost"
+    assert (stage["kept"], stage["removed"]) == (7, ["dish"])
+    assert (end["tasks"], end["error"]) == (2, None)
+
+
+def test_a_record_tells_an_interrupted_run_and_survives_a_cut_line(tmp_path, monkeypatch):
+    monkeypatch.setenv(RUN_ID, new_run_id())
+    with pytest.raises(KeyboardInterrupt), RunRecord(tmp_path, ["views"]):
+        raise KeyboardInterrupt
+    (path,) = records(tmp_path)
+    assert read_record(path)[-1]["error"] == "KeyboardInterrupt: "
+    path.write_bytes(path.read_bytes() + b'{"event": "task", "obj')
+    with RunRecord(tmp_path, ["modes"]):
+        pass
+    assert [line["event"] for line in read_record(path)] == ["start", "end", "start", "end"]
+
+
+def test_records_are_capped_in_number_and_in_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_record, "MOST_RUNS", 3)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "views.jsonl").write_text("{}\n")
+    for day in range(1, 7):
+        (tmp_path / "runs" / f"2026010{day}T000000Z-00000000.jsonl").write_text("x" * 1000)
+    with RunRecord(tmp_path, ["views"]) as record:
+        pass
+    assert [path.name[:8] for path in records(tmp_path)][:2] == ["20260105", "20260106"]
+    assert records(tmp_path)[-1] == record.path
+    monkeypatch.setattr(run_record, "MOST_BYTES", 1500)
+    run_record.prune(tmp_path)
+    assert [path.name[:8] for path in records(tmp_path)][:-1] == ["20260106"]
+    monkeypatch.setattr(run_record, "MOST_BYTES", 1)
+    run_record.prune(tmp_path)
+    assert records(tmp_path) == [record.path]  # the last one stays
+    assert (tmp_path / "runs" / "views.jsonl").exists()
+
+
+def test_failures_are_found_again_by_fingerprint_within_their_run_only(tmp_path, monkeypatch):
+    monkeypatch.setenv(RUN_ID, "one")
+    failures = [Failure("cup", "no faces", "Export it again."), Failure("dish", "input missing")]
+    lines = [
+        {"object_id": "cup", "fingerprint": FINGERPRINTS[3], "outcome": "failed"},
+        {"object_id": "dish", "fingerprint": None, "outcome": "failed"},
+        {"object_id": "mug", "fingerprint": FINGERPRINTS[1], "outcome": "kept"},
+    ]
+    write_run(tmp_path, "views", lines, failures)
+    assert read_failures(tmp_path, "views") == failures
+    assert read_failures_by_fingerprint(tmp_path, "views") == {FINGERPRINTS[3]: failures[0]}
+    assert [
+        json.loads(line) for line in (tmp_path / "runs" / "views.jsonl").read_text().splitlines()
+    ] == lines
+    monkeypatch.setenv(RUN_ID, "two")
+    assert read_failures_by_fingerprint(tmp_path, "views") == {}
+    monkeypatch.delenv(RUN_ID)
+    assert read_failures_by_fingerprint(tmp_path, "views") == {}
+    assert read_failures(tmp_path, "modes") == []
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "runs").write_text("a file where a folder should be")
+    (tmp_path / ".objectfolder").write_text("the same")
+    with pytest.raises(SimulationError, match="cannot be written"):
+        RunRecord(tmp_path, ["views"])
+    with pytest.raises(SimulationError, match="nothing finished is lost"):
+        Costs(tmp_path, "views").add(outcome("mug"))
+    with pytest.raises(SimulationError, match="cannot be written"):
+        write_run(tmp_path, "views", [], [])
