@@ -16,13 +16,16 @@ import time
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from objectfolder.child_process import end_with
 from objectfolder.errors import InputError
 from objectfolder.provenance import code_identity
 from pipeline import memo, products
 from pipeline.task import Call, Outcome, Timed, failure_of
+
+if TYPE_CHECKING:  # what it imports is not needed by every child
+    from pipeline.shipping import Shipment
 
 LENGTH_BYTES = 8
 STALE = "stale"
@@ -98,11 +101,15 @@ def serve(guard: int, scratch: str) -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     code = _LoadedCode()
     while (call := receive(calls)) is not None:
-        answer = execute(call) if code.serves(call) else STALE
+        answer = _executed(call) if code.serves(call) else STALE
         sys.stdout.flush()
         send(answers, answer)
     answers.flush()
     os._exit(0)  # native libraries that crash while they are taken down have nothing left to lose
+
+
+def _executed(call: "Call | Shipment") -> Outcome:
+    return execute(call) if isinstance(call, Call) else call.run(execute)
 
 
 class _LoadedCode:
@@ -111,7 +118,7 @@ class _LoadedCode:
     def __init__(self) -> None:
         self._digests: dict[str, str] = {}
 
-    def serves(self, call: Call) -> bool:
+    def serves(self, call: "Call | Shipment") -> bool:
         """Whether a task's modules, here and on disk, are those that its fingerprint names, if any.
 
         On disk too, because a task may start processes of its own.

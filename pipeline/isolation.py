@@ -12,13 +12,16 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline import host_memory, scratch
 from pipeline.child import STALE, receive, send
 from pipeline.memory_watch import MemoryWatch, resident_bytes
 from pipeline.process_tree import descendants, of_session
 from pipeline.task import Call, Failure, Outcome
+
+if TYPE_CHECKING:
+    from pipeline.shipping import Shipment
 
 # One thread a task: with as many tasks as cores, more threads only wait for one another.
 THREADS = (
@@ -90,13 +93,13 @@ class Child:
         self.close()
         self._scratch.close()
 
-    def run(self, call: Call, expected_bytes: int = 0) -> Outcome:
+    def run(self, call: "Call | Shipment", expected_bytes: int = 0) -> Outcome:
         """Run a call; whatever happens to the child becomes a failure of this call alone.
 
         Parameters
         ----------
         call
-            What to run.
+            What to run, on files at hand or with products that travel through a store.
         expected_bytes
             Expected peak memory. Where its host runs short, a task far above this ends; 0 if not known.
 
@@ -141,7 +144,7 @@ class Child:
         """End the child; the next call starts another."""
         self._kill()
 
-    def _answer(self, call: Call, expected_bytes: int) -> tuple[Any, int]:
+    def _answer(self, call: "Call | Shipment", expected_bytes: int) -> tuple[Any, int]:
         """Return what a child answers, a `Failure` where it was too slow or too large, None where it died.
 
         Beside it, the peak memory that was seen.
