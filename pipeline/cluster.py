@@ -1,31 +1,24 @@
-"""Where calls run: a child process for one or two of them, else a Dask cluster.
-
-``DASK_SCHEDULER_ADDRESS`` names a running scheduler; else ``cluster/local.yaml`` (or the file that
-``OBJECTFOLDER_CLUSTER`` names) describes a cluster on this machine. Workers share the data folder.
-"""
+"""Who runs the tasks of a place: one child process for a single one, else a Dask cluster."""
 
 import contextlib
 import functools
-import logging
-import os
-import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from objectfolder.errors import SimulationError
+from pipeline import machine_cluster, scratch, tls
 from pipeline.crew import Crew
 from pipeline.dask_crew import DaskCrew, Patience
+from pipeline.dask_settings import settings
 from pipeline.environment_check import environment_of
-from pipeline.isolation import Child, ChildSettings
 from pipeline.local_crew import LocalCrew
-from pipeline.places import ADDRESS, Place, read_place
-from pipeline.task import Call, Failure, Outcome
+from pipeline.places import Place, read_place
 
-__all__ = ["Place", "crew", "read_place", "run_calls"]
+__all__ = ["Place", "crew", "read_place"]
 
-FEW = 1  # calls for which a cluster would cost more than it gives
-WINDOW = 2  # calls submitted for each worker: enough to keep it busy, few enough to keep the order
+FEW = 1  # jobs for which a cluster would cost more than it gives
+HERE = ("local", "cuda")  # kinds whose workers are this installation by construction
+SOON_S = 120.0  # within which workers that are not queued for are there
 
 
 @contextlib.contextmanager
@@ -39,135 +32,67 @@ def crew(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = ()
     root
         The data folder, absolute.
     jobs_at_most
-        Jobs that there will be: no more workers are started, and no cluster for a single one.
+        Jobs that there will be: no more workers are started, and no cluster for a single one here.
     stages
         Stages (`pipeline.stage.Stage`) to be run: what workers from elsewhere must have the code of.
     """
-    import dask
-
-    address = os.environ.get(ADDRESS)
-    if jobs_at_most <= FEW and not address:
-        with LocalCrew(root, place.child) as alone:
+    if jobs_at_most <= FEW and place.kind == "local":
+        with LocalCrew(root, place.child, place.memory_gb) as alone:
             yield alone
         return
-    with dask.config.set(place.dask), contextlib.ExitStack() as stack:
-        patience = Patience()
-        wanted = None
-        if address:
-            wanted = environment_of(stages)
-        else:
-            cluster = stack.enter_context(_local_cluster(place, jobs_at_most))
-            address = cluster.scheduler_address
-            patience = Patience(workers_s=120.0)
-        connect = functools.partial(_connected, address)
-        yield stack.enter_context(DaskCrew(connect, root, place.child, wanted, None, patience))
+    with contextlib.ExitStack() as stack:
+        dask_files = scratch.Scratch("dask")
+        stack.callback(dask_files.close)
+        stack.enter_context(settings({"temporary-directory": str(dask_files.path), **place.dask}))
+        certificates = _certificates(place, root)
+        security = tls.security(certificates) if certificates else None
+        address = stack.enter_context(_started(place, root, jobs_at_most, security, certificates))
+        tls.warn_if_open(address, certificates)
+        workers_s = place.workers_within_s
+        if workers_s is None and place.kind in (*HERE, "ssh"):
+            workers_s = SOON_S
+        yield stack.enter_context(
+            DaskCrew(
+                functools.partial(_connected, address, security),
+                root,
+                place.child,
+                None if place.kind in HERE else environment_of(stages),
+                place.memory_gb,
+                Patience(place.reconnect_s, workers_s, place.pools_within_s),
+            )
+        )
 
 
-def _connected(address: str, seconds: float) -> Any:
+def _certificates(place: Place, root: Path) -> Path | None:
+    """Return the folder of the certificates, made at need by who starts the scheduler; None for no TLS."""
+    folder = tls.folder_of(root, place.tls)
+    if folder is not None and place.kind not in ("address", "kubernetes"):
+        tls.make(folder)
+    return folder
+
+
+def _started(
+    place: Place, root: Path, jobs_at_most: int, security: Any, certificates: Path | None
+) -> contextlib.AbstractContextManager[str]:
+    if place.kind == "address":
+        assert place.address is not None
+        return contextlib.nullcontext(place.address)
+    if place.kind == "ssh":
+        from pipeline import ssh_cluster
+
+        return ssh_cluster.start(place, root, jobs_at_most, security, certificates)
+    if place.kind == "slurm":
+        from pipeline import slurm_cluster
+
+        return slurm_cluster.start(place, root, jobs_at_most, security)
+    if place.kind == "kubernetes":
+        from pipeline import kubernetes_cluster
+
+        return kubernetes_cluster.start(place, jobs_at_most, security)
+    return machine_cluster.start(place, jobs_at_most, security)
+
+
+def _connected(address: str, security: Any, seconds: float) -> Any:
     from distributed import Client
 
-    return Client(address, timeout=seconds, set_as_default=False)
-
-
-def _local_cluster(place: Place, jobs_at_most: int) -> Any:
-    from dask.system import CPU_COUNT
-    from distributed import LocalCluster
-
-    return LocalCluster(
-        n_workers=min(place.workers or CPU_COUNT, jobs_at_most),
-        threads_per_worker=1,
-        memory_limit=0,  # the memory is the children's, which the nanny does not see
-        host="127.0.0.1",
-        dashboard_address=os.environ.get("OBJECTFOLDER_DASHBOARD", "127.0.0.1:0"),
-        silence_logs=logging.ERROR,
-    )
-
-
-def run_calls(calls: Sequence[Call], place: Place, root: Path) -> Iterator[Outcome]:
-    """Run calls in the order given, as far as workers are free; yield outcomes as they come.
-
-    Raises
-    ------
-    SimulationError
-        The cluster is lost. What is finished stays finished.
-    """
-    if len(calls) <= FEW and not os.environ.get(ADDRESS):
-        with Child(root, place.child) as child:
-            for call in calls:
-                yield child.run(call)
-        return
-    yield from _run_on_dask(calls, place, root)
-
-
-def _run_on_dask(calls: Sequence[Call], place: Place, root: Path) -> Iterator[Outcome]:
-    import dask
-    from distributed import CancelledError, as_completed
-    from distributed.scheduler import KilledWorker
-
-    with dask.config.set(place.dask), _client(place, len(calls)) as client:
-        waiting = iter(calls)
-        running: dict[str, Call] = {}
-
-        def submit_next() -> Any:
-            call = next(waiting, None)
-            if call is None:
-                return None
-            key = f"{call.stage}-{call.request.object_id}-{call.fingerprint[:8]}"
-            running[key] = call
-            return client.submit(_run_call, call, place.child, root, key=key, pure=False)
-
-        workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-        window = (submit_next() for _ in range(WINDOW * workers))
-        completed = as_completed([future for future in window if future is not None], loop=client.loop)
-        for future in completed:
-            call = running.pop(future.key)
-            try:
-                outcome = future.result()
-            except KilledWorker:
-                remedy = "Out of memory, most likely: run fewer workers."
-                lost = Failure(call.request.object_id, "the workers that ran it were killed", remedy)
-                outcome = Outcome(call.request.object_id, lost)
-            except CancelledError as error:
-                finding = "the scheduler is gone"
-                raise SimulationError("cluster", finding, "Run again: nothing finished is lost.") from error
-            future.release()
-            if (more := submit_next()) is not None:
-                completed.add(more)
-            yield outcome
-
-
-@contextlib.contextmanager
-def _client(place: Place, calls: int) -> Iterator[Any]:
-    from dask.system import CPU_COUNT
-    from distributed import Client, LocalCluster
-
-    address = os.environ.get(ADDRESS)
-    if address:
-        with Client(address, set_as_default=False) as client:
-            client.wait_for_workers(1)
-            yield client
-        return
-    workers = min(place.workers or CPU_COUNT, calls)
-    with (
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            memory_limit=0,  # the memory is the children's, which the nanny does not see
-            host="127.0.0.1",
-            dashboard_address=os.environ.get("OBJECTFOLDER_DASHBOARD", "127.0.0.1:0"),
-            silence_logs=logging.ERROR,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
-
-
-_own = threading.local()
-
-
-def _run_call(call: Call, settings: ChildSettings, root: Path) -> Outcome:
-    child = getattr(_own, "child", None)
-    if child is None:
-        child = _own.child = Child(root, settings)
-    outcome: Outcome = child.run(call)
-    return outcome
+    return Client(address, timeout=seconds, security=security, set_as_default=False)

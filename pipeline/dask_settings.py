@@ -1,5 +1,6 @@
 """How Dask is set wherever it runs for this project: driver, scheduler, workers."""
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,7 +20,13 @@ DEFAULTS: Mapping[str, Any] = {
 
 
 def settings(own: Mapping[str, Any] | None = None) -> Any:
-    """Return a context in which these settings hold, those of a place above them."""
+    """Return a context in which these settings hold; ``DASK_...`` variables and those of a place go first."""
     import dask
 
-    return dask.config.set({**DEFAULTS, **(own or {})})
+    free = {key: value for key, value in DEFAULTS.items() if _variable(key) not in os.environ}
+    return dask.config.set({**free, **(own or {})})
+
+
+def _variable(key: str) -> str:
+    """Return the environment variable from which Dask reads a setting."""
+    return f"DASK_{key.upper().replace('.', '__').replace('-', '_')}"

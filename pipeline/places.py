@@ -155,7 +155,8 @@ class Place:
     address
         Of a running scheduler.
     listen
-        Address at which scheduler and workers listen: an IP address or a name of this machine.
+        Address at which scheduler and workers of this machine listen; None for the one by which others
+        reach it.
     port
         Of the scheduler; 0 for any that is free.
     dashboard
@@ -180,7 +181,7 @@ class Place:
     workers: int | None = None
     memory_gb: float | None = None
     address: str | None = None
-    listen: str = LOOPBACK
+    listen: str | None = LOOPBACK
     port: int = 0
     dashboard: str = f"{LOOPBACK}:0"
     tls: bool = False

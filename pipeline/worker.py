@@ -40,6 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--listen", metavar="HOST", help="own address (default: the one that faces the scheduler)"
     )
     parser.add_argument("--scratch", type=Path, metavar="DIR", help="folder for temporary files")
+    parser.add_argument("--name", help="name of the worker, if it is one")
+    parser.add_argument("--end-with-input", action="store_true", help="stop when standard input ends")
     parser.add_argument(
         "--gone-after",
         type=float,
@@ -66,6 +68,8 @@ async def _work(options: argparse.Namespace, security: Any) -> int:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         loop.add_signal_handler(number, stop.set)
+    if options.end_with_input:
+        loop.add_reader(sys.stdin.fileno(), lambda: None if os.read(sys.stdin.fileno(), 4096) else stop.set())
     count = options.workers or len(os.sched_getaffinity(0))
     keepers = [asyncio.create_task(_keep(options, security, stop)) for _ in range(count)]
     await asyncio.gather(*keepers)
@@ -81,6 +85,7 @@ async def _keep(options: argparse.Namespace, security: Any, stop: asyncio.Event)
             async with Nanny(
                 options.address,
                 nthreads=1,
+                name=options.name,
                 memory_limit=0,
                 host=options.listen,
                 security=security,
