@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
 from objectfolder.geometry.source_files import source_files
@@ -85,6 +86,16 @@ class Shipment:
     def stage(self) -> str:
         """Name of the stage."""
         return self.call.stage
+
+    @property
+    def task(self) -> str:
+        """``module:function`` of the task body."""
+        return self.call.task
+
+    @property
+    def parts(self) -> Mapping[str, Any]:
+        """Parts of the fingerprint."""
+        return self.call.parts
 
     def run(self, execute: Callable[[Call], Outcome]) -> Outcome:
         """Fetch inputs, run the call in this process, and put its products into the store, last of all.

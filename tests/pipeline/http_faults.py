@@ -22,7 +22,7 @@ KINDS = (
     "request cut",
     "answer cut",
 )
-BODIES = {"500": "InternalError", "503": "SlowDown"}
+BODIES = {"403": "AccessDenied", "500": "InternalError", "503": "SlowDown"}
 HOP = {"connection", "keep-alive", "transfer-encoding", "content-length"}
 
 
@@ -44,8 +44,13 @@ class Proxy:
     """
 
     def __init__(
-        self, upstream: str, rate: float = 0.0, seed: int = 0, late_s: float = 2.0, kinds: tuple[str, ...] = KINDS
-    ) -> None:  # fmt: skip
+        self,
+        upstream: str,
+        rate: float = 0.0,
+        seed: int = 0,
+        late_s: float = 2.0,
+        kinds: tuple[str, ...] = KINDS,
+    ) -> None:
         self.host = urlsplit(upstream).netloc
         self.rate = rate
         self.late_s = late_s
@@ -54,7 +59,8 @@ class Proxy:
         self.faults: Counter[str] = Counter()  # by kind
         self.bytes_up = self.bytes_down = 0
         self.refuse = False  # as a server that is down
-        self.after: Callable[[str, str], None] = lambda method, path: None
+        self.after_fault: Callable[[], object] = lambda: None
+        self.refused: Callable[[], object] = lambda: None
         self._chance = random.Random(seed)
         self._lock = threading.Lock()
 
@@ -64,6 +70,7 @@ class Proxy:
             kind = self._chance.choice(self.kinds) if self._chance.random() < self.rate else ""
             if kind:
                 self.faults[kind] += 1
+                self.after_fault()
             return kind
 
     def cut(self, length: int) -> int:
@@ -102,10 +109,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def pass_on(self) -> None:
         length = int(self.headers.get("Content-Length") or 0)
-        if self.headers.get("Expect", "").lower() == "100-continue":
-            pass  # `parse_request` has answered
-        body = self.rfile.read(length)
+        body = self.rfile.read(length)  # "Expect: 100-continue" was answered before
         if self.proxy.refuse:
+            self.proxy.refused()
             return self.reset()
         kind = self.proxy.fault(self.command)
         if kind in BODIES:
@@ -117,7 +123,6 @@ class _Handler(BaseHTTPRequestHandler):
             return self.reset()
         status, headers, answer = self.ask(body)
         self.proxy.passed(length, len(answer))
-        self.proxy.after(self.command, self.path)
         if kind == "500 after":
             return self.fail("500")
         if kind == "reset after":
@@ -164,15 +169,11 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.flush()
             self.close_connection = True
 
-    def fail(self, status: str) -> None:
-        text = (
-            f"<?xml version='1.0'?><Error><Code>{BODIES[status]}</Code><Message>try again</Message></Error>"
-        )
+    def fail(self, kind: str) -> None:
+        text = f"<Error><Code>{BODIES[kind]}</Code><Message>by the proxy</Message></Error>".encode()
         self.length = str(len(text))
-        self.answer(
-            int(status), [("Content-Type", "application/xml")], b"" if self.command == "HEAD" else text.encode(),
-            len(text),
-        )  # fmt: skip
+        content = b"" if self.command == "HEAD" else text
+        self.answer(int(kind), [("Content-Type", "application/xml")], content, len(text))
 
     def reset(self) -> None:
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))

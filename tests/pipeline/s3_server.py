@@ -5,6 +5,7 @@ make can take the place of moto's: ``OBJECTFOLDER_TEST_S3=http://127.0.0.1:PORT`
 """
 
 import contextlib
+import functools
 import logging
 import os
 import sys
@@ -48,6 +49,7 @@ def serving() -> Iterator[str]:
         server.stop()
 
 
+@functools.cache
 def client(address: str):
     """A plain client of another library than the one under test."""
     boto3 = pytest.importorskip("boto3")
