@@ -1,48 +1,49 @@
-"""``python -m pipeline STAGE``: what ``dvc.yaml`` runs, and the few commands around it."""
+"""``python -m pipeline COMMAND``: what ``dvc.yaml`` runs, and the few commands around it."""
 
 import argparse
+import importlib
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from objectfolder.errors import ObjectFolderError
-from pipeline import selection
-from pipeline.cluster import crew, read_place
-from pipeline.converge import converge
-from pipeline.parameters import read_parameters
-from pipeline.progress import failure_table
-from pipeline.records import read_records, read_table, write_records
-from pipeline.run_log import costs_path, read_failures
-from pipeline.stages import FIDELITY, OBJECT_FILES, STAGES
-from pipeline.task import Failure
+
+if TYPE_CHECKING:
+    from pipeline.task import Failure
 
 PARAMETERS = "params.yaml"
 STARTER = "data/starter"
 REPORTS = "reports"
+PLACE = "OBJECTFOLDER_CLUSTER"
+
+STAGE_NAMES = ("objects", "views", "modes", "touches", "encode", "fidelity")
+# Commands with options of their own, by the module that has them: `add_arguments` and `main`.
+MODULES = {
+    "scheduler": ("pipeline.scheduler", "run a scheduler that workers and drivers come to"),
+    "worker": ("pipeline.worker", "work for a scheduler"),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command in the current folder; return its exit code."""
-    options = _parser().parse_args(arguments)
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    options = _parser(arguments[:1]).parse_args(arguments)
     root = Path.cwd()
     try:
-        if options.command in STAGES:
-            return converge_stages(root, [options.command])
-        if options.command == "products":
-            return converge_stages(root, list(STAGES))
-        if options.command == "starter":
-            return make_starter_set(root)
-        if options.command == "report":
-            return make_report(root)
+        if options.command in MODULES:
+            module = importlib.import_module(MODULES[options.command][0])
+            return int(module.main(options))
+        if getattr(options, "cluster", None):
+            os.environ[PLACE] = options.cluster
         if options.command == "select":
-            changes = selection.select(root / PARAMETERS, options.objects, options.only)
-            print("\n".join(changes))
-            return 0
-        if options.command == "dataset":
-            return make_dataset(root)
-        return show_failures(root)
+            return select(root, options.objects, options.only)
+        if options.command == "failures":
+            return show_failures(root)
+        return _run(root, options.command)
     except ObjectFolderError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -51,8 +52,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
+def _run(root: Path, command: str) -> int:
+    """Run what changes the data set, one at a time."""
+    from pipeline.exclusive import exclusive
+
+    names = {"products": "all products", "dataset": "the data set"}
+    with exclusive(root, names.get(command, f"stage {command}")):
+        if command == "starter":
+            return make_starter_set(root)
+        if command == "report":
+            return make_report(root)
+        if command == "dataset":
+            return make_dataset(root)
+        return converge_stages(root, STAGE_NAMES if command == "products" else [command])
+
+
 def converge_stages(root: Path, names: Sequence[str]) -> int:
     """Converge stages over all objects; return 1 where one does not stand."""
+    from pipeline.cluster import crew, read_place
+    from pipeline.converge import converge
+    from pipeline.parameters import read_parameters
+    from pipeline.records import read_records, read_table, write_records
+    from pipeline.stages import STAGES
+
     parameters = read_parameters(root / PARAMETERS)
     if "objects" in names:
         records = read_table(root, parameters.objects)
@@ -72,6 +94,14 @@ def converge_stages(root: Path, names: Sequence[str]) -> int:
     return max(summary.exit_code(parameters.allow_failures) for summary in summaries)
 
 
+def select(root: Path, objects: str | None, only: str | None) -> int:
+    """Choose objects in ``params.yaml``; say what changed."""
+    from pipeline import selection
+
+    print("\n".join(selection.select(root / PARAMETERS, objects, only)))
+    return 0
+
+
 def make_starter_set(root: Path) -> int:
     """Write the meshes and textures of the starter set."""
     from objectfolder.geometry.starter.write import write_starter_set
@@ -83,6 +113,8 @@ def make_starter_set(root: Path) -> int:
 def make_report(root: Path) -> int:
     """Write the tables and the page of the data set."""
     from pipeline.report import write_report
+    from pipeline.run_log import costs_path
+    from pipeline.stages import FIDELITY
 
     failures = [
         {"object": failure.object_id, "stage": stage, "error": failure.error, "remedy": failure.remedy}
@@ -93,11 +125,21 @@ def make_report(root: Path) -> int:
 
 
 def make_dataset(root: Path) -> int:
-    """Run ``dvc repro``, trying again what failed the last time; say what failed and where the report is."""
-    command = [sys.executable, "-m", "dvc", "repro"]
-    if all_failures(root):
-        command.append("--force")  # what is finished is kept all the same
-    code = subprocess.run(command, cwd=root, check=False).returncode
+    """Make all products with no barrier between stages, then let DVC see, report and record them."""
+    from pipeline.run_log import RUN_ID
+    from pipeline.run_record import new_run_id
+    from pipeline.stages import OBJECT_FILES
+
+    os.environ[RUN_ID] = new_run_id()  # of one run: what fails in the flow is not tried again by DVC's stages
+    dvc = [sys.executable, "-m", "dvc", "repro"]
+    failed_before = bool(all_failures(root))
+    code = subprocess.run([*dvc, "--quiet", "starter"], cwd=root, check=False).returncode
+    if code:
+        return code
+    converge_stages(root, STAGE_NAMES)
+    if failed_before or all_failures(root):
+        dvc.append("--force")  # what is finished is kept all the same
+    code = subprocess.run(dvc, cwd=root, check=False).returncode
     failed = show_failures(root)
     if code == 0:
         print(f"Object Files: {OBJECT_FILES.folder}/\nReport:       {REPORTS}/index.html")
@@ -106,37 +148,53 @@ def make_dataset(root: Path) -> int:
 
 def show_failures(root: Path) -> int:
     """Print what failed in the last run of each stage; return 1 if anything did."""
-    failures = [
-        Failure(failure.object_id, f"{stage}: {failure.error}", failure.remedy)
-        for stage, failure in all_failures(root)
-    ]
+    from pipeline.progress import failure_table
+
+    failures = [replace(failure, error=f"{stage}: {failure.error}") for stage, failure in all_failures(root)]
     if failures:
         print(failure_table(failures))
     return 1 if failures else 0
 
 
-def all_failures(root: Path) -> list[tuple[str, Failure]]:
+def all_failures(root: Path) -> list[tuple[str, "Failure"]]:
     """Return the first failure of each object in the last runs, with its stage; paths from `root`."""
+    from pipeline.run_log import read_failures
+
     first: dict[str, tuple[str, Failure]] = {}
-    for stage in STAGES:
+    for stage in STAGE_NAMES:
         for failure in read_failures(root, stage):
             error = failure.error.replace(f"{root}/", "")
             first.setdefault(failure.object_id, (stage, replace(failure, error=error)))
     return list(first.values())
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(chosen: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser; options of the module of the command `chosen` are read with it, no other's."""
     parser = argparse.ArgumentParser(prog="python -m pipeline", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name in ("starter", *STAGES, "report"):
-        commands.add_parser(name, help=f"run the stage {name}")
-    commands.add_parser("products", help="run all stages that make products, with no barrier between them")
+    for name in ("starter", *STAGE_NAMES, "report"):
+        _where(commands.add_parser(name, help=f"run the stage {name}"))
+    text = "run all stages that make products, with no barrier between them"
+    _where(commands.add_parser("products", help=text, description=text))
+    text = "make all products, run dvc repro, try failed objects again, say where the report is"
+    _where(commands.add_parser("dataset", help=text, description=text))
     choose = commands.add_parser("select", help="choose objects in params.yaml")
     choose.add_argument("--objects", help="table of objects, a CSV file")
     choose.add_argument("--only", help="ids with commas between them; empty for all")
-    commands.add_parser("dataset", help="run dvc repro, try failed objects again, say where the report is")
     commands.add_parser("failures", help="show what failed in the last runs; exit 1 if any did")
+    for name, (module, text) in MODULES.items():
+        command = commands.add_parser(name, help=text, description=text)
+        if [name] == list(chosen):
+            importlib.import_module(module).add_arguments(command)
     return parser
+
+
+def _where(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--cluster",
+        metavar="PLACE",
+        help=f"a name in cluster/, a YAML file or the address of a scheduler (default: {PLACE}, or local)",
+    )
 
 
 if __name__ == "__main__":

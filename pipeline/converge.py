@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline import memo
-from pipeline.crew import Crew, Job
+from pipeline.crew import Crew, Lost
 from pipeline.dispatch import Dispatch
 from pipeline.estimates import Estimates
 from pipeline.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
+from pipeline.flow_progress import FlowProgress
 from pipeline.parameters import Parameters
-from pipeline.progress import Progress, failure_table
-from pipeline.run_log import Costs, write_run
+from pipeline.progress import failure_table
+from pipeline.run_log import Costs, read_failures_by_fingerprint, write_run
+from pipeline.run_record import RunRecord
 from pipeline.stage import Row, Stage
 from pipeline.task import Failure
 from pipeline.verified import Verified
@@ -83,32 +85,51 @@ def converge(
     removed = {stage.name: _tidy(stage, root, rows) for stage in stages}
     verified = Verified(root)
     costs = {stage.name: Costs(root, stage.name) for stage in stages}
-    flow = Flow(stages, root, parameters, rows, verified, Estimates(root, parameters))
-    try:
-        jobs = flow.begin()
-        progress = {stage.name: _progress(stage, flow, jobs) for stage in stages}
-        if jobs:
-            with crew_for(flow.unsettled()) as crew:
-                dispatch = Dispatch(crew, flow.stands)
-                for job in jobs:
-                    dispatch.add(job)
-                for finished in dispatch.outcomes():
-                    stage_name = finished.job.call.stage
-                    if finished.outcome.failure is None and finished.outcome.wall_s > 0:
-                        costs[stage_name].add(finished.outcome)
-                    for job in flow.done(finished):
+    tried = {stage.name: read_failures_by_fingerprint(root, stage.name) for stage in stages}
+    progress = FlowProgress({stage.name: sorted(stage.follows) for stage in stages})
+    estimates = Estimates(root, parameters)
+    flow = Flow(stages, root, parameters, rows, verified, estimates, tried, progress.settle)
+    with RunRecord(root, [stage.name for stage in stages]) as record:
+        try:
+            jobs = flow.begin()
+            left = list(flow.unsettled())
+            for expected in left:
+                progress.expect(*expected)
+            if jobs:
+                with crew_for(len(left)) as crew:
+                    dispatch = Dispatch(crew, flow.stands)
+                    for job in jobs:
                         dispatch.add(job)
-                    progress[stage_name].add(finished.outcome)
-        for line in progress.values():
-            line.close()
-    finally:
-        verified.save()
-        memo.prune(root)
-    summaries = []
-    for stage in stages:
-        earlier = tuple(refused) if stage is stages[0] else ()
-        summaries.append(_summary(stage.name, flow, removed[stage.name], earlier))
-        _log(summaries[-1], root, flow.fingerprints(stage.name), costs[stage.name])
+                    progress.workers(0, len(crew.slots()))
+                    for event in dispatch.events():
+                        name = event.job.call.stage
+                        if isinstance(event, Lost):
+                            record.note("lost", task=event.job.key, slot=event.slot, reason=event.reason)
+                            continue
+                        if event.outcome.failure is None and event.outcome.wall_s > 0:
+                            costs[name].add(event.outcome)
+                        record.task(name, event.outcome, event.slot, event.host, event.tries)
+                        for job in flow.done(event):
+                            dispatch.add(job)
+                        progress.workers(dispatch.busy(), len(crew.slots()))
+        finally:
+            progress.close()
+            verified.save()
+            memo.prune(root)
+        summaries = []
+        for stage in stages:
+            earlier = tuple(refused) if stage is stages[0] else ()
+            summary = _summary(stage.name, flow, removed[stage.name], earlier)
+            _log(summary, root, flow.fingerprints(stage.name), costs[stage.name])
+            record.stage(
+                stage.name,
+                len(summary.kept),
+                len(summary.restored),
+                len(summary.computed),
+                len(summary.failures),
+                summary.removed,
+            )
+            summaries.append(summary)
     first: dict[str, Failure] = {}
     for summary in summaries:
         for failure in summary.failures:
@@ -129,13 +150,6 @@ def _tidy(stage: Stage, root: Path, rows: Mapping[str, Row]) -> tuple[str, ...]:
         for path in stage.targets(root, object_id):
             path.unlink(missing_ok=True)
     return tuple(unlisted)
-
-
-def _progress(stage: Stage, flow: Flow, jobs: Sequence[Job]) -> Progress:
-    outcomes = list(flow.outcomes(stage.name).values())
-    expected = {job.call.request.object_id: job.seconds for job in jobs if job.call.stage == stage.name}
-    failed = outcomes.count(FAILED)
-    return Progress(stage.name, len(outcomes) - failed, failed, expected)
 
 
 def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: tuple[Failure, ...]) -> Summary:

@@ -69,11 +69,25 @@ class Slot:
 
 @dataclass(frozen=True)
 class Finished:
-    """A job that ended in its slot, well or not."""
+    """A job that ended in its slot, well or not.
+
+    Parameters
+    ----------
+    job, slot
+        What ran where.
+    outcome
+        How it ended.
+    host
+        Whose slot it was, as far as known.
+    tries
+        How often it was started in all.
+    """
 
     job: Job
     slot: str
     outcome: Outcome
+    host: str = ""
+    tries: int = 1
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
 """Give jobs to a crew as slots become free, and hand on their outcomes."""
 
 import bisect
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from pipeline.crew import Crew, Finished, Job, Lost, Slot
-from pipeline.schedule import choose
+from pipeline.schedule import Needs, choose, order
 from pipeline.task import Failure, Outcome
 
 MOST_LOSSES = 2  # slots or processes that a job may lose before it counts as the reason
@@ -26,16 +26,17 @@ class Dispatch:
     def __init__(self, crew: Crew, stands: Callable[[Job], bool] = lambda job: False) -> None:
         self._crew = crew
         self._stands = stands
-        self._waiting: list[Job] = []
+        self._waiting: dict[Needs, list[Job]] = defaultdict(list)  # each in `order`; none empty
         self._running: dict[str, tuple[Job, Slot]] = {}  # by slot
+        self._tries: Counter[str] = Counter()
         self._losses: Counter[str] = Counter()
 
     def add(self, job: Job) -> None:
         """Let a job wait for a slot, those with the longest chain behind them first."""
-        bisect.insort(self._waiting, job, key=lambda job: (-job.path_seconds, job.key))
+        bisect.insort(self._waiting[job.needs], job, key=order)
 
-    def outcomes(self) -> Iterator[Finished]:
-        """Yield what ends, until nothing waits and nothing runs.
+    def events(self) -> Iterator[Finished | Lost]:
+        """Yield what ends and what is lost, until nothing waits and nothing runs.
 
         A job whose slot or process was lost is tried again; one that lost `MOST_LOSSES` of them failed,
         and so did one that no slot there is can run.
@@ -48,32 +49,40 @@ class Dispatch:
                 if not self._waiting:
                     continue
             for event in self._crew.wait():
-                self._running.pop(event.slot, None)
-                if isinstance(event, Finished):
+                _, slot = self._running.pop(event.slot, (None, None))
+                if isinstance(event, Lost):
                     yield event
-                elif (given_up := self._after_loss(event)) is not None:
-                    yield given_up
+                    ended = self._after_loss(event)
+                else:
+                    ended = event
+                if ended is not None:
+                    host = slot.host if slot else ""
+                    yield replace(ended, host=host, tries=self._tries.pop(ended.job.key, 1))
+
+    def busy(self) -> int:
+        """Return how many jobs run."""
+        return len(self._running)
 
     def _start(self, slots: Mapping[str, Slot]) -> None:
-        free = {name: slot for name, slot in slots.items() if name not in self._running}
-        if not free or not self._waiting:
+        if not self._waiting or slots.keys() <= self._running.keys():
             return
-        left = dict(self._crew.memory_bytes())
-        for job, slot in self._running.values():
-            if slot.host in left:
-                left[slot.host] -= job.memory_bytes
-        busy = frozenset(slot.host for _, slot in self._running.values())
-        for job, name in choose(self._waiting, free, left, busy):
-            self._waiting.remove(job)
+        for job, name in choose(self._waiting, slots, self._running, self._crew.memory_bytes()):
+            self._take(job)
             self._running[name] = (job, slots[name])
+            self._tries[job.key] += 1
             self._crew.start(job, name)
+
+    def _take(self, job: Job) -> None:
+        jobs = self._waiting[job.needs]
+        del jobs[bisect.bisect_left(jobs, order(job), key=order)]
+        if not jobs:
+            del self._waiting[job.needs]
 
     def _refuse(self, slots: Mapping[str, Slot]) -> Iterator[Finished]:
         """End the jobs that need what no slot offers or is to offer."""
         offers = frozenset().union(*(slot.offers for slot in slots.values()))
-        still = {needs: self._crew.may_still_offer(needs) for needs in {job.needs for job in self._waiting}}
-        refused = [job for job in self._waiting if not still[job.needs]]
-        self._waiting = [job for job in self._waiting if still[job.needs]]
+        hopeless = [needs for needs in self._waiting if not self._crew.may_still_offer(needs)]
+        refused = [job for needs in hopeless for job in self._waiting.pop(needs)]
         for job in refused:
             missing = ", ".join(sorted(job.needs - offers)) or "all it needs in one place"
             remedy = "Add workers that do (the place in cluster/ says what they offer)."

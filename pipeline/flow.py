@@ -1,6 +1,6 @@
 """What is left to do for each object, stage after stage, as the products it needs come to be."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from objectfolder.errors import InputError
@@ -13,6 +13,7 @@ from pipeline.stage import Prepared, Row, Stage
 from pipeline.task import Call, Failure, failure_of
 from pipeline.verified import Verified
 
+OnSettled = Callable[[str, str, str, float], None]
 KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
 
 
@@ -33,6 +34,10 @@ class Flow:
         Which products were checked whole.
     estimates
         What tasks are expected to cost.
+    tried
+        By stage and fingerprint, what failed earlier in this very run and is not tried again.
+    on_settled
+        Told of each object that is settled in a stage, and the wall seconds of its task, 0 if none ran.
     """
 
     def __init__(
@@ -43,6 +48,8 @@ class Flow:
         rows: Mapping[str, Row],
         verified: Verified,
         estimates: Estimates,
+        tried: Mapping[str, Mapping[str, Failure]],
+        on_settled: OnSettled = lambda stage, object_id, outcome, seconds: None,
     ) -> None:
         self._stages = {stage.name: stage for stage in stages}
         self._root = root
@@ -50,6 +57,8 @@ class Flow:
         self._rows = rows
         self._verified = verified
         self._estimates = estimates
+        self._tried = tried
+        self._on_settled = on_settled
         self._outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
         self._failures: dict[str, dict[str, Failure]] = {name: {} for name in self._stages}
         self._fingerprints: dict[str, dict[str, str]] = {name: {} for name in self._stages}
@@ -65,11 +74,12 @@ class Flow:
         object_id = call.request.object_id
         self._running.discard((call.stage, object_id))
         if finished.outcome.failure is None:
-            self._outcomes[call.stage][object_id] = COMPUTED
             for path in call.targets:
                 self._verified.add(path, call.fingerprint)
+            self._settle(call.stage, object_id, COMPUTED, finished.outcome.wall_s)
         else:
-            self._fail(self._stages[call.stage], object_id, finished.outcome.failure)
+            stage = self._stages[call.stage]
+            self._fail(stage, object_id, finished.outcome.failure, finished.outcome.wall_s)
         return self._advance(object_id)
 
     def stands(self, job: Job) -> bool:
@@ -79,9 +89,12 @@ class Flow:
             memo.memo_folder(self._root, call.fingerprint), call.fingerprint, call.targets
         )
 
-    def unsettled(self) -> int:
-        """Return how many products are still to be made or looked at."""
-        return sum(len(self._rows) - len(outcomes) for outcomes in self._outcomes.values())
+    def unsettled(self) -> Iterator[tuple[str, str, float]]:
+        """Yield stage, object and expected wall seconds of what is still to be made or looked at."""
+        for name, outcomes in self._outcomes.items():
+            for object_id in self._rows:
+                if object_id not in outcomes:
+                    yield name, object_id, self._estimates.of(name, object_id, None).wall_s
 
     def outcomes(self, stage: str) -> Mapping[str, str]:
         """Return `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` by object, for those settled."""
@@ -121,11 +134,13 @@ class Flow:
         targets = stage.targets(self._root, object_id)
         folder = memo.memo_folder(self._root, wanted)
         if all(self._verified.holds(path, wanted) for path in targets):
-            self._outcomes[stage.name][object_id] = KEPT
+            self._settle(stage.name, object_id, KEPT)
         elif memo.restore(folder, wanted, targets):
-            self._outcomes[stage.name][object_id] = RESTORED
             for path in targets:
                 self._verified.add(path, wanted)
+            self._settle(stage.name, object_id, RESTORED)
+        elif (failure := self._tried[stage.name].get(wanted)) is not None:
+            self._fail(stage, object_id, failure)
         else:
             provenance = {
                 **prepared.parts,
@@ -160,9 +175,13 @@ class Flow:
             default=0.0,
         )
 
-    def _fail(self, stage: Stage, object_id: str, failure: Failure) -> None:
+    def _settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
+        self._outcomes[stage][object_id] = outcome
+        self._on_settled(stage, object_id, outcome, seconds)
+
+    def _fail(self, stage: Stage, object_id: str, failure: Failure, seconds: float = 0.0) -> None:
         """Note a failure; what its former self left goes."""
-        self._outcomes[stage.name][object_id] = FAILED
+        self._settle(stage.name, object_id, FAILED, seconds)
         self._failures[stage.name][object_id] = failure
         for path in stage.targets(self._root, object_id):
             path.unlink(missing_ok=True)
