@@ -5,6 +5,7 @@ the first depend on neither the table's place nor columns that mean nothing to t
 """
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ from pipeline.task import Failure, failure_of
 
 MATERIALS = Path("data/materials.csv")
 RECORDS = Path("data/records.json")
+# As the table's own check: an id names files, and must not lead out of their folder.
+SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
 
 
 @dataclass(frozen=True)
@@ -81,8 +84,12 @@ def read_records(root: Path) -> Records:
     """
     try:
         content = json.loads((root / RECORDS).read_text(encoding="utf-8"))
-        return Records(content["objects"], tuple(Failure(**entry) for entry in content["refused"]))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        rows = content["objects"]
+        for object_id, row in rows.items():
+            if not SAFE_ID.fullmatch(object_id) or not isinstance(row, dict):
+                raise ValueError(f"{object_id!r} is no id, or has no record")
+        return Records(rows, tuple(Failure(**entry) for entry in content["refused"]))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(str(RECORDS), f"cannot be read ({error})", "Run the stage `objects`.") from error
 
 
