@@ -22,6 +22,7 @@ DEFAULTS: Mapping[str, Any] = {
 def settings(own: Mapping[str, Any] | None = None) -> Any:
     """Return a context in which these settings hold; ``DASK_...`` variables and those of a place go first."""
     import dask
+    import distributed  # noqa: F401  (its defaults must be there before, or they would go with the context)
 
     free = {key: value for key, value in DEFAULTS.items() if _variable(key) not in os.environ}
     return dask.config.set({**free, **(own or {})})

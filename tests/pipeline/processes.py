@@ -1,0 +1,94 @@
+"""Schedulers and workers as processes of their own, as the commands start them."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+from toys import REPOSITORY, Toys
+
+from pipeline.crew import Job
+from pipeline.task import Call, Request
+
+LIMIT_S = float(os.environ.get("OBJECTFOLDER_TEST_LIMIT_S", "180"))
+
+
+def job(toys: Toys, name: str, body: str = "1.0", needs: frozenset[str] = frozenset()) -> Job:
+    """A job of the toys' first stage; `body` is the mesh, poison included."""
+    toys.add(name, body)
+    request = Request(name, {"mesh": toys.rows[name]["mesh"]}, {}, {}, 0)
+    call = Call("ingest", toys.ingest.task, request, toys.ingest.targets(toys.root, name), "0" * 64, {})
+    return Job(call, needs=needs)
+
+
+def until(crew, wanted: Callable[[list], object], limit_s: float = LIMIT_S) -> list:
+    """Wait with the crew until `wanted(events so far)`; return the events."""
+    events: list = []
+    deadline = time.monotonic() + limit_s
+    while not wanted(events):
+        assert time.monotonic() < deadline, (events, crew.slots(), vars(crew))
+        events.extend(crew.wait())
+    return events
+
+
+def eventually(condition: Callable[[], object], limit_s: float = LIMIT_S) -> None:
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, condition
+        time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def command(folder: Path, *arguments: str, **environment: str) -> Iterator[subprocess.Popen]:
+    """Run ``python -m pipeline ...`` in a folder until the context ends; its output is in ``NAME.log``."""
+    log = folder / f"{arguments[0]}.log"
+    path = os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")])
+    with open(log, "a") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pipeline", *arguments],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": path, **environment},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    try:
+        yield process
+    finally:
+        offspring = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+        process.terminate()
+        try:
+            process.wait(60)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        for left in psutil.wait_procs(offspring, timeout=30)[1]:
+            left.kill()
+
+
+@contextlib.contextmanager
+def scheduler(folder: Path, port: int = 0, *arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
+    """Run a scheduler; yield its address and its process."""
+    log = folder / "scheduler.log"
+    seen = log.read_text().count("scheduler at ") if log.exists() else 0
+    options = ("--port", str(port), "--dashboard", "127.0.0.1:0", *arguments)
+    with command(folder, "scheduler", *options) as process:
+
+        def address() -> str:
+            assert process.poll() is None, log.read_text()
+            found = [line for line in log.read_text().splitlines() if line.startswith("scheduler at ")]
+            return found[-1].split()[-1] if len(found) > seen else ""
+
+        eventually(address)
+        yield address(), process
+
+
+def kill(process: subprocess.Popen) -> None:
+    process.send_signal(signal.SIGKILL)
+    process.wait()
