@@ -34,7 +34,7 @@ def main() -> None:
                 else None
             )
             load = loads.of(cost.stage, cost.object_id, size)
-            made = product_bytes(root, cost.stage, cost.object_id)
+            made = product_bytes(root, STAGES[cost.stage], cost.object_id)
             costs[cost.object_id, cost.stage] = replace(cost, load=load, product_bytes=made)
     order = list(STAGES)
     rows = sorted(costs.values(), key=lambda cost: (order.index(cost.stage), cost.object_id))

@@ -89,20 +89,37 @@ class PowerLaw:
 
 @dataclass(frozen=True)
 class Model:
-    """What tasks of a stage take, by their load; `spread` times their seconds are exceeded by few."""
+    """What tasks of a stage take, by their load.
+
+    Parameters
+    ----------
+    wall, cpu
+        Seconds: the median.
+    memory
+        Bytes that few exceed.
+    spread, mean, deviation
+        Of the ratio of a task's seconds to the median at its load: what few exceed, mean, and standard
+        deviation.
+    product_bytes
+        The median.
+    rows
+        Tasks it was fitted to.
+    """
 
     wall: PowerLaw
     cpu: PowerLaw
     memory: PowerLaw
     spread: float = 1.0
+    mean: float = 1.0
+    deviation: float = 0.0
     product_bytes: int = 0
+    rows: int = 1
 
     def of(self, load: float | None) -> Estimate:
         """Return what a task with this load is expected to take."""
         wall_s = self.wall.of(load)
-        return Estimate(
-            wall_s, self.cpu.of(load), self.spread * wall_s, int(self.memory.of(load)), self.product_bytes
-        )
+        memory_bytes = int(self.memory.of(load))
+        return Estimate(wall_s, self.cpu.of(load), self.spread * wall_s, memory_bytes, self.product_bytes)
 
 
 class Estimates:
@@ -139,9 +156,7 @@ class Estimates:
             Bytes of the first file it reads (the mesh for the first stage, else the object's product); None
             where that does not exist yet.
         """
-        if stage not in self._models:
-            self._models[stage] = self._fitted(stage)
-        model = self._models[stage]
+        model = self.model(stage)
         if model is None:
             seconds = UNKNOWN_SECONDS_A_BYTE * (size_bytes or 0)
             return Estimate(seconds, seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
@@ -152,6 +167,12 @@ class Estimates:
         if stage == RENDERING:
             memory = max(memory, int(model.memory.level))
         return Estimate(own.wall_s, own.cpu_s, own.wall_s, memory, model.product_bytes, known=True)
+
+    def model(self, stage: str) -> Model | None:
+        """Return what is known of the tasks of a stage; None for nothing."""
+        if stage not in self._models:
+            self._models[stage] = self._fitted(stage)
+        return self._models[stage]
 
     def _fitted(self, stage: str) -> Model | None:
         packaged = _packaged_model(stage)
@@ -195,7 +216,10 @@ def fit(rows: Sequence[KnownCost]) -> Model:
         cpu,
         memory.times(MEMORY_MARGIN * _high(over)),
         max(1.0, _high(longer)),
+        float(np.mean(longer)),
+        float(np.std(longer)),
         int(np.median(made)) if made else 0,
+        len(rows),
     )
 
 
@@ -240,22 +264,27 @@ def _packaged_model(stage: str) -> Model | None:
 
 def _scaled(model: Model, stage: str, parameters: Parameters) -> Model:
     """Return the packaged model at other parameters than those of the default size."""
-    vision, touch = parameters.vision, parameters.touch
-    if stage == RENDERING:
-        pixels = vision.resolution**2
-        shots = (
-            vision.training_views * vision.training_samples + vision.held_out_views * vision.held_out_samples
-        )
-        seconds = pixels * shots / PACKAGED_RAYS
-        size = (vision.training_views + vision.held_out_views) * pixels / PACKAGED_VIEW_PIXELS
-    elif stage == "touches":
-        pixels = touch.sensor["image_height"] * touch.sensor["image_width"]
-        seconds = size = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
-    else:
-        return model
+    seconds, size = scales(stage, parameters)
     return replace(
         model,
         wall=model.wall.times(seconds),
         cpu=model.cpu.times(seconds),
         product_bytes=int(model.product_bytes * size),
     )
+
+
+def scales(stage: str, parameters: Parameters) -> tuple[float, float]:
+    """Return by what factors seconds and bytes of a stage differ from those at the default size."""
+    vision, touch = parameters.vision, parameters.touch
+    if stage == RENDERING:
+        pixels = vision.resolution**2
+        views = vision.training_views + vision.held_out_views
+        shots = (
+            vision.training_views * vision.training_samples + vision.held_out_views * vision.held_out_samples
+        )
+        return pixels * shots / PACKAGED_RAYS, pixels * views / PACKAGED_VIEW_PIXELS
+    if stage == "touches":
+        pixels = touch.sensor["image_height"] * touch.sensor["image_width"]
+        factor = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
+        return factor, factor
+    return 1.0, 1.0

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from pipeline.run_log import COLUMNS, QUERY, costs_path
-from pipeline.stages import STAGES
+from pipeline.stage import Stage
 
 PACKAGED = Path(__file__).with_name("known_costs.csv")
 PACKAGED_COLUMNS = ("object", "stage", "load", "cpu_s", "wall_s", "peak_memory_mb", "product_bytes")
@@ -90,10 +90,10 @@ def write_costs(costs: Iterable[KnownCost], path: Path) -> None:
             table.writerow((cost.object_id, cost.stage, load, *times, made))
 
 
-def product_bytes(root: Path, stage: str, object_id: str) -> int | None:
+def product_bytes(root: Path, stage: Stage, object_id: str) -> int | None:
     """Return the bytes of the products that a stage made of an object; None where one is missing."""
     try:
-        return sum(path.stat().st_size for path in STAGES[stage].targets(root, object_id))
+        return sum(path.stat().st_size for path in stage.targets(root, object_id))
     except OSError:
         return None
 

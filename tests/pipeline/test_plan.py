@@ -1,0 +1,175 @@
+"""What a run is said to do and take, against what it then does and takes."""
+
+import argparse
+import json
+import random
+import shutil
+from pathlib import Path
+
+import pytest
+from toys import Toys
+
+from objectfolder.errors import InputError
+from pipeline import plan as command
+from pipeline.estimates import Estimates
+from pipeline.known_costs import packaged_costs
+from pipeline.parameters import read_parameters
+from pipeline.places import Place, Slurm, Ssh
+from pipeline.plan import compare, comparison_table, read_plan, table, write_plan
+from pipeline.planning import Machines, Plan, machines_of, plan, plan_for_count, side_by_side
+from pipeline.run_log import Costs
+from pipeline.stages import STAGES
+from pipeline.task import Outcome
+
+REPOSITORY = Path(__file__).parents[2]
+MACHINES = Machines(1, 2, 16 * 10**9)
+
+
+def planned(toys: Toys) -> Plan:
+    return plan(toys.root, toys.parameters, toys.rows, MACHINES, [8], toys.stages)
+
+
+def counts(made: Plan) -> dict[str, tuple[int, int, int]]:
+    return {name: (one.kept, one.restored, one.computed) for name, one in made.stages.items()}
+
+
+def test_what_is_kept_restored_and_computed_is_what_a_run_then_does(toys: Toys) -> None:
+    assert counts(planned(toys)) == {"ingest": (0, 0, 3), "tune": (0, 0, 3), "encode": (0, 0, 3)}
+    toys.flow()
+    assert counts(planned(toys)) == {"ingest": (3, 0, 0), "tune": (3, 0, 0), "encode": (3, 0, 0)}
+    toys.executed()
+    toys.add("vase", "4.0")
+    (toys.root / "data" / "files" / "cup.safetensors").unlink()
+    expected = counts(planned(toys))
+    assert expected == {"ingest": (3, 0, 1), "tune": (3, 0, 1), "encode": (2, 1, 1)}
+    for summary in toys.flow():
+        done = (len(summary.kept), len(summary.restored), len(summary.computed))
+        assert done == expected[summary.stage]
+
+
+def test_planning_changes_nothing(toys: Toys) -> None:
+    toys.flow()
+    toys.executed()
+    (toys.root / "data" / "files" / "cup.safetensors").unlink()
+    planned(toys)
+    assert not (toys.root / "data" / "files" / "cup.safetensors").exists()
+    assert toys.executed() == []
+
+
+def test_without_the_memo_what_is_missing_is_computed(toys: Toys) -> None:
+    toys.flow()
+    (toys.root / "data" / "files" / "cup.safetensors").unlink()
+    shutil.rmtree(toys.root / ".objectfolder" / "memo")
+    assert counts(planned(toys))["encode"] == (2, 0, 1)
+
+
+def test_a_plan_is_set_against_the_runs_after_it(toys: Toys) -> None:
+    toys.flow(toys.ingest)  # before the plan: no part of it
+    write_plan(toys.root, planned(toys))
+    toys.add("bad", "poison raise ValueError('no')")
+    toys.flow()
+    kept = read_plan(toys.root)
+    found, wall_s = compare(toys.root, kept, {stage.name: stage for stage in toys.stages})
+    assert [one.planned for one in found.values()] == [0, 3, 3]
+    assert [(one.computed, one.failed) for one in found.values()] == [(0, 1), (3, 0), (3, 0)]
+    assert 0 < found["tune"].took_cpu_s < 60
+    assert found["tune"].peak_bytes > 0
+    assert 0 < wall_s < 600
+    assert "planned" in comparison_table(kept, found, wall_s)
+
+
+def test_known_tasks_sum_up_and_the_makespan_lies_between_its_bounds(toys: Toys) -> None:
+    for object_id, seconds in zip(toys.rows, (10.0, 20.0, 30.0), strict=True):
+        for stage in toys.stages:
+            Costs(toys.root, stage.name).add(Outcome(object_id, None, seconds, seconds, 10**8, "f" * 64))
+    made = planned(toys)
+    assert made.stages["tune"].cpu_s.middle == pytest.approx(60.0)
+    assert made.stages["tune"].cpu_s.low == made.stages["tune"].cpu_s.high
+    assert made.chain_s == pytest.approx(90.0)
+    assert made.makespans_s[1].middle == pytest.approx(180.0)
+    assert made.makespans_s[2].middle == pytest.approx(90.0)  # 30 s chains twice beside 60 and 30
+    assert made.makespans_s[8].middle == pytest.approx(90.0)
+
+
+def test_what_is_planned_from_others_of_its_kind_is_within_its_range(toys: Toys) -> None:
+    """Objects whose seconds are drawn from one distribution, half known and half not."""
+    rng = random.Random(0)
+    inside = 0
+    for trial in range(20):
+        root = toys.root / str(trial)
+        for index in range(60):
+            seconds = rng.lognormvariate(3.0, 0.6)
+            Costs(root, "modes").add(Outcome(f"o{index}", None, seconds, seconds, 10**8, "f" * 64))
+        truth = sum(rng.lognormvariate(3.0, 0.6) for _ in range(60))
+        model = Estimates(root).model("modes")
+        assert model is not None
+        span = 60**0.5 * model.deviation * (1 + 60 / model.rows) ** 0.5 * 1.645 * model.cpu.level
+        inside += abs(60 * model.mean * model.cpu.level - truth) < span
+    assert inside >= 15  # nine in ten are meant to be
+
+
+def test_a_plan_for_objects_to_come_grows_with_their_number(tmp_path: Path) -> None:
+    parameters = read_parameters(REPOSITORY / "params.yaml")
+    few, many = (plan_for_count(tmp_path, parameters, count, MACHINES, [64]) for count in (50, 200))
+    for name in STAGES:
+        mean = sum(cost.cpu_s for cost in packaged_costs() if cost.stage == name) / sum(
+            cost.stage == name for cost in packaged_costs()
+        )
+        span = many.stages[name].cpu_s
+        assert span.low < 200 * mean < span.high
+        assert many.stages[name].product_bytes > 2 * few.stages[name].product_bytes
+    assert many.makespans_s[1].middle > 2 * few.makespans_s[1].middle
+    assert many.chain_s < many.makespans_s[64].high
+
+
+def test_a_plan_at_the_papers_size_costs_more_where_the_law_is_known(tmp_path: Path) -> None:
+    text = (REPOSITORY / "params.yaml").read_text().replace("size: default", "size: paper")
+    (tmp_path / "params.yaml").write_text(text)
+    paper = plan_for_count(tmp_path, read_parameters(tmp_path / "params.yaml"), 20, MACHINES)
+    default = plan_for_count(tmp_path, read_parameters(REPOSITORY / "params.yaml"), 20, MACHINES)
+    assert paper.stages["views"].cpu_s.middle > 10 * default.stages["views"].cpu_s.middle
+    assert paper.stages["modes"].cpu_s.middle == default.stages["modes"].cpu_s.middle
+
+
+def test_places_say_how_many_tasks_run_at_a_time() -> None:
+    assert machines_of(Place(workers=3, memory_gb=8.0)) == Machines(1, 3, 8 * 10**9)
+    assert machines_of(Place("ssh", workers=4, memory_gb=8.0, ssh=Ssh(hosts=["a", "b"]))).workers == 8
+    slurm = Place("slurm", slurm=Slurm(jobs=5, cores=16, memory_gb=64.0))
+    assert machines_of(slurm).workers == 80
+    assert side_by_side(3 * 10**9, Machines(1, 8, 8 * 10**9)) == 2
+    assert side_by_side(9 * 10**9, Machines(1, 8, 8 * 10**9)) == 1  # alone
+
+
+def test_the_command_prints_and_keeps_a_plan(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "data").mkdir()
+    shutil.copy(REPOSITORY / "data" / "materials.csv", tmp_path / "data")
+    (tmp_path / "params.yaml").write_text(
+        (REPOSITORY / "params.yaml").read_text().replace("data/objects.csv", "objects.csv")
+    )
+    (tmp_path / "cube.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
+    (tmp_path / "objects.csv").write_text("id,mesh,material,length_m\ncube,cube.obj,steel,0.1\n")
+    monkeypatch.chdir(tmp_path)
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    assert command.main(parser.parse_args(["--workers", "8"])) == 0
+    assert "1 object," in capsys.readouterr().out
+    assert [one.computed for one in read_plan(tmp_path).stages.values()] == [1] * len(STAGES)
+    assert command.main(parser.parse_args(["--count", "12", "--json"])) == 0
+    assert json.loads(capsys.readouterr().out)["objects"] == 12
+    assert command.main(parser.parse_args(["--compare"])) == 0
+    with pytest.raises(InputError, match="below 1"):
+        command.main(parser.parse_args(["--count", "-1"]))
+
+
+def test_comparing_without_a_plan_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no plan"):
+        read_plan(tmp_path)
+
+
+def test_a_kept_plan_is_read_back_as_it_was(toys: Toys) -> None:
+    made = planned(toys)
+    write_plan(toys.root, made)
+    assert read_plan(toys.root) == made
+    assert table(made)
