@@ -96,6 +96,12 @@ class Execution:
         return self.task, self.object_id
 
 
+def read_executions(log: Path) -> list[Execution]:
+    """Return what task bodies wrote to their log."""
+    lines = log.read_text().splitlines() if log.exists() else []
+    return [Execution(task, name, int(pid), float(at)) for task, name, pid, at in map(str.split, lines)]
+
+
 class Ground:
     """A data set of toys that disturbed runs make.
 
@@ -122,10 +128,14 @@ class Ground:
         self.toys.save()
         (root / "cluster").mkdir()
         (root / "cluster" / "local.yaml").write_text(json.dumps({"workers": 2, **settings}))
-        self.environment = {
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Variables of every process of its runs."""
+        return {
             **os.environ,
-            MARK: str(root),
-            "PYTHONPATH": os.pathsep.join([str(root), str(REPOSITORY)]),
+            MARK: str(self.root),
+            "PYTHONPATH": os.pathsep.join([str(self.root), str(REPOSITORY)]),
             "TMPDIR": str(self.temporary),
             "OMP_NUM_THREADS": "1",
             "OPENBLAS_NUM_THREADS": "1",
@@ -160,8 +170,7 @@ class Ground:
 
     def executions(self) -> list[Execution]:
         """Return what began, in order."""
-        lines = self.log.read_text().splitlines() if self.log.exists() else []
-        return [Execution(task, name, int(pid), float(at)) for task, name, pid, at in map(str.split, lines)]
+        return read_executions(self.log)
 
     def counts(self) -> Counter[tuple[str, str]]:
         """Return how often each task of each object began."""
@@ -174,7 +183,13 @@ class Ground:
 
     def digests(self) -> dict[str, str]:
         """Return the SHA-256 of every product."""
-        paths = (path for path in self.root.glob("data/*/*") if not path.name.startswith("."))
+        folders = {kind.folder for stage in self.toys.stages for kind in stage.products}
+        paths = (
+            path
+            for folder in folders
+            for path in self.root.glob(f"{folder}/*")
+            if not path.name.startswith(".")
+        )
         return {
             str(path.relative_to(self.root)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths
         }

@@ -54,7 +54,8 @@ class Round:
                 if self._place == ADDRESS:
                     self._start_scheduler()
                     self._workers = [
-                        self.ground.start("-m", "pipeline", "worker", self._address) for _ in "ab"
+                        self.ground.start("-m", "pipeline", "worker", self._address, "--workers", "1")
+                        for _ in "ab"
                     ]
                 for index, kind in enumerate(what):
                     self._kill_one(kind, len(what) - index)
@@ -95,7 +96,17 @@ class Round:
         return f"tcp://127.0.0.1:{self._port}"
 
     def _start_scheduler(self) -> None:
-        command = ("-m", "pipeline", "scheduler", "--host", "127.0.0.1", "--port", str(self._port))
+        command = (
+            "-m",
+            "pipeline",
+            "scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            str(self._port),
+            "--dashboard",
+            "127.0.0.1:0",
+        )
         self._scheduler = self.ground.start(*command)
 
     def _running_driver(self) -> subprocess.Popen[bytes]:
@@ -141,8 +152,14 @@ class Round:
             return [psutil.Process(driver.pid)]
         if kind == SCHEDULER:
             assert self._scheduler is not None
+            assert self._scheduler.poll() is None, "the scheduler ended by itself"
             return [psutil.Process(self._scheduler.pid)]
-        return victims(self.ground)[kind]
+        found = victims(self.ground)
+        keepers = {driver.pid} if self._place == LOCAL else {process.pid for process in self._workers}
+        for worker in found[WORKER]:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                assert keepers & {one.pid for one in worker.parents()}, "a worker of another place"
+        return found[kind]
 
     def _finish(self, kills: int) -> None:
         for _ in range(kills + MOST_RUNS):

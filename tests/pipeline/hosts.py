@@ -5,6 +5,7 @@ off, slowed down and killed. No privilege is needed where users may make namespa
 """
 
 import contextlib
+import functools
 import os
 import signal
 import subprocess
@@ -32,6 +33,7 @@ class Cable:
     seed: int = 0
 
 
+@functools.cache
 def why_not() -> str | None:
     """Return why hosts cannot be made here, None where they can."""
     try:
@@ -43,6 +45,7 @@ def why_not() -> str | None:
     return None
 
 
+@functools.cache
 def why_no_cable() -> str | None:
     """Return why the link of a host cannot be changed here, None where it can."""
     return why_not() or (None if os.access("/dev/net/tun", os.R_OK | os.W_OK) else "/dev/net/tun is closed")

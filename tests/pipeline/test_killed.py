@@ -1,50 +1,78 @@
-"""A run that is killed at any moment loses nothing finished and leaves nothing half-written."""
+"""A run any part of which is killed at any moment loses nothing finished and leaves nothing half-written."""
 
 import os
-import random
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import psutil
 import pytest
-from toys import FILES, QUALITY, TUNED
+from chaos import Ground, wait_for
+from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed
+from toys import FILES, QUALITY, Here
 
 from pipeline import products
+from pipeline.crew import Finished, Lost
 
-OBJECTS = 24
+CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(6)}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory) -> dict[str, str]:
+    return undisturbed(tmp_path_factory.mktemp("undisturbed") / "data_set", CONTENTS)
 
 
 @pytest.mark.slow
-def test_killed_at_any_moment_and_run_again(toys):
-    toys.rows.clear()
-    for index in range(OBJECTS):
-        toys.add(f"object_{index:02}", f"{index}.5")
-    toys.set_parameter("training_views", 120)  # milliseconds a tune takes
-    (toys.root / "cluster").mkdir()
-    (toys.root / "cluster" / "local.yaml").write_text("workers: 2\n")
-    toys.save()
-    toys.converge(toys.ingest)
-    toys.executed()
-    chance = random.Random(7)
-    finished: set[str] = set()
-    executions: list[str] = []
-    for _ in range(10):
-        _run_and_kill(toys.root, chance.uniform(0.2, 4.0))
-        executions += toys.executed()
-        now = _whole_products(toys.root, TUNED)
-        assert finished <= now  # nothing finished is lost
-        finished = now
-    _run_and_kill(toys.root, 60.0)
-    executions += toys.executed()
-    assert len(_whole_products(toys.root, TUNED)) == OBJECTS
-    assert not list(toys.root.glob("data/*/.*.partial"))
-    # Each object once, and again only what was running when a kill came: two workers, ten kills.
-    assert OBJECTS <= len(executions) <= OBJECTS + 2 * 10
-    toys.converge(toys.tune)
-    assert toys.executed() == []
+@pytest.mark.parametrize(
+    ("place", "what"),
+    [
+        (LOCAL, [CHILD, WORKER]),
+        (LOCAL, [DRIVER, CHILD, DRIVER]),
+        (ADDRESS, [CHILD, SCHEDULER, WORKER, DRIVER]),
+    ],
+    ids=["run that survives", "driver", "scheduler"],
+)
+def test_killed_at_random_moments(tmp_path, expected, place, what):
+    disturbed = Round(Ground(tmp_path / "data_set", CONTENTS), place, seed=7)
+    disturbed.disturb(what)
+    assert disturbed.kills
+    assert {name: found for name, found in disturbed.verdict(expected).items() if found} == {}
+    assert disturbed.watcher.reads >= len(expected)
+
+
+class Forgetful(Here):
+    """A crew that loses each job after it is done, the first time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lost: set[str] = set()
+
+    def wait(self) -> Sequence[Finished | Lost]:
+        (finished,) = super().wait()
+        assert isinstance(finished, Finished)
+        if finished.job.key in self.lost:
+            return [finished]
+        self.lost.add(finished.job.key)
+        return [Lost(finished.job, finished.slot, "went away")]
+
+
+def test_done_and_then_lost_is_not_done_again(toys):
+    crews = []
+
+    @contextmanager
+    def crew_for(jobs: int) -> Iterator[Forgetful]:
+        crews.append(Forgetful())
+        yield crews[-1]
+
+    summaries = toys.flow(crew_for=crew_for)
+    assert toys.executed() == sorted(f"{stage.name} {name}" for stage in toys.stages for name in toys.rows)
+    assert all(not summary.failures for summary in summaries)
+    assert all(
+        len((*summary.computed, *summary.restored, *summary.kept)) == len(toys.rows) for summary in summaries
+    )
+    assert len(crews[0].lost) == len(toys.rows) * len(toys.stages)
 
 
 def test_killed_between_the_two_kinds_of_a_stage(toys, monkeypatch):
@@ -64,31 +92,6 @@ def test_killed_between_the_two_kinds_of_a_stage(toys, monkeypatch):
     assert len({products.read_fingerprint(path) for path in files}) == 1
 
 
-def _run_and_kill(root: Path, seconds: float) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "driver.py", "tune"], cwd=root, stderr=subprocess.DEVNULL, start_new_session=True
-    )
-    try:
-        process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        offspring = psutil.Process(process.pid).children(recursive=True)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        _, alive = psutil.wait_procs(offspring, timeout=15)
-        assert not alive, "processes outlived the run"
-
-
-def _whole_products(root: Path, kind: products.ProductKind) -> set[str]:
-    """Object ids of products that can be read; every file there is must be whole."""
-    found = set()
-    for path in (root / kind.folder).glob(f"*{kind.suffix}"):
-        if not path.name.startswith("."):
-            products.verify(path)
-            assert products.read_fingerprint(path)
-            found.add(path.name)
-    return found
-
-
 def test_interrupted_by_the_keyboard_ends_all_processes(toys):
     toys.set_parameter("training_views", 20000)
     toys.save()
@@ -101,16 +104,10 @@ def test_interrupted_by_the_keyboard_ends_all_processes(toys):
         # A shell lets its background jobs, and so these tests in one, ignore interrupts.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    deadline = time.monotonic() + 20
-    while not any("tune" in line for line in _log(toys.root)) and time.monotonic() < deadline:
-        time.sleep(0.1)
+    log = toys.root / "executed.log"
+    wait_for(lambda: log.exists() and "tune" in log.read_text(), "a task begins")
     offspring = psutil.Process(process.pid).children(recursive=True)
     os.kill(process.pid, signal.SIGINT)
-    process.wait(20)
-    _, alive = psutil.wait_procs(offspring, timeout=15)
+    process.wait(60)
+    _, alive = psutil.wait_procs(offspring, timeout=60)
     assert not alive
-
-
-def _log(root: Path) -> list[str]:
-    path = root / "executed.log"
-    return path.read_text().splitlines() if path.exists() else []

@@ -1,0 +1,272 @@
+"""A data set made by several hosts without a shared disk, some of which fail: it comes out the same.
+
+Scheduler, object store, driver and two workers are hosts of their own (`hosts`), with TLS between them.
+Each scenario makes objects of its own, and counts what the tasks themselves say of their executions.
+"""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+import s3_server
+from chaos import PACKAGE, STAGES, Execution, Ground, Watcher, read_executions, wait_for
+from hosts import Cable, Host, Network, why_no_cable
+
+from pipeline import tls
+
+WORKERS = ("worker-1", "worker-2")
+SCHEDULER_PORT, STORE_PORT = 8786, 9000
+GONE_AFTER_S = 12  # a worker that says nothing; long, for a loaded machine
+POOR = Cable(delay_s=0.1, rate_bit_s=1e6, loss=0.02, seed=3)
+GOOD = Cable(delay_s=0.0, rate_bit_s=1e9, loss=0.0)
+# Objects of each scenario; all are made once more, here and undisturbed, to compare with.
+SCENARIOS = {
+    "well": 4, "cut": 6, "again": 4, "killed": 6, "slow": 2, "scheduler": 6, "driver": 6, "store": 6
+}  # fmt: skip
+CONTENTS = {
+    name: {f"{name}_{index}": f"{100 * number + index}.5" for index in range(count)}
+    for number, (name, count) in enumerate(SCENARIOS.items())
+}
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(why_no_cable()), reason=why_no_cable() or ""),
+]
+
+
+class Site:
+    """The hosts, and what runs on them for all scenarios."""
+
+    def __init__(self, folder: Path) -> None:
+        self.network = Network(folder, ("driver", "scheduler", "store", *WORKERS), ["worker-2"])
+        self.folder = folder
+        self.environment = s3_server.environment(f"http://{self['store'].address}:{STORE_PORT}")
+        self.environment |= {
+            "OBJECTFOLDER_STORE": "s3://products/data_set",
+            "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{GONE_AFTER_S}s",
+        }
+        tls.make(folder / "tls")
+        self.scheduler: subprocess.Popen[bytes] | None = None
+        self.reference = Ground(
+            folder / "reference", {k: v for some in CONTENTS.values() for k, v in some.items()}
+        )
+
+    def __getitem__(self, name: str) -> Host:
+        return self.network[name]
+
+    @property
+    def address(self) -> str:
+        return f"tls://{self['scheduler'].address}:{SCHEDULER_PORT}"
+
+    def start(self) -> None:
+        for host in self.network.hosts.values():
+            shutil.copytree(self.folder / "tls", host.folder / "tls")
+        store = self["store"]
+        server = (str(Path(s3_server.__file__)), store.address, str(STORE_PORT))
+        store.python(*server, environment=self.environment)
+        bucket = "import boto3; boto3.client('s3', region_name='us-east-1').create_bucket(Bucket='products')"
+        wait_for(
+            lambda: self["driver"].python("-c", bucket, environment=self.environment).wait() == 0,
+            "the store answers",
+        )
+        self.start_scheduler()
+        for name in WORKERS:
+            shutil.copytree(self.reference.root / PACKAGE, self[name].folder / PACKAGE)
+            self.start_worker(name)
+
+    def start_scheduler(self) -> None:
+        self.scheduler = self["scheduler"].python(
+            *("-m", "pipeline", "scheduler", "--tls", "tls", "--dashboard", "127.0.0.1:0"),
+            *("--host", self["scheduler"].address, "--port", str(SCHEDULER_PORT)),
+            environment=self.environment,
+        )
+
+    def start_worker(self, name: str) -> None:
+        self[name].python(
+            *("-m", "pipeline", "worker", self.address, "--tls", "tls", "--workers", "1"),
+            environment={**self.environment, "PATIENCE": "2"},
+        )
+
+    def close(self) -> None:
+        self.network.close()
+
+
+class Run:
+    """The making of a scenario's objects by the driver host, watched."""
+
+    def __init__(self, site: Site, scenario: str) -> None:
+        self.site = site
+        self.scenario = scenario
+        self.ground = Ground(site["driver"].folder / scenario, CONTENTS[scenario], kind="address")
+        place = {"kind": "address", "address": site.address, "tls": True, "reconnect_s": 90.0}
+        (self.ground.root / "cluster" / "address.yaml").write_text(repr(place))
+        self.allowed: Counter[tuple[str, str]] = Counter()
+        self.process = self.start()
+
+    def start(self) -> subprocess.Popen[bytes]:
+        settings = {
+            **self.site.environment,
+            "OBJECTFOLDER_CLUSTER": self.site.address,
+            "OBJECTFOLDER_TLS": str(self.site["driver"].folder / "tls"),
+            "PYTHONPATH": self.ground.environment["PYTHONPATH"],
+        }
+        command = ("env", "-C", str(self.ground.root), sys.executable, "driver.py", STAGES)
+        return self.site["driver"].start(*command, environment=settings)
+
+    def executions(self, *hosts: str) -> list[Execution]:
+        """Return what began for this scenario, in order, on all workers or on some."""
+        found = [
+            one
+            for host in hosts or WORKERS
+            for one in read_executions(self.site[host].folder / "executed.log")
+        ]
+        mine = [one for one in found if one.object_id in self.ground.toys.rows]
+        return sorted(mine, key=lambda one: one.time)
+
+    def wait_until_under_way(self, host: str, count: int = 3) -> None:
+        """Wait until a worker is at work and some tasks have begun."""
+
+        def ready() -> bool:
+            assert self.process.poll() is None, self.output()
+            return len(self.executions()) >= count and bool(self.unfinished(host))
+
+        wait_for(ready, f"{host} is at work")
+
+    def unfinished(self, *hosts: str) -> set[tuple[str, str]]:
+        """Return what hosts are at: begun last by a process that lives, products not arrived."""
+        alive = set(psutil.pids())
+        last = {one.pid: one.work for one in self.executions(*hosts) if one.pid in alive}
+        return {work for work in last.values() if not self.ground.stands(work)}
+
+    def cut_short(self, *hosts: str) -> None:
+        """Note what a fault just now may cause to be done again."""
+        self.allowed.update(self.unfinished(*hosts))
+
+    def finish(self, runs: int = 1) -> None:
+        """Wait for the run's end, and run again where that is meant to be needed."""
+        for _ in range(runs):
+            code = self.process.wait(300)
+            if code == 0:
+                break
+            self.process = self.start()
+        assert self.process.wait(300) == 0, self.output()
+        counts = Counter(one.work for one in self.executions())
+        assert set(counts) == self.ground.works
+        redone = {work: count for work, count in counts.items() if count > 1 + self.allowed[work]}
+        assert redone == {}
+        made, reference = self.ground.digests(), self.site.reference.digests()
+        assert len(made) == 4 * len(CONTENTS[self.scenario])
+        assert {name for name, digest in made.items() if reference[name] != digest} == set()
+
+    def output(self) -> str:
+        return self.site["driver"].read()[-4000:]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Iterator[Site]:
+    made = Site(tmp_path_factory.mktemp("site"))
+    before = os.environ.get("PATIENCE")
+    os.environ["PATIENCE"] = "0"
+    sys.path.insert(0, str(made.reference.root))
+    try:
+        made.start()
+        made.reference.toys.flow()
+        yield made
+    finally:
+        sys.path.remove(str(made.reference.root))
+        os.environ.pop("PATIENCE") if before is None else os.environ.update(PATIENCE=before)
+        made.close()
+
+
+@pytest.fixture
+def make(site) -> Iterator[type]:
+    """Start the making of a scenario; at the end nothing half-written was ever seen."""
+    with contextlib.ExitStack() as stack:
+
+        def started(scenario: str) -> Run:
+            run = Run(site, scenario)
+            run.watcher = stack.enter_context(Watcher(run.ground.root))
+            runs.append(run)
+            return run
+
+        runs: list[Run] = []
+        yield started
+    for run in runs:
+        assert run.watcher.reads >= 4 * len(run.ground.toys.rows)
+        assert run.watcher.broken == []
+
+
+def test_all_well(make):
+    run = make("well")
+    run.finish()
+    assert all(run.executions(name) for name in WORKERS)
+
+
+def test_worker_host_cut_off_and_back(site, make):
+    run = make("cut")
+    run.wait_until_under_way("worker-1")
+    site["worker-1"].cut()
+    run.cut_short("worker-1")
+    run.finish()
+    site["worker-1"].mend()
+    run = make("again")
+    wait_for(lambda: run.executions("worker-1") or run.process.poll() is not None, "it works again")
+    run.finish()
+    assert run.executions("worker-1")
+
+
+def test_worker_host_without_power(site, make):
+    run = make("killed")
+    run.wait_until_under_way("worker-2")
+    run.cut_short("worker-2")
+    site["worker-2"].kill()
+    run.finish()
+    site.start_worker("worker-2")
+
+
+def test_slow_link(site, make):
+    site["worker-2"].spoil(POOR)
+    run = make("slow")
+    run.finish()
+    site["worker-2"].spoil(GOOD)
+
+
+def test_scheduler_killed_and_restarted_at_its_address(site, make):
+    run = make("scheduler")
+    run.wait_until_under_way("worker-1")
+    run.cut_short(*WORKERS)
+    site["scheduler"].kill()
+    site.start_scheduler()
+    run.finish()
+
+
+def test_driver_killed_and_run_again(site, make):
+    run = make("driver")
+    run.wait_until_under_way("worker-1")
+    run.cut_short(*WORKERS)
+    run.process.send_signal(signal.SIGKILL)
+    run.process.wait()
+    run.process = run.start()
+    run.finish()
+
+
+def test_store_unreachable_for_a_while(site, make):
+    run = make("store")
+    run.wait_until_under_way("worker-1")
+    site["store"].cut()
+    begun = len(run.executions())
+    run.cut_short(*WORKERS)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        run.process.wait(6)
+    run.cut_short(*WORKERS)
+    site["store"].mend()
+    assert begun
+    run.finish(runs=3)
