@@ -62,7 +62,7 @@ class Verified:
         entry = self._product(path)
         known: dict[str, Any] = entry["attributes"]
         if not known.keys() >= set(names):
-            found = _read(path)
+            found = product_attributes(path)
             try:
                 known |= {name: reduce(operator.getitem, name.split("."), found) for name in names}
             except (KeyError, TypeError) as error:
@@ -140,7 +140,16 @@ class Verified:
         return os.path.join(self._prefix, key)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def product_attributes(path: Path) -> dict[str, Any]:
+    """Return all attributes of a product of either kind, those of a tensor file as the text stored.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no product.
+    FormatError
+        A file that cannot be read.
+    """
     if path.name.endswith(products.TENSORS):
         return dict(read_metadata(path))
     return read_attributes(path)

@@ -1,0 +1,199 @@
+"""What the status says of every object and stage, and why."""
+
+import argparse
+import json
+import shutil
+
+import pytest
+from workshop import Workshop
+
+from pipeline import status as status_module
+from pipeline.differences import Difference, differences
+from pipeline.exclusive import exclusive
+from pipeline.stages import ENCODED, MODES, OBJECTS, STAGES, VIEWS
+from pipeline.status import CURRENT, FAILED, MISSING, STALE, UNLISTED, WAITING, main, status, table
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A checkout where all is made."""
+    root = tmp_path_factory.mktemp("status") / "checkout"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(root))
+        workshop = Workshop(root, "workshop_of_status")
+        workshop.add("cup")
+        workshop.add("dish", "wood")
+        workshop.converge()
+        workshop.remember()
+        yield workshop
+
+
+@pytest.fixture
+def workshop(made):
+    made.restore()
+    return made
+
+
+def states(workshop, object_id):
+    return {one.stage: one.state for one in of(workshop) if one.object_id == object_id}
+
+
+def of(workshop):
+    return status(workshop.root, workshop.stages)
+
+
+def reasons(workshop, object_id, stage):
+    (one,) = (one for one in of(workshop) if (one.object_id, one.stage) == (object_id, stage))
+    assert one.state == STALE
+    return one.reasons
+
+
+def test_all_current_after_a_run(workshop):
+    found = of(workshop)
+    assert [(one.object_id, one.stage) for one in found] == [
+        (object_id, stage) for object_id in ("cup", "dish") for stage in STAGES
+    ]
+    assert {one.state for one in found} == {CURRENT}
+
+
+def test_nothing_made_yet(workshop):
+    shutil.rmtree(workshop.root / "data/objects")
+    shutil.rmtree(workshop.root / "data/views")
+    assert states(workshop, "cup") == {
+        "objects": MISSING, "views": WAITING, "modes": WAITING, "touches": WAITING, "encode": WAITING,
+        "fidelity": WAITING,
+    }  # fmt: skip
+
+
+def test_changed_parameter_with_old_and_new(workshop):
+    workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
+    assert reasons(workshop, "cup", "views") == ("parameter vision.resolution 128 -> 64",)
+    assert states(workshop, "cup") == {
+        "objects": CURRENT, "views": STALE, "modes": CURRENT, "touches": CURRENT, "encode": WAITING,
+        "fidelity": WAITING,
+    }  # fmt: skip
+
+
+def test_changed_material_with_old_and_new(workshop):
+    workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
+    assert reasons(workshop, "dish", "modes") == ("record material.density_kg_m3 750.0 -> 760.0",)
+    assert set(states(workshop, "cup").values()) == {CURRENT}
+
+
+def test_changed_inputs_code_and_seed(workshop):
+    workshop.write("cup.png", "another colour")
+    assert reasons(workshop, "cup", "objects") == ("input texture changed",)
+    workshop.edit_code("units", "PASCAL = 1.0", "PASCAL = 2.0")
+    (why,) = reasons(workshop, "dish", "modes")
+    assert why == f"code {workshop.bodies.name}.units changed"
+    workshop.edit("params.yaml", "\nseed: 0", "\nseed: 1")
+    assert any(why.startswith("seed ") and " -> " in why for why in reasons(workshop, "dish", "touches"))
+
+
+def test_input_that_was_made_again_by_a_stage_alone(workshop):
+    workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
+    stages, workshop.stages = workshop.stages, workshop.stages[:2]
+    workshop.converge()
+    workshop.stages = stages
+    assert reasons(workshop, "cup", "encode") == ("input views changed",)
+    assert states(workshop, "cup")["fidelity"] == STALE
+
+
+def test_failure_counts_until_what_it_was_made_from_changes(workshop):
+    workshop.write("cup.obj", "poison")
+    workshop.converge()
+    assert states(workshop, "cup") == {"objects": FAILED, **dict.fromkeys(list(STAGES)[1:], WAITING)}
+    (one,) = (one for one in of(workshop) if one.state == FAILED)
+    assert "no mesh" in one.reasons[0]
+    workshop.write("cup.obj", "v 0 0 7\n")
+    assert states(workshop, "cup")["objects"] == MISSING
+
+
+def test_source_file_that_is_gone(workshop):
+    (workshop.root / "cup.png").unlink()
+    found = [one for one in of(workshop) if one.object_id == "cup"]
+    assert found[0].state == FAILED
+    assert "cup.png" in found[0].reasons[0]
+
+
+@pytest.mark.parametrize("kind", [OBJECTS, VIEWS, MODES, ENCODED], ids=lambda kind: kind.name)
+def test_damaged_product_is_unreadable(workshop, kind):
+    path = kind.path(workshop.root, "cup")
+    path.write_bytes(path.read_bytes()[:-9])
+    (why,) = reasons(workshop, "cup", kind.made_by)
+    assert why.startswith("unreadable: ")
+
+
+def test_object_no_longer_listed(workshop):
+    workshop.table.pop()
+    workshop.save()
+    assert states(workshop, "dish") == dict.fromkeys(STAGES, UNLISTED)
+    workshop.converge()
+    assert states(workshop, "dish") == {}
+
+
+def test_products_are_not_read_again(workshop, monkeypatch):
+    of(workshop)
+
+    def read(path):
+        raise AssertionError(f"read {path}")
+
+    monkeypatch.setattr("pipeline.verified.product_attributes", read)
+    assert {one.state for one in of(workshop)} == {CURRENT}
+
+
+def test_status_leaves_the_checkout_to_a_run(workshop):
+    kept = workshop.root / ".objectfolder" / "verified.json"
+    kept.unlink()
+    with exclusive(workshop.root, "stage views"):
+        of(workshop)
+        assert not kept.exists()
+    of(workshop)
+    assert kept.exists()
+
+
+def test_table_groups_objects_by_reason(workshop):
+    workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
+    workshop.write("cup.obj", "v 0 0 7\n")
+    text = table(of(workshop))
+    assert "views stale: cup, dish (parameter vision.resolution 128 -> 64)" in text
+    assert "objects stale: cup (input mesh changed)" in text
+    assert text.splitlines()[0].split() == ["stage", "current", "stale", "waiting"]
+    assert text.splitlines()[1].split() == ["objects", "1", "1"]
+
+
+def test_command(workshop, monkeypatch, capsys):
+    monkeypatch.chdir(workshop.root)
+    monkeypatch.setattr(status_module.status, "__defaults__", (workshop.stages, None, None))
+    assert main(argparse.Namespace(json=False)) == 0
+    assert "objects              2" in capsys.readouterr().out
+    workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
+    assert main(argparse.Namespace(json=True)) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found[1]["differences"] == [
+        {"part": "parameter", "name": "vision.resolution", "old": 128, "new": 64}
+    ]
+
+
+def test_differences_of_every_part():
+    old = {"inputs": {"views": "a", "objects": {"digests.body": "b"}}, "packages": {"numpy": "1"}, "seed": 1}
+    new = {
+        "inputs": {"views": "c", "modes": "d"},
+        "packages": {"numpy": "2"},
+        "seed": 1,
+        "record": {"x": None},
+    }
+    assert differences(old, new) == [
+        Difference("input", "modes", "absent", "d"),
+        Difference("input", "objects.digests.body", "b", "absent"),
+        Difference("input", "views", "a", "c"),
+        Difference("record", "x", "absent", None),
+        Difference("package", "numpy", "1", "2"),
+    ]
+    assert [str(one) for one in differences(old, new)] == [
+        "input modes is new",
+        "input objects.digests.body is gone",
+        "input views changed",
+        "record x absent -> None",
+        "package numpy 1 -> 2",
+    ]
