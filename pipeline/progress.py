@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TextIO
 
+from pipeline.flow_progress import duration
 from pipeline.task import Failure, Outcome
 
 QUIET_INTERVAL_S = 15.0  # between lines where the output is no terminal
@@ -76,14 +77,6 @@ class Progress:
         else:
             self._stream.write(f"{text}\n")
         self._stream.flush()
-
-
-def duration(seconds: float) -> str:
-    """Return seconds as a person says them."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    minutes = seconds / 60
-    return f"{minutes:.0f} min" if minutes < 100 else f"{minutes / 60:.1f} h"
 
 
 def failure_table(failures: Sequence[Failure], width: int | None = None) -> str:

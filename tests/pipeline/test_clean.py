@@ -1,0 +1,178 @@
+"""What `clean` lists and removes, and what it never touches."""
+
+import argparse
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from objectfolder.errors import InputError
+from objectfolder.store import Product
+from pipeline import clean, memo, products, run_record, scratch
+from pipeline.stages import OBJECT_FILES, VIEWS
+
+HELD = """
+import sys, time
+from pathlib import Path
+from pipeline.exclusive import exclusive
+with exclusive(Path.cwd(), "views"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def run(root, *arguments):
+    parser = argparse.ArgumentParser()
+    clean.add_arguments(parser)
+    return clean.clean_main(root, parser.parse_args(arguments))
+
+
+@pytest.fixture
+def used(tmp_path, monkeypatch):
+    """A data set after long use: whole files, half-written ones, and what dead processes left."""
+    root = tmp_path / "set"
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    monkeypatch.setattr(run_record, "MOST_RUNS", 2)
+    for kind in (VIEWS, OBJECT_FILES):
+        (root / kind.folder).mkdir(parents=True)
+    products.write(VIEWS.path(root, "mug"), Product({}, {}), "a" * 64, {})
+    for name in ("a", "b"):
+        folder = memo.memo_folder(root, name * 64)
+        products.write(folder / "views.zarr.zip", Product({}, {}), name * 64, {})
+    for name in (
+        f"{VIEWS.folder}/.mug.zarr.zip.x1.partial",
+        f"{OBJECT_FILES.folder}/.mug.safetensors.x2.partial",
+        ".objectfolder/.verified.json.x3.partial",
+        ".objectfolder/shared-0a",
+        ".objectfolder/costs.csv",
+        ".objectfolder/verified.json",
+        "runs/20260101T000000Z-aa.jsonl",
+        "runs/20260102T000000Z-aa.jsonl",
+        "runs/20260103T000000Z-aa.jsonl",
+        "runs/views-failures.json",
+        "reports/index.html",
+        "reports/.odd.partial",
+        "reports/.kept.partial",
+        "data/notes.txt",
+        "data/records.json",
+        "own/.mine.partial",
+    ):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("x" * 5000)
+    (root / "dvc.lock").write_text(
+        yaml.safe_dump(
+            {"stages": {"views": {"cmd": "x", "outs": [{"path": "runs/20260101T000000Z-aa.jsonl"}]}}}
+        )
+    )
+    for command in (["init", "-q"], ["add", "-f", "dvc.lock", "reports/.kept.partial", "data/notes.txt"]):
+        subprocess.run(["git", *command], cwd=root, check=True)
+    dead = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from pipeline.scratch import Scratch; import os; it = Scratch(); "
+            "(it.path / 'big').write_bytes(bytes(10**6)); print(it.path, flush=True); os._exit(0)",
+        ],
+        env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
+    return root, Path(dead)
+
+
+def files(root):
+    """Return all files but git's own and the lock that every run makes."""
+    found = (path for path in root.rglob("*") if path.is_file() and ".git" not in path.parts)
+    return {path.relative_to(root).as_posix() for path in found} - {".objectfolder/run.lock"}
+
+
+def test_nothing_is_removed_unless_asked_for(used, capsys):
+    root, dead = used
+    before = files(root)
+    assert run(root) == 0
+    assert run(root, "--dry-run", "--memo") == 0
+    assert files(root) == before
+    assert dead.exists()
+    shown = capsys.readouterr().out
+    for text in (
+        "half-written files",
+        "scratch folders",
+        "marks of runs",
+        "run again with --yes",
+        "dvc gc",
+        "1.0 MB",
+    ):
+        assert text in shown
+    assert str(root) not in shown
+
+
+def test_what_is_left_over_goes_and_all_else_stays(used, capsys):
+    root, dead = used
+    living = scratch.Scratch()
+    before = files(root)
+    assert run(root, "--yes") == 0
+    assert before - files(root) == {
+        f"{VIEWS.folder}/.mug.zarr.zip.x1.partial",
+        f"{OBJECT_FILES.folder}/.mug.safetensors.x2.partial",
+        ".objectfolder/.verified.json.x3.partial",
+        ".objectfolder/shared-0a",
+        "reports/.odd.partial",
+    }  # the oldest record is an output of DVC's in this set
+    assert not dead.exists()
+    assert living.path.exists()
+    living.close()
+    capsys.readouterr()
+    assert run(root, "--yes") == 0
+    assert "nothing to remove" in capsys.readouterr().out
+
+
+def test_old_records_go_where_nothing_names_them(used):
+    root, _ = used
+    (root / "dvc.lock").unlink()
+    run(root, "--yes")
+    assert [path.name[:8] for path in run_record.records(root)] == ["20260102", "20260103"]
+
+
+def test_the_memo_keeps_what_the_data_set_holds(used):
+    root, _ = used
+    run(root, "--yes")
+    assert len(list(memo.memo_base(root).glob("*/*/*"))) == 2
+    run(root, "--yes", "--memo")
+    assert [path.parent.name for path in memo.memo_base(root).glob("*/*/*")] == ["a" * 64]
+    VIEWS.path(root, "mug").write_bytes(b"damaged")
+    run(root, "--memo")
+
+
+def test_refused_while_a_run_goes_on(used):
+    root, dead = used
+    run_going_on = subprocess.Popen(
+        [sys.executable, "-c", HELD],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert run_going_on.stdout.readline() == "held\n"
+    with pytest.raises(InputError, match=f"in use by process {run_going_on.pid}"):
+        run(root, "--yes")
+    assert dead.exists()
+    run_going_on.communicate("")
+    assert run(root, "--yes") == 0
+    assert not dead.exists()
+
+
+def test_contradicting_options_and_a_broken_lock_remove_nothing(used):
+    root, dead = used
+    with pytest.raises(InputError, match="both"):
+        run(root, "--yes", "--dry-run")
+    (root / "dvc.lock").write_text("stages: [")
+    with pytest.raises(InputError, match="cannot be read"):
+        run(root, "--yes")
+    assert dead.exists()
