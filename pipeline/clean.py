@@ -50,6 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def main(options: argparse.Namespace) -> int:
+    """Run the command in the current folder; return its exit code."""
+    return clean_main(Path.cwd(), options)
+
+
 def clean_main(root: Path, options: argparse.Namespace) -> int:
     """List what may be removed, and remove it with ``--yes``; return the exit code.
 
