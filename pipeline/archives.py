@@ -108,7 +108,7 @@ def _check_group(said: dict[str, Any]) -> None:
 
 
 def _bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
-    """Return the bytes of a chunk and of all chunks in memory, after checking what an array says of itself."""
+    """Return the bytes of a chunk and of the array in memory, after checking what it says of itself."""
     shape, grid = said["shape"], said["chunk_grid"]
     chunks = grid["configuration"]["chunk_shape"]
     codecs = [codec["name"] for codec in said["codecs"]]

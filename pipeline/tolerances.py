@@ -1,0 +1,68 @@
+"""How far apart products of the same inputs are on different machines, by stage and array.
+
+Measured by ``bench/machines.py`` (see ``docs/reproducibility.md``), and declared with a margin. Names are
+patterns, the first that fits counts; what none fits is the same bytes.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far values may be apart.
+
+    Parameters
+    ----------
+    relative
+        Largest difference, as a share of the array's range.
+    rms
+        Root mean square of the differences, likewise.
+    absolute
+        Added to both, in the array's unit: for values that are rounding errors themselves.
+    because
+        What makes them differ, and what it means.
+    """
+
+    relative: float = 0.0
+    rms: float = 0.0
+    absolute: float = 0.0
+    because: str = ""
+
+
+SAME_BYTES = Tolerance()
+
+_SOLVED = "sums of BLAS, MKL and the mesher in another order; 1e-5 of 20 kHz is 0.02 cents at that frequency"
+_CYCLES = "Cycles has one kernel for AVX2 and one for SSE4.2; rms 1e-5 of the range is -100 dB"
+_FITTED = (
+    "sums and exp of torch and MKL, amplified by the steps of the optimiser; what it means is in fidelity"
+)
+_SUMMED = "sums in another order"
+
+TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
+    "objects": {},
+    "views": {
+        "rgba": Tolerance(relative=1e-2, rms=1e-5, because=_CYCLES),
+        "attributes/noise_floor*_db": Tolerance(absolute=0.01, because=_CYCLES),
+    },
+    "modes": {
+        "eigenvalues": Tolerance(1e-5, 1e-5, because=_SOLVED),
+        "frequencies_hz": Tolerance(1e-5, 1e-5, because=_SOLVED),
+        "dampings_per_s": Tolerance(1e-5, 1e-5, because=_SOLVED),
+        "error_estimates_cents": Tolerance(absolute=0.01, because=_SOLVED),
+        "mode_shapes": Tolerance(1e-2, 5e-4, because=_SOLVED),
+        "radiation_weights": Tolerance(1e-4, 1e-4, because=_SOLVED),
+        "residuals": Tolerance(1e-2, 1e-2, because=_SOLVED),
+        "attributes/rigid_frequency_hz": Tolerance(
+            absolute=0.1, because="a rounding error itself: zero but for it"
+        ),
+        "attributes/*": Tolerance(1e-3, 1e-3, 1e-9, because=_SOLVED),
+    },
+    "touches": {"contact_area_m2": Tolerance(1e-12, 1e-12, because=_SUMMED)},
+    "encode": {"vision.*": Tolerance(5e-2, 5e-3, because=_FITTED)},
+    "fidelity": {
+        "strike_*": Tolerance(1e-5, 1e-5, because=_SUMMED),
+        "vision_answer": Tolerance(absolute=1.0, because="one grey level of 255, from rounding"),
+        "attributes/*": Tolerance(1e-4, 1e-4, 1e-9, because=_SUMMED),
+    },
+}

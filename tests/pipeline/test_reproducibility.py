@@ -1,0 +1,253 @@
+"""What is declared of products on other machines, on real tasks; and that a changed value is found."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from toys import REPOSITORY
+
+from objectfolder.audio.materials import read_materials
+from objectfolder.errors import FormatError, InputError
+from objectfolder.provenance import canonical_json
+from objectfolder.store import Array, Product, read_product, write_product
+from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.touch.sensor import Sensor
+from pipeline.records import row_of
+from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN, compare, declared
+from pipeline.stages import STAGES
+
+# As a processor without wide vectors would have it; where these mean nothing, nothing is changed.
+OTHER = {
+    "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL",
+    "OPENBLAS_CORETYPE": "Nehalem",
+    "MKL_CBWR": "COMPATIBLE",
+    "ATEN_CPU_CAPABILITY": "default",
+    "TZ": "Pacific/Auckland",
+    "LC_ALL": "C",
+}
+MODULE = """
+import json, sys
+from pathlib import Path
+from pipeline.child import execute
+from pipeline.task import Call, Request
+for stage, task, targets, inputs, parameters, record in json.loads(sys.argv[1]):
+    request = Request("bar", {name: Path(path) for name, path in inputs.items()}, parameters, record, 7)
+    outcome = execute(Call(stage, task, request, tuple(map(Path, targets)), "f" * 64, {}))
+    if outcome.failure:
+        sys.exit(f"{outcome.failure.error} {outcome.failure.detail}")
+"""
+
+
+def run(folder: Path, stages: dict[str, dict[str, object]], mesh: Path, **environment: str) -> Path:
+    """Make products of a bar by the real tasks, in a process of its own."""
+    calls = []
+    for name, given in stages.items():
+        stage = STAGES[name]
+        inputs = {product.kind.name: str(product.kind.path(folder, "bar")) for product in stage.inputs}
+        targets = [str(path) for path in stage.targets(folder, "bar")]
+        sources = {} if stage.inputs else {"mesh": str(mesh)}
+        record = given.get("record", {})
+        calls.append([name, stage.task, targets, {**inputs, **sources}, given.get("parameters", {}), record])
+    done = subprocess.run(
+        [sys.executable, "-c", MODULE, json.dumps(calls)],
+        cwd=REPOSITORY,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY), **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bar(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bar") / "model.obj"
+    trimesh.creation.box((0.12, 0.03, 0.008)).subdivide_to_size(0.02).export(path)
+    return path
+
+
+QUICK = {
+    "objects": {"record": {"length_m": None, "file_names": ["model.obj", None]}},
+    "touches": {
+        "parameters": {
+            "touch": {
+                "sensor": Sensor().to_dict(), "contact": "rigid", "touches": 2, "held_out_touches": 2,
+                "depth_m": [0.0005, 0.002], "tilt_deg": 0.0, "at_vertices": False,
+            }
+        }
+    },
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, bar: Path) -> Path:
+    return run(tmp_path_factory.mktemp("usual"), QUICK, bar)
+
+
+def verdicts(first: Path, second: Path, stages: object) -> dict[str, str]:
+    """Verdict of every array and attribute of all stages."""
+    return {
+        f"{name}/{found.name}": found.verdict
+        for name in stages
+        for mine, other in zip(
+            STAGES[name].targets(first, "bar"), STAGES[name].targets(second, "bar"), strict=True
+        )
+        for found in compare(mine, other, name)
+    }
+
+
+def test_geometry_and_touch_are_as_declared_on_another_processor(tmp_path, bar, made):
+    other = run(tmp_path, QUICK, bar, **OTHER)
+    found = verdicts(made, other, QUICK)
+    assert {"objects/vertices", "touches/rgb", "touches/attributes/contact"} <= set(found)
+    assert [name for name, verdict in found.items() if verdict == DIFFERENT] == []
+    declared_apart = {"touches/contact_area_m2"}
+    assert {name for name, verdict in found.items() if verdict == WITHIN} <= declared_apart
+
+
+@pytest.mark.slow
+def test_modes_and_views_are_as_declared_on_another_processor(tmp_path, bar):
+    material = read_materials(REPOSITORY / "data" / "materials.csv")["steel"]
+    described = type("Record", (), {})()
+    for field in ("name", "source", "licence", "attribution"):
+        setattr(described, field, "")
+    described.mesh, described.texture = bar, None
+    for field in ("length_m", "roughness", "metallic", "wall_m", "shell_m"):
+        setattr(described, field, None)
+    row = row_of(described, material)
+    stages = {
+        "objects": QUICK["objects"],
+        "modes": {
+            "record": {"material": row["material"], "walls": row["walls"]},
+            "parameters": {
+                "audio": {
+                    "max_frequency_hz": 8000.0, "max_modes": 8, "accuracy_cents": 20.0,
+                    "training_points": 60, "held_out_points": 10,
+                }
+            },
+        },
+        "views": {
+            "record": {"appearance": row["appearance"]},
+            "parameters": {
+                "vision": {
+                    "resolution": 16, "field_of_view_deg": 39.6, "camera_radius": 2.5, "training_views": 2,
+                    "training_samples": 2, "held_out_views": 1, "held_out_samples": 4, "light_power_w": 12.0,
+                    "passes": True,
+                }
+            },
+        },
+    }  # fmt: skip
+    usual = run(tmp_path / "usual", stages, bar)
+    other = run(tmp_path / "other", stages, bar, **OTHER)
+    found = verdicts(usual, other, stages)
+    assert "modes/frequencies_hz" in found
+    assert [name for name, verdict in found.items() if verdict == DIFFERENT] == []
+
+
+def changed(path: Path, target: Path, name: str, change) -> Path:
+    """A copy of a product with one array changed."""
+    product = read_product(path)
+    data = product[name].copy()
+    change(data)
+    write_product(
+        target,
+        Product({**product.arrays, name: replace(product.arrays[name], data=data)}, product.attributes),
+    )
+    return target
+
+
+def only(first: Path, second: Path, stage: str, name: str):
+    """The finding for one array; all others are equal."""
+    found = {entry.name: entry for entry in compare(first, second, stage)}
+    assert {entry.verdict for entry in found.values() if entry.name != name} <= {EQUAL}
+    return found[name]
+
+
+def test_one_ulp_in_an_array_of_the_same_bytes_is_found(tmp_path, made):
+    path = made / "data" / "objects" / "bar.zarr.zip"
+
+    def next_up(data):
+        data[5, 1] = np.nextafter(data[5, 1], np.inf)
+
+    found = only(path, changed(path, tmp_path / "x.zarr.zip", "vertices", next_up), "objects", "vertices")
+    assert found.verdict == DIFFERENT
+    assert found.where == (5, 1)
+    assert 0 < found.relative < 1e-15
+
+
+def test_a_sign_of_zero_is_found_in_an_array_of_the_same_bytes(tmp_path):
+    for name, values in (("a", [0.0, 1.0]), ("b", [-0.0, 1.0])):
+        array = Array(np.array(values), ("x",), "1", "x")
+        write_product(tmp_path / f"{name}.zarr.zip", Product({"vertices": array}))
+    found = only(tmp_path / "a.zarr.zip", tmp_path / "b.zarr.zip", "objects", "vertices")
+    assert (found.verdict, found.largest) == (DIFFERENT, 0.0)
+
+
+def test_a_tolerance_ends_where_it_is_declared(tmp_path, made):
+    path = made / "data" / "touches" / "bar.zarr.zip"
+    areas = read_product(path)["contact_area_m2"]
+    limit = declared("touches")["contact_area_m2"]["relative"] * np.ptp(areas)
+
+    def by(share):
+        def move(data):
+            data[1] += share * limit
+
+        return only(
+            path,
+            changed(path, tmp_path / "x.zarr.zip", "contact_area_m2", move),
+            "touches",
+            "contact_area_m2",
+        )
+
+    assert by(0.5).verdict == WITHIN
+    assert by(2.0).verdict == DIFFERENT
+    assert by(2.0).where == (1,)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [np.ones(3), np.ones(4, np.float32), np.array([1, 1, 1, np.nan]), np.array([1, 1, 1, np.inf])],
+)
+def test_another_shape_type_or_place_of_nan_is_different_whatever_is_allowed(tmp_path, other):
+    for name, values in (("a", np.ones(4)), ("b", other)):
+        array = Array(values, ("x",), "Hz", "x")
+        write_product(tmp_path / f"{name}.zarr.zip", Product({"frequencies_hz": array}))
+    found = only(tmp_path / "a.zarr.zip", tmp_path / "b.zarr.zip", "modes", "frequencies_hz")
+    assert (found.verdict, found.largest) == (DIFFERENT, np.inf)
+
+
+def test_an_array_or_attribute_of_one_product_alone_is_different(tmp_path):
+    array = Array(np.ones(4), ("x",), "Hz", "x")
+    write_product(tmp_path / "a.zarr.zip", Product({"x": array}, {"said": {"of": [1.0]}, "fingerprint": "a"}))
+    write_product(tmp_path / "b.zarr.zip", Product({"y": array}, {"said": {"of": ["1"]}, "fingerprint": "b"}))
+    found = {entry.name: entry.verdict for entry in compare(*sorted(tmp_path.iterdir()), "objects")}
+    assert found == dict.fromkeys(("x", "y", "attributes/said/of", "attributes/said/of/0"), DIFFERENT)
+
+
+def test_tensor_files_are_compared_with_their_metadata(tmp_path):
+    content = TensorFile({"vision.a": np.linspace(0, 1, 9, dtype=np.float16)}, {"said": {"x": 1.5}})
+    moved = content.tensors["vision.a"].copy()
+    moved[3] = np.nextafter(moved[3], np.float16(9))
+    write_tensor_file(tmp_path / "a.safetensors", content)
+    write_tensor_file(tmp_path / "b.safetensors", TensorFile({"vision.a": moved}, {"said": {"x": 1.6}}))
+    paths = sorted(tmp_path.iterdir())
+    found = {entry.name: entry.verdict for entry in compare(*paths, "encode")}
+    assert found == {"vision.a": WITHIN, "attributes/said/x": DIFFERENT}
+    paths[1].write_bytes(paths[1].read_bytes()[:-1])
+    with pytest.raises(FormatError):
+        compare(*paths, "encode")
+    assert read_tensor_file(paths[0]).tensors
+
+
+def test_every_stage_declares_and_what_it_declares_is_json():
+    for stage in STAGES:
+        assert json.loads(canonical_json(declared(stage))) == declared(stage)
+    with pytest.raises(InputError, match="no reproducibility"):
+        declared("report")
