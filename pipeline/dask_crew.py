@@ -243,6 +243,8 @@ class DaskCrew:
             self._refuse(worker, f"it cannot run this code ({error_of(future)}). {SAME}")
         elif key in self._tasks and self._tasks[key].outcome is None:
             future = self._tasks[key].future
+            if future.status == "cancelled":
+                return ()  # by the end of the connection, which is looked at next
             error = error_of(future)
             if future.status == "error" and type(error).__name__ != "KilledWorker":
                 return [self._fail(key, error)]

@@ -30,7 +30,7 @@ MEMORY = "OBJECTFOLDER_WORKER_MEMORY_GB"
 POOLS = (BLENDER, GPU)
 NOTHING = "nothing"  # resource of a worker that was started for no pool
 USABLE = 0.9  # of a host's memory, where nobody said how much
-CANCELLED = "cancelled"  # Dask's word for a running task whose result nobody wants
+ABANDONED = ("executing", "released")  # what Dask calls a running task that nobody waits for any more
 CHECK_LIMIT_S = 600.0
 
 
@@ -88,6 +88,7 @@ class Introduction:
 def introduce(run: str, key: str, question: Question) -> None:
     """Tell the driver who this worker is."""
     worker = _worker()
+    worker.loop.add_callback(worker.plugins.__setitem__, GivenUp.__name__, _given_up)
     shares = _shares(question)
     answer = Introduction(
         host=os.environ.get(HOST) or _host(worker.ip),
@@ -110,10 +111,9 @@ def run_on_worker(
     """
     worker = _worker()
     child = _child(root or Path.cwd(), settings)
-    given_up = GivenUp.of(worker)
     answer: dict[str, Any] = {"run": run, "key": key}
     try:
-        with given_up.ends(key, child):
+        with _given_up.ends(key, child):
             answer["outcome"] = as_message(child.run(call, expected_bytes))
     except ProcessKilled as error:
         answer["lost"] = str(error)
@@ -129,15 +129,6 @@ class GivenUp:
         self._children: dict[str, Child] = {}
         self._lock = threading.Lock()
 
-    @classmethod
-    def of(cls, worker: Any) -> "GivenUp":
-        """Return the plugin of a worker; the first task to ask puts it there."""
-        with _making:
-            plugin: GivenUp | None = worker.plugins.get(cls.__name__)
-            if plugin is None:
-                plugin = worker.plugins[cls.__name__] = cls()
-            return plugin
-
     @contextlib.contextmanager
     def ends(self, key: str, child: Child) -> Iterator[None]:
         """Let `child` end with the task `key` as long as this lasts."""
@@ -151,11 +142,14 @@ class GivenUp:
 
     def transition(self, key: str, start: str, finish: str, **_: Any) -> None:
         """Take the news of a task from the worker."""
-        if finish == CANCELLED:
+        if (start, finish) == ABANDONED:
             with self._lock:
                 child = self._children.get(key)
                 if child is not None:
                     child.interrupt()
+
+
+_given_up = GivenUp()
 
 
 def as_message(outcome: Outcome) -> dict[str, Any]:
@@ -172,7 +166,6 @@ def from_message(message: Mapping[str, Any]) -> Outcome:
 
 
 _own = threading.local()
-_making = threading.Lock()
 
 
 def _child(root: Path, settings: ChildSettings) -> Child:
