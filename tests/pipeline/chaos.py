@@ -286,10 +286,11 @@ class Killed:
     committed: tuple[tuple[str, str], ...]
 
 
-def victims(ground: Ground) -> dict[str, list[psutil.Process]]:
-    """Return the processes that run tasks, and the workers that they belong to."""
+def victims(ground: Ground, spared: Collection[tuple[str, str]] = ()) -> dict[str, list[psutil.Process]]:
+    """Return the processes that run tasks, those at what is spared left out, and their workers."""
     alive = {process.pid: process for process in ground.processes()}
-    children = [alive[pid] for pid in sorted({one.pid for one in ground.executions()} & alive.keys())]
+    last = {one.pid: one.work for one in ground.executions()}
+    children = [alive[pid] for pid in sorted(last.keys() & alive.keys()) if last[pid] not in spared]
     workers = []
     for child in children:
         with contextlib.suppress(psutil.Error):

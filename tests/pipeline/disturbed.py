@@ -10,7 +10,6 @@ import socket
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import psutil
@@ -33,15 +32,18 @@ class Round:
         `LOCAL` or `ADDRESS`.
     seed
         Decides what is killed when.
+    task_s
+        How long tasks take: a kill comes within that time of the beginning of one.
     """
 
-    def __init__(self, ground: Ground, place: str, seed: int) -> None:
+    def __init__(self, ground: Ground, place: str, seed: int, task_s: float = 0.2) -> None:
         self.ground = ground
         self.kills: list[Killed] = []
         self.moments: list[dict[str, Any]] = []
         self.exit_codes: list[int] = []
         self._chance = random.Random(seed)
         self._place = place
+        self._task_s = task_s
         self._port = free_port()
         self._scheduler: subprocess.Popen[bytes] | None = None
         self._driver: subprocess.Popen[bytes] | None = None
@@ -129,12 +131,12 @@ class Round:
                 lambda: len(self.ground.executions()) >= begun + more or driver.poll() is not None,  # noqa: B023
                 "tasks begin",
             )
-            delay_s = self._chance.uniform(0.0, 0.2)
+            delay_s = self._chance.uniform(0.0, self._task_s)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 driver.wait(delay_s)
-            found = self._candidates(kind, driver)
             if driver.poll() is not None:
                 return  # it ended before the moment came
+            found = self._candidates(kind, driver)
             if not found:
                 continue
             stood = sum(map(self.ground.stands, self.ground.works))
@@ -148,18 +150,21 @@ class Round:
                 return
 
     def _candidates(self, kind: str, driver: subprocess.Popen[bytes]) -> list[psutil.Process]:
-        if kind == DRIVER:
-            return [psutil.Process(driver.pid)]
-        if kind == SCHEDULER:
-            assert self._scheduler is not None
-            assert self._scheduler.poll() is None, "the scheduler ended by itself"
-            return [psutil.Process(self._scheduler.pid)]
-        found = victims(self.ground)
+        if kind in (DRIVER, SCHEDULER):
+            process = driver if kind == DRIVER else self._scheduler
+            assert process is not None
+            assert process.poll() is None, f"the {kind} ended by itself"
+            return [psutil.Process(process.pid)]
+        found = victims(self.ground, self._cut_short())
         keepers = {driver.pid} if self._place == LOCAL else {process.pid for process in self._workers}
         for worker in found[WORKER]:
             with contextlib.suppress(psutil.NoSuchProcess):
                 assert keepers & {one.pid for one in worker.parents()}, "a worker of another place"
         return found[kind]
+
+    def _cut_short(self) -> set[tuple[str, str]]:
+        """Return what a kill of its own process cut short: a second one would count as its own fault."""
+        return {work for killed in self.kills if killed.what == CHILD for work in killed.running}
 
     def _finish(self, kills: int) -> None:
         for _ in range(kills + MOST_RUNS):
@@ -185,11 +190,10 @@ class Round:
         self.ground.end()
 
 
-def undisturbed(root: Path, contents: Mapping[str, str]) -> dict[str, str]:
+def undisturbed(ground: Ground) -> dict[str, str]:
     """Return the digests of all products, made without any disturbance."""
-    ground = Ground(root, contents)
     if ground.run() != 0:
-        raise AssertionError((root / "output.log").read_text())
+        raise AssertionError((ground.root / "output.log").read_text())
     assert set(ground.counts().values()) == {1}
     return ground.digests()
 

@@ -21,7 +21,7 @@ CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(6)}
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory) -> dict[str, str]:
-    return undisturbed(tmp_path_factory.mktemp("undisturbed") / "data_set", CONTENTS)
+    return undisturbed(Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", CONTENTS))
 
 
 @pytest.mark.slow
