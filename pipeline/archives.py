@@ -74,13 +74,15 @@ def _check(archive: zipfile.ZipFile) -> None:
     entries = archive.infolist()
     if len({entry.filename for entry in entries}) != len(entries):
         raise ValueError("an entry is there twice")
+    if "zarr.json" not in {entry.filename for entry in entries}:
+        raise ValueError("no group of Zarr 3")
     arrays: dict[str, int] = {}
     total = 0
     for entry in entries:
         name, _, rest = entry.filename.partition("/")
         if entry.filename == "zarr.json":
             _check_group(_json(archive, entry))
-        elif not _NAME.fullmatch(name):
+        elif not rest or not _NAME.fullmatch(name):
             raise ValueError(f"entry {entry.filename!r} is no part of a product")
         elif rest == "zarr.json":
             arrays[name], whole = _bytes(name, _json(archive, entry))
@@ -103,7 +105,12 @@ def _json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
 
 def _check_group(said: dict[str, Any]) -> None:
     more = said.keys() - {"attributes", "zarr_format", "node_type"}
-    if said["zarr_format"] != 3 or said["node_type"] != "group" or more:
+    if (
+        said["zarr_format"] != 3
+        or said["node_type"] != "group"
+        or not isinstance(said["attributes"], dict)
+        or more
+    ):
         raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(more)}")
 
 
