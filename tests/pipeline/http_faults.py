@@ -57,16 +57,26 @@ class Proxy:
         self.kinds = kinds
         self.requests: Counter[str] = Counter()  # by method
         self.faults: Counter[str] = Counter()  # by kind
+        self.paths: list[tuple[str, str]] = []  # method and path, as they came
         self.bytes_up = self.bytes_down = 0
         self.refuse = False  # as a server that is down
+        self.outage = range(0)  # numbers of the requests during which it is down
+        self.refusals = 0
         self.after_fault: Callable[[], object] = lambda: None
         self.refused: Callable[[], object] = lambda: None
         self._chance = random.Random(seed)
         self._lock = threading.Lock()
 
-    def fault(self, method: str) -> str:
+    def refuses(self) -> bool:
+        with self._lock:
+            down = self.refuse or self.refusals + sum(self.requests.values()) in self.outage
+            self.refusals += down
+            return down
+
+    def fault(self, method: str, path: str) -> str:
         with self._lock:
             self.requests[method] += 1
+            self.paths.append((method, path))
             kind = self._chance.choice(self.kinds) if self._chance.random() < self.rate else ""
             if kind:
                 self.faults[kind] += 1
@@ -110,10 +120,10 @@ class _Handler(BaseHTTPRequestHandler):
     def pass_on(self) -> None:
         length = int(self.headers.get("Content-Length") or 0)
         body = self.rfile.read(length)  # "Expect: 100-continue" was answered before
-        if self.proxy.refuse:
+        if self.proxy.refuses():
             self.proxy.refused()
             return self.reset()
-        kind = self.proxy.fault(self.command)
+        kind = self.proxy.fault(self.command, self.path)
         if kind in BODIES:
             return self.fail(kind)
         if kind == "reset":

@@ -1,0 +1,359 @@
+"""Jobs whose inputs and products travel through a store: right bytes, sent once, kept from harm."""
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from store_runs import Elsewhere, elsewhere, flow, made
+from toys import REPOSITORY
+
+from objectfolder.errors import FormatError, InputError, SimulationError
+from pipeline import memo, products
+from pipeline.child import execute
+from pipeline.crew import Job
+from pipeline.input_cache import InputCache
+from pipeline.shipping import Courier
+from pipeline.stages import OBJECTS, STAGES
+from pipeline.storage import STORE, Store, product_name, source_name
+from pipeline.task import Call, Request
+
+FINGERPRINT = "cd" * 32
+
+
+@pytest.fixture
+def store(tmp_path_factory, monkeypatch):
+    """A folder as store, and a worker's cache and scratch apart from the data."""
+    folder = tmp_path_factory.mktemp("store")
+    monkeypatch.setenv(STORE, f"file://{folder}")
+    monkeypatch.setenv("OBJECTFOLDER_STORE_PATIENCE_S", "1")
+    monkeypatch.setenv("OBJECTFOLDER_CACHE", str(tmp_path_factory.mktemp("cache")))
+    monkeypatch.setenv("OBJECTFOLDER_MEMO_GB", "0")
+    scratch = tmp_path_factory.mktemp("scratch")
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    yield folder
+    assert not list(scratch.iterdir()), "a shipment left something behind"
+
+
+@pytest.fixture
+def cache():
+    return Path(os.environ["OBJECTFOLDER_CACHE"])
+
+
+def test_workers_elsewhere_make_the_same_products(toys, store):
+    toys.converge()
+    assert len(toys.executed()) == 9
+    expected = made(toys)
+    _forget(toys, store)
+    for summary in flow(toys, elsewhere(toys.root)):
+        assert summary.computed == ("ball", "cup", "dish")
+    assert len(toys.executed()) == 9
+    assert made(toys) == expected
+    assert all(summary.kept == ("ball", "cup", "dish") for summary in toys.converge())
+
+
+def test_worker_sees_no_path_of_the_driver(toys, store):
+    seen = []
+
+    def run(call: Call):
+        seen.append([*call.request.inputs.values(), *call.targets])
+        assert call.memo is None
+        return execute(call)
+
+    flow(toys, elsewhere(toys.root, run))
+    assert len(seen) == 9
+    assert not [path for paths in seen for path in paths if path.is_relative_to(toys.root)]
+
+
+def test_what_is_in_the_store_is_neither_sent_nor_made_again(toys, store, monkeypatch):
+    flow(toys, elsewhere(toys.root))
+    toys.executed()
+    first = made(toys)
+    puts = []
+    put = Store.put
+    monkeypatch.setattr(Store, "put", lambda self, source, name: (puts.append(name), put(self, source, name)))
+    for path in toys.root.glob("data/*/*"):
+        path.unlink()
+    for summary in toys.converge():
+        assert summary.restored == ("ball", "cup", "dish")
+    jobs = _jobs(toys, toys.tune)
+    crew = Elsewhere(toys.root)
+    for job in jobs:
+        crew.start(job, "elsewhere")
+        (finished,) = crew.wait()
+        assert finished.outcome.failure is None
+        assert finished.outcome.wall_s == 0  # nothing ran
+    assert toys.executed() == []
+    assert puts == []
+    assert made(toys) == first
+
+
+def test_a_mesh_finds_the_files_that_it_refers_to(store, tmp_path):
+    from PIL import Image
+
+    scan = tmp_path / "scans of mine" / "mug"
+    (scan / "textures").mkdir(parents=True)
+    faces = "f 1/1 3/1 2/1\nf 1/1 2/1 4/1\nf 1/1 4/1 3/1\nf 2/1 3/1 4/1\n"
+    (scan / "mug.obj").write_text(
+        "mtllib ../mug.mtl\nusemtl skin\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt .5 .5\n" + faces
+    )
+    (scan.parent / "mug.mtl").write_text("newmtl skin\nmap_Kd mug/textures/skin.png\n")
+    Image.fromarray(np.full((4, 4, 3), (200, 30, 60), np.uint8)).save(scan / "textures" / "skin.png")
+    job = _object_job(tmp_path, scan / "mug.obj")
+    assert len(job.inputs) == 3
+    assert execute(job.call).failure is None
+    (target,) = job.call.targets
+    expected = target.read_bytes()
+    target.unlink()
+    crew = Elsewhere(tmp_path)
+    crew.start(job, "elsewhere")
+    (finished,) = crew.wait()
+    assert finished.outcome.failure is None
+    assert target.read_bytes() == expected
+    names = sorted(path.relative_to(store).as_posix() for path in store.rglob("*") if path.is_file())
+    assert not [name for name in names if "mug" in name or "scans" in name]
+
+
+def test_a_mesh_that_refers_to_a_place_of_the_drivers_machine_is_refused(store, tmp_path):
+    scan, library = tmp_path / "scan", tmp_path / "elsewhere" / "skin.mtl"
+    scan.mkdir()
+    library.parent.mkdir()
+    library.write_text("newmtl skin\nKd 1 0 0\n")
+    (scan / "mug.obj").write_text(f"mtllib {library}\nusemtl skin\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    job = _object_job(tmp_path, scan / "mug.obj")
+    if len(job.inputs) == 1:
+        pytest.skip("such references are not followed")
+    shipment = Courier(tmp_path).publish(job)
+    # As on a machine where that path is not.
+    library.unlink()
+    outcome = shipment.run(execute)
+    assert "workers elsewhere do not have" in outcome.failure.error
+
+
+@pytest.mark.parametrize("place", ["../escaped", "/escaped", "sources/../../escaped"])
+def test_no_input_leaves_the_folder_of_its_job(toys, store, place):
+    (job,) = _jobs(toys, toys.ingest)[:1]
+    shipment = Courier(toys.root).publish(job)
+    (parcel,) = shipment.parcels.values()
+    changed = dataclasses.replace(shipment, parcels={"mesh": dataclasses.replace(parcel, place=place)})
+    assert "outside the job's folder" in changed.run(execute).failure.error
+    assert toys.executed() == []
+
+
+def test_inputs_are_fetched_once_a_host(toys, store, cache, monkeypatch):
+    gets = []
+    get = Store.get
+    monkeypatch.setattr(
+        Store, "get", lambda self, name, target: (gets.append((name, target)), get(self, name, target))[1]
+    )
+    flow(toys, elsewhere(toys.root))
+    worker = [name for name, target in gets if not target.is_relative_to(toys.root)]
+    # Products come home, and the host that made them has them for its next job; meshes had to come.
+    assert sorted(worker) == sorted(name for name in worker if name.startswith("sources/"))
+    assert len(worker) == 3
+
+
+def test_a_damaged_file_of_the_cache_is_fetched_anew(toys, store, cache):
+    flow(toys, elsewhere(toys.root))
+    toys.executed()
+    expected = made(toys)
+    for path in cache.rglob("*"):
+        if path.is_file():
+            path.write_bytes(path.read_bytes()[:-3])
+    toys.set_parameter("training_views", 6)
+    flow(toys, elsewhere(toys.root))
+    assert len(toys.executed()) == 6
+    assert made(toys).keys() == expected.keys()
+    toys.set_parameter("training_views", 5)
+    flow(toys, elsewhere(toys.root))
+    assert made(toys) == expected
+
+
+def test_the_cache_keeps_what_was_used_last_and_fits_its_cap(tmp_path):
+    cache = InputCache(tmp_path / "cache", 3000)
+    names = [source_name(f"{index:064x}") for index in range(5)]
+    for age, name in enumerate(names):
+        (tmp_path / "file").unlink(missing_ok=True)
+        (tmp_path / "file").write_bytes(bytes([age]) * 1000)
+        cache.add(name, tmp_path / "file")
+        os.utime(tmp_path / "cache" / name, (age, age))
+        if age == 2:
+            assert cache.find(names[0], tmp_path / "used", lambda path: None)  # makes it the youngest
+    found = {name for name in names if (tmp_path / "cache" / name).exists()}
+    assert found == {names[0], names[3], names[4]}
+    assert (tmp_path / "used").read_bytes() == bytes(1000)
+
+
+def test_a_product_that_cannot_be_sent_is_kept_and_sent_by_the_next_run(toys, store, monkeypatch):
+    toys.converge(toys.ingest)
+    toys.executed()
+    put = Store.put
+
+    def broken(self, source, name):
+        if "tuned" in name:
+            raise SimulationError(self.url, "no success in 1 s of tries", "See whether it runs.")
+        put(self, source, name)
+
+    with monkeypatch.context() as during:
+        during.setattr(Store, "put", broken)
+        (summary,) = toys.flow(toys.tune, crew_for=elsewhere(toys.root))
+    assert sorted(failure.object_id for failure in summary.failures) == ["ball", "cup", "dish"]
+    assert "no success" in summary.failures[0].error
+    assert not list(toys.root.glob("data/tuned/*"))
+    assert len(toys.executed()) == 3
+    (summary,) = toys.flow(toys.tune, crew_for=elsewhere(toys.root))
+    assert summary.computed == ("ball", "cup", "dish")
+    assert toys.executed() == []
+
+
+def test_an_input_damaged_in_the_store_is_removed_and_sent_anew(toys, store):
+    (job, *_) = _jobs(toys, toys.ingest)
+    courier = Courier(toys.root)
+    shipment = courier.publish(job)
+    (stored,) = (path for path in store.rglob("*") if path.is_file())
+    stored.write_bytes(b"9.9")  # of the right size
+    outcome = shipment.run(execute)
+    assert "its copy of the input mesh was damaged" in outcome.failure.error
+    assert not stored.exists()
+    assert toys.executed() == []
+    assert courier.publish(job).run(execute).failure is None
+
+
+def test_a_product_damaged_in_the_store_is_not_collected(toys, store):
+    (job, *_) = _jobs(toys, toys.ingest)
+    courier = Courier(toys.root)
+    assert courier.publish(job).run(execute).failure is None
+    name = product_name(job.call.fingerprint, "ingested.zarr.zip")
+    (store / name).write_bytes((store / name).read_bytes()[:-5])
+    with pytest.raises(FormatError, match="missing or damaged"):
+        courier.collect(job)
+    assert not (store / name).exists()
+    assert not job.call.targets[0].exists()
+    toys.executed()
+    assert courier.publish(job).run(execute).failure is None  # the worker still has it
+    assert toys.executed() == []
+    courier.collect(job)
+    products.verify(job.call.targets[0])
+
+
+def test_an_input_changed_on_its_way_is_not_sent(toys, store):
+    (job, *_) = _jobs(toys, toys.ingest)
+    job.call.request.inputs["mesh"].write_text("7.0")
+    with pytest.raises(InputError, match="changed since the run began"):
+        Courier(toys.root).publish(job)
+    job.call.request.inputs["mesh"].unlink()
+    with pytest.raises(InputError, match="is gone"):
+        Courier(toys.root).publish(job)
+    assert not [path for path in store.rglob("*") if path.is_file()]
+
+
+def test_without_a_store_workers_elsewhere_are_refused(toys, monkeypatch):
+    monkeypatch.delenv(STORE, raising=False)
+    with pytest.raises(InputError, match=r"do not share the data folder.*OBJECTFOLDER_STORE"):
+        Courier(toys.root)
+
+
+def test_a_failing_task_fails_as_it_does_at_home(toys, store):
+    toys.add("cup", "poison raise ValueError('no cup')")
+    summary, *_ = flow(toys, elsewhere(toys.root))
+    assert [failure.error for failure in summary.failures] == ["ValueError: no cup"]
+    assert sorted(summary.computed) == ["ball", "dish"]
+
+
+FETCH = """
+import sys
+from pathlib import Path
+from objectfolder.provenance import file_digest
+from objectfolder.errors import FormatError
+from pipeline.input_cache import InputCache
+from pipeline.storage import Store, source_name
+
+def check(path):
+    if file_digest(path) != sys.argv[3]:
+        raise FormatError(str(path), "damaged")
+
+cache = InputCache(Path(sys.argv[2]), int(sys.argv[4]))
+print("ready", flush=True)
+for turn in range(int(sys.argv[5])):
+    target = Path(sys.argv[6]) / f"{turn}"
+    assert cache.fetch(Store(sys.argv[1]), source_name(sys.argv[3]), target, check)
+    target.unlink()
+"""
+
+
+def test_workers_of_one_host_share_the_cache_while_some_are_killed(store, cache, tmp_path):
+    from objectfolder.provenance import file_digest
+
+    large = tmp_path / "large"
+    large.write_bytes(os.urandom(3_000_000))
+    digest = file_digest(large)
+    Store(os.environ[STORE]).put(large, source_name(digest))
+
+    def worker(name: str, cap: int, turns: int) -> subprocess.Popen[str]:
+        (tmp_path / name).mkdir()
+        command = [sys.executable, "-c", FETCH, os.environ[STORE], str(cache), digest, str(cap), str(turns)]
+        return subprocess.Popen(
+            [*command, str(tmp_path / name)], cwd=REPOSITORY, stdout=subprocess.PIPE, text=True
+        )
+
+    # One whose cap is too small takes away what the others read.
+    workers = [worker("steady", 10**9, 60), worker("small", 0, 60)]
+    victim = worker("victim", 0, 10**6)
+    assert victim.stdout.readline() == "ready\n"
+    time.sleep(np.random.default_rng(3).uniform(0.1, 0.5))  # any moment will do
+    victim.send_signal(signal.SIGKILL)
+    victim.wait()
+    assert [process.wait(120) for process in workers] == [0, 0]
+    for path in cache.rglob("*"):
+        if path.is_file() and not path.name.endswith(".partial"):
+            assert file_digest(path) == digest
+
+
+def _jobs(toys, stage) -> list[Job]:
+    """What a driver would hand to a crew for a stage, whatever is there."""
+    from objectfolder.provenance import fingerprint
+    from pipeline.verified import Verified
+
+    jobs = []
+    for object_id, row in toys.rows.items():
+        prepared = stage.prepare(toys.root, toys.parameters, object_id, row, Verified(toys.root))
+        wanted = fingerprint(prepared.parts)
+        provenance = {**prepared.parts, "fingerprints": {**stage.lineage(prepared.parts), stage.name: wanted}}
+        call = Call(
+            stage.name,
+            stage.task,
+            prepared.request,
+            stage.targets(toys.root, object_id),
+            wanted,
+            provenance,
+            memo.memo_folder(toys.root, wanted),
+        )
+        jobs.append(Job(call, inputs=prepared.inputs))
+    return jobs
+
+
+def _object_job(root: Path, mesh: Path) -> Job:
+    """The first stage of the real pipeline for one mesh."""
+    from objectfolder.geometry.source_files import source_files
+    from objectfolder.provenance import file_digest
+
+    first, *referred = source_files(mesh)
+    inputs = {"mesh": first, **{f"referred_{index}": path for index, path in enumerate(referred)}}
+    request = Request("mug", inputs, {}, {"length_m": 0.1, "file_names": [mesh.name, None]}, 0)
+    stage = STAGES["objects"]
+    call = Call(stage.name, stage.task, request, (OBJECTS.path(root, "mug"),), FINGERPRINT, {})
+    return Job(call, inputs={name: file_digest(path) for name, path in inputs.items()})
+
+
+def _forget(toys, store) -> None:
+    for path in (
+        *toys.root.glob("data/*/*"),
+        *store.rglob("*/*/*.*"),
+        *toys.root.glob(".objectfolder/memo/*/*/*"),
+    ):
+        path.unlink()
