@@ -59,8 +59,8 @@ PLAN = {
 REAL_TASK_S = 6.0
 COMPARED = (
     "products of disturbed runs against those of an undisturbed one, byte by byte; executions of each task "
-    "and object counted by the tasks themselves, those beyond the first allowed only to what a kill cut "
-    "short; every product and memo entry read whenever it changed; processes and temporary files left"
+    "and object, written down by the tasks themselves, against when their products stood; every product and "
+    "memo entry read whenever it changed; processes and temporary files left"
 )
 
 

@@ -8,6 +8,7 @@ the processes of a run, and `kill` ends one and says what it was doing.
 import contextlib
 import hashlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -244,6 +245,7 @@ class Watcher:
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self.reads = 0
         self.broken: list[str] = []
+        self.whole_since: dict[Path, float] = {}  # modification time of the first whole version
 
     def __enter__(self) -> "Watcher":
         self._thread.start()
@@ -268,7 +270,9 @@ class Watcher:
                     if self._seen.get(path) != state:
                         self._seen[path] = state
                         self.reads += 1
-                        if not is_whole(path) and path.exists():
+                        if is_whole(path):
+                            self.whole_since.setdefault(path, status.st_mtime)
+                        elif path.exists():
                             self.broken.append(str(path.relative_to(self._root)))
 
     def _watch(self) -> None:
@@ -325,8 +329,19 @@ def is_gone(process: psutil.Process) -> bool:
         return True
 
 
-def redone(executions: Iterable[Execution], kills: Collection[Killed]) -> dict[str, int]:
-    """Return what was executed more often than the kills account for, and how much more often."""
+def redone(ground: Ground, executions: Iterable[Execution], since: Mapping[Path, float]) -> dict[str, int]:
+    """Return how often tasks began although all their products stood since before."""
+    found: Counter[str] = Counter()
+    stages = {stage.name: stage for stage in ground.toys.stages}
+    for execution in executions:
+        targets = stages[execution.task].targets(ground.root, execution.object_id)
+        if all(since.get(path, math.inf) < execution.time for path in targets):
+            found[" ".join(execution.work)] += 1
+    return dict(found)
+
+
+def unexplained(executions: Iterable[Execution], kills: Collection[Killed]) -> dict[str, int]:
+    """Return what began more often than kills that no run ends of account for, and how much more often."""
     allowed = Counter(work for killed in kills for work in killed.running)
     counts = Counter(execution.work for execution in executions)
     return {

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from typing import Any
 
 import psutil
-from chaos import Ground, Killed, Watcher, kill, redone, victims, wait_for
+from chaos import Ground, Killed, Watcher, kill, redone, unexplained, victims, wait_for
 
 SCHEDULER, DRIVER, WORKER, CHILD = "scheduler", "driver", "worker", "child"
 LOCAL, ADDRESS = "local", "address"
@@ -73,7 +73,8 @@ class Round:
             "products_that_differ": sorted(
                 name for name, digest in digests.items() if undisturbed.get(name) != digest
             ),
-            "finished_work_redone": redone(self.ground.executions(), self.kills),
+            "finished_work_redone": redone(self.ground, self.ground.executions(), self.watcher.whole_since),
+            "begun_again_without_a_kill": self._unexplained(),
             "half_written": self.watcher.broken,
             "processes_left": [process.pid for process in self._left],
             "files_left": self.ground.litter(),
@@ -173,6 +174,12 @@ class Round:
             if driver.returncode == 0:
                 break
         self.exit_codes.append(self._driver.returncode if self._driver else -1)
+
+    def _unexplained(self) -> dict[str, int]:
+        """What a driver or scheduler elsewhere leaves behind may begin after it was killed."""
+        if self._place == LOCAL or all(killed.what in SURVIVED for killed in self.kills):
+            return unexplained(self.ground.executions(), self.kills)
+        return {}
 
     def _failed_runs(self) -> list[int]:
         if all(killed.what in SURVIVED for killed in self.kills):
