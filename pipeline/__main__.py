@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -23,7 +24,10 @@ PLACE = "OBJECTFOLDER_CLUSTER"
 STAGE_NAMES = ("objects", "views", "modes", "touches", "encode", "fidelity")
 # Commands with options of their own, by the module that has them: `add_arguments` and `main`.
 MODULES = {
+    "clean": ("pipeline.clean", "list what is safe to remove, and remove it with --yes"),
+    "plan": ("pipeline.plan", "say what a run would do and take, or what the last one took"),
     "scheduler": ("pipeline.scheduler", "run a scheduler that workers and drivers come to"),
+    "status": ("pipeline.status", "say what is as the inputs ask for, what is not, and why"),
     "worker": ("pipeline.worker", "work for a scheduler"),
 }
 
@@ -55,7 +59,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(root: Path, command: str) -> int:
     """Run what changes the data set, one at a time."""
     from pipeline.exclusive import exclusive
+    from pipeline.run_log import RUN_ID
+    from pipeline.run_record import new_run_id
 
+    # What this starts is part of the same run: its parts share a record, and try no failure twice.
+    os.environ.setdefault(RUN_ID, new_run_id())
+    # A terminal that closes, or a batch system that stops a run, ends it as the keyboard does.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupted)
     names = {"products": "all products", "dataset": "the data set"}
     with exclusive(root, names.get(command, f"stage {command}")):
         if command == "starter":
@@ -65,6 +76,10 @@ def _run(root: Path, command: str) -> int:
         if command == "dataset":
             return make_dataset(root)
         return converge_stages(root, STAGE_NAMES if command == "products" else [command])
+
+
+def _interrupted(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
 
 
 def converge_stages(root: Path, names: Sequence[str]) -> int:
@@ -126,11 +141,8 @@ def make_report(root: Path) -> int:
 
 def make_dataset(root: Path) -> int:
     """Make all products with no barrier between stages, then let DVC see, report and record them."""
-    from pipeline.run_log import RUN_ID
-    from pipeline.run_record import new_run_id
     from pipeline.stages import OBJECT_FILES
 
-    os.environ[RUN_ID] = new_run_id()  # of one run: what fails in the flow is not tried again by DVC's stages
     dvc = [sys.executable, "-m", "dvc", "repro"]
     failed_before = bool(all_failures(root))
     code = subprocess.run([*dvc, "--quiet", "starter"], cwd=root, check=False).returncode

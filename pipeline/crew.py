@@ -101,7 +101,7 @@ class Lost:
     reason
         What is known, for a person.
     counts
-        Whether the job itself may be the reason.
+        Whether the job itself may be the reason: its own process was killed, not its worker.
     """
 
     job: Job

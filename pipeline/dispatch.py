@@ -9,7 +9,8 @@ from pipeline.crew import Crew, Finished, Job, Lost, Slot
 from pipeline.schedule import Needs, choose, order
 from pipeline.task import Failure, Outcome
 
-MOST_LOSSES = 2  # slots or processes that a job may lose before it counts as the reason
+MOST_DEATHS = 2  # of its own process, after which a job counts as the reason
+MOST_LOSSES = 10  # of any kind: a body cannot kill its worker, but nothing is tried for ever
 
 
 class Dispatch:
@@ -30,6 +31,7 @@ class Dispatch:
         self._running: dict[str, tuple[Job, Slot]] = {}  # by slot
         self._tries: Counter[str] = Counter()
         self._losses: Counter[str] = Counter()
+        self._deaths: Counter[str] = Counter()
 
     def add(self, job: Job) -> None:
         """Let a job wait for a slot, those with the longest chain behind them first."""
@@ -38,8 +40,8 @@ class Dispatch:
     def events(self) -> Iterator[Finished | Lost]:
         """Yield what ends and what is lost, until nothing waits and nothing runs.
 
-        A job whose slot or process was lost is tried again; one that lost `MOST_LOSSES` of them failed,
-        and so did one that no slot there is can run.
+        A job whose slot or process was lost is tried again. It fails when its own process was killed
+        `MOST_DEATHS` times, when it was lost `MOST_LOSSES` times in all, and when no slot can run it.
         """
         while self._waiting or self._running:
             slots = self._crew.slots()
@@ -94,17 +96,21 @@ class Dispatch:
             return Finished(
                 lost.job, lost.slot, Outcome(call.request.object_id, fingerprint=call.fingerprint)
             )
-        self._losses[lost.job.key] += lost.counts
-        if not lost.counts:
-            self.add(lost.job)
-            return None
-        if self._losses[lost.job.key] < MOST_LOSSES:
+        key = lost.job.key
+        self._losses[key] += 1
+        self._deaths[key] += lost.counts
+        remedy = "Out of memory, most likely: run fewer workers, or lower the settings of this stage."
+        if self._deaths[key] >= MOST_DEATHS:
+            return _failed(lost.job, lost.slot, f"{lost.reason}, {MOST_DEATHS} times", remedy)
+        if self._losses[key] >= MOST_LOSSES:
+            return _failed(lost.job, lost.slot, f"lost {MOST_LOSSES} times, at last: {lost.reason}", remedy)
+        if lost.counts:
             # Memory is the likeliest reason: the second time it gets all of a host.
             whole = max(self._crew.memory_bytes().values(), default=0)
             self.add(replace(lost.job, memory_bytes=max(lost.job.memory_bytes, whole)))
-            return None
-        remedy = "Out of memory, most likely: run fewer workers, or lower the settings of this stage."
-        return _failed(lost.job, lost.slot, f"{lost.reason}, {MOST_LOSSES} times", remedy)
+        else:
+            self.add(lost.job)
+        return None
 
 
 def _failed(job: Job, slot: str, error: str, remedy: str) -> Finished:

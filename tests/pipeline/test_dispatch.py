@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.crew import BLENDER, GPU, Finished, Job, Lost, Slot
-from pipeline.dispatch import MOST_LOSSES, Dispatch
+from pipeline.dispatch import MOST_DEATHS, Dispatch
 from pipeline.simulation import Absence, SimulatedCrew, call_of, hosts
 
 GB = 10**9
@@ -70,9 +70,9 @@ def test_a_job_whose_process_always_dies_fails_with_the_reason_and_no_other_does
     [poison] = [event for event in found.values() if event.outcome.failure]
     assert name_of(poison.job) == "poison"
     assert "killed" in poison.outcome.failure.error
-    assert poison.tries == MOST_LOSSES
+    assert poison.tries == MOST_DEATHS
     runs = Counter(name_of(run.job) for run in crew.runs)
-    assert runs.pop("poison") == MOST_LOSSES
+    assert runs.pop("poison") == MOST_DEATHS
     assert set(runs.values()) == {1}
 
 

@@ -14,6 +14,7 @@ from objectfolder.tensor_file import TensorFile, write_tensor_file
 from pipeline.parameters import read_parameters
 from pipeline.records import row_of
 from pipeline.stages import MODES, STAGES
+from pipeline.verified import Verified
 
 DVC = yaml.safe_load((REPOSITORY / "dvc.yaml").read_text())["stages"]
 
@@ -107,8 +108,10 @@ def wanted(root, **changes):
     record = ObjectRecord(**described)
     row = row_of(record, MATERIALS[record.material])
     parameters = read_parameters(REPOSITORY / "params.yaml")
+    verified = Verified(root)
     return {
-        name: fingerprint(stage.prepare(root, parameters, "mug", row)[1]) for name, stage in STAGES.items()
+        name: fingerprint(stage.prepare(root, parameters, "mug", row, verified).parts)
+        for name, stage in STAGES.items()
     }
 
 
