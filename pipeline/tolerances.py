@@ -32,7 +32,7 @@ class Tolerance:
 
 SAME_BYTES = Tolerance()
 
-_SOLVED = "sums of BLAS, MKL and the mesher in another order; 1e-5 of 20 kHz is 0.02 cents at that frequency"
+_SOLVED = "sums in another order, and tetrahedra that differ for it; 1e-4 of 20 kHz is 0.2 cents there"
 _CYCLES = "Cycles has one kernel for AVX2 and one for SSE4.2; rms 1e-5 of the range is -100 dB"
 _FITTED = (
     "sums and exp of torch and MKL, amplified by the steps of the optimiser; what it means is in fidelity"
@@ -46,17 +46,17 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
         "attributes/noise_floor*_db": Tolerance(absolute=0.01, because=_CYCLES),
     },
     "modes": {
-        "eigenvalues": Tolerance(1e-5, 1e-5, because=_SOLVED),
-        "frequencies_hz": Tolerance(1e-5, 1e-5, because=_SOLVED),
-        "dampings_per_s": Tolerance(1e-5, 1e-5, because=_SOLVED),
-        "error_estimates_cents": Tolerance(absolute=0.01, because=_SOLVED),
-        "mode_shapes": Tolerance(1e-2, 5e-4, because=_SOLVED),
-        "radiation_weights": Tolerance(1e-4, 1e-4, because=_SOLVED),
-        "residuals": Tolerance(1e-2, 1e-2, because=_SOLVED),
+        "eigenvalues": Tolerance(2e-4, 5e-5, because=_SOLVED),
+        "frequencies_hz": Tolerance(1e-4, 3e-5, because=_SOLVED),
+        "dampings_per_s": Tolerance(2e-4, 5e-5, because=_SOLVED),
+        "error_estimates_cents": Tolerance(absolute=0.2, because=_SOLVED),
+        "mode_shapes": Tolerance(2e-2, 2e-3, because=_SOLVED),
+        "radiation_weights": Tolerance(1e-3, 2e-4, because=_SOLVED),
+        "residuals": Tolerance(3e-2, 1e-2, because=_SOLVED),
         "attributes/rigid_frequency_hz": Tolerance(
             absolute=0.1, because="a rounding error itself: zero but for it"
         ),
-        "attributes/*": Tolerance(1e-3, 1e-3, 1e-9, because=_SOLVED),
+        "attributes/*": Tolerance(3e-2, 3e-2, 1e-9, because=_SOLVED),
     },
     "touches": {"contact_area_m2": Tolerance(1e-12, 1e-12, because=_SUMMED)},
     "encode": {"vision.*": Tolerance(5e-2, 5e-3, because=_FITTED)},

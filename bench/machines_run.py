@@ -1,0 +1,42 @@
+"""One process of `bench.machines`: stages of one object, run by the factory's own `execute`.
+
+Run as ``python -m bench.machines_run INPUTS OUTPUTS OBJECT STAGES TIMES``. INPUTS and OUTPUTS are roots of
+data sets: the same one for a chain in which each stage reads what this machine made before. STAGES has
+commas. The last of TIMES runs in the same process counts. Prints a JSON line for each stage.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from objectfolder.provenance import fingerprint
+from pipeline.child import execute
+from pipeline.parameters import read_parameters
+from pipeline.records import read_table
+from pipeline.stages import STAGES
+from pipeline.task import Call
+from pipeline.verified import Verified
+
+
+def run(inputs: Path, outputs: Path, object_id: str, name: str) -> dict[str, object]:
+    """Run one stage of one object; what it cost, or why it failed."""
+    parameters = read_parameters(inputs / "params.yaml")
+    row = read_table(inputs, parameters.objects).rows[object_id]
+    stage = STAGES[name]
+    ready = stage.prepare(inputs, parameters, object_id, row, Verified(inputs))
+    targets = stage.targets(outputs, object_id)
+    outcome = execute(Call(name, stage.task, ready.request, targets, fingerprint(ready.parts), ready.parts))
+    failure = None if outcome.failure is None else f"{outcome.failure.error}\n{outcome.failure.detail}"
+    return {"stage": name, "cpu_s": outcome.cpu_s, "wall_s": outcome.wall_s, "failure": failure}
+
+
+def main() -> None:
+    inputs, outputs = Path(sys.argv[1]), Path(sys.argv[2])
+    for _ in range(int(sys.argv[5])):
+        done = [run(inputs, outputs, sys.argv[3], name) for name in sys.argv[4].split(",")]
+    for line in done:
+        print(json.dumps(line), flush=True)
+
+
+if __name__ == "__main__":
+    main()
