@@ -58,7 +58,16 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
         ),
         "attributes/*": Tolerance(3e-2, 3e-2, 1e-9, because=_SOLVED),
     },
-    "touches": {"contact_area_m2": Tolerance(1e-12, 1e-12, because=_SUMMED)},
+    "touches": {
+        name: Tolerance(1e-12, 1e-12, because=_SUMMED)
+        for name in (
+            "contact_area_m2",
+            "first_contact_offset_m",
+            "normals",
+            "penetration_m",
+            "sensor_to_object",
+        )
+    },
     "encode": {"vision.*": Tolerance(5e-2, 5e-3, because=_FITTED)},
     "fidelity": {
         "strike_*": Tolerance(1e-5, 1e-5, because=_SUMMED),
