@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from objectfolder.errors import InputError
-from pipeline.places import Place
+from pipeline.places import LOOPBACK, Place
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 LIST_DEVICES = ("nvidia-smi", "--query-gpu=uuid", "--format=csv,noheader")
@@ -92,6 +92,7 @@ def _worker(place: Place, security: Any, environment: Mapping[str, str]) -> dict
         "protocol": "tls" if security else "tcp",
         "security": security,
         "dashboard": False,
+        "dashboard_address": f"{LOOPBACK}:0",
         "silence_logs": logging.ERROR,
         "env": dict(environment),
     }

@@ -5,14 +5,16 @@ import logging
 import math
 import os
 import shlex
+import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError, SimulationError
 from pipeline.machine_cluster import listens_at
-from pipeline.places import Place
+from pipeline.places import LOOPBACK, Place
 from pipeline.worker_task import HOST, MEMORY, USABLE
 
 JOB = "${SLURM_JOB_ID}"
@@ -39,14 +41,22 @@ def start(place: Place, root: Path, jobs_at_most: int, security: Any) -> Iterato
     workers_of_job = place.workers or place.slurm.cores
     jobs = min(place.slurm.jobs, math.ceil(jobs_at_most / workers_of_job))
     with SLURMCluster(**options(place, root, security)) as cluster:
-        try:
-            cluster.scale(jobs=jobs)
-            cluster.sync(lambda: cluster)  # the jobs are submitted, or it is known why not
-        except (OSError, RuntimeError) as error:
-            raise SimulationError(
-                "slurm", str(error), "Try the job script by hand: docs/cluster.md."
-            ) from error
+        _test(cluster.job_script())
+        cluster.scale(jobs=jobs)
         yield cluster.scheduler_address
+
+
+def _test(script: str) -> None:
+    """Ask Slurm whether it would take a job."""
+    with tempfile.NamedTemporaryFile("w", suffix=".sh") as file:
+        file.write(script)
+        file.flush()
+        try:
+            subprocess.run(["sbatch", "--test-only", file.name], check=True, capture_output=True, text=True)
+        except FileNotFoundError as error:
+            raise SimulationError("slurm", "there is no sbatch", "Run this on a login node.") from error
+        except subprocess.CalledProcessError as error:
+            raise SimulationError("slurm", error.stderr.strip(), "Correct slurm: in the place.") from error
 
 
 def options(place: Place, root: Path, security: Any) -> dict[str, Any]:
@@ -75,7 +85,7 @@ def options(place: Place, root: Path, security: Any) -> dict[str, Any]:
         "job_extra_directives": list(slurm.directives),
         "job_script_prologue": prologue,
         "python": slurm.python or sys.executable,
-        "worker_extra_args": ["--no-dashboard", "--nthreads", "1"],
+        "worker_extra_args": ["--no-dashboard", "--dashboard-address", f"{LOOPBACK}:0"],
         "death_timeout": max(60, int(place.reconnect_s)),
         "local_directory": "${TMPDIR:-/tmp}",
         "log_directory": str(logs),

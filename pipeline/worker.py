@@ -17,6 +17,7 @@ from pipeline import scratch, tls
 from pipeline.dask_settings import settings
 from pipeline.worker_task import HOST, MEMORY, NOTHING, POOLS
 
+LOOPBACK = "127.0.0.1"
 LOOK_S = 2.0  # between looks for a scheduler that is gone
 CONNECT_S = 10.0
 START_S = 120.0  # a worker's process may take to come up
@@ -87,7 +88,8 @@ async def _keep(options: argparse.Namespace, security: Any, stop: asyncio.Event)
                 nthreads=1,
                 name=options.name,
                 memory_limit=0,
-                host=options.listen,
+                host=options.listen or _facing(options.address),
+                dashboard_address=f"{LOOPBACK}:0",
                 security=security,
                 resources=_resources(options.offers),
                 death_timeout=START_S,
@@ -130,6 +132,14 @@ async def _first(*awaitables: Any) -> None:
     for task in pending:
         task.cancel()
     await asyncio.gather(*pending, return_exceptions=True)
+
+
+def _facing(scheduler: str) -> str:
+    """Return the address of this machine that faces the scheduler."""
+    from distributed.comm import get_address_host
+    from distributed.utils import get_ip
+
+    return str(get_ip(get_address_host(scheduler)))
 
 
 def _resources(offers: str | None) -> dict[str, float] | None:

@@ -1,0 +1,49 @@
+"""Nothing of a run on this machine can be reached from another one."""
+
+import ipaddress
+
+import psutil
+import pytest
+from processes import command, eventually, job, scheduler, until
+
+from pipeline.cluster import crew
+from pipeline.places import read_place
+
+
+def listening(process: psutil.Process) -> dict[int, set[str]]:
+    """The addresses at which a process and its offspring listen, UDP included, by process."""
+    found: dict[int, set[str]] = {}
+    for one in (process, *process.children(recursive=True)):
+        for connection in one.net_connections(kind="inet"):
+            if connection.status == psutil.CONN_LISTEN or not connection.raddr:
+                found.setdefault(one.pid, set()).add(connection.laddr.ip)
+    return found
+
+
+@pytest.mark.parametrize("settings", ["workers: 2\n", "workers: 2\ntls: true\n"])
+def test_a_run_on_this_machine_listens_on_loopback_alone(toys, settings):
+    (toys.root / "cluster").mkdir()
+    (toys.root / "cluster" / "local.yaml").write_text(settings)
+    before = listening(psutil.Process())
+    with crew(read_place(toys.root), toys.root, 4) as running:
+        until(running, lambda _: len(running.slots()) == 2)
+        for index, slot in enumerate(sorted(running.slots())):
+            running.start(job(toys, f"still_{index}", "poison import time; time.sleep(600)"), slot)
+        log = toys.root / "executed.log"
+        eventually(lambda: log.exists() and len(log.read_text().splitlines()) == 2)
+        found = listening(psutil.Process())
+    own = {pid: addresses - before.get(pid, set()) for pid, addresses in found.items()}
+    assert len([pid for pid, addresses in own.items() if addresses]) >= 3  # the scheduler's and two workers
+    assert all(ipaddress.ip_address(ip).is_loopback for addresses in own.values() for ip in addresses), own
+
+
+def test_commands_listen_on_loopback_alone_unless_told(toys):
+    with (
+        scheduler(toys.root) as (address, first),
+        command(toys.root, "worker", address, "--workers", "1") as second,
+    ):
+        eventually(lambda: "worker at" in (toys.root / "worker.log").read_text())
+        for process in (first, second):
+            found = listening(psutil.Process(process.pid))
+            assert found
+            assert all(ipaddress.ip_address(ip).is_loopback for ips in found.values() for ip in ips), found
