@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.record import RESULTS, write
+from bench.record import RESULTS, versions, write
 
 REPOSITORY = Path(__file__).parents[1]
 sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
@@ -100,7 +100,7 @@ def one_round(grounds: Grounds, name: str, kind: Kind, seed: int) -> dict[str, A
     disturbed = Round(ground, kind.place, seed, REAL_TASK_S if kind.real else TASK_S)
     disturbed.disturb([kind.what] * kind.kills)
     wrong = {key: value for key, value in disturbed.verdict(expected).items() if value}
-    outcome = {"seed": seed, **disturbed.record(), "wrong": wrong}
+    outcome = {"seed": seed, "commit": versions()["commit"], **disturbed.record(), "wrong": wrong}
     if wrong:
         outcome["output"] = (ground.root / "output.log").read_text()[-4000:].replace(str(ground.root), "")
     return outcome

@@ -89,6 +89,7 @@ class Host:
         for file, content in (("hosts", f"127.0.0.1 localhost\n{names}"), ("resolv.conf", "")):
             (self.folder / "tmp" / file).write_text(content)
             _run([*self._enter(), "mount", "--bind", str(self.folder / "tmp" / file), f"/etc/{file}"])
+        _run([*self._enter(), "mount", "--bind", str(self.folder / "tmp"), "/var/tmp"])
         for host in hosts:
             if host is not self:
                 _run([*self._enter(), "mount", "-t", "tmpfs", "none", str(host.folder)])
