@@ -1,7 +1,7 @@
 """Kills at random moments: whether a data set comes out as if nothing had happened, and what is done twice.
 
 Run as ``python -m bench.faults``; it goes on where it was interrupted. Each round makes a data set of toys
-(three stages, four products an object, tasks of 50 to 200 ms; ``tests/pipeline/chaos.py``) on two workers,
+(three stages, four products an object, tasks of 50 to 200 ms; ``tests/pipeline/ground.py``) on two workers,
 kills workers, children of workers, the driver or the scheduler at random moments, and lets the run go on,
 or runs again, until all is made; a few rounds do so with the stages `objects` and `touches` of three
 starter objects. A child that runs again what its kill cut short is spared: a second kill is a failure.
@@ -23,8 +23,8 @@ from bench.record import RESULTS, versions, write
 REPOSITORY = Path(__file__).parents[1]
 sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
 
-from chaos import Ground  # noqa: E402
 from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed  # noqa: E402
+from ground import Ground  # noqa: E402
 
 from bench.faults_real import RealGround  # noqa: E402
 from objectfolder.geometry.starter.write import write_starter_set  # noqa: E402

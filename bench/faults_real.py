@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from chaos import PACKAGE, Ground
+from ground import PACKAGE, Ground
 
 from pipeline.stages import STAGES
 

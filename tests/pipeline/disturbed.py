@@ -13,7 +13,8 @@ from dataclasses import asdict
 from typing import Any
 
 import psutil
-from chaos import Ground, Killed, Watcher, kill, redone, unexplained, victims, wait_for
+from chaos import Killed, Watcher, kill, redone, unexplained, victims
+from ground import Ground, wait_for
 
 SCHEDULER, DRIVER, WORKER, CHILD = "scheduler", "driver", "worker", "child"
 LOCAL, ADDRESS = "local", "address"

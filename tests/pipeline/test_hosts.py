@@ -18,8 +18,9 @@ from pathlib import Path
 import psutil
 import pytest
 import s3_server
-from chaos import PACKAGE, STAGES, Execution, Ground, Watcher, read_executions, redone, wait_for
-from hosts import Cable, Host, Network, why_no_cable
+from chaos import Watcher, redone
+from ground import PACKAGE, STAGES, Execution, Ground, read_executions, wait_for
+from hosts import Cable, Host, Network, why_no_cable, why_not
 
 from pipeline import tls
 
@@ -41,7 +42,7 @@ CONTENTS = {
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(bool(why_no_cable()), reason=why_no_cable() or ""),
+    pytest.mark.skipif(bool(why_not()), reason=why_not() or ""),
 ]
 
 
@@ -49,7 +50,8 @@ class Site:
     """The hosts, and what runs on them for all scenarios."""
 
     def __init__(self, folder: Path) -> None:
-        self.network = Network(folder, ("driver", "scheduler", "store", *WORKERS), ["worker-2"])
+        changeable = () if why_no_cable() else ("worker-2",)
+        self.network = Network(folder, ("driver", "scheduler", "store", *WORKERS), changeable)
         self.folder = folder
         self.environment = s3_server.environment(f"http://{self['store'].address}:{STORE_PORT}")
         self.environment |= {
@@ -183,6 +185,8 @@ class Run:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Iterator[Site]:
+    for needed in ("boto3", "moto.server", "s3fs"):
+        pytest.importorskip(needed)
     made = Site(tmp_path_factory.mktemp("site"))
     before = os.environ.get("PATIENCE")
     os.environ["PATIENCE"] = "0"
@@ -243,6 +247,7 @@ def test_worker_host_without_power(site, make):
     site.start_worker("worker-2")
 
 
+@pytest.mark.skipif(bool(why_no_cable()), reason=why_no_cable() or "")
 def test_slow_link(site, make):
     site["worker-2"].spoil(POOR)
     run = make("slow")

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 import psutil
 import pytest
-from chaos import Ground, wait_for
 from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed
+from ground import Ground, wait_for
 from toys import FILES, QUALITY, Here
 
 from pipeline import products

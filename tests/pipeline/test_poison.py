@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from chaos import Ground, wait_for
+from ground import Ground, wait_for
 
 OBJECTS = 30
 ENDING = {
