@@ -52,7 +52,7 @@ class Elsewhere:
             if outcome.failure is None:
                 self.courier.collect(job)
         except FormatError as error:
-            return [Lost(job, "elsewhere", str(error))]
+            return [Lost(job, "elsewhere", str(error), counts=False)]
         except ObjectFolderError as error:
             outcome = Outcome(object_id, failure_of(object_id, error))
         return [Finished(job, "elsewhere", outcome)]

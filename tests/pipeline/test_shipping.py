@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from pipeline import memo, products
 from pipeline.child import execute
 from pipeline.crew import Job
 from pipeline.input_cache import InputCache
+from pipeline.isolation import Child, ChildSettings
 from pipeline.shipping import Courier
 from pipeline.stages import OBJECTS, STAGES
 from pipeline.storage import STORE, Store, product_name, source_name
@@ -37,7 +39,7 @@ def store(tmp_path_factory, monkeypatch):
     scratch = tmp_path_factory.mktemp("scratch")
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
     yield folder
-    assert not list(scratch.iterdir()), "a shipment left something behind"
+    assert not list(scratch.glob("shipment-*")), "a shipment left something behind"
 
 
 @pytest.fixture
@@ -258,6 +260,20 @@ def test_without_a_store_workers_elsewhere_are_refused(toys, monkeypatch):
         Courier(toys.root)
 
 
+def test_a_child_process_takes_a_shipment_as_it_takes_a_call(toys, store):
+    (job, *_) = _jobs(toys, toys.ingest)
+    courier = Courier(toys.root)
+    shipment = pickle.loads(pickle.dumps(courier.publish(job)))
+    with Child(toys.root, ChildSettings()) as child:
+        outcome = child.run(shipment)
+    assert outcome.failure is None
+    assert outcome.wall_s > 0
+    assert not job.call.targets[0].exists()
+    courier.collect(job)
+    products.verify(job.call.targets[0])
+    assert toys.executed() == ["ingest ball"]
+
+
 def test_a_failing_task_fails_as_it_does_at_home(toys, store):
     toys.add("cup", "poison raise ValueError('no cup')")
     summary, *_ = flow(toys, elsewhere(toys.root))
@@ -271,6 +287,7 @@ from pathlib import Path
 from objectfolder.provenance import file_digest
 from objectfolder.errors import FormatError
 from pipeline.input_cache import InputCache
+from pipeline.isolation import Child, ChildSettings
 from pipeline.storage import Store, source_name
 
 def check(path):
