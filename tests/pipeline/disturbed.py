@@ -93,6 +93,7 @@ class Round:
             "works": len(self.ground.works),
             "exit_codes": self.exit_codes,
             "products_read_by_the_watcher": self.watcher.reads,
+            "files_left_to_clean": self._litter,
         }
 
     @property
@@ -188,7 +189,7 @@ class Round:
         return self.exit_codes[-1:] if self.exit_codes[-1] else []
 
     def _end(self) -> None:
-        """End what is meant to run on, as a person does, and see what does not end."""
+        """End what is meant to run on, as a person does, see what does not end, and clean."""
         for process in (*self._workers, self._scheduler):
             if process is not None:
                 process.terminate()
@@ -196,6 +197,9 @@ class Round:
             wait_for(lambda: not self.ground.processes(), "all processes are gone", 60.0)
         self._left = self.ground.processes()
         self.ground.end()
+        self._litter = self.ground.litter()
+        if self._litter:
+            self.ground.start("-m", "pipeline", "clean", "--yes").wait()
 
 
 def undisturbed(ground: Ground) -> dict[str, str]:
