@@ -9,15 +9,17 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from objectfolder.atomic import atomic_write
-from objectfolder.audio.materials import Material, read_materials
-from objectfolder.catalogue import ObjectRecord, read_catalogue
 from objectfolder.errors import InputError
-from objectfolder.geometry.source_files import source_files
 from pipeline.parameters import ObjectsParameters
 from pipeline.task import Failure, failure_of
+
+# Stages after the first need neither tables nor meshes, and start sooner without.
+if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material
+    from objectfolder.catalogue import ObjectRecord
 
 MATERIALS = Path("data/materials.csv")
 RECORDS = Path("data/records.json")
@@ -41,6 +43,9 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
     InputError
         A table that cannot be used, or an id in ``objects.only`` that it does not list.
     """
+    from objectfolder.audio.materials import read_materials
+    from objectfolder.catalogue import read_catalogue
+
     materials = read_materials(root / MATERIALS)
     catalogue = read_catalogue(root / objects.table, materials)
     if objects.only:
@@ -52,6 +57,8 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
 
 def sources(row: Mapping[str, Any]) -> dict[str, Path]:
     """Return the files an object is read from, by role."""
+    from objectfolder.geometry.source_files import source_files
+
     named = {"mesh": row["mesh"]}
     if row["texture"] is not None:
         named["texture"] = row["texture"]
@@ -93,7 +100,7 @@ def read_records(root: Path) -> Records:
         raise InputError(str(RECORDS), f"cannot be read ({error})", "Run the stage `objects`.") from error
 
 
-def row_of(record: ObjectRecord, material: Material) -> dict[str, Any]:
+def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
     """Return what the stages read of an object: its record, and all values of its material."""
     appearance = {
         "roughness": material.roughness if record.roughness is None else record.roughness,

@@ -16,8 +16,6 @@ from typing import Any
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError
 from objectfolder.provenance import file_digest
-from objectfolder.store import read_attributes
-from objectfolder.tensor_file import read_metadata
 from pipeline import products
 from pipeline.task_code import TaskCode
 
@@ -151,7 +149,11 @@ def product_attributes(path: Path) -> dict[str, Any]:
         A file that cannot be read.
     """
     if path.name.endswith(products.TENSORS):
+        from objectfolder.tensor_file import read_metadata
+
         return dict(read_metadata(path))
+    from objectfolder.store import read_attributes
+
     return read_attributes(path)
 
 
