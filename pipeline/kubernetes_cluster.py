@@ -119,7 +119,7 @@ def _pod(
     """Return the pod of the scheduler or of a worker."""
     volumes, mounts = [], []
     if encrypted:
-        volumes.append({"name": "tls", "secret": {"secretName": f"{wanted.name}-tls", "defaultMode": 0o440}})
+        volumes.append({"name": "tls", "secret": {"secretName": f"{wanted.name}-tls", "defaultMode": 0o444}})
         mounts.append({"name": "tls", "mountPath": MOUNTED_AT, "readOnly": True})
     if wanted.claim and role == "worker":
         volumes.append({"name": "data", "persistentVolumeClaim": {"claimName": wanted.claim}})
