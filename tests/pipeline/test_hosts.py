@@ -26,7 +26,7 @@ from pipeline import tls
 
 WORKERS = ("worker-1", "worker-2")
 SCHEDULER_PORT, STORE_PORT = 8786, 9000
-GONE_AFTER_S = 12  # a worker that says nothing; long, for a loaded machine
+SILENT_S = 10  # after which the kernel gives a connection up, however busy the machine
 SETTLED_S = 2.0  # after a fault, for what was on its way to begin
 OUTAGE_S = 6.0
 POOR = Cable(delay_s=0.1, rate_bit_s=1e6, loss=0.02, seed=3)
@@ -56,7 +56,7 @@ class Site:
         self.environment = s3_server.environment(f"http://{self['store'].address}:{STORE_PORT}")
         self.environment |= {
             "OBJECTFOLDER_STORE": "s3://products/data_set",
-            "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": f"{GONE_AFTER_S}s",
+            "DASK_DISTRIBUTED__COMM__TIMEOUTS__TCP": f"{SILENT_S}s",
         }
         tls.make(folder / "tls")
         self.scheduler: subprocess.Popen[bytes] | None = None
