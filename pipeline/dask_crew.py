@@ -133,6 +133,11 @@ class DaskCrew:
         self._link.close()
         self._token.unlink(missing_ok=True)
 
+    @property
+    def client(self) -> Any:
+        """The client of the scheduler; another one after the scheduler went away and returned."""
+        return self._link.client
+
     def slots(self) -> Mapping[str, Slot]:
         """Return the slots of the workers that may work."""
         return dict(self._slots)
@@ -186,7 +191,7 @@ class DaskCrew:
         if event.kind == JOINED:
             self._introduce(event.subject)
         elif event.kind == LEFT:
-            return self._leave(*event.subject)
+            return self._leave(event.subject)
         elif event.kind == TOLD:
             return self._told(event.subject)
         elif event.kind == ENDED:
@@ -205,7 +210,7 @@ class DaskCrew:
         key = self._key("introduction")
         self._introducing[key] = (worker, self._link.submit(worker, introduce, key, self._question))
 
-    def _leave(self, worker: str, expected: bool) -> list[Lost]:
+    def _leave(self, worker: str) -> list[Lost]:
         """Forget a worker; what it ran is lost."""
         self._changed_at = time.monotonic()
         for key in [key for key, (address, _) in self._introducing.items() if address == worker]:
@@ -215,7 +220,7 @@ class DaskCrew:
         self._slots = {name: slot for name, slot in self._slots.items() if _worker_of(name) != worker}
         # A job whose products are being collected needs its worker no more.
         keys = [key for key, task in self._tasks.items() if task.worker == worker and task.outcome is None]
-        return [self._lose(key, f"worker {worker} went away", not expected) for key in keys]
+        return [self._lose(key, f"worker {worker} went away") for key in keys]
 
     def _told(self, message: Mapping[str, Any]) -> Sequence[Finished | Lost]:
         """Take what a worker says of itself or of a job."""
@@ -225,7 +230,7 @@ class DaskCrew:
             future.release()
             self._admit(worker, Introduction(**message["introduction"]))
         elif key in self._tasks and "lost" in message:
-            return [self._lose(key, message["lost"], True)]
+            return [self._lose(key, message["lost"], counts=True)]
         elif key in self._tasks:
             task, outcome = self._tasks[key], from_message(message["outcome"])
             if task.shares_folder or outcome.failure is not None:
@@ -248,7 +253,7 @@ class DaskCrew:
             error = error_of(future)
             if future.status == "error" and type(error).__name__ != "KilledWorker":
                 return [self._fail(key, error)]
-            return [self._lose(key, f"its worker went away ({error})", True)]
+            return [self._lose(key, f"its worker went away ({error})")]
         return ()
 
     def _published(self, key: str, result: Shipment | Exception) -> Sequence[Finished | Lost]:
@@ -265,7 +270,7 @@ class DaskCrew:
         if problem is None:
             return [self._finish(key, outcome)]
         if isinstance(problem, FormatError):
-            return [self._lose(key, f"its product was damaged on its way ({problem})", True)]
+            return [self._lose(key, f"its product was damaged on its way ({problem})")]
         return [self._fail(key, problem)]
 
     def _send(self, key: str, call: Call | Shipment) -> None:
@@ -285,7 +290,7 @@ class DaskCrew:
         object_id = self._tasks[key].job.call.request.object_id
         return self._finish(key, Outcome(object_id, failure_of(object_id, error)))
 
-    def _lose(self, key: str, reason: str, counts: bool) -> Lost:
+    def _lose(self, key: str, reason: str, counts: bool = False) -> Lost:
         task = self._tasks.pop(key)
         task.release()
         return Lost(task.job, task.slot, reason, counts)
@@ -317,8 +322,8 @@ class DaskCrew:
 
     def _lament(self) -> None:
         """Say that no worker is there; give up where none can be expected any more."""
-        waited = self._waited()
-        if self._refused and not self._introducing and waited >= self._patience.pools_s:
+        waited = 0.0 if self._introducing else self._waited()
+        if self._refused and waited >= self._patience.pools_s:
             reasons = "; ".join(sorted(set(self._refused.values())))
             raise SimulationError("cluster", "no worker may work", reasons)
         if self._patience.workers_s is not None and waited >= self._patience.workers_s:
@@ -348,7 +353,7 @@ class DaskCrew:
     def _reconnect(self) -> list[Finished | Lost]:
         """Wait for the scheduler to return at its address; what ran is lost."""
         running = [key for key, task in self._tasks.items() if task.outcome is None]
-        lost: list[Finished | Lost] = [self._lose(key, GONE, False) for key in running]
+        lost: list[Finished | Lost] = [self._lose(key, GONE) for key in running]
         self._link.close()
         self._introducing.clear()
         self._workers.clear()

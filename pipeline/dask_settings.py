@@ -7,9 +7,10 @@ from typing import Any
 # Task bodies run in child processes, so an event loop that is silent for long is one that is gone.
 DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.daemon": False,  # workers have child processes
-    "distributed.scheduler.worker-ttl": "2 minutes",
+    "distributed.scheduler.worker-ttl": "60s",
     "distributed.scheduler.allowed-failures": 0,  # what is lost is the driver's to try again
     "distributed.scheduler.work-stealing": False,  # jobs are put where they are to run
+    "distributed.deploy.lost-worker-timeout": "10 minutes",  # for a worker to restart on a busy machine
     "distributed.admin.tick.limit": "1 hour",
     "distributed.comm.timeouts.connect": "60s",
     "distributed.worker.memory.target": False,  # the memory is the children's, of which Dask knows nothing

@@ -68,7 +68,7 @@ class SchedulerLink:
             if message.get("action") == "add-worker":
                 self.tell(Event(JOINED, message["worker"], connection))
             elif message.get("action") == "remove-worker":
-                self.tell(Event(LEFT, (message["worker"], bool(message.get("expected"))), connection))
+                self.tell(Event(LEFT, message["worker"], connection))
 
         def on_answer(event: tuple[float, Mapping[str, Any]]) -> None:
             if event[1].get("run") == self._run:
@@ -85,6 +85,11 @@ class SchedulerLink:
             for topic in (WORKERS, TOPIC):  # or the scheduler would tell this client that it left
                 self._client.unsubscribe_topic(topic)
         self._client.close(timeout=CLOSE_S)
+
+    @property
+    def client(self) -> Any:
+        """The client of this connection."""
+        return self._client
 
     @property
     def address(self) -> str:

@@ -15,14 +15,16 @@ import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline import host_memory
 from pipeline.crew import BLENDER, GPU
 from pipeline.environment_check import Environment, differences
 from pipeline.isolation import Child, ChildSettings, Interrupted, ProcessKilled
-from pipeline.shipping import Shipment
 from pipeline.task import Call, Failure, Outcome
+
+if TYPE_CHECKING:
+    from pipeline.shipping import Shipment
 
 TOPIC = "objectfolder"
 HOST = "OBJECTFOLDER_WORKER_HOST"
@@ -102,7 +104,12 @@ def introduce(run: str, key: str, question: Question) -> None:
 
 
 def run_on_worker(
-    run: str, key: str, call: Call | Shipment, settings: ChildSettings, root: Path | None, expected_bytes: int
+    run: str,
+    key: str,
+    call: "Call | Shipment",
+    settings: ChildSettings,
+    root: Path | None,
+    expected_bytes: int,
 ) -> None:
     """Run a call in the child process of this worker thread, and tell the driver what became of it.
 
