@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline import host_memory, scratch
 from pipeline.child import STALE, receive, send
 from pipeline.memory_watch import MemoryWatch, resident_bytes
-from pipeline.process_tree import descendants, of_session
+from pipeline.process_tree import descendants, end_with_variable
 from pipeline.task import Call, Failure, Outcome
 
 if TYPE_CHECKING:
@@ -247,9 +247,7 @@ class Child:
         if process.poll() is None:
             process.kill()
         if process.wait() == -signal.SIGKILL:
-            for pid in of_session(process.pid):
-                with contextlib.suppress(ProcessLookupError, PermissionError):
-                    os.kill(pid, signal.SIGKILL)
+            end_with_variable("TMPDIR", str(self._scratch.path))
         for stream in (process.stdin, process.stdout):
             if stream is not None:
                 with contextlib.suppress(BrokenPipeError):

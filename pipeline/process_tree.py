@@ -17,19 +17,23 @@ def descendants(pid: int) -> list[int]:
     return found
 
 
-def of_session(session: int) -> list[int]:
-    """Return the ids of the processes of a session, its leader included while it lives.
+def end_with_variable(name: str, value: str) -> None:
+    """Kill every process that was started with an environment variable of this value, and what it starts.
 
     Unlike `descendants` this finds those whose parents are gone; it looks at every process of the host.
     """
     import psutil
 
-    found = []
-    for pid in psutil.pids():
-        with contextlib.suppress(OSError):
-            if os.getsid(pid) == session:
-                found.append(pid)
-    return found
+    found = True
+    while found:
+        found = False
+        for process in psutil.process_iter(["environ"]):
+            environment = process.info["environ"] or {}  # of another user's process, nothing is known
+            if environment.get(name) == value and process.pid != os.getpid():
+                with contextlib.suppress(psutil.Error):
+                    process.kill()
+                    process.wait(1.0)
+                    found = True
 
 
 def _children(pid: int) -> Iterator[int]:

@@ -12,6 +12,7 @@ import weakref
 from pathlib import Path
 
 from objectfolder.errors import InputError
+from pipeline.process_tree import end_with_variable
 
 SEPARATOR = "~"
 
@@ -60,9 +61,10 @@ def abandoned() -> list[Path]:
 
 
 def sweep() -> list[Path]:
-    """Remove the folders of dead owners, and return them."""
+    """Remove the folders of dead owners, and return them; processes that still work there end."""
     folders = abandoned()
     for path in folders:
+        end_with_variable("TMPDIR", str(path))
         shutil.rmtree(path, ignore_errors=True)
     return folders
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from pipeline.flow_progress import COMPUTED, FAILED, KEPT, RESTORED, FlowProgress
+from pipeline.flow_progress import COMPUTED, FAILED, KEPT, RESTORED, FlowProgress, duration
 from pipeline.time_to_go import TimeToGo
 
 STAGES = {"objects": (), "views": ("objects",), "modes": ("objects",), "encode": ("views", "modes")}
@@ -219,3 +219,8 @@ def test_the_width_is_never_exceeded(clock):
         line = progress.line(width)
         assert len(line) <= width
         assert line == whole or line.endswith("…") or re.search(r"encode \d+/10$", line)
+
+
+def test_durations_are_those_of_a_person():
+    said = [duration(seconds) for seconds in (3, 99, 600, 20_000, 1_000_000)]
+    assert said == ["3 s", "99 s", "10 min", "5.6 h", "11.6 days"]

@@ -113,6 +113,40 @@ def _kill_when_it_has_a_child(task, victim):
     os.kill(victim, signal.SIGKILL)
 
 
+def test_what_a_killed_guard_leaves_is_ended_too(toys):
+    (call,) = calls_of(toys, ["long"], {"long": HANG})
+    with Child(toys.root, ChildSettings()) as child:
+        seen: set[int] = set()
+
+        def kill():
+            seen.update(_when_all_run(child))
+            os.kill(guard_of(child), signal.SIGKILL)
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        with pytest.raises(ProcessKilled):
+            child.run(call)
+        killer.join()
+    assert len(seen) >= 4
+    wait_for(lambda: not any(map(alive, seen)), "all processes are gone")
+
+
+def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    script = (
+        "import os, subprocess; from pipeline.scratch import Scratch; mine = Scratch(); "
+        "left = subprocess.Popen(['sleep', '300'], env={**os.environ, 'TMPDIR': str(mine.path)}, "
+        "start_new_session=True, stdout=subprocess.DEVNULL); print(left.pid, flush=True); os._exit(0)"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert alive(int(done.stdout))
+    Child(toys.root, ChildSettings()).__exit__(None, None, None)
+    wait_for(lambda: not alive(int(done.stdout)), "it is gone")
+
+
 def test_a_child_killed_while_idle_is_no_ones_loss(toys):
     first, second = calls_of(toys, ["first", "second"])
     with Child(toys.root, ChildSettings()) as child:
