@@ -135,7 +135,15 @@ class DaskCrew:
 
     @property
     def client(self) -> Any:
-        """The client of the scheduler; another one after the scheduler went away and returned."""
+        """The client of the scheduler; another one after the scheduler went away and returned.
+
+        Raises
+        ------
+        SimulationError
+            The scheduler is not there now.
+        """
+        if not self._link.is_up():
+            raise SimulationError("cluster", GONE)
         return self._link.client
 
     def slots(self) -> Mapping[str, Slot]:
