@@ -136,7 +136,8 @@ def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monk
     script = (
         "import os, subprocess; from pipeline.scratch import Scratch; mine = Scratch(); "
         "left = subprocess.Popen(['sleep', '300'], env={**os.environ, 'TMPDIR': str(mine.path)}, "
-        "start_new_session=True, stdout=subprocess.DEVNULL); print(left.pid, flush=True); os._exit(0)"
+        "start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL); "
+        "print(left.pid, flush=True); os._exit(0)"
     )
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     done = subprocess.run(
