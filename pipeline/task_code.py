@@ -19,11 +19,9 @@ class TaskCode:
 
     def __init__(self, root: Path) -> None:
         self._path = root / ".objectfolder" / "code.json"
-        try:
-            known = json.loads(self._path.read_bytes())
-        except (OSError, ValueError):
-            known = None
-        self._known: dict[str, Any] = known if isinstance(known, dict) else {}
+        self._known: dict[str, Any] = {
+            key: entry for key, entry in read_cache(self._path).items() if _is_normalised(entry)
+        }
         self._kept = set(self._known)
         self._identities: dict[str, dict[str, str]] = {}
 
@@ -45,3 +43,22 @@ class TaskCode:
             with atomic_write(self._path) as file:
                 file.write(json.dumps(self._known).encode())
             self._kept = set(self._known)
+
+
+def read_cache(path: Path) -> dict[str, Any]:
+    """Return the content of a JSON file that may be lost at any time: empty where it holds no object."""
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _is_normalised(entry: Any) -> bool:
+    """Whether `entry` is a digest and what a source mentions, as `code_identity` keeps them."""
+    if not (isinstance(entry, list) and len(entry) == 2 and isinstance(entry[0], str)):
+        return False
+    return isinstance(entry[1], list) and all(
+        isinstance(mention, list) and len(mention) == 2 and all(isinstance(name, str) for name in mention)
+        for mention in entry[1]
+    )

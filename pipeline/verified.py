@@ -8,7 +8,7 @@ import json
 import operator
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError
 from objectfolder.provenance import file_digest
 from pipeline import products
-from pipeline.task_code import TaskCode
+from pipeline.task_code import TaskCode, read_cache
 
 FINGERPRINT = "fingerprint"
 # A file that changed this shortly ago can change again without its time telling.
@@ -37,14 +37,10 @@ class Verified:
         self.code = TaskCode(root)
         self._prefix = f"{root}{os.sep}"
         self._path = root / ".objectfolder" / "verified.json"
-        try:
-            kept = json.loads(self._path.read_bytes())
-        except (OSError, ValueError):
-            kept = None
+        kept = read_cache(self._path)
         # By path: state, then for a product whether it was checked, and attributes; for a source its digest.
-        kept = kept if isinstance(kept, dict) else {}
-        self._products: dict[str, dict[str, Any]] = kept.get("products", {})
-        self._sources: dict[str, dict[str, Any]] = kept.get("sources", {})
+        self._products = _entries(kept.get("products"), {"state": list, "whole": bool, "attributes": dict})
+        self._sources = _entries(kept.get("sources"), {"state": list, "digest": str})
         self._changed = False
 
     def attributes(self, path: Path, names: Sequence[str]) -> dict[str, Any]:
@@ -155,6 +151,17 @@ def product_attributes(path: Path) -> dict[str, Any]:
     from objectfolder.store import read_attributes
 
     return read_attributes(path)
+
+
+def _entries(content: Any, shape: Mapping[str, type]) -> dict[str, dict[str, Any]]:
+    """Return the entries of a cache that have the shape they should have."""
+    if not isinstance(content, dict):
+        return {}
+    return {
+        key: entry
+        for key, entry in content.items()
+        if isinstance(entry, dict) and all(isinstance(entry.get(name), kind) for name, kind in shape.items())
+    }
 
 
 def _state(path: Path | str) -> list[int]:

@@ -197,3 +197,29 @@ def test_differences_of_every_part():
         "record x absent -> None",
         "package numpy 1 -> 2",
     ]
+
+
+@pytest.mark.parametrize("name", ["verified.json", "code.json"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[1]",
+        "[" * 100_000,
+        "\x00\xff",
+        '{"products": [1], "sources": 3}',
+        '{"products": {"x": 1}, "y": [1, 2]}',
+    ],
+    ids=["empty", "list", "deep", "bytes", "shapes", "entries"],
+)
+def test_a_foreign_cache_counts_as_none(workshop, name, text):
+    (workshop.root / ".objectfolder" / name).write_text(text)
+    assert {one.state for one in of(workshop)} == {CURRENT}
+
+
+def test_a_foreign_entry_of_a_product_counts_as_none(workshop):
+    path = workshop.root / ".objectfolder" / "verified.json"
+    kept = json.loads(path.read_text())
+    kept["products"] = {key: {"state": "now", "whole": 1} for key in kept["products"]}
+    path.write_text(json.dumps(kept))
+    assert {one.state for one in of(workshop)} == {CURRENT}
