@@ -30,6 +30,8 @@ def make_trials(seeds: list[int], done: Path) -> None:
     from toys import Toys
 
     left = [seed for seed in seeds if seed not in {outcome["seed"] for outcome in read_trials(done)}]
+    if not left:
+        return
     with tempfile.TemporaryDirectory() as folder, s3_server.serving() as server:
         root = Path(folder) / "data set"
         root.mkdir()
