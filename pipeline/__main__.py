@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING
 from objectfolder.errors import ObjectFolderError
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from pipeline.crew import Crew
     from pipeline.task import Failure
 
 PARAMETERS = "params.yaml"
@@ -84,9 +87,9 @@ def _interrupted(number: int, frame: object) -> None:
 
 def converge_stages(root: Path, names: Sequence[str]) -> int:
     """Converge stages over all objects; return 1 where one does not stand."""
-    from pipeline.cluster import crew, read_place
     from pipeline.converge import converge
     from pipeline.parameters import read_parameters
+    from pipeline.places import read_place
     from pipeline.records import read_records, read_table, write_records
     from pipeline.stages import STAGES
 
@@ -98,12 +101,18 @@ def converge_stages(root: Path, names: Sequence[str]) -> int:
         records = read_records(root)
     place = read_place(root)
     stages = [STAGES[name] for name in names]
+
+    def crew_for(jobs: int) -> "AbstractContextManager[Crew]":
+        from pipeline.cluster import crew
+
+        return crew(place, root, jobs, stages)
+
     summaries = converge(
         stages,
         root,
         parameters,
         records.rows,
-        lambda jobs: crew(place, root, jobs, stages),
+        crew_for,
         records.refused if "objects" in names else (),
     )
     return max(summary.exit_code(parameters.allow_failures) for summary in summaries)

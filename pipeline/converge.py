@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline import memo
-from pipeline.crew import Crew, Lost
+from pipeline.crew import Crew, Job, Lost
 from pipeline.dispatch import Dispatch
-from pipeline.estimates import Estimates
 from pipeline.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.flow_progress import FlowProgress
 from pipeline.parameters import Parameters
@@ -25,6 +25,9 @@ from pipeline.run_record import RunRecord
 from pipeline.stage import Row, Stage
 from pipeline.task import Failure
 from pipeline.verified import Verified
+
+if TYPE_CHECKING:
+    from pipeline.estimates import Estimates
 
 # From the number of tasks there are at most to who runs them; entered only where there are any.
 CrewFor = Callable[[int], AbstractContextManager[Crew]]
@@ -87,31 +90,17 @@ def converge(
     costs = {stage.name: Costs(root, stage.name) for stage in stages}
     tried = {stage.name: read_failures_by_fingerprint(root, stage.name) for stage in stages}
     progress = FlowProgress({stage.name: sorted(stage.follows) for stage in stages})
-    estimates = Estimates(root, parameters)
+
+    def estimates() -> "Estimates":
+        from pipeline.estimates import Estimates
+
+        return Estimates(root, parameters)
+
     flow = Flow(stages, root, parameters, rows, verified, estimates, tried, progress.settle)
     with RunRecord(root, [stage.name for stage in stages]) as record:
         try:
-            jobs = flow.begin()
-            left = list(flow.unsettled())
-            for expected in left:
-                progress.expect(*expected)
-            if jobs:
-                with crew_for(len(left)) as crew:
-                    dispatch = Dispatch(crew, flow.stands)
-                    for job in jobs:
-                        dispatch.add(job)
-                    progress.workers(0, len(crew.slots()))
-                    for event in dispatch.events():
-                        name = event.job.call.stage
-                        if isinstance(event, Lost):
-                            record.note("lost", task=event.job.key, slot=event.slot, reason=event.reason)
-                            continue
-                        if event.outcome.failure is None and event.outcome.wall_s > 0:
-                            costs[name].add(event.outcome)
-                        record.task(name, event.outcome, event.slot, event.host, event.tries)
-                        for job in flow.done(event):
-                            dispatch.add(job)
-                        progress.workers(dispatch.busy(), len(crew.slots()))
+            if jobs := flow.begin():
+                _run(jobs, flow, crew_for, costs, record, progress)
         finally:
             progress.close()
             verified.save()
@@ -137,6 +126,36 @@ def converge(
     if first:
         print(failure_table(list(first.values())), file=sys.stderr)
     return summaries
+
+
+def _run(
+    jobs: Sequence[Job],
+    flow: Flow,
+    crew_for: CrewFor,
+    costs: Mapping[str, Costs],
+    record: RunRecord,
+    progress: FlowProgress,
+) -> None:
+    """Run jobs and those that follow from them."""
+    left = list(flow.unsettled())
+    for expected in left:
+        progress.expect(*expected)
+    with crew_for(len(left)) as crew:
+        dispatch = Dispatch(crew, flow.stands)
+        for job in jobs:
+            dispatch.add(job)
+        progress.workers(0, len(crew.slots()))
+        for event in dispatch.events():
+            stage = event.job.call.stage
+            if isinstance(event, Lost):
+                record.note("lost", task=event.job.key, slot=event.slot, reason=event.reason)
+                continue
+            if event.outcome.failure is None and event.outcome.wall_s > 0:
+                costs[stage].add(event.outcome)
+            record.task(stage, event.outcome, event.slot, event.host, event.tries)
+            for job in flow.done(event):
+                dispatch.add(job)
+            progress.workers(dispatch.busy(), len(crew.slots()))
 
 
 def _tidy(stage: Stage, root: Path, rows: Mapping[str, Row]) -> tuple[str, ...]:

@@ -1,17 +1,21 @@
 """What is left to do for each object, stage after stage, as the products it needs come to be."""
 
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
 from objectfolder.provenance import fingerprint
 from pipeline import memo
 from pipeline.crew import Finished, Job
-from pipeline.estimates import Estimates
 from pipeline.parameters import Parameters
 from pipeline.stage import Prepared, Row, Stage
 from pipeline.task import Call, Failure, failure_of
 from pipeline.verified import Verified
+
+if TYPE_CHECKING:
+    from pipeline.estimates import Estimates
 
 OnSettled = Callable[[str, str, str, float], None]
 KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
@@ -33,7 +37,7 @@ class Flow:
     verified
         Which products were checked whole.
     estimates
-        What tasks are expected to cost.
+        Returns what tasks are expected to cost; asked only if there are any.
     tried
         By stage and fingerprint, what failed earlier in this very run and is not tried again.
     on_settled
@@ -47,7 +51,7 @@ class Flow:
         parameters: Parameters,
         rows: Mapping[str, Row],
         verified: Verified,
-        estimates: Estimates,
+        estimates: Callable[[], "Estimates"],
         tried: Mapping[str, Mapping[str, Failure]],
         on_settled: OnSettled = lambda stage, object_id, outcome, seconds: None,
     ) -> None:
@@ -56,7 +60,7 @@ class Flow:
         self._parameters = parameters
         self._rows = rows
         self._verified = verified
-        self._estimates = estimates
+        self._estimates = functools.cache(estimates)
         self._tried = tried
         self._on_settled = on_settled
         self._outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
@@ -94,7 +98,7 @@ class Flow:
         for name, outcomes in self._outcomes.items():
             for object_id in self._rows:
                 if object_id not in outcomes:
-                    yield name, object_id, self._estimates.of(name, object_id, None).wall_s
+                    yield name, object_id, self._estimates().of(name, object_id, None).wall_s
 
     def outcomes(self, stage: str) -> Mapping[str, str]:
         """Return `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` by object, for those settled."""
@@ -153,7 +157,7 @@ class Flow:
     def _job(self, stage: Stage, call: Call, prepared: Prepared) -> Job:
         object_id = call.request.object_id
         size = next((path.stat().st_size for path in call.request.inputs.values()), None)
-        own = self._estimates.of(stage.name, object_id, size)
+        own = self._estimates().of(stage.name, object_id, size)
         return Job(
             call,
             own.wall_s,
@@ -168,7 +172,7 @@ class Flow:
         behind = [other for other in self._stages.values() if stage.name in other.follows]
         return max(
             (
-                self._estimates.of(other.name, object_id, size).high_wall_s
+                self._estimates().of(other.name, object_id, size).high_wall_s
                 + self._chain_seconds(other, object_id, size)
                 for other in behind
             ),

@@ -6,8 +6,6 @@ from typing import Any
 
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError
-from objectfolder.store import Product, write_product
-from objectfolder.tensor_file import DIGEST, TensorFile, read_metadata, read_tensor_file, write_tensor_file
 from pipeline import archives
 
 ZARR = ".zarr.zip"
@@ -71,12 +69,32 @@ def write(path: Path, content: object, fingerprint: str, provenance: dict[str, A
     TypeError
         `content` is not what the suffix of `path` asks for.
     """
+    from objectfolder.store import Product, write_product
+    from objectfolder.tensor_file import TensorFile, write_tensor_file
+
     if path.name.endswith(ZARR) and isinstance(content, Product):
         write_product(path, content.with_attributes(fingerprint=fingerprint, provenance=provenance))
     elif path.name.endswith(TENSORS) and isinstance(content, TensorFile):
         write_tensor_file(path, content.with_metadata(fingerprint=fingerprint, provenance=provenance))
     else:
         raise TypeError(f"{path.name} cannot hold a {type(content).__name__}")
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """Return what a product says of itself, beside its arrays.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no product.
+    FormatError
+        A file that cannot be read.
+    """
+    if not path.name.endswith(TENSORS):
+        return archives.read_attributes(path)
+    from objectfolder.tensor_file import read_metadata
+
+    return dict(read_metadata(path))
 
 
 def read_fingerprint(path: Path) -> str | None:
@@ -88,9 +106,7 @@ def read_fingerprint(path: Path) -> str | None:
         A file that cannot be read, or has no fingerprint.
     """
     try:
-        found = (read_metadata(path) if path.name.endswith(TENSORS) else archives.read_attributes(path)).get(
-            "fingerprint"
-        )
+        found = read_description(path).get("fingerprint")
     except FileNotFoundError:
         return None
     if not isinstance(found, str):
@@ -107,6 +123,8 @@ def verify(path: Path) -> None:
         A damaged file.
     """
     if path.name.endswith(TENSORS):
+        from objectfolder.tensor_file import DIGEST, read_tensor_file
+
         if DIGEST not in read_tensor_file(path).metadata:
             raise FormatError(str(path), "it carries no content digest", "Delete it; a run makes it again.")
         return
