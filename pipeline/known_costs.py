@@ -18,6 +18,10 @@ PACKAGED = Path(__file__).with_name("known_costs.csv")
 PACKAGED_COLUMNS = ("object", "stage", "load", "cpu_s", "wall_s", "peak_memory_mb", "product_bytes")
 
 
+NUMBERS = ("wall_seconds", "cpu_seconds", "peak_memory_mb")
+MOST = 1e12  # of seconds or megabytes: above, it is no measurement
+
+
 @dataclass(frozen=True)
 class KnownCost:
     """What the task of an object and stage took when it last ran.
@@ -47,13 +51,16 @@ class KnownCost:
 
 
 def costs_of(root: Path) -> list[KnownCost]:
-    """Return the known costs of a data set, the last run of each object and stage; sizes not looked up."""
+    """Return the known costs of a data set, the last run of each object and stage; sizes not looked up.
+
+    What a kill cut short, or somebody else wrote there, counts as not there.
+    """
     found: dict[tuple[str, str], KnownCost] = {}
     path = costs_path(root)
     if not path.is_file():
         return []
-    with path.open(newline="", encoding="utf-8") as file:
-        for object_id, stage, wall_s, cpu_s, peak_mb in _numbers(csv.reader(file)):
+    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+        for object_id, stage, wall_s, cpu_s, peak_mb in _numbers(file):
             before = found.get((object_id, stage))
             peak = max(int(peak_mb * 1e6), before.memory_bytes if before else 0)
             found[object_id, stage] = KnownCost(object_id, stage, wall_s, cpu_s, peak)
@@ -98,13 +105,23 @@ def product_bytes(root: Path, stage: Stage, object_id: str) -> int | None:
         return None
 
 
-def _numbers(rows: Iterator[list[str]]) -> Iterator[tuple[str, str, float, float, float]]:
-    header = next(rows, list(COLUMNS))
-    places = [
-        header.index(name) for name in ("object", "stage", "wall_seconds", "cpu_seconds", "peak_memory_mb")
-    ]
+def _numbers(lines: Iterable[str]) -> Iterator[tuple[str, str, float, float, float]]:
+    rows = _rows(lines)
+    header = next(rows, [])
+    if not set(COLUMNS[:6]) <= set(header):
+        return
+    places = [header.index(name) for name in NUMBERS]
+    own, of_stage = header.index("object"), header.index("stage")
     for row in rows:
-        if len(row) > max(places) and row[places[1]] != QUERY:
-            with contextlib.suppress(ValueError):  # a line that a kill cut short
-                wall_s, cpu_s, peak_mb = (float(row[place]) for place in places[2:])
-                yield row[places[0]], row[places[1]], wall_s, cpu_s, peak_mb
+        if len(row) <= max(places) or row[of_stage] == QUERY:
+            continue
+        with contextlib.suppress(ValueError):
+            wall_s, cpu_s, peak_mb = (float(row[place]) for place in places)
+            if all(0 <= number < MOST for number in (wall_s, cpu_s, peak_mb)):
+                yield row[own], row[of_stage], wall_s, cpu_s, peak_mb
+
+
+def _rows(lines: Iterable[str]) -> Iterator[list[str]]:
+    """Yield the rows up to one that is no CSV."""
+    with contextlib.suppress(csv.Error):
+        yield from csv.reader(lines)

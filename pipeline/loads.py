@@ -55,7 +55,12 @@ class Loads:
             measured = self._measures(object_id)
             if measured is None:
                 return None
-            return self._bending_modes(object_id, measured) if stage == "modes" else picture_share(measured)
+            try:
+                return (
+                    self._bending_modes(object_id, measured) if stage == "modes" else picture_share(measured)
+                )
+            except (KeyError, TypeError, ValueError, ArithmeticError):
+                return None  # a product that says of itself what cannot be
         if size_bytes is None and stage in STAGES and STAGES[stage].inputs:
             path = STAGES[stage].inputs[0].kind.path(self._root, object_id)
             size_bytes = path.stat().st_size if path.is_file() else None

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from objectfolder.store import Product, write_product
 from pipeline.estimates import HIGH_QUANTILE, MEMORY_MARGIN, Estimates, fit
 from pipeline.known_costs import KnownCost, costs_of, packaged_costs
 from pipeline.loads import bending_modes, picture_share
@@ -174,6 +175,33 @@ def test_a_line_that_a_kill_cut_short_is_passed_over(tmp_path):
         file.write("dish,modes,ffff,1.0,")
     assert [cost.object_id for cost in costs_of(tmp_path)] == ["cup"]
     assert not Estimates(tmp_path).of("modes", "dish").known
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xff\xfe\x00",
+        b"a,b\n1,2\n",
+        b'object,stage\n"unclosed',
+        b"\x00\x00",
+        b"object,stage,fingerprint,cpu_seconds,wall_seconds,peak_memory_mb\nmug,views,f,nan,inf,-1\n",
+        b"object,stage,fingerprint,cpu_seconds,wall_seconds,peak_memory_mb\nmug,views,f,1,1,1e308\n",
+    ],
+)
+def test_costs_that_somebody_else_wrote_are_not_there(content, tmp_path):
+    path = costs_path(tmp_path)
+    path.parent.mkdir()
+    path.write_bytes(content)
+    assert Estimates(tmp_path).of("views", "mug", 1000) == Estimates(tmp_path / "none").of("views", "mug")
+
+
+def test_an_object_that_measures_nonsense_has_the_usual_estimate(tmp_path):
+    extents = {"length": {"extents_m": [0, 0, 0]}, "wall_thickness": {"thin_m": "thin"}, "area_m2": None}
+    for object_id, attributes in (("zero", extents), ("bare", {})):
+        write_product(OBJECTS.path(tmp_path, object_id), Product({}, attributes))
+    for object_id in ("zero", "bare"):
+        for stage in ("views", "modes"):
+            assert Estimates(tmp_path).of(stage, object_id) == Estimates(tmp_path).of(stage, "none")
 
 
 def test_a_thousand_objects_are_estimated_at_once(tmp_path):
