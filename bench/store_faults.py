@@ -115,7 +115,11 @@ def plot(outcomes: list[dict[str, Any]], path: Path) -> None:
             )  # fmt: skip
     axes.set_xlabel("share of requests that failed")
     axes.set_ylabel(f"products of {products} after the disturbed run")
-    axes.set_title("The next run finished each of them, bytes equal to an undisturbed run's", fontsize=10)
+    equal = sum(outcome["equal_after_second"] for outcome in outcomes)
+    title = (
+        f"After the next run {equal} of {len(outcomes)} had all products, bytes equal to an undisturbed run's"
+    )
+    axes.set_title(title, fontsize=9)
     axes.legend(fontsize=8)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
