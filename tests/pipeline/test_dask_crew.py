@@ -70,6 +70,7 @@ def test_pools_that_nobody_offers(local):
     assert running.wait() == []  # and so a dispatch learns of it
 
 
+@pytest.mark.slow
 def test_a_worker_killed_is_a_loss_and_another_takes_its_place(toys):
     with crew(Place(workers=2), toys.root, 4) as running:
         until(running, lambda _: len(running.slots()) == 2)
@@ -132,6 +133,7 @@ def test_no_scheduler_and_no_workers_are_said_so(toys):
             until(running, lambda events: False)
 
 
+@pytest.mark.slow
 def test_the_child_of_a_driver_that_is_gone_ends(toys):
     with contextlib.ExitStack() as stack:
         address, _ = stack.enter_context(scheduler(toys.root))
