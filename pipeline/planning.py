@@ -305,7 +305,7 @@ def _stage_plan(name: str, expected: _Expected) -> StagePlan:
     common = deviation / math.sqrt(rows) * unknown_s
     if expected.sampled is not None:  # they stand for others, whose mean is as sure as theirs
         single = float(np.std([one.cpu_s for one in found])) * math.sqrt(len(found))
-        common = single * math.sqrt(len(found) / expected.sampled)
+        common = single * math.sqrt(len(found) / min(expected.sampled, rows))
     half = NORMAL_95 * math.hypot(single, common)
     return StagePlan(
         counts["kept"],
