@@ -17,9 +17,9 @@ from ground import Execution, Ground, is_whole, wait_for
 class Watcher:
     """Reads every file under its final name whenever it has changed, and notes those that are not whole."""
 
-    def __init__(self, root: Path, *patterns: str) -> None:
-        self._root = root
-        self._patterns = patterns or ("data/*/*", ".objectfolder/memo/*/*/*")
+    def __init__(self, ground: Ground) -> None:
+        self._root = ground.root
+        self._patterns = [*(f"{folder}/*" for folder in ground.folders), ".objectfolder/memo/*/*/*"]
         self._seen: dict[Path, tuple[int, int, int]] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)

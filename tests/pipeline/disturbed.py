@@ -52,7 +52,7 @@ class Round:
 
     def disturb(self, what: Sequence[str]) -> None:
         """Run, kill these one after the other, and run until all is made."""
-        with Watcher(self.ground.root) as self.watcher:
+        with Watcher(self.ground) as self.watcher:
             try:
                 if self._place == ADDRESS:
                     self._start_scheduler()
@@ -93,7 +93,7 @@ class Round:
             "works": len(self.ground.works),
             "exit_codes": self.exit_codes,
             "products_read_by_the_watcher": self.watcher.reads,
-            "files_left_to_clean": self._litter,
+            "files_left_to_the_next_run": self._litter,
         }
 
     @property
@@ -189,7 +189,7 @@ class Round:
         return self.exit_codes[-1:] if self.exit_codes[-1] else []
 
     def _end(self) -> None:
-        """End what is meant to run on, as a person does, see what does not end, and clean."""
+        """End what is meant to run on, as a person does, see what does not end; tidy by a run that finds all made, and clean."""
         for process in (*self._workers, self._scheduler):
             if process is not None:
                 process.terminate()
@@ -199,6 +199,7 @@ class Round:
         self.ground.end()
         self._litter = self.ground.litter()
         if self._litter:
+            self.ground.run()
             self.ground.start("-m", "pipeline", "clean", "--yes").wait()
 
 

@@ -141,6 +141,11 @@ class Ground:
         """All that is to be done."""
         return {(stage.name, object_id) for stage in self.toys.stages for object_id in self.toys.rows}
 
+    @property
+    def folders(self) -> list[str]:
+        """Where products lie, from its root."""
+        return [kind.folder for stage in self.toys.stages for kind in stage.products]
+
     def start(self, *arguments: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
         """Start the driver, or another Python of the run."""
         with open(self.root / "output.log", "ab") as output:
@@ -178,10 +183,9 @@ class Ground:
 
     def digests(self) -> dict[str, str]:
         """Return the SHA-256 of every product."""
-        folders = {kind.folder for stage in self.toys.stages for kind in stage.products}
         paths = (
             path
-            for folder in folders
+            for folder in self.folders
             for path in self.root.glob(f"{folder}/*")
             if not path.name.startswith(".")
         )

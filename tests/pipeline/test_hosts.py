@@ -114,7 +114,7 @@ class Run:
         place = {"kind": "address", "address": site.address, "tls": True, "reconnect_s": 90.0}
         (self.ground.root / "cluster" / "address.yaml").write_text(repr(place))
         self.allowed: set[tuple[str, str]] = set()
-        self.watcher = Watcher(self.ground.root)
+        self.watcher = Watcher(self.ground)
         self.process = self.start()
 
     def start(self) -> subprocess.Popen[bytes]:
