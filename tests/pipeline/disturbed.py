@@ -189,7 +189,7 @@ class Round:
         return self.exit_codes[-1:] if self.exit_codes[-1] else []
 
     def _end(self) -> None:
-        """End what is meant to run on, as a person does, see what does not end; tidy by a run that finds all made, and clean."""
+        """End what is meant to run on, see what does not end, and tidy as the next run does."""
         for process in (*self._workers, self._scheduler):
             if process is not None:
                 process.terminate()
