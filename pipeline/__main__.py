@@ -1,6 +1,7 @@
 """``python -m pipeline COMMAND``: what ``dvc.yaml`` runs, and the few commands around it."""
 
 import argparse
+import errno
 import importlib
 import os
 import signal
@@ -53,6 +54,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(root, options.command)
     except ObjectFolderError as error:
         print(f"error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        from pipeline.storage import disk_error
+
+        print(f"error: {disk_error(error, Path(error.filename or root))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("interrupted: nothing finished is lost, the next run does what is left", file=sys.stderr)
@@ -169,7 +177,7 @@ def make_dataset(root: Path) -> int:
 
 def show_failures(root: Path) -> int:
     """Print what failed in the last run of each stage; return 1 if anything did."""
-    from pipeline.progress import failure_table
+    from pipeline.failure_table import failure_table
 
     failures = [replace(failure, error=f"{stage}: {failure.error}") for stage, failure in all_failures(root)]
     if failures:

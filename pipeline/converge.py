@@ -19,7 +19,7 @@ from pipeline.dispatch import Dispatch
 from pipeline.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.flow_progress import FlowProgress
 from pipeline.parameters import Parameters
-from pipeline.progress import failure_table
+from pipeline.failure_table import failure_table
 from pipeline.run_log import Costs, read_failures_by_fingerprint, write_run
 from pipeline.run_record import RunRecord
 from pipeline.stage import Row, Stage

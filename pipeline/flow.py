@@ -12,6 +12,7 @@ from pipeline.crew import Finished, Job
 from pipeline.parameters import Parameters
 from pipeline.stage import Prepared, Row, Stage
 from pipeline.task import Call, Failure, failure_of
+from pipeline.tolerances import as_json
 from pipeline.verified import Verified
 
 if TYPE_CHECKING:
@@ -149,6 +150,7 @@ class Flow:
             provenance = {
                 **prepared.parts,
                 "fingerprints": {**stage.lineage(prepared.parts), stage.name: wanted},
+                "tolerances": as_json(stage.tolerances),
             }
             call = Call(stage.name, stage.task, prepared.request, targets, wanted, provenance, folder)
             return self._job(stage, call, prepared)

@@ -12,7 +12,8 @@ from packaging.utils import canonicalize_name
 PROJECT = "objectfolder-factory"
 EXTRAS = ("factory", "s3", "ssh", "slurm", "kubernetes", "dev")
 HEADER = """\
-# What `.[factory,s3,ssh,slurm,kubernetes,dev]` resolves to on Python 3.11; written by `make lock` from a working environment.
+# What the project with all its extras resolves to on Python 3.11; written by `make lock` from a working
+# environment.
 # torch has no build suffix, so that any build of the version serves: CPU or CUDA.
 """
 

@@ -9,7 +9,7 @@ declared is the same bytes.
 import fnmatch
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from objectfolder.errors import FormatError, InputError
 from objectfolder.store import read_product
 from objectfolder.tensor_file import read_tensor_file
 from pipeline import products
-from pipeline.tolerances import SAME_BYTES, TOLERANCES, Tolerance
+from pipeline.tolerances import SAME_BYTES, TOLERANCES, Tolerance, as_json
 
 EQUAL, WITHIN, DIFFERENT = "equal", "within tolerance", "different"
 # What a product says of its making, not of the object.
@@ -63,7 +63,7 @@ def declared(stage: str) -> dict[str, Any]:
     InputError
         A stage for which nothing is declared.
     """
-    return {name: asdict(tolerance) for name, tolerance in _of_stage(stage).items()}
+    return as_json(_of_stage(stage))
 
 
 def compare(first: Path, second: Path, stage: str) -> list[Difference]:

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from objectfolder.provenance import package_versions, seed_from
 from pipeline.parameters import Parameters
 from pipeline.products import ProductKind
 from pipeline.task import Request
+from pipeline.tolerances import Tolerance
 from pipeline.verified import FINGERPRINT, Verified
 
 Row = Mapping[str, Any]
@@ -97,6 +98,8 @@ class Stage:
         Distributions whose version may change its numbers.
     needs
         Pools of workers that can run it (`pipeline.crew.BLENDER`); empty for any.
+    tolerances
+        Arrays that another machine may make a little different; all others are the same bytes.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Stage:
     fields: tuple[str, ...] = ()
     packages: tuple[str, ...] = ("numpy",)
     needs: frozenset[str] = frozenset()
+    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
 
     @property
     def follows(self) -> frozenset[str]:

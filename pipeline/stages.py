@@ -4,6 +4,7 @@ from pipeline.crew import BLENDER
 from pipeline.products import TENSORS, ProductKind
 from pipeline.records import sources
 from pipeline.stage import ProductInput, Stage
+from pipeline.tolerances import TOLERANCES
 
 OBJECTS = ProductKind("data/objects")
 VIEWS = ProductKind("data/views")
@@ -25,6 +26,7 @@ STAGES = {
             sources=sources,
             fields=("length_m", "file_names"),
             packages=("numpy", "Pillow", "trimesh", "zarr"),
+            tolerances=TOLERANCES["objects"],
         ),
         Stage(
             "views",
@@ -35,6 +37,7 @@ STAGES = {
             fields=("appearance",),
             packages=("bpy", "embreex", "numpy", "zarr"),
             needs=frozenset({BLENDER}),
+            tolerances=TOLERANCES["views"],
         ),
         Stage(
             "modes",
@@ -44,6 +47,7 @@ STAGES = {
             parameters=("audio",),
             fields=("material", "walls"),
             packages=("embreex", "mkl", "numpy", "pytetwild", "scikit-image", "scipy", "zarr"),
+            tolerances=TOLERANCES["modes"],
         ),
         Stage(
             "touches",
@@ -52,6 +56,7 @@ STAGES = {
             inputs=(GEOMETRY,),
             parameters=("touch",),
             packages=("numba", "numpy", "scipy", "zarr"),
+            tolerances=TOLERANCES["touches"],
         ),
         Stage(
             "encode",
@@ -65,6 +70,7 @@ STAGES = {
             ),
             parameters=("encode",),
             packages=("embreex", "numba", "numpy", "scipy", "torch"),
+            tolerances=TOLERANCES["encode"],
         ),
         Stage(
             "fidelity",
@@ -79,6 +85,7 @@ STAGES = {
             ),
             fields=("name", "material", "material_citation", "source", "licence", "attribution"),
             packages=("embreex", "numba", "numpy", "scikit-image", "scipy", "torch", "zarr"),
+            tolerances=TOLERANCES["fidelity"],
         ),
     )
 }

@@ -5,7 +5,8 @@ patterns, the first that fits counts; what none fits is the same bytes.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,11 @@ class Tolerance:
     rms: float = 0.0
     absolute: float = 0.0
     because: str = ""
+
+
+def as_json(tolerances: Mapping[str, Tolerance]) -> dict[str, Any]:
+    """Return tolerances by array as a product's provenance holds them."""
+    return {name: asdict(tolerance) for name, tolerance in tolerances.items()}
 
 
 SAME_BYTES = Tolerance()
