@@ -22,13 +22,16 @@ from objectfolder.child_process import end_with
 from objectfolder.errors import InputError
 from objectfolder.provenance import code_identity
 from pipeline import memo, products
+from pipeline.storage import disk_error
 from pipeline.task import Call, Outcome, Timed, failure_of
+from pipeline.task_code import known_sources
 
 if TYPE_CHECKING:  # what it imports is not needed by every child
     from pipeline.shipping import Shipment
 
 LENGTH_BYTES = 8
 STALE = "stale"
+MKL = "mkl"
 
 
 def send(stream: IO[bytes], message: Any) -> None:
@@ -56,6 +59,11 @@ def execute(call: Call) -> Outcome:
     failure = None
     query_seconds: Mapping[str, float] = {}
     try:
+        if MKL in call.parts.get("packages", {}):
+            # Once loaded, MKL lends its exp to a torch that is imported after it, and what later tasks
+            # yield would depend on what this process did before.
+            with contextlib.suppress(ImportError):
+                importlib.import_module("torch")
         module, _, function = call.task.partition(":")
         returned = getattr(importlib.import_module(module), function)(call.request)
         if isinstance(returned, Timed):
@@ -66,7 +74,10 @@ def execute(call: Call) -> Outcome:
                 f"{call.task} returned {len(contents)} products where {len(call.targets)} are declared"
             )
         for target, content in zip(call.targets, contents, strict=True):
-            products.write(target, content, call.fingerprint, dict(call.parts))
+            try:
+                products.write(target, content, call.fingerprint, dict(call.parts))
+            except OSError as error:
+                raise disk_error(error, target.parent) from error
             if call.memo is not None:
                 memo.remember(call.memo, target)
     except (Exception, SystemExit) as error:
@@ -93,13 +104,13 @@ def serve(guard: int, scratch: str) -> NoReturn:
         Folder to work in.
     """
     end_with(guard)
+    code = _LoadedCode(known_sources(Path.cwd()))
     os.chdir(scratch)
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what native code prints must not mix with the answers
     calls = sys.stdin.buffer
     # A clean exit at interruption is the parent's to decide.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    code = _LoadedCode()
     while (call := receive(calls)) is not None:
         answer = _executed(call) if code.serves(call) else STALE
         sys.stdout.flush()
@@ -113,9 +124,16 @@ def _executed(call: "Call | Shipment") -> Outcome:
 
 
 class _LoadedCode:
-    """Digests of modules from before their import, to compare with what a product would be labelled."""
+    """Digests of modules from before their import, to compare with what a product would be labelled.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    known
+        What is known of sources by their content.
+    """
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self._known = known
         self._digests: dict[str, str] = {}
 
     def serves(self, call: "Call | Shipment") -> bool:
@@ -127,7 +145,7 @@ class _LoadedCode:
         if wanted is None:
             return True
         try:
-            found = code_identity(call.task.partition(":")[0])
+            found = code_identity(call.task.partition(":")[0], self._known)
         except InputError:
             return True  # the import will say what is wrong
         self._digests = {**found, **self._digests}

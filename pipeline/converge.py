@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 from pipeline import memo
 from pipeline.crew import Crew, Job, Lost
 from pipeline.dispatch import Dispatch
+from pipeline.failure_table import failure_table
 from pipeline.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.flow_progress import FlowProgress
 from pipeline.parameters import Parameters
-from pipeline.failure_table import failure_table
 from pipeline.run_log import Costs, read_failures_by_fingerprint, write_run
 from pipeline.run_record import RunRecord
 from pipeline.stage import Row, Stage
@@ -99,10 +99,14 @@ def converge(
     flow = Flow(stages, root, parameters, rows, verified, estimates, tried, progress.settle)
     with RunRecord(root, [stage.name for stage in stages]) as record:
         try:
-            if jobs := flow.begin():
+            jobs = flow.begin()
+            verified.code.save()  # children read it, too
+            if jobs:
                 _run(jobs, flow, crew_for, costs, record, progress)
         finally:
             progress.close()
+            for stage in stages:
+                _sweep(stage, root)
             verified.save()
             memo.prune(root)
         summaries = []
@@ -162,13 +166,19 @@ def _tidy(stage: Stage, root: Path, rows: Mapping[str, Row]) -> tuple[str, ...]:
     """Remove half-written files, and products of objects not listed; return the ids of those."""
     for kind in stage.products:
         (root / kind.folder).mkdir(parents=True, exist_ok=True)
-        kind.sweep(root)
+    _sweep(stage, root)
     present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
     unlisted = sorted(present - set(rows))
     for object_id in unlisted:
         for path in stage.targets(root, object_id):
             path.unlink(missing_ok=True)
     return tuple(unlisted)
+
+
+def _sweep(stage: Stage, root: Path) -> None:
+    """Remove what killed processes left half-written."""
+    for kind in stage.products:
+        kind.sweep(root)
 
 
 def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: tuple[Failure, ...]) -> Summary:

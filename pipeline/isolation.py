@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from pipeline import host_memory, scratch
+from pipeline import host_memory, instructions, scratch
 from pipeline.child import STALE, receive, send
 from pipeline.memory_watch import MemoryWatch, resident_bytes
 from pipeline.process_tree import descendants, end_with_variable
@@ -201,6 +201,7 @@ class Child:
             path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
             environment = {
                 **os.environ,
+                **instructions.settings(),
                 "OMP_WAIT_POLICY": "PASSIVE",
                 "PYTHONHASHSEED": "0",
                 "PYTHONPATH": path,  # that processes of a task find the same code as the task

@@ -1,5 +1,6 @@
 """What the code of tasks is, found once a run, its sources normalised once for all runs."""
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,8 @@ class TaskCode:
     """
 
     def __init__(self, root: Path) -> None:
-        self._path = root / ".objectfolder" / "code.json"
-        self._known: dict[str, Any] = {
-            key: entry for key, entry in read_cache(self._path).items() if _is_normalised(entry)
-        }
+        self._path = _path(root)
+        self._known = known_sources(root)
         self._kept = set(self._known)
         self._identities: dict[str, dict[str, str]] = {}
 
@@ -38,11 +37,21 @@ class TaskCode:
         return self._identities[module]
 
     def save(self) -> None:
-        """Keep what is known of sources for the next run, if it is more than before."""
-        if set(self._known) != self._kept:
-            with atomic_write(self._path) as file:
-                file.write(json.dumps(self._known).encode())
-            self._kept = set(self._known)
+        """Keep what is known of sources, if it is more than before; a disk without room loses it."""
+        if set(self._known) == self._kept:
+            return
+        with contextlib.suppress(OSError), atomic_write(self._path) as file:
+            file.write(json.dumps(self._known).encode())
+        self._kept = set(self._known)
+
+
+def known_sources(root: Path) -> dict[str, Any]:
+    """Return what earlier runs found in sources, by their content (see `code_identity`)."""
+    return {key: entry for key, entry in read_cache(_path(root)).items() if _is_normalised(entry)}
+
+
+def _path(root: Path) -> Path:
+    return root / ".objectfolder" / "code.json"
 
 
 def read_cache(path: Path) -> dict[str, Any]:

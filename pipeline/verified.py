@@ -4,6 +4,7 @@ A product was checked whole, carries a fingerprint and a few attributes that lat
 file has a digest. All of it can be read again from the files themselves.
 """
 
+import contextlib
 import json
 import operator
 import os
@@ -106,7 +107,7 @@ class Verified:
         return digest
 
     def save(self) -> None:
-        """Write what is known, without files that are gone."""
+        """Write what is known, without files that are gone; a disk without room loses it."""
         self.code.save()
         if not self._changed:
             return
@@ -114,7 +115,7 @@ class Verified:
             kind: {key: entry for key, entry in entries.items() if os.path.exists(self._place(key))}
             for kind, entries in (("products", self._products), ("sources", self._sources))
         }
-        with atomic_write(self._path) as file:
+        with contextlib.suppress(OSError), atomic_write(self._path) as file:
             file.write(json.dumps(kept).encode())
         self._changed = False
 
