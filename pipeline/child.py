@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # what it imports is not needed by every child
 
 LENGTH_BYTES = 8
 STALE = "stale"
-MKL = "mkl"
+MKL, TORCH = "mkl", "torch"  # as distributions are named
 
 
 def send(stream: IO[bytes], message: Any) -> None:
@@ -59,11 +59,6 @@ def execute(call: Call) -> Outcome:
     failure = None
     query_seconds: Mapping[str, float] = {}
     try:
-        if MKL in call.parts.get("packages", {}):
-            # Once loaded, MKL lends its exp to a torch that is imported after it, and what later tasks
-            # yield would depend on what this process did before.
-            with contextlib.suppress(ImportError):
-                importlib.import_module("torch")
         module, _, function = call.task.partition(":")
         returned = getattr(importlib.import_module(module), function)(call.request)
         if isinstance(returned, Timed):
@@ -124,7 +119,10 @@ def _executed(call: "Call | Shipment") -> Outcome:
 
 
 class _LoadedCode:
-    """Digests of modules from before their import, to compare with what a product would be labelled.
+    """What is loaded in this process, to compare with what a product would be labelled.
+
+    Digests of modules are from before their import. Once loaded, MKL lends its exponential to a torch that
+    is imported after it, and what tasks yield would depend on what this process did before.
 
     Parameters
     ----------
@@ -135,12 +133,17 @@ class _LoadedCode:
     def __init__(self, known: dict[str, Any]) -> None:
         self._known = known
         self._digests: dict[str, str] = {}
+        self._mkl_alone = False
 
     def serves(self, call: "Call | Shipment") -> bool:
-        """Whether a task's modules, here and on disk, are those that its fingerprint names, if any.
+        """Whether a task yields here what it yields in a process of its own and of the code it names.
 
-        On disk too, because a task may start processes of its own.
+        Its modules are compared on disk too, because a task may start processes of its own.
         """
+        packages = call.parts.get("packages", {})
+        if self._mkl_alone and TORCH in packages:
+            return False
+        self._mkl_alone |= MKL in packages and TORCH not in sys.modules
         wanted = call.parts.get("code")
         if wanted is None:
             return True

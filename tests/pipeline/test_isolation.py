@@ -343,3 +343,16 @@ def test_a_kill_for_want_of_memory_is_recognised(toys, monkeypatch):
         failure = child.run(call).failure
     assert "killed by the system, which had run out of memory" in failure.error
     assert "fewer workers" in failure.remedy
+
+
+def test_torch_is_not_imported_into_a_process_that_has_loaded_mkl(toys):
+    """Its exponential would be MKL's there, and bits of a fit would hang on what ran before."""
+    report = "import os; raise OSError(f'process {os.getpid()}')"
+    packages = ("mkl", "mkl", "torch", "torch", "mkl")
+    calls = [
+        calls_of(toys, [f"task_{index}"], {f"task_{index}": report}, {"packages": {name: "1"}})[0]
+        for index, name in enumerate(packages)
+    ]
+    with Child(toys.root, ChildSettings()) as child:
+        processes = [child.run(call).failure.error for call in calls]
+    assert processes[0] == processes[1] != processes[2] == processes[3] == processes[4]
