@@ -145,10 +145,9 @@ def _run(
     for expected in left:
         progress.expect(*expected)
     with crew_for(len(left)) as crew:
-        dispatch = Dispatch(crew, flow.stands)
+        dispatch = Dispatch(crew, flow.stands, progress.workers)
         for job in jobs:
             dispatch.add(job)
-        progress.workers(0, len(crew.slots()))
         for event in dispatch.events():
             stage = event.job.call.stage
             if isinstance(event, Lost):
@@ -159,7 +158,6 @@ def _run(
             record.task(stage, event.outcome, event.slot, event.host, event.tries)
             for job in flow.done(event):
                 dispatch.add(job)
-            progress.workers(dispatch.busy(), len(crew.slots()))
 
 
 def _tidy(stage: Stage, root: Path, rows: Mapping[str, Row]) -> tuple[str, ...]:

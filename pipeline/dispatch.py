@@ -22,11 +22,19 @@ class Dispatch:
         Who runs them.
     stands
         Whether the products of a job are there: a slot may be lost between making them and saying so.
+    on_started
+        Told how many slots are busy, and how many there are, whenever jobs were given out.
     """
 
-    def __init__(self, crew: Crew, stands: Callable[[Job], bool] = lambda job: False) -> None:
+    def __init__(
+        self,
+        crew: Crew,
+        stands: Callable[[Job], bool] = lambda job: False,
+        on_started: Callable[[int, int], None] = lambda busy, slots: None,
+    ) -> None:
         self._crew = crew
         self._stands = stands
+        self._on_started = on_started
         self._waiting: dict[Needs, list[Job]] = defaultdict(list)  # each in `order`; none empty
         self._running: dict[str, tuple[Job, Slot]] = {}  # by slot
         self._tries: Counter[str] = Counter()
@@ -46,6 +54,7 @@ class Dispatch:
         while self._waiting or self._running:
             slots = self._crew.slots()
             self._start(slots)
+            self._on_started(len(self._running), len(slots))
             if self._waiting and slots and not self._running:
                 yield from self._refuse(slots)
                 if not self._waiting:
@@ -60,10 +69,6 @@ class Dispatch:
                 if ended is not None:
                     host = slot.host if slot else ""
                     yield replace(ended, host=host, tries=self._tries.pop(ended.job.key, 1))
-
-    def busy(self) -> int:
-        """Return how many jobs run."""
-        return len(self._running)
 
     def _start(self, slots: Mapping[str, Slot]) -> None:
         if not self._waiting or slots.keys() <= self._running.keys():
