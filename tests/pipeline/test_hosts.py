@@ -26,7 +26,7 @@ from pipeline import tls
 
 WORKERS = ("worker-1", "worker-2")
 SCHEDULER_PORT, STORE_PORT = 8786, 9000
-SILENT_S = 12  # after which the kernel gives a connection up, however busy the machine; Dask takes no less than 11
+SILENT_S = 12  # after which the kernel gives a connection up; Dask takes no less than 11
 SETTLED_S = 2.0  # after a fault, for what was on its way to begin
 OUTAGE_S = 6.0
 POOR = Cable(delay_s=0.1, rate_bit_s=1e6, loss=0.02, seed=3)
