@@ -27,13 +27,12 @@ dataset: $(STAMP) ## Make the data set, doing only what is left to do, and say w
 
 test: $(STAMP) ## Check style and types, and run all tests
 	$(MAKE) --no-print-directory lint
-	pytest
+	pytest -n 2
 
 lint: $(STAMP) ## Check style and types
 	ruff check .
 	ruff format --check --exclude '*.md' .
 	mypy
-
 
 lock: $(STAMP) ## Write requirements.lock from what is installed
 	python -m pipeline.lock requirements.lock
