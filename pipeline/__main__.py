@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from objectfolder.errors import ObjectFolderError
+from pipeline.data_set_commands import COMMANDS
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -28,10 +29,8 @@ PLACE = "OBJECTFOLDER_CLUSTER"
 STAGE_NAMES = ("objects", "views", "modes", "touches", "encode", "fidelity")
 # Commands with options of their own, by the module that has them: `add_arguments` and `main`.
 MODULES = {
-    "clean": ("pipeline.clean", "list what is safe to remove, and remove it with --yes"),
-    "plan": ("pipeline.plan", "say what a run would do and take, or what the last one took"),
+    **COMMANDS,
     "scheduler": ("pipeline.scheduler", "run a scheduler that workers and drivers come to"),
-    "status": ("pipeline.status", "say what is as the inputs ask for, what is not, and why"),
     "worker": ("pipeline.worker", "work for a scheduler"),
 }
 

@@ -112,8 +112,8 @@ def test_tasks_know_nothing_of_the_framework(name):
 DASK_BORDER = {
     f"pipeline.{name}"
     for name in (
-        "dask_cluster", "dask_settings", "machine_cluster", "scheduler", "slurm_cluster", "ssh_cluster", "tls",
-        "worker", "worker_task",
+        "dask_cluster", "dask_settings", "machine_cluster", "scheduler", "slurm_cluster", "ssh_cluster",
+        "tls", "worker", "worker_task",
     )
 }  # fmt: skip
 

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 
 from objectfolder.errors import ObjectFolderError
+from pipeline import data_set_commands
 from pipeline.command_line import build, export, query, solve
 
 EPILOG = """examples:
@@ -16,11 +17,12 @@ EPILOG = """examples:
   objectfolder press mug.safetensors --points queries/points.npy --depth 0.001 -o touches
   objectfolder modes mug.obj --material ceramic --max-frequency 20000 --json
   objectfolder export mug --format nerf -o mug-nerf
+  objectfolder plan --count 1000 --workers 2 64
 """
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of all sub-commands."""
+def parser(chosen: Sequence[str] = ()) -> argparse.ArgumentParser:
+    """Return the parser of all sub-commands; `chosen` is the one to be run."""
     main_parser = argparse.ArgumentParser(
         prog="objectfolder",
         description="Make Object Files from meshes; ask them what an object looks, sounds and feels like.",
@@ -30,14 +32,16 @@ def parser() -> argparse.ArgumentParser:
     commands = main_parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for module in (build, solve, query, export):
         module.add_commands(commands)
+    data_set_commands.add_commands(commands, chosen)
     return main_parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status, 1 with one line on stderr for an error a user can act on."""
-    options = parser().parse_args(arguments)
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    options = parser(arguments[:1]).parse_args(arguments)
     try:
-        options.run(options)
+        return int(options.run(options) or 0)
     except ObjectFolderError as error:
         print(f"objectfolder: {error}", file=sys.stderr)
         return 1
@@ -46,4 +50,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
-    return 0
