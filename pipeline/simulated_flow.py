@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pipeline.crew import Job, Lost, Slot
 from pipeline.dispatch import Dispatch
@@ -100,7 +101,7 @@ def run_flow(
 
 
 def run_stage_by_stage(
-    objects: Mapping[str, Mapping[str, Work]], follows: Follows, slots: Sequence[Slot], **settings: object
+    objects: Mapping[str, Mapping[str, Work]], follows: Follows, slots: Sequence[Slot], **settings: Any
 ) -> Timeline:
     """Return how the tasks would run with each stage waiting for all of the one before."""
     makespan = 0.0
@@ -108,7 +109,7 @@ def run_stage_by_stage(
     for stage in follows:
         part = {name: {stage: works[stage]} for name, works in objects.items() if stage in works}
         if part:
-            timeline = run_flow(part, {stage: frozenset()}, slots, **settings)  # type: ignore[arg-type]
+            timeline = run_flow(part, {stage: frozenset()}, slots, **settings)
             makespan += timeline.makespan_s
             runs += timeline.runs
     return Timeline(makespan, runs)

@@ -17,10 +17,11 @@ from objectfolder.provenance import canonical_json, fingerprint
 from pipeline.differences import Difference, differences
 from pipeline.exclusive import owner
 from pipeline.parameters import Parameters, read_parameters
+from pipeline.products import read_description
 from pipeline.records import read_table
 from pipeline.stage import Row, Stage
 from pipeline.stages import STAGES
-from pipeline.verified import FINGERPRINT, Verified, product_attributes
+from pipeline.verified import FINGERPRINT, Verified
 
 CURRENT, STALE, MISSING, FAILED, WAITING, UNLISTED = (
     "current", "stale", "missing", "failed", "waiting", "unlisted",
@@ -142,7 +143,7 @@ def _of(
 
 def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Difference, ...]:
     try:
-        old = product_attributes(path).get("provenance", {})
+        old = read_description(path).get("provenance", {})
     except (FileNotFoundError, FormatError):
         old = {}
     old = json.loads(old) if isinstance(old, str) else old

@@ -57,7 +57,7 @@ class Verified:
         entry = self._product(path)
         known: dict[str, Any] = entry["attributes"]
         if not known.keys() >= set(names):
-            found = product_attributes(path)
+            found = products.read_description(path)
             try:
                 known |= {name: reduce(operator.getitem, name.split("."), found) for name in names}
             except (KeyError, TypeError) as error:
@@ -133,25 +133,6 @@ class Verified:
 
     def _place(self, key: str) -> str:
         return os.path.join(self._prefix, key)
-
-
-def product_attributes(path: Path) -> dict[str, Any]:
-    """Return all attributes of a product of either kind, those of a tensor file as the text stored.
-
-    Raises
-    ------
-    FileNotFoundError
-        There is no product.
-    FormatError
-        A file that cannot be read.
-    """
-    if path.name.endswith(products.TENSORS):
-        from objectfolder.tensor_file import read_metadata
-
-        return dict(read_metadata(path))
-    from objectfolder.store import read_attributes
-
-    return read_attributes(path)
 
 
 def _entries(content: Any, shape: Mapping[str, type]) -> dict[str, dict[str, Any]]:

@@ -14,6 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import psutil
 
@@ -124,9 +125,9 @@ class Host:
         self._started.append(process)
         return process
 
-    def python(self, *arguments: str, **options: object) -> subprocess.Popen[bytes]:
+    def python(self, *arguments: str, **options: Any) -> subprocess.Popen[bytes]:
         """Start this Python."""
-        return self.start(sys.executable, *arguments, **options)  # type: ignore[arg-type]
+        return self.start(sys.executable, *arguments, **options)
 
     def cut(self) -> None:
         """Cut it off silently: as with a switch that fails, nobody is told."""

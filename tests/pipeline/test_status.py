@@ -138,7 +138,7 @@ def test_products_are_not_read_again(workshop, monkeypatch):
     def read(path):
         raise AssertionError(f"read {path}")
 
-    monkeypatch.setattr("pipeline.verified.product_attributes", read)
+    monkeypatch.setattr("pipeline.products.read_description", read)
     assert {one.state for one in of(workshop)} == {CURRENT}
 
 
