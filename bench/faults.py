@@ -21,6 +21,7 @@ from typing import Any
 from bench.record import RESULTS, versions, write
 
 REPOSITORY = Path(__file__).parents[1]
+# What disturbs runs serves the tests as well; tests are no package, so their folder is put on the path first.
 sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
 
 from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed  # noqa: E402

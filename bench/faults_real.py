@@ -87,7 +87,7 @@ class RealGround(Ground):
         self.temporary.mkdir(parents=True)
         self.log = root / "executed.log"
         stages = tuple(replace(STAGES[name], task=f"{PACKAGE}.tasks:{name}") for name in NAMES)
-        self.toys = SimpleNamespace(stages=stages, rows=dict.fromkeys(OBJECTS))  # type: ignore[assignment]
+        self.toys = SimpleNamespace(stages=stages, rows=dict.fromkeys(OBJECTS))
         package = root / PACKAGE
         package.mkdir()
         (package / "__init__.py").write_text("")

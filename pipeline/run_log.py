@@ -11,6 +11,7 @@ import csv
 import fcntl
 import io
 import json
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -69,13 +70,16 @@ class Costs:
         self._by_object: dict[str, Cost] = {}
         if not self._path.is_file():
             return
-        with self._path.open(newline="", encoding="utf-8") as file:
+        with self._path.open(newline="", encoding="utf-8", errors="replace") as file:
             for row in csv.DictReader(file):
-                if row["stage"] != stage:
+                if row.get("stage") != stage:
                     continue
-                with contextlib.suppress(TypeError, ValueError):  # a line that a kill cut short
+                # A line that a kill cut short, or that is not of this table.
+                with contextlib.suppress(KeyError, TypeError, ValueError):
                     numbers = [float(row[name]) for name in ("wall_seconds", "cpu_seconds", "peak_memory_mb")]
-                    self._by_fingerprint[row["fingerprint"]] = self._by_object[row["object"]] = Cost(*numbers)
+                    if all(math.isfinite(number) and number >= 0 for number in numbers):
+                        cost = Cost(*numbers)
+                        self._by_fingerprint[row["fingerprint"]] = self._by_object[row["object"]] = cost
 
     def of(self, fingerprint: str) -> Cost | None:
         """Return what the task with this fingerprint took when it ran here."""
@@ -84,18 +88,6 @@ class Costs:
     def last_of(self, object_id: str) -> Cost | None:
         """Return what the task of this object took when it last ran here."""
         return self._by_object.get(object_id)
-
-    def expected(self, sizes: Mapping[str, int]) -> dict[str, float]:
-        """Return expected seconds by object: the last known ones, else in proportion to input bytes."""
-        known = [
-            (self._by_object[name].wall_s, size) for name, size in sizes.items() if name in self._by_object
-        ]
-        total = sum(size for _, size in known)
-        rate = sum(seconds for seconds, _ in known) / total if total else 1e-6
-        return {
-            name: self._by_object[name].wall_s if name in self._by_object else rate * size
-            for name, size in sizes.items()
-        }
 
     def add(self, outcome: Outcome) -> None:
         """Note, at once and for good, what a task took and what its queries took."""

@@ -9,8 +9,8 @@ from pathlib import Path
 import http_faults
 import pytest
 import s3_server
+from repositories import Repository
 from store_runs import made
-from test_dvc import Repository
 from toys import TUNED
 
 pytest.importorskip("dvc_s3", reason="dvc-s3 is not installed")
@@ -43,7 +43,7 @@ def test_one_object_of_one_version_comes_alone(repository, bucket_and_proxy, tmp
     for message, content in (("first", "2.0"), ("second", "5.0")):
         toys.add("cup", content)
         toys.rows["cup"]["material"] = {"stiffness": float(content)}
-        toys.save()
+        repository.save()
         repository.repro()
         repository.commit(message)
         versions.append(made(toys))

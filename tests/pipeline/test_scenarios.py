@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from workshop import Workshop, works
+from workshop import made as all_made
 
 from objectfolder import provenance
 from objectfolder.geometry.starter.utensils import fork, spatula
@@ -26,14 +27,8 @@ LATER = tuple(name for name in STAGES if name != "objects")
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A checkout where all is made."""
-    root = tmp_path_factory.mktemp("scenarios") / "checkout"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(root))
-        workshop = Workshop(root, "workshop_of_scenarios")
-        for object_id, material in zip(IDS, ("steel", "wood", "wood"), strict=True):
-            workshop.add(object_id, material)
-        assert workshop.executed() == works(STAGES, *IDS)
-        workshop.remember()
+    materials = dict(zip(IDS, ("steel", "wood", "wood"), strict=True))
+    with all_made(tmp_path_factory.mktemp("scenarios"), "workshop_of_scenarios", **materials) as workshop:
         yield workshop
 
 

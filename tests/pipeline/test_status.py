@@ -5,7 +5,7 @@ import json
 import shutil
 
 import pytest
-from workshop import Workshop
+from workshop import made as all_made
 
 from pipeline import status as status_module
 from pipeline.differences import Difference, differences
@@ -17,14 +17,8 @@ from pipeline.status import CURRENT, FAILED, MISSING, STALE, UNLISTED, WAITING, 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A checkout where all is made."""
-    root = tmp_path_factory.mktemp("status") / "checkout"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(root))
-        workshop = Workshop(root, "workshop_of_status")
-        workshop.add("cup")
-        workshop.add("dish", "wood")
-        workshop.converge()
-        workshop.remember()
+    folder = tmp_path_factory.mktemp("status")
+    with all_made(folder, "workshop_of_status", cup="steel", dish="wood") as workshop:
         yield workshop
 
 

@@ -2,10 +2,12 @@
 
 import csv
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from toys import REPOSITORY, here
 
 from pipeline.converge import Summary, converge
@@ -238,6 +240,20 @@ class Workshop:
 
 def _files(root: Path, kind: object) -> Sequence[Path]:
     return sorted((root / kind.folder).glob(f"*{kind.suffix}"))
+
+
+@contextmanager
+def made(folder: Path, package: str, **materials: str) -> Iterator[Workshop]:
+    """A checkout where all is made and remembered: objects by their materials."""
+    root = folder / "checkout"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(root))
+        workshop = Workshop(root, package)
+        for object_id, material in materials.items():
+            workshop.add(object_id, material)
+        assert workshop.executed() == works(STAGES, *materials)
+        workshop.remember()
+        yield workshop
 
 
 def works(stages: Sequence[str], *objects: str) -> set[str]:
