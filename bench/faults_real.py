@@ -52,10 +52,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.cluster import crew
+from pipeline.clusters.cluster import crew
 from pipeline.converge import converge
 from pipeline.parameters import read_parameters
-from pipeline.places import read_place
+from pipeline.clusters.places import read_place
 from pipeline.records import read_table
 from pipeline.stages import STAGES
 

@@ -10,8 +10,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.known_costs import PACKAGED, costs_of, product_bytes, write_costs
-from pipeline.loads import Loads
+from pipeline.forecast.known_costs import PACKAGED, costs_of, product_bytes, write_costs
+from pipeline.forecast.loads import Loads
 from pipeline.parameters import read_parameters
 from pipeline.records import read_table
 from pipeline.stages import STAGES

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline import instructions
+from pipeline.processes import instructions
 
-# As in the children of the factory (`pipeline.isolation`), but for the instructions they are held to.
+# As in children of the factory (`pipeline.processes.isolation`), but for the instructions they are held to.
 USUAL = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 from objectfolder.provenance import fingerprint
-from pipeline.child import execute
 from pipeline.parameters import read_parameters
+from pipeline.processes.child import execute
 from pipeline.records import read_table
 from pipeline.stages import STAGES
 from pipeline.task import Call

@@ -10,8 +10,8 @@ messages and bytes are those of Dask's streams between them. Objects with nothin
 `pipeline.flow`, first with nothing remembered and then again.
 
 Then what many objects take: each is drawn, with all that its tasks took, from the scans of
-``pipeline/known_costs.csv``, and sent through the real dispatch in virtual time; beyond what is simulated,
-figures grow in proportion. Prices are assumptions (`CPU_HOUR`, `GB_MONTH`).
+``pipeline/forecast/known_costs.csv``, and sent through the real dispatch in virtual time; beyond what is
+simulated, figures grow in proportion. Prices are assumptions (`CPU_HOUR`, `GB_MONTH`).
 """
 
 import argparse
@@ -32,14 +32,14 @@ from objectfolder.tensor_file import TensorFile
 from pipeline import products
 from pipeline.crew import BLENDER, Job, Lost
 from pipeline.dispatch import Dispatch
-from pipeline.drawn_objects import drawn_objects, known_objects
-from pipeline.estimates import Estimates, fit
 from pipeline.flow import Flow
-from pipeline.known_costs import packaged_costs
+from pipeline.forecast.drawn_objects import drawn_objects, known_objects
+from pipeline.forecast.estimates import Estimates, fit
+from pipeline.forecast.known_costs import packaged_costs
+from pipeline.forecast.simulated_flow import Work, lower_bound_s, run_flow
+from pipeline.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
 from pipeline.parameters import read_parameters
 from pipeline.products import TENSORS, ProductKind
-from pipeline.simulated_flow import Work, lower_bound_s, run_flow
-from pipeline.simulation import Absence, SimulatedCrew, call_of, hosts
 from pipeline.stage import ProductInput, Stage
 from pipeline.stages import STAGES
 from pipeline.task import Call, Request
@@ -115,7 +115,7 @@ def through_crew(count: int) -> dict[str, Any]:
     from distributed import Client
     from distributed.deploy.subprocess import SubprocessCluster
 
-    from pipeline.cluster import crew, read_place
+    from pipeline.clusters.cluster import crew, read_place
 
     with (
         tempfile.TemporaryDirectory() as folder,

@@ -2,10 +2,10 @@
 
     python -m bench.schedule [--costs FILE] [--modes FOLDER]
 
-FILE is the ``.objectfolder/costs.csv`` of a data set, or a table as ``pipeline/known_costs.csv`` (the
-default). A task of an object that was never run takes what that of another took, one of the package's
-where the stage has none (how many is in the result); FOLDER with the rows of `bench.scans` says what modes
-took where the costs do not.
+FILE is the ``.objectfolder/costs.csv`` of a data set, or a table as the default,
+``pipeline/forecast/known_costs.csv``. A task of an object that was never run takes what that of another took,
+one of the package's where the stage has none (how many is in the result); FOLDER with the rows of
+`bench.scans` says what modes took where the costs do not.
 
 The bound is max(total / workers, longest chain of an object). Tasks are simulated in virtual time through
 the real dispatch. "Dask's order" is what Dask does at best: tasks in the order in which they were submitted,
@@ -27,12 +27,12 @@ import matplotlib
 import numpy as np
 
 from bench.record import RESULTS, write
-from pipeline.drawn_objects import Costs, drawn_objects, known_objects
-from pipeline.estimates import fit
-from pipeline.known_costs import PACKAGED, KnownCost, costs_of, packaged_costs
-from pipeline.loads import Loads
-from pipeline.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
-from pipeline.simulation import hosts
+from pipeline.forecast.drawn_objects import Costs, drawn_objects, known_objects
+from pipeline.forecast.estimates import fit
+from pipeline.forecast.known_costs import PACKAGED, KnownCost, costs_of, packaged_costs
+from pipeline.forecast.loads import Loads
+from pipeline.forecast.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
+from pipeline.forecast.simulation import hosts
 from pipeline.stages import STAGES
 
 matplotlib.use("Agg")

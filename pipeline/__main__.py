@@ -30,8 +30,8 @@ STAGE_NAMES = ("objects", "views", "modes", "touches", "encode", "fidelity")
 # Commands with options of their own, by the module that has them: `add_arguments` and `main`.
 MODULES = {
     **COMMANDS,
-    "scheduler": ("pipeline.scheduler", "run a scheduler that workers and drivers come to"),
-    "worker": ("pipeline.worker", "work for a scheduler"),
+    "scheduler": ("pipeline.clusters.scheduler", "run a scheduler that workers and drivers come to"),
+    "worker": ("pipeline.clusters.worker", "work for a scheduler"),
 }
 
 
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
-        from pipeline.storage import disk_error
+        from pipeline.stores.storage import disk_error
 
         print(f"error: {disk_error(error, Path(error.filename or root))}", file=sys.stderr)
         return 1
@@ -94,9 +94,9 @@ def _interrupted(number: int, frame: object) -> None:
 
 def converge_stages(root: Path, names: Sequence[str]) -> int:
     """Converge stages over all objects; return 1 where one does not stand."""
+    from pipeline.clusters.places import read_place
     from pipeline.converge import converge
     from pipeline.parameters import read_parameters
-    from pipeline.places import read_place
     from pipeline.records import read_records, read_table, write_records
     from pipeline.stages import STAGES
 
@@ -110,7 +110,7 @@ def converge_stages(root: Path, names: Sequence[str]) -> int:
     stages = [STAGES[name] for name in names]
 
     def crew_for(jobs: int) -> "AbstractContextManager[Crew]":
-        from pipeline.cluster import crew
+        from pipeline.clusters.cluster import crew
 
         return crew(place, root, jobs, stages)
 

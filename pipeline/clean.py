@@ -15,11 +15,14 @@ import yaml
 
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
-from pipeline import memo, performance_report, run_record, scratch
+from pipeline import run_record
+from pipeline.clusters import performance_report
 from pipeline.exclusive import exclusive, owner
-from pipeline.memo import STATE
+from pipeline.processes import scratch
 from pipeline.products import ProductKind, read_fingerprint
 from pipeline.stages import STAGES
+from pipeline.stores import memo
+from pipeline.stores.memo import STATE
 
 LONGEST_LIST = 5  # paths of a kind that are named
 DVC_HINT = (

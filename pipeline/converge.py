@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline import memo
 from pipeline.crew import Crew, Job, Lost
 from pipeline.dispatch import Dispatch
 from pipeline.failure_table import failure_table
@@ -23,11 +22,12 @@ from pipeline.parameters import Parameters
 from pipeline.run_log import Costs, read_failures_by_fingerprint, write_run
 from pipeline.run_record import RunRecord
 from pipeline.stage import Row, Stage
+from pipeline.stores import memo
 from pipeline.task import Failure
 from pipeline.verified import Verified
 
 if TYPE_CHECKING:
-    from pipeline.estimates import Estimates
+    from pipeline.forecast.estimates import Estimates
 
 # From the number of tasks there are at most to who runs them; entered only where there are any.
 CrewFor = Callable[[int], AbstractContextManager[Crew]]
@@ -71,7 +71,7 @@ def converge(
     rows
         The listed objects.
     crew_for
-        Who runs the tasks (see `pipeline.cluster.crew`).
+        Who runs the tasks (see `pipeline.clusters.cluster.crew`).
     refused
         Objects that were refused before the first stage; they count as its failures.
 
@@ -92,7 +92,7 @@ def converge(
     progress = FlowProgress({stage.name: sorted(stage.follows) for stage in stages})
 
     def estimates() -> "Estimates":
-        from pipeline.estimates import Estimates
+        from pipeline.forecast.estimates import Estimates
 
         return Estimates(root, parameters)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 COMMANDS = {
     "status": ("pipeline.status", "say what is as the inputs ask for, what is not, and why"),
-    "plan": ("pipeline.plan", "say what a run would do and take, or what the last one took"),
+    "plan": ("pipeline.forecast.plan", "say what a run would do and take, or what the last one took"),
     "clean": ("pipeline.clean", "list what is safe to remove, and remove it with --yes"),
 }
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
 from objectfolder.provenance import fingerprint
-from pipeline import memo
 from pipeline.crew import Finished, Job
 from pipeline.parameters import Parameters
 from pipeline.stage import Prepared, Row, Stage
+from pipeline.stores import memo
 from pipeline.task import Call, Failure, failure_of
 from pipeline.tolerances import as_json
 from pipeline.verified import Verified
 
 if TYPE_CHECKING:
-    from pipeline.estimates import Estimates
+    from pipeline.forecast.estimates import Estimates
 
 OnSettled = Callable[[str, str, str, float], None]
 KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import TextIO
 
-from pipeline.time_to_go import TimeToGo
+from pipeline.forecast.time_to_go import TimeToGo
 
 COMPUTED, KEPT, RESTORED, FAILED = "computed", "kept", "restored", "failed"
 REDRAW_S = 0.2  # at most this often on a terminal

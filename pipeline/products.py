@@ -6,7 +6,7 @@ from typing import Any
 
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError
-from pipeline import archives
+from pipeline.stores import archives
 
 ZARR = ".zarr.zip"
 TENSORS = ".safetensors"

@@ -26,11 +26,12 @@ from objectfolder.store import Array, Product, read_product, write_product
 from objectfolder.tensor_file import read_tensor_file
 from objectfolder.touch.photometric_table import PhotometricTable
 from objectfolder.touch.sensor_file import read_sensor
-from pipeline import archives, products
-from pipeline.estimates import Estimates
+from pipeline import products
+from pipeline.forecast.estimates import Estimates
 from pipeline.parameters import read_parameters
 from pipeline.records import RECORDS, read_records
 from pipeline.run_log import Costs, costs_path
+from pipeline.stores import archives
 from pipeline.verified import Verified
 
 REPOSITORY = Path(__file__).parents[1]
@@ -39,10 +40,10 @@ MEGABYTE = 1 << 20
 
 # What may run code that data names, and where it is right all the same.
 UNPICKLES = {
-    "pipeline/child.py": "the pipe between a worker and the child process that it started itself",
+    "pipeline/processes/child.py": "the pipe between a worker and the child process that it started itself",
 }
 IMPORTS_BY_NAME = {
-    "pipeline/child.py": "the module of a stage's task, named by code in pipeline/stages.py",
+    "pipeline/processes/child.py": "the module of a stage's task, named by code in pipeline/stages.py",
     "pipeline/__main__.py": "a command, one of a list in that file",
     "pipeline/data_set_commands.py": "a command, one of a list in that file",
 }

@@ -43,10 +43,10 @@ def run(options: argparse.Namespace) -> None:
     """Build, verify, save; print the fidelity and the cost of each step."""
     from objectfolder.audio.materials import find_material, read_materials
     from objectfolder.catalogue import ObjectRecord
-    from pipeline.cluster import crew
+    from pipeline.clusters.cluster import crew
+    from pipeline.clusters.places import Place
     from pipeline.converge import converge
     from pipeline.parameters import read_parameters
-    from pipeline.places import Place
     from pipeline.records import row_of
     from pipeline.run_log import Costs
     from pipeline.stages import OBJECT_FILES, STAGES

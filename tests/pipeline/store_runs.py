@@ -7,10 +7,10 @@ from pathlib import Path
 from toys import Toys
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from pipeline.child import execute
 from pipeline.converge import CrewFor, Summary, converge
 from pipeline.crew import Finished, Job, Lost, Slot
-from pipeline.shipping import Courier
+from pipeline.processes.child import execute
+from pipeline.stores.shipping import Courier
 from pipeline.task import Call, Outcome, failure_of
 
 

@@ -20,9 +20,10 @@ from store_runs import elsewhere, flow, made
 from toys import Toys, here
 
 from objectfolder.errors import ObjectFolderError
-from pipeline import memo, products, shared, shipping
-from pipeline.child import execute
-from pipeline.storage import PATIENCE, STORE, product_name
+from pipeline import products
+from pipeline.processes.child import execute
+from pipeline.stores import memo, shared, shipping
+from pipeline.stores.storage import PATIENCE, STORE, product_name
 from pipeline.task import Call, Outcome
 
 READ_TIMEOUT_S, LATE_S, PATIENCE_S = 0.5, 0.8, 3.0
@@ -155,8 +156,8 @@ class Trials:
         timeouts = {"connect_timeout": 5, "read_timeout": READ_TIMEOUT_S}
         with (
             mock.patch.dict(os.environ, settings),
-            mock.patch("pipeline.storage.TIMEOUTS", timeouts),
-            mock.patch("pipeline.storage.FIRST_PAUSE_S", 0.02),
+            mock.patch("pipeline.stores.storage.TIMEOUTS", timeouts),
+            mock.patch("pipeline.stores.storage.FIRST_PAUSE_S", 0.02),
         ):
             yield
 
@@ -165,7 +166,10 @@ class Trials:
 def unhurried() -> Iterator[None]:
     """Let an undisturbed run wait for a machine that is busy with other things."""
     timeouts = {"connect_timeout": 60, "read_timeout": 60}
-    with mock.patch.dict(os.environ, {PATIENCE: "120"}), mock.patch("pipeline.storage.TIMEOUTS", timeouts):
+    with (
+        mock.patch.dict(os.environ, {PATIENCE: "120"}),
+        mock.patch("pipeline.stores.storage.TIMEOUTS", timeouts),
+    ):
         yield
 
 

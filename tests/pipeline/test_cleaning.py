@@ -11,8 +11,10 @@ import yaml
 
 from objectfolder.errors import InputError
 from objectfolder.store import Product
-from pipeline import clean, memo, products, run_record, scratch
+from pipeline import clean, products, run_record
+from pipeline.processes import scratch
 from pipeline.stages import OBJECT_FILES, VIEWS
+from pipeline.stores import memo
 
 HELD = """
 import sys, time
@@ -75,7 +77,7 @@ def used(tmp_path, monkeypatch):
         [
             sys.executable,
             "-c",
-            "from pipeline.scratch import Scratch; import os; it = Scratch(); "
+            "from pipeline.processes.scratch import Scratch; import os; it = Scratch(); "
             "(it.path / 'big').write_bytes(bytes(10**6)); print(it.path, flush=True); os._exit(0)",
         ],
         env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": str(Path(__file__).parents[2])},

@@ -11,10 +11,10 @@ import pytest
 from processes import command, eventually, job, kill, scheduler, until
 
 from objectfolder.errors import SimulationError
-from pipeline.cluster import crew
+from pipeline.clusters.cluster import crew
+from pipeline.clusters.dask_crew import GONE
+from pipeline.clusters.places import Place
 from pipeline.crew import GPU, Finished, Lost
-from pipeline.dask_crew import GONE
-from pipeline.places import Place
 
 STILL = "poison import time; time.sleep(600)"
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pipeline.crew import BLENDER, GPU, Finished, Job, Lost, Slot
 from pipeline.dispatch import MOST_DEATHS, MOST_LOSSES, Dispatch
-from pipeline.simulation import Absence, SimulatedCrew, call_of, hosts
+from pipeline.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
 
 GB = 10**9
 

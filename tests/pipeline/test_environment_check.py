@@ -12,9 +12,9 @@ from processes import command, scheduler, until
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
-from pipeline import cluster
-from pipeline.environment_check import Environment, differences, environment_here, environment_of
-from pipeline.places import Place
+from pipeline.clusters import cluster
+from pipeline.clusters.environment_check import Environment, differences, environment_here, environment_of
+from pipeline.clusters.places import Place
 from pipeline.stages import STAGES
 
 HERE = environment_here(["numpy", "scipy"], ["pipeline.tasks.objects"])
@@ -62,7 +62,7 @@ def test_all_stages_are_covered():
 
 def test_the_answer_of_another_process_is_the_same():
     answer = subprocess.run(
-        [sys.executable, "-m", "pipeline.environment_check"],
+        [sys.executable, "-m", "pipeline.clusters.environment_check"],
         input=HERE.as_json(),
         capture_output=True,
         text=True,

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from pipeline.flow_progress import COMPUTED, FAILED, KEPT, RESTORED, FlowProgress, duration
-from pipeline.time_to_go import TimeToGo
+from pipeline.forecast.time_to_go import TimeToGo
 
 STAGES = {"objects": (), "views": ("objects",), "modes": ("objects",), "encode": ("views", "modes")}
 

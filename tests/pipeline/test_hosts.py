@@ -22,7 +22,7 @@ from chaos import Watcher, redone
 from ground import PACKAGE, STAGES, Execution, Ground, read_executions, wait_for
 from hosts import Cable, Host, Network, why_no_cable, why_not
 
-from pipeline import tls
+from pipeline.clusters import tls
 
 WORKERS = ("worker-1", "worker-2")
 SCHEDULER_PORT, STORE_PORT = 8786, 9000

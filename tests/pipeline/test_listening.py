@@ -6,8 +6,8 @@ import psutil
 import pytest
 from processes import command, eventually, job, scheduler, until
 
-from pipeline.cluster import crew
-from pipeline.places import read_place
+from pipeline.clusters.cluster import crew
+from pipeline.clusters.places import read_place
 
 
 def listening(process: psutil.Process) -> dict[int, set[str]]:

@@ -10,10 +10,10 @@ import psutil
 import pytest
 from test_isolation import calls_of
 
-from pipeline import host_memory
-from pipeline.isolation import Child, ChildSettings
-from pipeline.memory_watch import LONGEST_PAUSE_S, SHORTEST_PAUSE_S, MemoryWatch, proportional_bytes
-from pipeline.process_tree import descendants
+from pipeline.processes import host_memory
+from pipeline.processes.isolation import Child, ChildSettings
+from pipeline.processes.memory_watch import LONGEST_PAUSE_S, SHORTEST_PAUSE_S, MemoryWatch, proportional_bytes
+from pipeline.processes.process_tree import descendants
 
 LIMIT_BYTES = 400_000_000
 # Each ends by itself where nobody ends it, well above the limit, so that a test that fails harms nobody.
@@ -145,7 +145,7 @@ sys.path.insert(0, {tests!r})
 from pathlib import Path
 from test_isolation import calls_of
 from toys import Toys
-from pipeline.isolation import Child, ChildSettings
+from pipeline.processes.isolation import Child, ChildSettings
 
 toys = Toys(Path.cwd(), {package!r})
 (call,) = calls_of(toys, ["grows"], {{"grows": {body!r}}})

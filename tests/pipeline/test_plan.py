@@ -10,13 +10,13 @@ import pytest
 from toys import Toys
 
 from objectfolder.errors import InputError
-from pipeline import plan as command
-from pipeline.estimates import Estimates
-from pipeline.known_costs import packaged_costs
+from pipeline.clusters.places import Place, Slurm, Ssh
+from pipeline.forecast import plan as command
+from pipeline.forecast.estimates import Estimates
+from pipeline.forecast.known_costs import packaged_costs
+from pipeline.forecast.plan import compare, comparison_table, read_plan, table, write_plan
+from pipeline.forecast.planning import Machines, Plan, machines_of, plan, plan_for_count, side_by_side
 from pipeline.parameters import read_parameters
-from pipeline.places import Place, Slurm, Ssh
-from pipeline.plan import compare, comparison_table, read_plan, table, write_plan
-from pipeline.planning import Machines, Plan, machines_of, plan, plan_for_count, side_by_side
 from pipeline.run_log import Costs
 from pipeline.stages import STAGES
 from pipeline.task import Outcome

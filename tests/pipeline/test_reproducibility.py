@@ -34,7 +34,7 @@ OTHER = {
 MODULE = """
 import json, sys
 from pathlib import Path
-from pipeline.child import execute
+from pipeline.processes.child import execute
 from pipeline.task import Call, Request
 for stage, task, targets, inputs, parameters, record in json.loads(sys.argv[1]):
     request = Request("bar", {name: Path(path) for name, path in inputs.items()}, parameters, record, 7)

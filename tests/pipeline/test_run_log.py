@@ -9,7 +9,7 @@ import pytest
 
 from objectfolder.errors import SimulationError
 from pipeline import run_log, run_record
-from pipeline.known_costs import costs_of
+from pipeline.forecast.known_costs import costs_of
 from pipeline.report.costs import read_costs
 from pipeline.run_log import (
     COLUMNS,

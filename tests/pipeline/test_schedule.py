@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from pipeline.crew import BLENDER, Job, Slot
 from pipeline.dispatch import Dispatch
-from pipeline.drawn_objects import known_objects
-from pipeline.known_costs import packaged_costs
+from pipeline.forecast.drawn_objects import known_objects
+from pipeline.forecast.known_costs import packaged_costs
+from pipeline.forecast.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
+from pipeline.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
 from pipeline.schedule import MOST_PASSED, choose, order
-from pipeline.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
-from pipeline.simulation import Absence, SimulatedCrew, call_of, hosts
 from pipeline.stages import STAGES
 
 FOLLOWS = {name: stage.follows for name, stage in STAGES.items()}

@@ -15,14 +15,15 @@ from store_runs import Elsewhere, elsewhere, flow, made
 from toys import REPOSITORY
 
 from objectfolder.errors import FormatError, InputError, SimulationError
-from pipeline import memo, products
-from pipeline.child import execute
+from pipeline import products
 from pipeline.crew import Job
-from pipeline.input_cache import InputCache
-from pipeline.isolation import Child, ChildSettings
-from pipeline.shipping import Courier
+from pipeline.processes.child import execute
+from pipeline.processes.isolation import Child, ChildSettings
 from pipeline.stages import OBJECTS, STAGES
-from pipeline.storage import STORE, Store, product_name, source_name
+from pipeline.stores import memo
+from pipeline.stores.input_cache import InputCache
+from pipeline.stores.shipping import Courier
+from pipeline.stores.storage import STORE, Store, product_name, source_name
 from pipeline.task import Call, Request
 
 FINGERPRINT = "cd" * 32
@@ -286,9 +287,9 @@ import sys
 from pathlib import Path
 from objectfolder.provenance import file_digest
 from objectfolder.errors import FormatError
-from pipeline.input_cache import InputCache
-from pipeline.isolation import Child, ChildSettings
-from pipeline.storage import Store, source_name
+from pipeline.stores.input_cache import InputCache
+from pipeline.processes.isolation import Child, ChildSettings
+from pipeline.stores.storage import Store, source_name
 
 def check(path):
     if file_digest(path) != sys.argv[3]:

@@ -15,10 +15,10 @@ from processes import eventually, job, until
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
-from pipeline import slurm_cluster, tls
-from pipeline.cluster import crew
+from pipeline.clusters import slurm_cluster, tls
+from pipeline.clusters.cluster import crew
+from pipeline.clusters.places import Place, Slurm
 from pipeline.crew import Finished
-from pipeline.places import Place, Slurm
 
 pytest.importorskip("dask_jobqueue")
 

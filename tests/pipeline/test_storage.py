@@ -14,8 +14,9 @@ import s3_server
 from toys import FILES, QUALITY, REPOSITORY, TUNED
 
 from objectfolder.errors import InputError, SimulationError
-from pipeline import memo, products, shared
-from pipeline.storage import PATIENCE, STORE, Store, product_name, source_name
+from pipeline import products
+from pipeline.stores import memo, shared
+from pipeline.stores.storage import PATIENCE, STORE, Store, product_name, source_name
 
 FINGERPRINT = "ab" * 32
 NAME = product_name(FINGERPRINT, "views.zarr.zip")
@@ -45,7 +46,7 @@ def bucket(server, faults):
 @pytest.fixture
 def impatient(monkeypatch):
     """A second to answer, and one of tries."""
-    monkeypatch.setattr("pipeline.storage.TIMEOUTS", {"connect_timeout": 2, "read_timeout": 1})
+    monkeypatch.setattr("pipeline.stores.storage.TIMEOUTS", {"connect_timeout": 2, "read_timeout": 1})
     monkeypatch.setenv(PATIENCE, "1")
 
 
@@ -334,7 +335,7 @@ import json, os
 from pathlib import Path
 import fsspec.implementations.local
 from objectfolder.errors import ObjectFolderError
-from pipeline.storage import Store
+from pipeline.stores.storage import Store
 if {as_user} is not None:
     os.setuid({as_user})
 try:

@@ -7,10 +7,10 @@ import pytest
 from processes import job, until
 
 from objectfolder.errors import InputError
-from pipeline import tls
-from pipeline.cluster import crew
+from pipeline.clusters import tls
+from pipeline.clusters.cluster import crew
+from pipeline.clusters.places import Place
 from pipeline.crew import Finished
-from pipeline.places import Place
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ import pytest
 from processes import command, eventually, job, kill, scheduler, until
 
 from objectfolder.errors import InputError
-from pipeline import worker
-from pipeline.cluster import crew
-from pipeline.places import Place
+from pipeline.clusters import worker
+from pipeline.clusters.cluster import crew
+from pipeline.clusters.places import Place
 
 
 def parsed(*arguments: str) -> argparse.Namespace:

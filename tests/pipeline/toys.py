@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.child import execute
 from pipeline.converge import CrewFor, Summary, converge
 from pipeline.crew import Finished, Job, Lost, Slot
 from pipeline.parameters import Parameters, read_parameters
+from pipeline.processes.child import execute
 from pipeline.products import TENSORS, ProductKind
 from pipeline.stage import ProductInput, Stage
 
@@ -68,7 +68,7 @@ from pathlib import Path
 sys.path.insert(0, "@TESTS@")
 from toys import Toys
 
-from pipeline.cluster import crew, read_place
+from pipeline.clusters.cluster import crew, read_place
 from pipeline.converge import converge
 
 if __name__ == "__main__":

@@ -1,0 +1,1 @@
+"""Where tasks run: places started or joined, and the crews that run tasks there."""

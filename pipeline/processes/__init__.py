@@ -1,0 +1,1 @@
+"""The processes that task bodies run in: bounded, watched, never left behind."""
