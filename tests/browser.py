@@ -1,0 +1,80 @@
+"""Headless Chromium for the tests of pages: a test module says ``pytest_plugins = ["tests.browser"]``.
+
+`open_page` opens a page that records what it asks for and what goes wrong in it; `browser` is Playwright's
+own. Playwright drives the Chromium of the system: nothing is downloaded.
+"""
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# A machine without a graphics card draws WebGL by SwiftShader; sound plays without a click before it.
+ARGUMENTS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--autoplay-policy=no-user-gesture-required",
+)
+# The machine may be busy with other work; conditions are waited for, this long at most.
+PATIENCE_MS = 60_000
+
+
+@dataclass
+class Watched:
+    """A page and what happened in it: every address asked for, every error of scripts and console."""
+
+    page: Any
+    requests: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+    @property
+    def left_the_machine(self) -> list[str]:
+        """Requests that are not for a file, for data in the page itself or for this host."""
+        own = ("file:", "data:", "blob:", "about:", "http://127.0.0.1", "http://localhost")
+        return [address for address in self.requests if not address.startswith(own)]
+
+
+# Of a module, not a session: while Playwright lives, no other test can run an event loop of its own.
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A headless Chromium (`playwright.sync_api.Browser`); skips where there is none."""
+    executable = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if executable is None:
+        pytest.skip(f"no {', '.join(CHROMIUM)} in PATH")
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        launched = driver.chromium.launch(executable_path=executable, args=list(ARGUMENTS))
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[Callable[..., Watched]]:
+    """A function that opens a file or an address in a page of its own and returns it `Watched`.
+
+    Its keywords are those of `Browser.new_context`: ``color_scheme="dark"``, ``viewport={...}``.
+    """
+    contexts = []
+
+    def open_in_new_context(place: Path | str, **settings: Any) -> Watched:
+        context = browser.new_context(**settings)
+        contexts.append(context)
+        context.set_default_timeout(PATIENCE_MS)
+        watched = Watched(context.new_page())
+        watched.page.on("request", lambda request: watched.requests.append(request.url))
+        watched.page.on("pageerror", lambda error: watched.errors.append(str(error)))
+        watched.page.on(
+            "console",
+            lambda message: watched.errors.append(message.text) if message.type == "error" else None,
+        )
+        watched.page.goto(place.resolve().as_uri() if isinstance(place, Path) else place)
+        return watched
+
+    yield open_in_new_context
+    for context in contexts:
+        context.close()
