@@ -18,6 +18,11 @@ from pipeline.processes.process_tree import descendants
 LIMIT_BYTES = 400_000_000
 # Each ends by itself where nobody ends it, well above the limit, so that a test that fails harms nobody.
 GRADUAL = "held = [b'x' * (8 << 20) for _ in range(100)]; raise OSError('nobody minded')"
+# As fast as data are read: the system's own limit is a matter of milliseconds for what only touches memory.
+SLOW = (
+    "import time; held = [(time.sleep(0.02), b'x' * (4 << 20)) for _ in range(300)]; "
+    "raise OSError('nobody minded')"
+)
 ONE_STEP = "held = b'x' * (1 << 30); raise OSError('nobody minded')"
 IN_A_CHILD = (
     "import subprocess, sys; subprocess.run([sys.executable, '-c', "
@@ -190,7 +195,7 @@ def test_in_a_control_group(toys, control_group, expected, finding, remedy):
     script = GROUPED.format(
         tests=str(Path(__file__).parent),
         package=toys.package,
-        body=GRADUAL.replace("100", "150"),
+        body=SLOW,
         expected=expected,
     )
     joined = f'echo $$ > {control_group}/cgroup.procs && exec {sys.executable} -c "$0"'
