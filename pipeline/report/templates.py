@@ -1,7 +1,7 @@
 """The look shared by all pages: one base template, its style, and filters that print numbers for people.
 
-A page's template extends ``base.html.j2`` and fills its blocks: title, nav, content; where wanted head, styles,
-footer and scripts. Everything from outside is escaped.
+A page's template extends ``base.html.j2`` and fills its blocks: title, nav, content; where wanted head,
+styles, footer and scripts. Everything from outside is escaped.
 """
 
 from pathlib import Path
