@@ -17,7 +17,7 @@ ALLOWED_BYTES = 256 << 20
 ALLOWED_SHARE = 0.5  # of the host's memory, where nothing is expected
 FASTEST_GROWTH = 8e9  # bytes per second that a thread can touch for the first time
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.02, 1.0
-LARGEST_PART = 0.05  # of the time that may go into looking
+LARGEST_PART = 0.05  # of a processor's time that may go into looking; waiting on a busy host is no reason
 ELAPSED_SHARE = 0.1  # of the time a task has run: short tasks are looked at often enough to know their peak
 
 
@@ -57,7 +57,7 @@ class MemoryWatch:
 
     def look(self, object_id: str) -> Failure | None:
         """Return why the processes must end, None where they need not."""
-        begin = time.monotonic()
+        begin_cpu_s = time.thread_time()
         pids = descendants(self._pid)
         used, available = resident_bytes(pids), self._available()
         self.peak_bytes = max(self.peak_bytes, used)
@@ -75,10 +75,9 @@ class MemoryWatch:
                 f"{_gigabytes(available)} left",
                 "Run fewer workers on a host, or lower the settings of this stage.",
             )
-        now = time.monotonic()
         room = max(0, min(self._limit - used, available - self._reserve))
-        pause = min(room / FASTEST_GROWTH, LONGEST_PAUSE_S, ELAPSED_SHARE * (now - self._begin))
-        self._pause_s = max(pause, SHORTEST_PAUSE_S, (now - begin) / LARGEST_PART)
+        pause = min(room / FASTEST_GROWTH, LONGEST_PAUSE_S, ELAPSED_SHARE * (time.monotonic() - self._begin))
+        self._pause_s = max(pause, SHORTEST_PAUSE_S, (time.thread_time() - begin_cpu_s) / LARGEST_PART)
         return failure
 
     @property
