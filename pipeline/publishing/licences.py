@@ -1,0 +1,77 @@
+"""Licences as they are stated of objects, and what machines call them."""
+
+from dataclasses import dataclass
+
+# SPDX identifier to the identifier that Hugging Face knows; every other licence is "other" there.
+HUGGING_FACE = {
+    "CC0-1.0": "cc0-1.0",
+    "CC-BY-2.0": "cc-by-2.0",
+    "CC-BY-2.5": "cc-by-2.5",
+    "CC-BY-3.0": "cc-by-3.0",
+    "CC-BY-4.0": "cc-by-4.0",
+    "CC-BY-SA-3.0": "cc-by-sa-3.0",
+    "CC-BY-SA-4.0": "cc-by-sa-4.0",
+    "CC-BY-NC-2.0": "cc-by-nc-2.0",
+    "CC-BY-NC-3.0": "cc-by-nc-3.0",
+    "CC-BY-NC-4.0": "cc-by-nc-4.0",
+    "CC-BY-ND-4.0": "cc-by-nd-4.0",
+    "CC-BY-NC-SA-2.0": "cc-by-nc-sa-2.0",
+    "CC-BY-NC-SA-3.0": "cc-by-nc-sa-3.0",
+    "CC-BY-NC-SA-4.0": "cc-by-nc-sa-4.0",
+    "CC-BY-NC-ND-3.0": "cc-by-nc-nd-3.0",
+    "CC-BY-NC-ND-4.0": "cc-by-nc-nd-4.0",
+    "Apache-2.0": "apache-2.0",
+    "MIT": "mit",
+    "BSD-2-Clause": "bsd-2-clause",
+    "BSD-3-Clause": "bsd-3-clause",
+    "ODbL-1.0": "odbl",
+    "ODC-By-1.0": "odc-by",
+    "PDDL-1.0": "pddl",
+    "Unlicense": "unlicense",
+}
+# What tables say where nobody stated a licence; compared without case.
+NOT_STATED = frozenset({"", "not stated", "unknown", "none", "n/a", "?"})
+
+
+@dataclass(frozen=True)
+class Licence:
+    """One licence as it is stated.
+
+    Parameters
+    ----------
+    stated
+        The text of the table of objects; empty where none is stated.
+    """
+
+    stated: str
+
+    @classmethod
+    def of(cls, text: str) -> "Licence":
+        """Read what a table states."""
+        text = " ".join(text.split())
+        return cls("" if text.casefold() in NOT_STATED else text)
+
+    @property
+    def spdx(self) -> str:
+        """SPDX identifier, also of one written ``CC BY 4.0``; empty where none of the common ones is stated."""
+        written = self.stated.casefold().replace(" ", "-")
+        return next((known for known in HUGGING_FACE if known.casefold() == written), "")
+
+    @property
+    def label(self) -> str:
+        """How people read it."""
+        return self.spdx or self.stated or "no licence stated"
+
+    @property
+    def url(self) -> str:
+        """Address of its text: SPDX's page, or the address that is itself the statement; else empty."""
+        if self.spdx:
+            return f"https://spdx.org/licenses/{self.spdx}.html"
+        return self.stated if self.stated.startswith(("https://", "http://")) else ""
+
+    @property
+    def hugging_face(self) -> str:
+        """Identifier in the front matter of a card on Hugging Face."""
+        if not self.stated:
+            return "unknown"
+        return HUGGING_FACE.get(self.spdx, "other")
