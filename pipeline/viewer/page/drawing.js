@@ -1,0 +1,109 @@
+// The surface drawn by WebGL: vertex colours under the one lamp of the data set, on white.
+"use strict";
+(function (viewer) {
+  const { dot } = viewer.algebra;
+
+  const VERTEX = `#version 300 es
+    in vec3 position; in vec3 normal; in vec3 colour;
+    uniform mat4 projection;
+    out vec3 place; out vec3 facing; out vec3 base;
+    void main() { place = position; facing = normal; base = colour; gl_Position = projection * vec4(position, 1.0); }`;
+  // Radiance = scale * (cos / d^2 + a little from everywhere) * colour, as the data set's point light; no shadows.
+  const FRAGMENT = `#version 300 es
+    precision highp float;
+    in vec3 place; in vec3 facing; in vec3 base;
+    uniform vec3 lamp; uniform vec3 eye; uniform float scale;
+    out vec4 pixel;
+    void main() {
+      vec3 toEye = normalize(eye - place), toLamp = lamp - place;
+      float squared = max(dot(toLamp, toLamp), 0.01);
+      vec3 n = normalize(facing);
+      if (dot(n, toEye) < 0.0) n = -n;
+      float direct = max(dot(n, toLamp), 0.0) * inversesqrt(squared) / squared;
+      float sky = 0.10 + 0.06 * n.z;
+      vec3 linear = clamp(scale * base * (direct + sky), 0.0, 1.0);
+      vec3 low = 12.92 * linear, high = 1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055;
+      pixel = vec4(mix(high, low, lessThanEqual(linear, vec3(0.0031308))), 1.0);
+    }`;
+
+  const linear = (value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
+
+  class Drawing {
+    constructor(canvas, surface, colours, header) {
+      const gl = canvas.getContext("webgl2", { antialias: true, alpha: false, preserveDrawingBuffer: true });
+      if (!gl) throw new Error("This browser has no WebGL 2, which draws the surface.");
+      this.canvas = canvas;
+      this.gl = gl;
+      this.frame = header.frame;
+      this.scale = header.radiance_scale;
+      this.program = linked(gl);
+      this.count = surface.faces.length;
+      const { centre, scale } = this.frame;
+      const decoded = Float32Array.from({ length: 256 }, (_, byte) => linear(byte / 255));
+      const positions = new Float32Array(3 * this.count);
+      const bases = new Float32Array(3 * this.count);
+      surface.faces.forEach((vertex, corner) => {
+        for (let axis = 0; axis < 3; axis += 1) {
+          positions[3 * corner + axis] = (surface.vertices[3 * vertex + axis] - centre[axis]) / scale;
+          bases[3 * corner + axis] = decoded[colours[3 * vertex + axis]];
+        }
+      });
+      const attributes = { position: positions, normal: surface.cornerNormals, colour: bases };
+      for (const [name, values] of Object.entries(attributes)) {
+        const place = gl.getAttribLocation(this.program, name);
+        gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+        gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
+        gl.enableVertexAttribArray(place);
+        gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+      }
+      gl.enable(gl.DEPTH_TEST);
+      gl.clearColor(1, 1, 1, 1);
+    }
+
+    draw(orbit) {
+      const gl = this.gl;
+      const side = Math.round(Math.min(1024, Math.max(128, this.canvas.clientWidth * (window.devicePixelRatio || 1))));
+      if (this.canvas.width !== side) [this.canvas.width, this.canvas.height] = [side, side];
+      gl.viewport(0, 0, side, side);
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      gl.useProgram(this.program);
+      const { right, up, backward, position } = orbit.axes();
+      const { centre, scale } = this.frame;
+      const lamp = orbit.lightPosition().map((value, axis) => (value - centre[axis]) / scale);
+      const at = (name) => gl.getUniformLocation(this.program, name);
+      gl.uniformMatrix4fv(at("projection"), false, projection(right, up, backward, position));
+      gl.uniform3fv(at("lamp"), lamp);
+      gl.uniform3fv(at("eye"), position);
+      gl.uniform1f(at("scale"), this.scale);
+      gl.drawArrays(gl.TRIANGLES, 0, this.count);
+      return side;
+    }
+  }
+
+  // Column by column: world to clip space, near and far round the unit frame.
+  function projection(right, up, backward, position) {
+    const focal = 1 / Math.tan((viewer.FIELD_OF_VIEW_DEG * Math.PI) / 360);
+    const [near, far] = [0.05, 8];
+    const [a, b] = [(near + far) / (near - far), (2 * near * far) / (near - far)];
+    const columns = [0, 1, 2].map((axis) => [
+      focal * right[axis], focal * up[axis], a * backward[axis], -backward[axis],
+    ]);
+    const along = [right, up, backward].map((direction) => -dot(direction, position));
+    return new Float32Array([...columns.flat(), focal * along[0], focal * along[1], a * along[2] + b, -along[2]]);
+  }
+
+  function linked(gl) {
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error("The shaders do not compile here.");
+    return program;
+  }
+
+  viewer.Drawing = Drawing;
+})((window.objectfolderViewer ??= {}));

@@ -1,0 +1,253 @@
+// The player: an image to turn, a lamp to move, and what a blow or a press answers.
+"use strict";
+(function (viewer) {
+  const { element, slider, choice, clamp } = { ...viewer, ...viewer.algebra };
+  const DURATION_S = 2;
+  const HINT = "Drag to turn, shift-drag to move the lamp, + and − to zoom.";
+  const KEYS =
+    "Arrow keys turn the object, shift and arrow keys move the lamp, plus and minus zoom, Enter touches the middle.";
+
+  const newtonSeconds = (exponent) => 10 ** exponent;
+  const shownImpulse = (exponent) => {
+    const value = newtonSeconds(exponent);
+    return value < 0.01 ? `${(value * 1000).toPrecision(2)} mN s` : `${value.toPrecision(2)} N s`;
+  };
+  const millimetres = (value) => `${value.toFixed(2)} mm`;
+  const degrees = (value) => `${Math.round(value)}°`;
+
+  class Panel {
+    // `object`: facts, attach(canvas), draw(orbit, moving, shown), strike(...) and, where it can, press(...).
+    constructor(place, object) {
+      this.object = object;
+      this.orbit = new viewer.Orbit(object.facts.frame);
+      this.settings = { tool: "strike", exponent: -1.3, along: "normal", depth: 1, tilt: 0, azimuth: 0 };
+      this.last = {};
+      this.resolution = 128;
+      this.file = object.facts.file;
+      place.replaceChildren(this._stage(), this._side());
+      object.attach(this.canvas);
+      viewer.gestures(this.canvas, {
+        turn: (across, up) => this._moved(() => this.orbit.turn(across, up)),
+        lamp: (across, up) => this._moved(() => this.orbit.moveLamp(across, up)),
+        zoom: (factor) => this._moved(() => this.orbit.zoom(factor)),
+        rest: () => this.redraw(false),
+        act: (x, y, time) => this.act(x, y, time),
+      });
+      this._toolChosen("strike");
+      new ResizeObserver(() => this.redraw(false)).observe(this.canvas);
+    }
+
+    _stage() {
+      this.canvas = element("canvas", {
+        width: 128, height: 128, tabindex: 0, role: "application", class: "player-image",
+        "aria-label": `${this.object.facts.name}. ${KEYS}`,
+      });
+      this.ring = element("span", { class: "player-ring", hidden: true, "aria-hidden": "true" });
+      const cross = element("span", { class: "player-cross", "aria-hidden": "true" });
+      this.resolutionNote = element("span", { class: "player-resolution", "aria-hidden": "true" });
+      const button = (text, label, act) =>
+        element("button", { type: "button", "aria-label": label, title: label, onclick: act }, text);
+      const zoom = (factor) => () => {
+        this.orbit.zoom(factor);
+        this.redraw(false);
+      };
+      return element(
+        "div", { class: "player-stage" },
+        element("div", { class: "player-frame" }, this.canvas, this.ring, cross, this.resolutionNote),
+        element(
+          "div", { class: "player-under" }, element("span", {}, HINT),
+          button("−", "Farther", zoom(1.12)), button("+", "Nearer", zoom(1 / 1.12)),
+          button("↺", "View as at first", () => this._home()),
+        ),
+      );
+    }
+
+    _side() {
+      const set = (name) => (value) => (this.settings[name] = value);
+      const lamp = (name) => (value) => this._moved(() => (this.orbit.lamp[name] = value), true);
+      this.lampAcross = slider("Lamp, round", {
+        low: -180, high: 180, step: 1, value: this.orbit.lamp.across, shown: degrees, changed: lamp("across"),
+      });
+      this.lampUp = slider("Lamp, up", {
+        low: -90, high: 90, step: 1, value: this.orbit.lamp.up, shown: degrees, changed: lamp("up"),
+      });
+      for (const { input } of [this.lampAcross, this.lampUp]) input.addEventListener("change", () => this.redraw(false));
+      const direction = element(
+        "select", { onchange: (event) => (this.settings.along = event.target.value) },
+        ...viewer.DIRECTIONS.map(([value, text]) => element("option", { value }, text)),
+      );
+      this.strikeControls = element(
+        "div", { class: "player-controls" },
+        slider("Strength", {
+          low: -3, high: 0, step: 0.05, value: this.settings.exponent, shown: shownImpulse, changed: set("exponent"),
+        }).label,
+        element("label", { class: "player-select" }, element("span", {}, "Direction"), direction),
+      );
+      const again = () => this.last.hit && this._touch(this.last.hit.x, this.last.hit.y, this.last.hit.orbit);
+      const pressing = (name, text, low, high, step, shown) => {
+        const made = slider(text, { low, high, step, value: this.settings[name], shown, changed: set(name) });
+        made.input.addEventListener("change", again);
+        return made.label;
+      };
+      this.pressControls = element(
+        "div", { class: "player-controls" },
+        pressing("depth", "Depth", 0.1, 2, 0.05, millimetres),
+        pressing("tilt", "Tilt", 0, 15, 1, degrees),
+        pressing("azimuth", "Towards", 0, 360, 5, degrees),
+      );
+      const tools = [["strike", "Strike"]].concat(this.object.press ? [["press", "Press"]] : []);
+      this.answer = element("div", { class: "player-answer" });
+      this.said = element("p", { class: "player-said", role: "status", "aria-live": "polite" });
+      this.code = element("code", {});
+      const copy = element("button", { type: "button", onclick: () => this._copy(copy) }, "Copy");
+      const touchMiddle = element(
+        "button", { type: "button", class: "player-act", onclick: (event) => this.act(0.5, 0.5, event.timeStamp) }, "",
+      );
+      this.actButton = touchMiddle;
+      return element(
+        "div", { class: "player-side" },
+        tools.length > 1 ? choice("A click will", tools, "strike", (tool) => this._toolChosen(tool)) : null,
+        this.strikeControls, this.pressControls,
+        element("div", { class: "player-controls" }, this.lampAcross.label, this.lampUp.label),
+        touchMiddle, this.said, this.answer,
+        element(
+          "details", { class: "player-python" }, element("summary", {}, "The same in Python"),
+          element("div", {}, copy, element("pre", { tabindex: 0, role: "region", "aria-label": "Python of this query" }, this.code)),
+        ),
+        this.object.facts.note ? element("p", { class: "player-note" }, this.object.facts.note) : null,
+      );
+    }
+
+    _toolChosen(tool) {
+      this.settings.tool = tool;
+      this.strikeControls.hidden = tool !== "strike";
+      this.pressControls.hidden = tool !== "press";
+      this.actButton.textContent = tool === "strike" ? "Strike the middle" : "Press the middle";
+      this.answer.replaceChildren();
+      const silent = !this.object.facts.frequencies.length;
+      this.said.textContent =
+        tool === "press" ? "Click the object to press the sensor there."
+        : silent ? "This object has no mode that can be heard: a blow is silent."
+        : "Click the object to strike it there.";
+    }
+
+    _home() {
+      this.orbit.reset();
+      this._moved(() => {}, false);
+      this.redraw(false);
+    }
+
+    _moved(change, fromSlider = false) {
+      change();
+      if (!fromSlider) {
+        this.lampAcross.set(Math.round(this.orbit.lamp.across));
+        this.lampUp.set(Math.round(this.orbit.lamp.up));
+      }
+      this.redraw(true);
+    }
+
+    redraw(moving) {
+      this.object.draw(this.orbit, moving, ({ resolution, note }) => {
+        this.resolution = resolution;
+        this.resolutionNote.textContent = note ?? "";
+        this._placeRing();
+        this._writePython();
+      });
+      this._placeRing();
+    }
+
+    _placeRing() {
+      const { hit } = this.last;
+      this.ring.hidden = !hit;
+      if (!hit) return;
+      const [x, y] = this.orbit.project(hit.point);
+      this.ring.hidden = !(x > 0 && x < 1 && y > 0 && y < 1);
+      this.ring.style.left = `${clamp(x, 0, 1) * 100}%`;
+      this.ring.style.top = `${clamp(y, 0, 1) * 100}%`;
+    }
+
+    // Strikes or presses where the ray through (x, y) of the image meets the object.
+    async act(x, y, time = performance.now()) {
+      const orbit = Object.assign(new viewer.Orbit(this.orbit.frame), {
+        ...this.orbit, lamp: { ...this.orbit.lamp },
+      });
+      this.acted = time;
+      await this._touch(x, y, orbit);
+    }
+
+    async _touch(x, y, orbit) {
+      try {
+        if (this.settings.tool === "strike") await this._strike(x, y, orbit);
+        else await this._press(x, y, orbit);
+      } catch (error) {
+        this.said.textContent = error.message;
+      }
+      this._placeRing();
+      this._writePython();
+    }
+
+    async _strike(x, y, orbit) {
+      const { facts } = this.object;
+      const sampleRate = viewer.audioContext().sampleRate;
+      const asked = {
+        impulse: newtonSeconds(this.settings.exponent), along: this.settings.along, duration: DURATION_S, sampleRate,
+      };
+      const answer = await this.object.strike(orbit, x, y, asked);
+      if (!answer) return this._missed();
+      const { played, peak, quieter } = viewer.play(answer.sound, sampleRate, facts.listeningGain);
+      this.last = {
+        hit: { x, y, orbit, point: answer.point },
+        strike: { ...answer, sound: undefined, duration: DURATION_S, sample_rate: sampleRate },
+      };
+      const found = viewer.partials(facts.frequencies, facts.dampings, answer.amplitudes, sampleRate);
+      this.answer.replaceChildren(...(found.length ? [viewer.spectrum(found), viewer.partialsTable(found)] : []));
+      const loud = `${shownImpulse(Math.log10(asked.impulse))}; peak ${peak.toPrecision(3)} m/s`;
+      this.said.textContent = found.length
+        ? `Struck with ${loud}, played × ${played.toPrecision(2)}${quieter ? ", turned down to fit" : ""}.`
+        : `Struck with ${loud}: no mode that can be heard.`;
+      this.canvas.dispatchEvent(new CustomEvent("player:struck", { bubbles: true, detail: { answer, asked: this.acted } }));
+      return undefined;
+    }
+
+    async _press(x, y, orbit) {
+      const { depth, tilt, azimuth } = this.settings;
+      const asked = { depth: depth / 1000, tilt, azimuth };
+      const answer = await this.object.press(orbit, x, y, asked);
+      if (!answer) return this._missed();
+      this.last = { hit: { x, y, orbit, point: answer.point }, press: { ...asked, point: answer.point, normal: answer.normal } };
+      this.answer.replaceChildren(
+        element("div", { class: "player-touch" }, ...answer.pictures.map(([image, name]) =>
+          element("figure", {}, viewer.picture(image, name), element("figcaption", {}, name)))),
+      );
+      this.said.textContent = answer.said;
+      this.canvas.dispatchEvent(new CustomEvent("player:pressed", { bubbles: true, detail: { answer, asked: this.acted } }));
+      return undefined;
+    }
+
+    _missed() {
+      this.said.textContent = "There is nothing of the object there.";
+    }
+
+    _writePython() {
+      const view = {
+        camera_to_world: this.orbit.cameraToWorld(), light_position: this.orbit.lightPosition(), resolution: this.resolution,
+      };
+      const { strike, press } = this.last;
+      this.code.textContent = viewer.pythonText({ file: this.file, view, strike, press });
+    }
+
+    async _copy(button) {
+      try {
+        await navigator.clipboard.writeText(this.code.textContent);
+        button.textContent = "Copied";
+      } catch {
+        // A page from disk may not reach the clipboard: the text is selected instead.
+        getSelection().selectAllChildren(this.code);
+        button.textContent = "Selected: press Ctrl+C";
+      }
+      setTimeout(() => (button.textContent = "Copy"), 2000);
+    }
+  }
+
+  viewer.mount = (place, object) => (place.objectfolderPanel = new Panel(place, object));
+})((window.objectfolderViewer ??= {}));
