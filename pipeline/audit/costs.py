@@ -1,0 +1,129 @@
+"""What a version took to make anew, as far as it was noted, and what there is to fetch of it."""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from objectfolder.errors import FormatError, ObjectFolderError
+from pipeline.audit.contents import Content, Contents
+from pipeline.audit.versions import PER_OBJECT, Version
+from pipeline.run_log import costs_path
+
+CPU_COLUMN = "cpu_seconds."
+
+
+class KnownCosts:
+    """CPU seconds of tasks: as measured here, else as the version's own report has them.
+
+    Parameters
+    ----------
+    root
+        Root of the data set.
+    version
+        Whose report.
+    """
+
+    def __init__(self, root: Path, version: Version) -> None:
+        self._by_fingerprint: dict[str, float] = {}
+        path = costs_path(root)
+        if path.is_file():
+            with path.open(newline="", encoding="utf-8", errors="replace") as file:
+                for row in csv.DictReader(file):
+                    seconds = _number(row.get("cpu_seconds"))
+                    if seconds is not None and row.get("fingerprint"):
+                        self._by_fingerprint[row["fingerprint"]] = seconds
+        self._reported: dict[tuple[str, str], float] = {}
+        text = version.texts.get(PER_OBJECT, b"").decode(errors="replace")
+        for row in csv.DictReader(io.StringIO(text)):
+            for column, value in row.items():
+                seconds = _number(value)
+                if isinstance(column, str) and column.startswith(CPU_COLUMN) and seconds is not None:
+                    self._reported[row.get("id") or "", column.removeprefix(CPU_COLUMN)] = seconds
+
+    def of(self, object_id: str, stage: str, fingerprint: str) -> float | None:
+        """Return the CPU seconds of a product, None where nobody noted them."""
+        known = self._by_fingerprint.get(fingerprint)
+        return self._reported.get((object_id, stage)) if known is None else known
+
+
+@dataclass(frozen=True)
+class Fetch:
+    """What there is to fetch to have one version when one has another.
+
+    Parameters
+    ----------
+    bytes
+        In all, as far as sizes are known.
+    files
+        How many.
+    unknown
+        How many of them are of unknown size.
+    by_out
+        Bytes by output of the data set.
+    """
+
+    bytes: int
+    files: int
+    unknown: int
+    by_out: Mapping[str, int]
+
+
+def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
+    """Return what there is to fetch of `new` when one has `old`."""
+    files: dict[str, dict[str, str]] = {}  # by output: where to hash
+    whole = {out.md5 for out in old.lock.outs.values()}
+    for path in {**new.lock.outs, **new.folders}:
+        out = new.lock.outs.get(path)
+        lying = new.folders.get(path)
+        if lying is not None and lying.made and not lying.md5:
+            files[path] = {one.where: one.md5 for one in lying.products.values()}
+        elif out is not None and out.md5 not in whole:
+            files[path] = _files(contents, path, out.md5)
+    # Only what changed in a folder that both have is to be looked up in the old one.
+    had: set[str] = set()
+    for path in files:
+        if path in old.lock.outs:
+            had |= set(_files(contents, path, old.lock.outs[path].md5).values())
+        elif path in old.folders:
+            had |= {one.md5 for one in old.folders[path].products.values()}
+    sizes = _sizes(contents, {path: set(held.values()) - had for path, held in files.items()}, new)
+    by_out = {path: sum(size or 0 for size in found.values()) for path, found in sizes.items() if found}
+    every = {md5: size for found in sizes.values() for md5, size in found.items()}
+    return Fetch(
+        sum(size or 0 for size in every.values()),
+        len(every),
+        sum(size is None for size in every.values()),
+        dict(sorted(by_out.items())),
+    )
+
+
+def _files(contents: Contents, path: str, md5: str) -> dict[str, str]:
+    if not md5.endswith(".dir"):
+        return {path: md5}
+    try:
+        return {f"{path}/{name}": one for name, one in contents.folder(md5, path).items()}
+    except (ObjectFolderError, FormatError):
+        return {}
+
+
+def _sizes(
+    contents: Contents, wanted: Mapping[str, Iterable[str]], new: Version
+) -> dict[str, dict[str, int | None]]:
+    lying = {one.md5: one for folder in new.folders.values() for one in folder.products.values() if one.path}
+    found: dict[str, dict[str, int | None]] = {
+        path: {md5: contents.size(lying.get(md5, Content(md5))) for md5 in hashes}
+        for path, hashes in wanted.items()
+    }
+    far = {md5 for sizes in found.values() for md5, size in sizes.items() if size is None}
+    known = contents.sizes_far(far)
+    return {path: {md5: known.get(md5, size) for md5, size in sizes.items()} for path, sizes in found.items()}
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if 0 <= value < 1e12 else None

@@ -1,0 +1,188 @@
+"""What a product says of itself, from the few bytes of its file that hold it, wherever the file lies.
+
+A Zarr archive has its attributes in an entry that `objectfolder.store.write_product` puts last, right before
+the list of entries; the list has a checksum of every chunk. A safetensors file has all of it in front. Both
+are read as data of strangers: nothing but lengths that fit into the file is believed.
+"""
+
+import hashlib
+import io
+import json
+import struct
+import zipfile
+import zlib
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, BinaryIO
+
+from objectfolder.errors import FormatError
+from pipeline.products import TENSORS
+from pipeline.stores.archives import LARGEST_JSON_BYTES
+
+REMEDY = "See `objectfolder verify`; fetch it again (`dvc fetch`), or delete it and run `dvc repro`."
+GROUP = "zarr.json"
+TAIL_BYTES = 1 << 16
+_END = struct.Struct("<4s4H2LH")
+_LISTED = struct.Struct("<4s6H3L5H2L")
+_LENGTHS, _LENGTHS_AT = struct.Struct("<3H"), 28
+_LOCAL_BYTES = 30
+_ZIP64 = 0xFFFF, 0xFFFFFFFF
+
+
+@dataclass(frozen=True)
+class Description:
+    """Attributes of a product, and what stands for the content of its arrays.
+
+    Parameters
+    ----------
+    attributes
+        As `pipeline.products.read_description` returns them, provenance and all.
+    listing
+        The list of entries of an archive; empty where the format keeps no checksums of single arrays.
+    """
+
+    attributes: Mapping[str, Any]
+    listing: bytes = field(default=b"", repr=False)
+
+    @cached_property
+    def provenance(self) -> Mapping[str, Any]:
+        """What it was made from."""
+        return _mapping(self.attributes.get("provenance"))
+
+    @property
+    def fingerprint(self) -> str:
+        """The fingerprint it carries; empty where it has none."""
+        found = self.attributes.get("fingerprint")
+        return found if isinstance(found, str) else ""
+
+    @cached_property
+    def arrays(self) -> Mapping[str, str]:
+        """Array name to a digest of names, sizes and checksums (CRC-32) of its chunks, as stored."""
+        chunks: dict[bytes, list[bytes]] = defaultdict(list)
+        position, whole = 0, len(self.listing)
+        while position < whole:
+            name_bytes, *others = _LENGTHS.unpack_from(self.listing, position + _LENGTHS_AT)
+            begin = position + _LISTED.size
+            name = self.listing[begin : begin + name_bytes]
+            # Checksum and both sizes, not where it lies.
+            chunks[name.partition(b"/")[0]] += (name, self.listing[position + 16 : position + 28])
+            position = begin + name_bytes + sum(others)
+        chunks.pop(GROUP.encode(), None)
+        return {
+            name.decode(errors="replace"): hashlib.md5(b"\n".join(parts)).hexdigest()
+            for name, parts in chunks.items()
+        }
+
+
+def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
+    """Read what a product says of itself.
+
+    Parameters
+    ----------
+    file
+        The product, at any position; only parts of it are read.
+    size
+        Its length, bytes.
+    suffix
+        `pipeline.products.ZARR` or `TENSORS`.
+    where
+        What to call it in errors.
+
+    Raises
+    ------
+    FormatError
+        Not a product, or a damaged one.
+    """
+    try:
+        found = _of_tensors(file, size) if suffix == TENSORS else _of_archive(file, size)
+        if not isinstance(found.attributes, dict):
+            raise ValueError("its attributes have no names")
+    except (
+        zipfile.BadZipFile, struct.error, LookupError, TypeError, ValueError, RuntimeError, EOFError,
+    ) as error:  # fmt: skip
+        raise FormatError(where, f"not a readable product ({error})", REMEDY) from error
+    return found
+
+
+def _of_archive(file: BinaryIO, size: int) -> Description:
+    first = max(0, size - TAIL_BYTES)
+    tail = _span(file, first, size)
+    if len(tail) < _END.size:
+        raise ValueError(f"{size} bytes are no archive")
+    magic, disk, start_disk, _, count, length, start, comment = _END.unpack_from(tail, len(tail) - _END.size)
+    if magic != b"PK\5\6" or comment or _ZIP64[0] in (count, disk) or _ZIP64[1] in (start, length):
+        return _by_zipfile(file)
+    end = size - _END.size
+    if disk or start_disk or start + length != end:
+        raise ValueError("its list of entries does not end where the archive does")
+    if length > LARGEST_JSON_BYTES:
+        raise ValueError(f"its list of entries takes {length} bytes")
+    if start < first:
+        first, tail = start, _span(file, start, size)
+    listing = tail[start - first : end - first]
+    # The last entry, where the writer puts the attributes; an archive of another order is read in full.
+    last = len(listing) - _LISTED.size - len(GROUP)
+    if last < 0 or not listing.endswith(GROUP.encode()):
+        return _by_zipfile(file)
+    entry = _LISTED.unpack_from(listing, last)
+    flags, method, checksum, packed, plain, offset = entry[3], entry[4], *entry[7:10], entry[16]
+    if entry[0] != b"PK\1\2" or entry[10] != len(GROUP) or entry[11] or entry[12]:
+        return _by_zipfile(file)
+    begin = offset + _LOCAL_BYTES + len(GROUP)
+    if flags or method != zipfile.ZIP_STORED or packed != plain or begin + plain != start:
+        raise ValueError("its attributes do not lie where a product has them")
+    if plain > LARGEST_JSON_BYTES:
+        raise ValueError(f"its attributes take {plain} bytes")
+    text = tail[begin - first : begin - first + plain] if begin >= first else _span(file, begin, start)
+    if zlib.crc32(text) != checksum:
+        raise ValueError("its attributes are damaged")
+    return Description(json.loads(text)["attributes"], listing)
+
+
+def _by_zipfile(file: BinaryIO) -> Description:
+    """Read an archive of more entries or bytes than the plain form of the format can name."""
+    with zipfile.ZipFile(file) as archive:
+        entry = archive.getinfo(GROUP)
+        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > LARGEST_JSON_BYTES:
+            raise ValueError(f"its attributes are compressed or of {entry.file_size} bytes")
+        attributes = json.loads(archive.read(entry))["attributes"]
+        listing = io.BytesIO()
+        for one in archive.infolist():
+            name = one.filename.encode()
+            numbers = (0, 0, 0, 0, 0, 0, one.CRC, one.file_size & _ZIP64[1], one.file_size & _ZIP64[1])
+            listing.write(_LISTED.pack(b"PK\1\2", *numbers, len(name), 0, 0, 0, 0, 0, 0) + name)
+    return Description(attributes, listing.getvalue())
+
+
+def _of_tensors(file: BinaryIO, size: int) -> Description:
+    head = _span(file, 0, min(size, TAIL_BYTES))
+    length = int.from_bytes(head[:8], "little")
+    if size < 8 or length > min(LARGEST_JSON_BYTES, size - 8):
+        raise ValueError(f"not a safetensors file, or truncated ({size} bytes)")
+    text = head[8 : 8 + length] if 8 + length <= len(head) else _span(file, 8, 8 + length)
+    header = json.loads(text)
+    attributes = header.get("__metadata__", {})
+    ends = [entry["data_offsets"][1] for name, entry in header.items() if name != "__metadata__"]
+    if max(ends, default=0) != size - 8 - length:
+        raise ValueError(f"truncated: {size} bytes where {8 + length + max(ends, default=0)} are described")
+    return Description(attributes)
+
+
+def _span(file: BinaryIO, begin: int, end: int) -> bytes:
+    file.seek(begin)
+    data = file.read(end - begin)
+    if len(data) != end - begin:
+        raise EOFError(f"it ends before byte {end}")
+    return data
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    """Return a mapping that may be stored as JSON text; empty for anything else."""
+    if isinstance(value, str):
+        try:
+            value = json.loads(value)
+        except (ValueError, RecursionError):
+            return {}
+    return value if isinstance(value, dict) else {}

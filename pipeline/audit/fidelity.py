@@ -1,0 +1,114 @@
+"""Fidelity of an object in two versions: which measures changed, by how much, and what is too much."""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from objectfolder.errors import InputError
+from pipeline.report.measures import BYTES, HEADLINE, Measure
+
+OTHERS = (
+    Measure("touch.ssim", "Touch, structural similarity", "", 4, True, ""),
+    Measure("audio.stft_distance", "Sound, spectrogram distance", "", 6, False, ""),
+    Measure("audio.envelope_distance", "Sound, envelope distance", "", 6, False, ""),
+    Measure("audio.damping_error_relative", "Modal damping, largest relative error", "", 6, False, ""),
+)
+MEASURES = {measure.key: measure for measure in (*HEADLINE, *OTHERS, BYTES)}
+# How much of each a person would notice: by this, losses of different measures are put in one order.
+_NOTICEABLE = {"dB": 1.0, "cents": 5.0, "bytes": 1e5, "": 0.005}
+
+
+@dataclass(frozen=True)
+class FidelityChange:
+    """A measure of an object in two versions.
+
+    Parameters
+    ----------
+    object_id
+        The object, by its later id.
+    measure
+        Key of the measure.
+    before, after
+        Its values; None where there is none.
+    loss
+        By how much it is worse, in its unit; negative where it is better, infinite where it is lost.
+    """
+
+    object_id: str
+    measure: str
+    before: float | None
+    after: float | None
+    loss: float
+
+    @property
+    def weight(self) -> float:
+        """The loss in steps that a person would notice."""
+        return self.loss / _NOTICEABLE[MEASURES[self.measure].unit]
+
+
+def changes(
+    object_id: str, before: Mapping[str, Any] | None, after: Mapping[str, Any] | None
+) -> list[FidelityChange]:
+    """Return the measures that differ between attributes of two fidelity products, None for no product."""
+    found = []
+    for key, measure in MEASURES.items():
+        old, new = (None if said is None else measure.of(said) for said in (before, after))
+        if old != new:
+            found.append(FidelityChange(object_id, key, old, new, _loss(measure, old, new)))
+    return found
+
+
+def _loss(measure: Measure, old: float | None, new: float | None) -> float:
+    if old is None:
+        return -math.inf
+    if new is None:
+        return math.inf
+    return old - new if measure.higher_is_better else new - old
+
+
+def worst_first(found: Iterable[FidelityChange]) -> list[FidelityChange]:
+    """Order by how much a person would notice of the loss, gains last."""
+    return sorted(found, key=lambda one: (-one.weight, one.object_id, one.measure))
+
+
+def thresholds(texts: Sequence[str]) -> dict[str, float]:
+    """Return the largest allowed loss by measure from texts like ``vision.psnr_db=0.5``.
+
+    Raises
+    ------
+    InputError
+        A text of another form, or a measure that is not known; the nearest known one is named.
+    """
+    found = {}
+    for text in texts:
+        key, equals, number = text.partition("=")
+        key = key.strip()
+        if key not in MEASURES:
+            near = difflib.get_close_matches(key, MEASURES, 1, 0.0)
+            raise InputError(
+                f"--max-loss {text}",
+                f"no measure {key!r}; the nearest is {near[0]!r}" if near else f"no measure {key!r}",
+                "Known: " + ", ".join(MEASURES) + ".",
+            )
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if not equals or not math.isfinite(value) or value < 0:
+            raise InputError(
+                f"--max-loss {text}", "no loss that is allowed", f"Write {key}=0.5, in {_unit(key)}."
+            )
+        found[key] = value
+    return found
+
+
+def exceeded(found: Iterable[FidelityChange], allowed: Mapping[str, float]) -> list[FidelityChange]:
+    """Return the changes that lose more than is allowed."""
+    # Sums of decimals: a loss from 0.3 to 0.2 is not more than 0.1.
+    return [one for one in found if one.measure in allowed and one.loss > allowed[one.measure] + 1e-9]
+
+
+def _unit(key: str) -> str:
+    return MEASURES[key].unit or "its own unit"

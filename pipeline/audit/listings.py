@@ -1,0 +1,99 @@
+"""What `verify` and `history` find, as plain text and as JSON."""
+
+import json
+import textwrap
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from pipeline.audit.as_json import plain
+from pipeline.audit.fidelity import MEASURES
+from pipeline.audit.groups import printable
+from pipeline.audit.history import ObjectVersion, Unreadable
+from pipeline.audit.recomputation import Remade
+from pipeline.audit.table import size, value
+from pipeline.audit.verification import Verified
+
+# One measure of each sense, and the size, beside the words of a history.
+SHOWN = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db", "bytes.total")
+FINDINGS = 200
+
+
+def verified_text(found: Verified, label: str, width: int) -> str:
+    """Return what a verification found."""
+    lines = []
+    for one in found.findings[:FINDINGS]:
+        text = printable(f"{one.kind}: {one.where}: {one.finding}")
+        lines += textwrap.wrap(text, width, subsequent_indent="  ")
+        lines += _indented(printable(one.remedy), width)
+    if len(found.findings) > FINDINGS:
+        lines.append(f"... and {len(found.findings) - FINDINGS} more (--json has all)")
+    verdict = f"{len(found.findings)} findings" if found.findings else "nothing wrong"
+    lines.append(f"{label}: {found.files} files, {size(found.bytes)} read: {verdict}")
+    return "\n".join(lines)
+
+
+def remade_text(found: Sequence[Remade], width: int) -> str:
+    """Return how products made again compare."""
+    lines = []
+    for one in found:
+        counts = one.arrays.count()
+        numbers = ", ".join(f"{counts[verdict]} {verdict}" for verdict in sorted(counts))
+        text = f"{one.stage} {one.object_id}: {one.verdict}"
+        text += f" ({numbers}; {one.cpu_s:.1f} CPU s)" if numbers else ""
+        text += f": {one.finding}" if one.finding else ""
+        lines += textwrap.wrap(printable(text), width, subsequent_indent="    ", break_on_hyphens=False)
+    return "\n".join(lines)
+
+
+def history_text(
+    object_id: str, found: Sequence[ObjectVersion], unreadable: Sequence[Unreadable], width: int
+) -> str:
+    """Return the versions of an object, oldest first."""
+    lines = [f"{printable(object_id)}: {len(found)} versions", ""]
+    for one in found:
+        day = datetime.fromtimestamp(one.commit.time, UTC).strftime("%Y-%m-%d")
+        lines += textwrap.wrap(
+            f"{one.commit.short} {day} {one.state}: {printable(one.commit.subject)}",
+            width, subsequent_indent="  ",
+        )  # fmt: skip
+        for reason in one.reasons:
+            lines += _indented(printable(reason), width)
+        prints = ", ".join(
+            f"{stage} {one.fingerprints[stage]}" if stage in one.fingerprints else stage
+            for stage in one.stages
+        )
+        cost = f"; {one.cpu_s:.1f} CPU s" if one.cpu_s is not None else ""
+        lines += _indented(f"{prints}{cost}", width)
+        measures = ", ".join(
+            f"{key} {value(key, one.fidelity[key])}{f' {MEASURES[key].unit}' if MEASURES[key].unit else ''}"
+            for key in SHOWN
+            if key in one.fidelity
+        )
+        if measures:
+            lines += _indented(measures, width)
+        for problem in one.problems:
+            lines += _indented(printable(problem), width)
+    for commit, error in unreadable:
+        lines += textwrap.wrap(f"{commit.short} not readable here: {error}", width, subsequent_indent="  ")
+    return "\n".join(lines)
+
+
+def verified_json(found: Verified, remade: Sequence[Remade]) -> str:
+    """Return what a verification found, as JSON."""
+    return json.dumps({**plain(found), "remade": plain(remade)}, indent=1, ensure_ascii=False)
+
+
+def history_json(object_id: str, found: Sequence[ObjectVersion], unreadable: Sequence[Unreadable]) -> str:
+    """Return the versions of an object, as JSON."""
+    content = {
+        "object_id": object_id,
+        "versions": plain(found),
+        "unreadable": [{"commit": plain(commit), "error": plain(error)} for commit, error in unreadable],
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False)
+
+
+def _indented(text: str, width: int) -> list[str]:
+    return textwrap.wrap(
+        text, width, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False
+    )

@@ -1,0 +1,108 @@
+"""What ``dvc.lock`` of a version says: the outputs of every stage by their hashes, and parameters.
+
+Read as DVC documents the file (https://dvc.org/doc/user-guide/project-structure/dvcyaml-files); a folder
+is a JSON list of files and their hashes, kept under its own hash with ``.dir`` behind it.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from objectfolder.errors import FormatError
+
+LOCK = "dvc.lock"
+DIRECTORY = ".dir"
+MD5 = re.compile(r"[0-9a-f]{32}(\.dir)?")
+
+
+@dataclass(frozen=True)
+class Out:
+    """An output of a stage.
+
+    Parameters
+    ----------
+    stage
+        Which stage.
+    md5
+        Of its content; ends in ``.dir`` for a folder.
+    size
+        Bytes of all its files; None where the version does not say.
+    """
+
+    stage: str
+    md5: str
+    size: int | None = None
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether it is a folder."""
+        return self.md5.endswith(DIRECTORY)
+
+
+@dataclass(frozen=True)
+class Lock:
+    """Outputs by path, and parameters by stage."""
+
+    outs: Mapping[str, Out] = field(default_factory=dict)
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def parameter(self, name: str) -> Any:
+        """Return a parameter that any stage has, None where none has it."""
+        return next((said[name] for said in self.parameters.values() if name in said), None)
+
+
+def read_lock(where: str, text: bytes) -> Lock:
+    """Read the text of a ``dvc.lock``.
+
+    Raises
+    ------
+    FormatError
+        Not such a file.
+    """
+    try:
+        # Safe all the same, and ten times as fast where it is built.
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        content = yaml.load(text, loader)
+        stages = content.get("stages", {}) if "schema" in content else content
+        outs: dict[str, Out] = {}
+        parameters: dict[str, dict[str, Any]] = {}
+        for stage, said in stages.items():
+            for out in said.get("outs", ()):
+                md5 = out.get("md5")
+                if not isinstance(md5, str) or not MD5.fullmatch(md5):
+                    continue  # in no cache by MD5: a cloud's own version, or another file system's
+                size = out.get("size")
+                outs[str(out["path"])] = Out(str(stage), md5, size if isinstance(size, int) else None)
+            parameters[str(stage)] = {
+                str(name): value
+                for file in said.get("params", {}).values()
+                for name, value in (file or {}).items()
+            }
+    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise FormatError(
+            where, f"no lock file of DVC ({type(error).__name__})", "Restore it from git, or run `dvc repro`."
+        ) from error
+    return Lock(outs, parameters)
+
+
+def read_folder(where: str, text: bytes) -> dict[str, str]:
+    """Return the files of a folder, path inside it to MD5, from its ``.dir`` object.
+
+    Raises
+    ------
+    FormatError
+        Not such an object.
+    """
+    try:
+        found = {str(entry["relpath"]): str(entry["md5"]) for entry in json.loads(text)}
+        if not all(MD5.fullmatch(md5) for md5 in found.values()):
+            raise ValueError("a hash of no MD5's form")
+        if any(name.startswith("/") or ".." in name.split("/") for name in found):
+            raise ValueError("a name that leads out of it")
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise FormatError(where, f"no list of a folder's files ({error})", "Run `dvc fetch`.") from error
+    return found

@@ -1,0 +1,228 @@
+"""Why a product of one version is not that of another: from the parts of its fingerprint, in users' words."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from objectfolder.errors import FormatError
+from objectfolder.provenance import fingerprint
+from pipeline.audit.descriptions import Description
+from pipeline.differences import ABSENT, SECTIONS, Difference, differences
+from pipeline.stage import Stage
+
+MESH, TEXTURE, SOURCE, MATERIAL, ROW, RECORD = (
+    "mesh", "texture", "source file", "material", "material row", "record",
+)  # fmt: skip
+PARAMETER, CODE, PACKAGE, SEED, TASK, UPSTREAM = "parameter", "code", "package", "seed", "task", "upstream"
+TOLERANCE, BYTES, CORRUPTED, MISLABELLED, UNREADABLE = (
+    "tolerance", "bytes", "corrupted", "fingerprint", "unreadable",
+)  # fmt: skip
+# What stands in a provenance beside the parts of the fingerprint.
+BESIDE = ("fingerprints", "tolerances")
+# What is wrong with a product, rather than what it was made from.
+DEFECTS = (CORRUPTED, MISLABELLED, UNREADABLE)
+
+
+@dataclass(frozen=True)
+class Reason:
+    """One reason.
+
+    Parameters
+    ----------
+    kind
+        One of the words above.
+    name
+        Which one, dotted; a module for code, a stage and what is read of it for upstream.
+    old, new
+        Values, digests for files and code; None where they say nothing.
+    note
+        What else is known.
+    """
+
+    kind: str
+    name: str = ""
+    old: Any = None
+    new: Any = None
+    note: str = ""
+
+    def __str__(self) -> str:
+        what = f"{self.kind} {self.name}".strip()
+        if self.kind in (MESH, TEXTURE, SOURCE, CODE, UPSTREAM):
+            if self.old == ABSENT:
+                what += " is new"
+            elif self.new == ABSENT:
+                what += " is gone"
+            else:
+                what += " changed"
+        elif self.old is not None or self.new is not None:
+            what += f" {_shown(self.old)} -> {_shown(self.new)}"
+        return f"{what} ({self.note})" if self.note else what
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What explains a difference and is in no fingerprint.
+
+    Parameters
+    ----------
+    base_seeds
+        Parameter ``seed`` of both versions, None where it is not known.
+    materials
+        Name of the object's material in both versions, empty where it is not known.
+    tables
+        Rows of the tables of materials of both versions.
+    digests
+        What the object's ``objects`` product says of geometry and texture in both versions; empty where it
+        says nothing.
+    renamed
+        The two are of different ids.
+    """
+
+    base_seeds: tuple[Any, Any] = (None, None)
+    materials: tuple[str, str] = ("", "")
+    tables: tuple[Mapping[str, Mapping[str, str]], Mapping[str, Mapping[str, str]]] = ({}, {})
+    digests: tuple[Mapping[str, Any], Mapping[str, Any]] = ({}, {})
+    renamed: bool = False
+
+
+def is_labelled_truly(found: Description) -> bool:
+    """Whether a product's fingerprint is that of the parts it names."""
+    parts = {section: part for section, part in found.provenance.items() if section not in BESIDE}
+    try:
+        return fingerprint(parts) == found.fingerprint
+    except (TypeError, ValueError, RecursionError):
+        return False
+
+
+def why(stage: Stage, old: Description, new: Description, around: Circumstances) -> list[Reason]:
+    """Return why two products of an object differ, what the product itself is made from first.
+
+    Parameters
+    ----------
+    stage
+        Which makes them.
+    old, new
+        What they say of themselves; their bytes differ.
+    around
+        What else is known.
+
+    Returns
+    -------
+    list of Reason
+        At least one; `BYTES` where both were made from the same.
+    """
+    found: list[Reason] = []
+    # Most parts of most products are equal: only the others are walked through.
+    changed = {key for key in SECTIONS if old.provenance.get(key) != new.provenance.get(key)}
+    parts = [{key: one.provenance[key] for key in changed if key in one.provenance} for one in (old, new)]
+    try:
+        for difference in differences(*parts):
+            found += _explained(stage, difference, around)
+    except RecursionError:
+        found.append(Reason(MISLABELLED, note="its parts are too deep to be read"))
+    found = [one for position, one in enumerate(found) if one not in found[:position]]
+    found = _without_what_a_material_explains(found, around)
+    if not is_labelled_truly(new):
+        found.insert(0, Reason(MISLABELLED, note="it is not that of the parts the product names"))
+    if not found:
+        found += _tolerances(old.provenance.get("tolerances"), new.provenance.get("tolerances"))
+    return found or [Reason(BYTES, note="made from the same, other bytes")]
+
+
+def unreadable(error: FormatError) -> Reason:
+    """Return the reason that a product's own description is damaged."""
+    return Reason(CORRUPTED, note=error.finding)
+
+
+def _explained(stage: Stage, difference: Difference, around: Circumstances) -> Iterator[Reason]:
+    part, name, old, new = difference.part, difference.name, difference.old, difference.new
+    if part == "input":
+        if stage.sources is None:
+            kind, _, what = name.partition(".")
+            what = what.removeprefix("digests.")
+            yield Reason(UPSTREAM, f"{kind} ({what})" if what else kind)
+        else:
+            yield _source(name, old, new, around)
+    elif part == "record":
+        yield _record(name, old, new, around)
+    elif part == "seed":
+        before, after = around.base_seeds
+        if before != after and None not in (before, after):
+            yield Reason(SEED, "", before, after)
+        elif around.renamed:
+            yield Reason(SEED, "", note="drawn from the id")
+        else:
+            yield Reason(SEED, "", old, new)
+    else:
+        yield Reason(part, name, old, new)
+
+
+def _source(role: str, old: Any, new: Any, around: Circumstances) -> Reason:
+    """Name a source file after what it changed of the object."""
+    before, after = around.digests
+    known = "geometry" in before and "geometry" in after
+    geometry = known and before["geometry"] != after["geometry"]
+    texture = known and before.get("texture") != after.get("texture")
+    note = "the file only: geometry and texture are the same" if known and not (geometry or texture) else ""
+    if role == "texture" or (role != "mesh" and texture):
+        return Reason(TEXTURE, "", old, new, note if not texture else "")
+    if role == "mesh" and texture and not geometry:
+        return Reason(TEXTURE, "", old, new, "inside the file of the mesh, or where it is placed")
+    if role == "mesh" or geometry:
+        return Reason(MESH, "", old, new, note)
+    return Reason(SOURCE, role, old, new, note)
+
+
+def _record(name: str, old: Any, new: Any, around: Circumstances) -> Reason:
+    section, _, field = name.partition(".")
+    before, after = around.materials
+    if name == "material.name":
+        return Reason(MATERIAL, "", old, new)
+    if section == "material":
+        return Reason(ROW, f"{after}.{field}" if after else field, old, new)
+    if name == "material_citation":
+        return Reason(ROW, f"{after}.citation" if after else "citation", note="its text changed")
+    if section == "appearance":
+        rows = [
+            table.get(material, {}) for table, material in zip(around.tables, (before, after), strict=True)
+        ]
+        if all(_same(row.get(field), value) for row, value in zip(rows, (old, new), strict=True)):
+            # The object's own row says nothing of it: its material does.
+            if before != after:
+                return Reason(MATERIAL, "", before, after)
+            return Reason(ROW, f"{after}.{field}", old, new)
+    return Reason(RECORD, name, old, new)
+
+
+def _same(cell: str | None, value: Any) -> bool:
+    try:
+        return float(cell or "") == float(value)
+    except (TypeError, ValueError):
+        return False
+
+
+def _without_what_a_material_explains(found: list[Reason], around: Circumstances) -> list[Reason]:
+    """Leave out the values of a row where it is another material's row."""
+    if not any(one.kind == MATERIAL for one in found):
+        before, after = around.materials
+        # A stage that reads the citation alone still sees another material.
+        if before == after or not any(one.kind == ROW for one in found):
+            return found
+        found = [Reason(MATERIAL, "", before, after), *found]
+    return [one for one in found if one.kind != ROW]
+
+
+def _tolerances(old: Any, new: Any) -> list[Reason]:
+    if old == new:
+        return []
+    if not isinstance(old, Mapping) or not isinstance(new, Mapping):
+        return [Reason(TOLERANCE, note="stored in one of the two only")]
+    # As parts of a fingerprint, to be compared like them.
+    changed = differences({"parameters": old}, {"parameters": new})
+    return [Reason(TOLERANCE, one.name, one.old, one.new) for one in changed]
+
+
+def _shown(value: Any) -> str:
+    """Return a value for a line of text; texts of strangers on one line and not for long."""
+    text = "".join(letter if letter.isprintable() else "?" for letter in str(value))
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,236 @@
+"""Products made again, from what a version has, in a scratch folder, and compared with those it has."""
+
+import random
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import InputError, ObjectFolderError
+from objectfolder.provenance import code_identity, file_digest, package_versions
+from pipeline.audit.arrays import Arrays, by_reading, stored_tolerances
+from pipeline.audit.contents import Content, Contents
+from pipeline.audit.descriptions import Description
+from pipeline.audit.versions import Version
+from pipeline.parameters import ObjectsParameters
+from pipeline.processes.isolation import Child, ChildSettings, ProcessKilled
+from pipeline.records import MATERIALS, read_table
+from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
+from pipeline.stage import Stage
+from pipeline.task import Call, Request
+
+FAILED = "could not be made"
+TABLE = "data/objects.csv"
+
+
+@dataclass(frozen=True)
+class Remade:
+    """A product made again.
+
+    Parameters
+    ----------
+    stage, object_id
+        Which.
+    verdict
+        `EQUAL`, `WITHIN`, `DIFFERENT` or `FAILED`.
+    finding
+        What is to be said of it: why it failed, which arrays differ, that today's code is another.
+    arrays
+        Verdicts on its arrays and attributes.
+    cpu_s
+        What it took.
+    """
+
+    stage: str
+    object_id: str
+    verdict: str
+    finding: str = ""
+    arrays: Arrays = field(default_factory=Arrays)
+    cpu_s: float = 0.0
+
+
+def recompute(
+    contents: Contents,
+    version: Version,
+    stages: Sequence[Stage],
+    count: int,
+    seed: int,
+    settings: ChildSettings | None = None,
+    started: Callable[[str, str], None] = lambda *_: None,
+) -> list[Remade]:
+    """Make products again, drawn at random, and compare them within the tolerances that they carry.
+
+    Each is made by its stage's own task, in a child process as in any run, from the parameters, the record
+    and the seed that the product names, and the inputs that the version has.
+
+    Parameters
+    ----------
+    contents
+        Where files lie.
+    version
+        Which version.
+    stages
+        All stages.
+    count
+        How many; fewer where the version has not so many.
+    seed
+        Of the choice.
+    settings
+        How the child process runs.
+    started
+        Called with stage and object before each.
+
+    Raises
+    ------
+    InputError
+        The version has no product that could be made again.
+    """
+    candidates = [
+        (stage, object_id)
+        for stage in stages
+        for object_id in sorted(version.rows)
+        if all(version.content(kind, object_id) is not None for kind in stage.products)
+    ]
+    if not candidates:
+        raise InputError(version.label, "it has no product", "Run `dvc pull`, or name another version.")
+    chosen = random.Random(seed).sample(candidates, min(count, len(candidates)))
+    found = []
+    with tempfile.TemporaryDirectory(prefix="objectfolder-again-") as folder:
+        bench = _Bench(Path(folder), contents, version)
+        with Child(Path(folder), settings or ChildSettings()) as child:
+            for stage, object_id in chosen:
+                started(stage.name, object_id)
+                try:
+                    found.append(bench.remake(stage, object_id, child))
+                except (ObjectFolderError, OSError, ProcessKilled) as error:
+                    found.append(Remade(stage.name, object_id, FAILED, str(error)))
+    return found
+
+
+class _Bench:
+    """A scratch folder with what a version has, laid out as in a work tree."""
+
+    def __init__(self, root: Path, contents: Contents, version: Version) -> None:
+        self._root, self._contents, self._version = root, contents, version
+        self._table: Mapping[str, Mapping[str, Any]] | None = None
+
+    def remake(self, stage: Stage, object_id: str, child: Child) -> Remade:
+        """Make one product again."""
+        there = [
+            (kind, content)
+            for kind in stage.products
+            if (content := self._version.content(kind, object_id)) is not None
+        ]
+        told = [self._contents.describe(content) for _, content in there]
+        parts = dict(told[-1].provenance)
+        code = code_identity(stage.task.partition(":")[0])
+        changed = tuple(_changed(parts, code))
+        request = Request(
+            object_id,
+            self._inputs(stage, object_id, parts),
+            _mapping(parts, "parameters"),
+            _mapping(parts, "record"),
+            int(parts.get("seed", 0)),
+        )
+        targets = tuple(kind.path(self._root / "again", object_id) for kind, _ in there)
+        for target in targets:
+            target.parent.mkdir(parents=True, exist_ok=True)
+        # With today's code, whatever the version's was: the child refuses what it could not label truly.
+        call = Call(stage.name, stage.task, request, targets, told[-1].fingerprint, {**parts, "code": code})
+        outcome = child.run(call)
+        if outcome.failure is not None:
+            finding = "; ".join([outcome.failure.error, *changed])
+            return Remade(stage.name, object_id, FAILED, finding, cpu_s=outcome.cpu_s)
+        arrays = Arrays()
+        for (_, content), target, description in zip(there, targets, told, strict=True):
+            arrays += self._compared(stage, content, target, description)
+        for target in targets:
+            target.unlink()
+        counts = arrays.count()
+        verdict = next((one for one in (DIFFERENT, WITHIN) if counts.get(one)), EQUAL)
+        differing = [name for name, one in arrays.verdicts.items() if one == DIFFERENT]
+        finding = "; ".join([*differing[:3], *changed])
+        return Remade(stage.name, object_id, verdict, finding, arrays, outcome.cpu_s)
+
+    def _compared(self, stage: Stage, content: Content, target: Path, told: Description) -> Arrays:
+        allowed, _ = stored_tolerances(stage.name, told)
+        place = self._place(content)
+        return by_reading(place, target, stage.name, allowed)
+
+    def _place(self, content: Content) -> Path:
+        """Return a file of the version, laid into the scratch folder."""
+        path = self._root / content.where
+        if not path.resolve().parent.is_relative_to(self._root.resolve()):
+            raise InputError(content.where, "leads out of the data set", "Look at who wrote dvc.lock.")
+        if not path.is_symlink() and not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            near = content.path or self._contents.path(content.md5)
+            if near is not None:
+                path.symlink_to(near.resolve())
+            else:
+                self._contents.fetch(content.md5, path, content.where)
+        return path
+
+    def _inputs(self, stage: Stage, object_id: str, parts: Mapping[str, Any]) -> dict[str, Path]:
+        paths = {}
+        for product in stage.inputs:
+            content = self._version.content(product.kind, object_id)
+            if content is None:
+                raise InputError(product.kind.name, "the version has none of this object", "Run `dvc repro`.")
+            paths[product.kind.name] = self._place(content)
+        if stage.sources is not None:
+            paths |= self._sources(stage, object_id, _mapping(parts, "inputs"))
+        return paths
+
+    def _sources(self, stage: Stage, object_id: str, digests: Mapping[str, Any]) -> dict[str, Path]:
+        """Return the source files of an object, those that the product was made from and no others."""
+        assert stage.sources is not None
+        if self._table is None:
+            self._table = self._read_table()
+        if object_id not in self._table:
+            raise InputError(object_id, "its row is not at hand", "Make it again from its own work tree.")
+        found = dict(stage.sources(self._table[object_id]))
+        for role, path in found.items():
+            if digests.get(role) != file_digest(path):
+                finding = f"the {role} at hand is not the one that it was made from"
+                raise InputError(str(path), finding, "Fetch the version's own files.")
+        return found
+
+    def _read_table(self) -> Mapping[str, Mapping[str, Any]]:
+        said = self._version.lock.parameter("objects")
+        name = str(said.get("table", TABLE)) if isinstance(said, dict) else TABLE
+        if self._version.commit is None:
+            return read_table(self._contents.root, ObjectsParameters(name, ())).rows
+        for path in (name, MATERIALS.as_posix()):
+            self._write(path)
+        for path, out in self._version.lock.outs.items():
+            if out.is_folder and path not in self._version.folders:
+                for inner, md5 in self._contents.folder(out.md5, path).items():
+                    self._place(Content(md5, where=f"{path}/{inner}"))
+        return read_table(self._root, ObjectsParameters(name, ())).rows
+
+    def _write(self, path: str) -> None:
+        text = self._version.texts.get(path)
+        target = self._root / path
+        if text is not None and target.resolve().is_relative_to(self._root.resolve()):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(text)
+
+
+def _mapping(parts: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = parts.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> Iterator[str]:
+    """Say what of today's is not what a product names: verdicts on it are verdicts on that, too."""
+    was = _mapping(parts, "code")
+    modules = sorted(name for name in was.keys() | code.keys() if was.get(name) != code.get(name))
+    if modules:
+        more = f" and {len(modules) - 3} more" if len(modules) > 3 else ""
+        yield f"by today's code, another in {', '.join(modules[:3])}{more}"
+    packages = _mapping(parts, "packages")
+    for name, version in package_versions(packages).items():
+        if packages[name] != version:
+            yield f"by {name} {version}, not {packages[name]}"

@@ -1,0 +1,165 @@
+"""An audit as plain text of a terminal's width."""
+
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+
+from pipeline.audit.fidelity import MEASURES, FidelityChange
+from pipeline.audit.findings import CHANGED, GONE, MADE, STATES, Audit
+from pipeline.audit.groups import StageTotal, groups, names, printable, totals
+from pipeline.audit.reasons import UPSTREAM
+from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
+
+NARROWEST, WIDEST = 72, 120
+GROUPS = 40
+FIDELITY_ROWS = 20
+
+
+def table(audit: Audit, width: int = 100) -> str:
+    """Return what an audit found, for people.
+
+    Parameters
+    ----------
+    audit
+        What it found.
+    width
+        Columns of the terminal.
+    """
+    width = min(max(width, NARROWEST), WIDEST)
+    blocks = [
+        _heading(audit, width),
+        _groups(audit, width),
+        _stages(audit),
+        _fidelity(audit.fidelity),
+        _costs(audit, width),
+        _problems(audit, width),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def size(count: float) -> str:
+    """Return bytes for people."""
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if count < 1000 or unit == "GB":
+            return f"{count:.0f} {unit}" if unit == "bytes" else f"{count:.1f} {unit}"
+        count /= 1000
+    raise AssertionError(count)
+
+
+def value(measure: str, found: float | None) -> str:
+    """Return a measure's value for people."""
+    if found is None:
+        return "none"
+    decimals = MEASURES[measure].decimals + 1 if MEASURES[measure].unit != "bytes" else 0
+    return f"{found:.{decimals}f}"
+
+
+def change(one: FidelityChange) -> str:
+    """Return by how much a measure changed, for people."""
+    if one.before is None or one.after is None:
+        return "lost" if math.isinf(one.loss) and one.loss > 0 else "new"
+    return f"{'worse' if one.loss > 0 else 'better'} by {value(one.measure, abs(one.loss))}"
+
+
+def seconds(one: StageTotal) -> str:
+    """Return the CPU seconds of a stage's new products, as far as they were noted."""
+    return f"{one.cpu_s:.1f}" if one.costed else "unknown" if one.made else ""
+
+
+def cost(audit: Audit) -> str:
+    """Return what was spent on what is new."""
+    found = totals(audit)
+    made, costed = sum(one.made for one in found), sum(one.costed for one in found)
+    if not made:
+        return "nothing"
+    spent = sum(one.cpu_s for one in found)
+    return f"{made} products in {spent:.0f} CPU s" + (f" (known of {costed})" if costed < made else "")
+
+
+def _heading(audit: Audit, width: int) -> list[str]:
+    count = Counter(one.state for one in audit.objects)
+    counts = ", ".join(f"{count[state]} {state}" for state in STATES if count[state]) or "none"
+    label = f"{audit.old}  ->  {audit.new}"
+    return [*_wrapped(label, width), "", f"{len(audit.objects)} objects: {counts}"]
+
+
+def _groups(audit: Audit, width: int) -> list[str]:
+    found = groups(audit)
+    lines = []
+    for one in found[:GROUPS]:
+        count = f" ({len(one.objects)})" if len(one.objects) > 1 else ""
+        lines += _wrapped(f"{one.state}{count}: {names(one.objects)}", width, "", "  ")
+        for reason in one.reasons:
+            lines += _wrapped(reason, width, "    ", "      ")
+        places = []
+        if one.direct:
+            places.append("in " + ", ".join(one.direct))
+        if one.behind:
+            places.append(f"{UPSTREAM} of {', '.join(one.behind)}")
+        if places:
+            lines += _wrapped("; ".join(places), width, "    ", "      ")
+    if len(found) > GROUPS:
+        lines.append(f"... and {len(found) - GROUPS} groups more (--json and --html have all)")
+    return lines
+
+
+def _stages(audit: Audit) -> list[str]:
+    found = totals(audit)
+    if not found:
+        return []
+    columns = ("changed", "made", "gone", "= arrays", "~ arrays", "!= arrays", "not read", "CPU s")
+    lines = ["stage".ljust(10) + "".join(name.rjust(10) for name in columns)]
+    for one in found:
+        numbers = [one.states.get(state, 0) for state in (CHANGED, MADE, GONE)]
+        numbers += [one.arrays.get(verdict, 0) for verdict in (EQUAL, WITHIN, DIFFERENT)]
+        cells = [*(str(number or "") for number in (*numbers, one.unread)), seconds(one)]
+        lines.append(one.stage.ljust(10) + "".join(cell.rjust(10) for cell in cells))
+    if not audit.arrays_read:
+        lines.append("Arrays compared by their checksums (= equal, != different); --arrays reads them.")
+    else:
+        lines.append("Arrays read: = equal, ~ within tolerance, != different.")
+    return lines
+
+
+def _fidelity(found: Sequence[FidelityChange]) -> list[str]:
+    if not found:
+        return []
+    shown = found[:FIDELITY_ROWS]
+    rows = [("object", "measure", "before", "after", "change")]
+    for one in shown:
+        unit = MEASURES[one.measure].unit
+        name = f"{one.measure} ({unit})" if unit not in ("", "bytes") else one.measure
+        before, after = value(one.measure, one.before), value(one.measure, one.after)
+        rows.append((printable(one.object_id), name, before, after, change(one)))
+    widths = [max(len(row[column]) for row in rows) for column in range(5)]
+    lines = ["fidelity, worst changes first"]
+    for row in rows:
+        texts = "  ".join(cell.ljust(width) for cell, width in zip(row[:2], widths[:2], strict=True))
+        numbers = "  ".join(cell.rjust(width) for cell, width in zip(row[2:4], widths[2:4], strict=True))
+        lines.append(f"{texts}  {numbers}  {row[4]}")
+    if len(found) > len(shown):
+        lines.append(f"... and {len(found) - len(shown)} more, none of them worse")
+    return lines
+
+
+def _costs(audit: Audit, width: int) -> list[str]:
+    lines = [f"made anew: {cost(audit)}"]
+    fetch = audit.fetch
+    unknown = f", and {fetch.unknown} files of unknown size" if fetch.unknown else ""
+    parts = ", ".join(f"{path} {size(count)}" for path, count in fetch.by_out.items() if count)
+    text = f"to fetch: {size(fetch.bytes)} in {fetch.files} files{unknown}{f' ({parts})' if parts else ''}"
+    return lines + _wrapped(text, width, "", "  ")
+
+
+def _problems(audit: Audit, width: int) -> list[str]:
+    lines = []
+    for error in audit.problems:
+        lines += _wrapped(f"incomplete: {error}", width, "", "  ")
+    return lines
+
+
+def _wrapped(text: str, width: int, first: str = "", others: str = "  ") -> list[str]:
+    return textwrap.wrap(
+        text, width, initial_indent=first, subsequent_indent=others, break_on_hyphens=False
+    ) or [first]

@@ -1,0 +1,227 @@
+"""A version of the data set: which objects it lists, and the content of every product, by hash."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import FormatError, InputError, ObjectFolderError
+from pipeline.audit.contents import Content, Contents
+from pipeline.audit.git import Commit, GitRepository
+from pipeline.audit.lock_file import LOCK, Lock, read_lock
+from pipeline.products import ProductKind
+from pipeline.records import MATERIALS, RECORDS
+from pipeline.run_log import read_failures
+from pipeline.stage import Stage
+from pipeline.task import Failure
+
+WORK_TREE = "work tree"
+PER_OBJECT = "reports/per_object.csv"
+TEXTS = (LOCK, RECORDS.as_posix(), MATERIALS.as_posix(), PER_OBJECT)
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Products of a kind in a version.
+
+    Parameters
+    ----------
+    md5
+        Of the whole folder, where it is known without looking at its files; two with the same hold the same.
+    products
+        Content by object id.
+    problem
+        Why `products` is not known.
+    made
+        Whether the version has the folder at all.
+    """
+
+    md5: str = ""
+    products: Mapping[str, Content] = field(default_factory=dict)
+    problem: ObjectFolderError | None = None
+    made: bool = True
+
+
+@dataclass(frozen=True)
+class Version:
+    """A commit, or the work tree.
+
+    Parameters
+    ----------
+    name
+        As it was asked for.
+    commit
+        None for the work tree.
+    lock
+        Its ``dvc.lock``.
+    texts
+        Small files that are versioned by git: `TEXTS`, and of a commit also outputs that DVC does not cache.
+    folders
+        Products by the folder of their kind.
+    reported
+        Failures of the last run by stage and object; only the work tree has them.
+    """
+
+    name: str
+    commit: Commit | None
+    lock: Lock
+    texts: Mapping[str, bytes]
+    folders: Mapping[str, Folder]
+    reported: Mapping[tuple[str, str], Failure] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        if self.commit is None:
+            return WORK_TREE
+        # The subject is a text of strangers: no control character reaches a terminal.
+        subject = "".join(letter if letter.isprintable() else "?" for letter in self.commit.subject)
+        return f"{self.commit.short} {subject[:60]}"
+
+    @cached_property
+    def rows(self) -> Mapping[str, Mapping[str, Any]]:
+        """Records of the objects it lists, empty ones where the version has no record of them."""
+        rows = self._records.get("objects")
+        if isinstance(rows, dict):
+            return {str(key): row if isinstance(row, dict) else {} for key, row in rows.items()}
+        return {object_id: {} for folder in self.folders.values() for object_id in folder.products}
+
+    @cached_property
+    def refused(self) -> Mapping[str, Failure]:
+        """Objects whose rows the table's check refused."""
+        found = {}
+        entries = self._records.get("refused")
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, dict) and isinstance(entry.get("object_id"), str):
+                error, remedy = str(entry.get("error", "")), str(entry.get("remedy", ""))
+                found[entry["object_id"]] = Failure(entry["object_id"], error, remedy)
+        return found
+
+    @property
+    def listed(self) -> set[str]:
+        """Ids of all objects it was to make."""
+        return {*self.rows, *self.refused}
+
+    @cached_property
+    def materials(self) -> Mapping[str, Mapping[str, str]]:
+        """Rows of its table of materials by name."""
+        text = self.texts.get(MATERIALS.as_posix(), b"").decode(errors="replace")
+        return {row.get("name") or "": row for row in csv.DictReader(io.StringIO(text))}
+
+    def content(self, kind: ProductKind, object_id: str) -> Content | None:
+        """Return the content of a product, None where there is none."""
+        return self.folders[kind.folder].products.get(object_id)
+
+    @cached_property
+    def _records(self) -> Mapping[str, Any]:
+        try:
+            found = json.loads(self.texts.get(RECORDS.as_posix(), b"{}"))
+        except (ValueError, RecursionError):
+            return {}
+        return found if isinstance(found, dict) else {}
+
+
+def commit_version(git: GitRepository, contents: Contents, revision: str, stages: Sequence[Stage]) -> Version:
+    """Return the version of a commit.
+
+    Raises
+    ------
+    InputError
+        No such revision, or it has no ``dvc.lock``.
+    FormatError
+        A ``dvc.lock`` that is none.
+    """
+    commit = git.commit(revision)
+    found = git.read_many((commit.hash, path) for path in TEXTS)
+    texts = {path: text for path in TEXTS if (text := found[commit.hash, path]) is not None}
+    if LOCK not in texts:
+        remedy = "Name a version whose data set was made and committed: `git log -- dvc.lock` lists them."
+        raise InputError(f"{revision} ({commit.short})", f"it has no {LOCK}", remedy)
+    lock = read_lock(f"{LOCK} of {revision}", texts[LOCK])
+    # Outputs that DVC does not cache are in git, and so is the table of objects.
+    said = lock.parameter("objects")
+    table = str(said.get("table", "")) if isinstance(said, dict) else ""
+    single = [path for path, out in lock.outs.items() if not out.is_folder and path not in texts]
+    single += [table] if table and "\n" not in table else []
+    found = git.read_many((commit.hash, path) for path in single)
+    texts |= {path: text for (_, path), text in found.items() if text is not None}
+    folders = {kind.folder: _locked(contents, lock, kind) for stage in stages for kind in stage.products}
+    return Version(revision, commit, lock, texts, folders)
+
+
+def work_tree_version(contents: Contents, stages: Sequence[Stage]) -> Version:
+    """Return the version of the files as they lie there; a folder that does not is as ``dvc.lock`` says.
+
+    Raises
+    ------
+    InputError
+        There is neither a ``dvc.lock`` nor a product.
+    FormatError
+        A ``dvc.lock`` that is none.
+    """
+    root = contents.root
+    texts = {path: (root / path).read_bytes() for path in TEXTS if (root / path).is_file()}
+    lock = read_lock(str(root / LOCK), texts[LOCK]) if LOCK in texts else Lock()
+    folders = {
+        kind.folder: _lying(contents, kind)
+        if (root / kind.folder).is_dir()
+        else _locked(contents, lock, kind)
+        for stage in stages
+        for kind in stage.products
+    }
+    if LOCK not in texts and not any(folder.products for folder in folders.values()):
+        raise InputError(
+            WORK_TREE, f"there is no {LOCK} and no product", "Run `dvc repro` or `make dataset`."
+        )
+    reported = {}
+    for stage in stages:
+        try:
+            failures = read_failures(root, stage.name)
+        except (OSError, ValueError, TypeError, ObjectFolderError):
+            continue  # what a kill cut short says nothing
+        reported.update({(stage.name, failure.object_id): failure for failure in failures})
+    return Version(WORK_TREE, None, lock, texts, folders, reported)
+
+
+def _locked(contents: Contents, lock: Lock, kind: ProductKind) -> Folder:
+    """Products of a kind as a ``dvc.lock`` names them."""
+    out = lock.outs.get(kind.folder)
+    if out is None:
+        return Folder(made=False)
+    try:
+        files = contents.folder(out.md5, kind.folder) if out.is_folder else {}
+    except (ObjectFolderError, OSError) as error:
+        problem = error if isinstance(error, ObjectFolderError) else FormatError(kind.folder, str(error))
+        return Folder(out.md5, problem=problem)
+    products = {}
+    for name, md5 in files.items():
+        if name.endswith(kind.suffix) and "/" not in name:
+            object_id = name.removesuffix(kind.suffix)
+            products[object_id] = Content(md5, kind.suffix, f"{kind.folder}/{name}")
+    return Folder(out.md5, products)
+
+
+def _lying(contents: Contents, kind: ProductKind) -> Folder:
+    """Products of a kind as they lie in the work tree; what DVC does not know as it is gets hashed."""
+    from dvc_data.hashfile.hash import hash_file
+    from dvc_objects.fs.local import localfs
+
+    products = {}
+    for object_id in kind.object_ids(contents.root):
+        path = kind.path(contents.root, object_id)
+        where = path.relative_to(contents.root).as_posix()
+        try:
+            _, digest = hash_file(str(path), localfs, "md5", state=contents.state)
+        except OSError as error:
+            return Folder(problem=FormatError(where, f"cannot be read ({error.strerror})", "See its access."))
+        products[object_id] = Content(str(digest.value), kind.suffix, where, path)
+    return Folder("", products)
+
+
+def data_set_root(folder: Path) -> Path:
+    """Return the folder at or above `folder` that is under DVC, `folder` itself where none is."""
+    return next((one for one in (folder, *folder.parents) if (one / ".dvc").is_dir()), folder)
