@@ -10,7 +10,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PROJECT = "objectfolder-factory"
-EXTRAS = ("factory", "s3", "ssh", "slurm", "kubernetes", "dev")
+EXTRAS = ("factory", "s3", "ssh", "slurm", "kubernetes", "xarray", "dev")
 HEADER = """\
 # What the project with all its extras resolves to on Python 3.11; written by `make lock` from a working
 # environment.
