@@ -15,6 +15,7 @@ from objectfolder.geometry.surface import Surface
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.export.base_colour import network_colour
+from pipeline.viewer.listening import listening_gain
 from pipeline.viewer.packing import packed
 
 # Gains are one byte each; this many keep an object's script within its budget.
@@ -100,13 +101,3 @@ def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict
         "detours": np.diff(np.rint(detours / step).astype(np.int32), axis=0, prepend=0).astype(np.int32),
         "gains": np.rint(gains / scale).astype(np.int8).transpose(2, 1, 0),
     }
-
-
-def listening_gain(file: ObjectFile) -> float:
-    """Return the factor at which a blow of 0.05 N s at a typical place peaks at a third of full scale."""
-    points, normals = file.sample_contacts(9, seed=0)
-    if not len(file.modes.eigenvalues):
-        return 1.0
-    sounds = file.strike(points, -0.05 * normals, duration=0.05)
-    peak = float(np.median(np.abs(sounds).max(axis=1)))
-    return 0.33 / peak if peak > 0 else 1.0

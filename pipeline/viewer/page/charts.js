@@ -11,7 +11,10 @@
   const hertz = (value) => (value < 1000 ? `${value.toFixed(1)} Hz` : `${(value / 1000).toFixed(3)} kHz`);
   const seconds = (value) => (value < 1 ? `${Math.round(value * 1000)} ms` : `${value.toFixed(2)} s`);
 
-  // Partials {hz, decay (1/s), level (dB below the strongest)}, strongest first.
+  // In dB, but for a constant: the square of the level over twice the decay.
+  const energy = ({ level, decay }) => level - 10 * Math.log10(Math.max(decay, 1e-3));
+
+  // Partials {hz, decay (1/s), level (dB below the highest, at the start)}, those of most energy first.
   function partials(frequencies, dampings, amplitudes, sampleRate) {
     const strongest = Math.max(...amplitudes.map(Math.abs), 0);
     if (!strongest) return [];
@@ -20,7 +23,7 @@
         hz: frequencies[mode], decay: dampings[mode], level: 20 * Math.log10(Math.abs(amplitude) / strongest),
       }))
       .filter(({ hz, level }) => hz > 0 && hz <= 0.45 * sampleRate && level > -120)
-      .sort((a, b) => b.level - a.level);
+      .sort((a, b) => energy(b) - energy(a));
   }
 
   // A line a partial over the logarithm of its frequency; the fainter, the sooner it dies away.
@@ -54,9 +57,9 @@
     const rows = found.slice(0, ROWS).map(({ hz, decay, level }) =>
       element("tr", {}, cell(hertz(hz)), cell(decay > 0 ? seconds(T60 / decay) : "endless"), cell(`${level.toFixed(1)} dB`)),
     );
-    const heads = ["frequency", "T60", "level"].map((name) => element("th", { scope: "col" }, name));
+    const heads = ["frequency", "T60", "level at first"].map((name) => element("th", { scope: "col" }, name));
     return element(
-      "table", {}, element("caption", {}, "Strongest partials"),
+      "table", {}, element("caption", {}, "Partials of most energy"),
       element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows),
     );
   }
@@ -68,6 +71,25 @@
     return canvas;
   }
 
+  // Depths (m) as RGBA: paper where the gel is free, deeper blue the deeper.
+  function depthColours(depth) {
+    const deepest = Math.max(...depth, 1e-9);
+    const rgba = new Uint8ClampedArray(4 * depth.length);
+    depth.forEach((value, pixel) => {
+      const share = Math.max(0, value) / deepest;
+      const shade = value > 0 ? 0.15 + 0.85 * share : 0;
+      rgba.set([250 - 225 * shade, 250 - 180 * shade, 248 - 110 * shade, 255], 4 * pixel);
+    });
+    return rgba;
+  }
+
+  function pressWords({ reachable, penetration_m, contact_area_m2 }) {
+    if (!reachable) return "The sensor cannot reach that place: another part of the object is in its way.";
+    return `Pressed in by ${(penetration_m * 1000).toFixed(2)} mm; contact ${(contact_area_m2 * 1e6).toFixed(1)} mm².`;
+  }
+
+  viewer.depthColours = depthColours;
+  viewer.pressWords = pressWords;
   viewer.partials = partials;
   viewer.spectrum = spectrum;
   viewer.partialsTable = partialsTable;

@@ -19,7 +19,7 @@
     reset() {
       // The camera's place on its sphere (degrees, unit frame) and the lamp's, as the camera sees it.
       Object.assign(this, { azimuth: -60, elevation: 28, radius: 2.1 });
-      this.lamp = { across: -35, up: 40, radius: 1 };
+      this.lamp = { across: -20, up: 28, radius: 1 };
     }
 
     turn(across, up) {

@@ -24,7 +24,7 @@
       this.last = {};
       this.resolution = 128;
       this.file = object.facts.file;
-      place.replaceChildren(this._stage(), this._side());
+      place.replaceChildren(this._stage(), this._side(), this._python());
       object.attach(this.canvas);
       viewer.gestures(this.canvas, {
         turn: (across, up) => this._moved(() => this.orbit.turn(across, up)),
@@ -98,8 +98,6 @@
       const tools = [["strike", "Strike"]].concat(this.object.press ? [["press", "Press"]] : []);
       this.answer = element("div", { class: "player-answer" });
       this.said = element("p", { class: "player-said", role: "status", "aria-live": "polite" });
-      this.code = element("code", {});
-      const copy = element("button", { type: "button", onclick: () => this._copy(copy) }, "Copy");
       const touchMiddle = element(
         "button", { type: "button", class: "player-act", onclick: (event) => this.act(0.5, 0.5, event.timeStamp) }, "",
       );
@@ -110,10 +108,16 @@
         this.strikeControls, this.pressControls,
         element("div", { class: "player-controls" }, this.lampAcross.label, this.lampUp.label),
         touchMiddle, this.said, this.answer,
-        element(
-          "details", { class: "player-python" }, element("summary", {}, "The same in Python"),
-          element("div", {}, copy, element("pre", { tabindex: 0, role: "region", "aria-label": "Python of this query" }, this.code)),
-        ),
+      );
+    }
+
+    _python() {
+      this.code = element("code", {});
+      const copy = element("button", { type: "button", onclick: () => this._copy(copy) }, "Copy");
+      const code = element("pre", { tabindex: 0, role: "region", "aria-label": "Python of this query" }, this.code);
+      return element(
+        "div", { class: "player-more" },
+        element("details", { class: "player-python" }, element("summary", {}, "The same in Python"), element("div", {}, copy, code)),
         this.object.facts.note ? element("p", { class: "player-note" }, this.object.facts.note) : null,
       );
     }
@@ -224,8 +228,12 @@
       return undefined;
     }
 
+    say(text) {
+      this.said.textContent = text;
+    }
+
     _missed() {
-      this.said.textContent = "There is nothing of the object there.";
+      this.say("There is nothing of the object there.");
     }
 
     _writePython() {

@@ -1,0 +1,22 @@
+// The page of `objectfolder view`.
+"use strict";
+(async function (viewer) {
+  const place = document.getElementById("player");
+  const say = (id, text) => (document.getElementById(id).textContent = text);
+  try {
+    const object = await viewer.LiveObject.open();
+    const { name, material, sides_m, frequencies, licence, attribution, file } = object.facts;
+    document.title = `${name} – Object File`;
+    say("name", name);
+    const sides = `${sides_m.map((side) => (side * 100).toPrecision(3)).join(" × ")} cm`;
+    const modes = frequencies.length ? `${frequencies.length} modes from ${Math.round(frequencies[0])} Hz` : "no audible mode";
+    say("facts", [material, sides, modes, file].filter(Boolean).join(" · "));
+    say("credit", [licence, attribution].filter(Boolean).join(" · "));
+    const panel = viewer.mount(place, object);
+    object.failed = () => panel.say("The program does not answer. Is objectfolder view still running?");
+  } catch (error) {
+    place.replaceChildren(
+      viewer.element("p", { class: "player-wait", role: "alert" }, `The object cannot be shown: ${error.message}`),
+    );
+  }
+})((window.objectfolderViewer ??= {}));

@@ -1,0 +1,118 @@
+// An object behind `objectfolder view`, as `panel.js` asks it: the Object File answers every question itself.
+"use strict";
+(function (viewer) {
+  const COARSE = { resolution: 128, sub_rays: 4 };
+  const COARSEST = { resolution: 64, sub_rays: 4 };
+  const SLOW_MS = 80;
+  const RESTING = [128, 256, 512];
+
+  // A question: JSON there; a JSON header and bytes back.
+  async function ask(path, question) {
+    const response = await fetch(path, {
+      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question),
+    });
+    if (!response.ok) throw new Error((await response.json()).error);
+    const bytes = await response.arrayBuffer();
+    const length = new DataView(bytes).getUint32(0, true);
+    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, length)));
+    return { header, payload: bytes.slice(4 + length) };
+  }
+
+  class LiveObject {
+    static async open() {
+      return new LiveObject((await ask("object", {})).header);
+    }
+
+    constructor(facts) {
+      this.facts = facts;
+      this.coarse = COARSE;
+    }
+
+    attach(canvas) {
+      this.canvas = canvas;
+      this.context = canvas.getContext("2d");
+    }
+
+    // Asks for the newest view alone; at rest for finer and finer images until the view changes.
+    draw(orbit, moving, shown) {
+      this.wanted = {
+        view: { camera_to_world: orbit.cameraToWorld(), light_position: orbit.lightPosition() }, moving, shown,
+      };
+      this.canvas.dataset.state = "drawing";
+      if (!this.busy) this._drawWanted();
+    }
+
+    async _drawWanted() {
+      this.busy = true;
+      try {
+        while (this.wanted) {
+          const { view, moving, shown } = this.wanted;
+          this.wanted = null;
+          const finest = this.canvas.clientWidth * (window.devicePixelRatio || 1) * 0.75;
+          const stages = moving
+            ? [this.coarse]
+            : RESTING.filter((side) => side === 128 || side <= Math.max(256, finest)).map((side) => ({ resolution: side, sub_rays: null }));
+          for (const stage of stages) {
+            await this._image(view, stage, shown);
+            if (this.wanted) break;
+          }
+          if (!this.wanted) this.canvas.dataset.state = moving ? "coarse" : "rest";
+        }
+      } catch (error) {
+        this.wanted = null;
+        this.canvas.dataset.state = "failed";
+        this.failed?.(error);
+      } finally {
+        this.busy = false;
+      }
+    }
+
+    async _image(view, { resolution, sub_rays }, shown) {
+      const start = performance.now();
+      const { payload } = await ask("render", { ...view, resolution, sub_rays });
+      const rgb = new Uint8Array(payload);
+      const image = new ImageData(resolution, resolution);
+      for (let pixel = 0, at = 0; pixel < rgb.length; pixel += 3, at += 4) {
+        image.data[at] = rgb[pixel];
+        image.data[at + 1] = rgb[pixel + 1];
+        image.data[at + 2] = rgb[pixel + 2];
+        image.data[at + 3] = 255;
+      }
+      if (this.canvas.width !== resolution) [this.canvas.width, this.canvas.height] = [resolution, resolution];
+      this.context.putImageData(image, 0, 0);
+      const took = performance.now() - start;
+      if (sub_rays) this.coarse = took > SLOW_MS ? COARSEST : COARSE;
+      this.canvas.dispatchEvent(new CustomEvent("player:drawn", { bubbles: true, detail: { resolution, sub_rays, took } }));
+      shown({ resolution, note: `${resolution} × ${resolution}, ${Math.round(took)} ms` });
+    }
+
+    async strike(orbit, x, y, { impulse, along, duration, sampleRate }) {
+      const ray = orbit.ray(x, y);
+      const push = along === "normal" ? null : viewer.pushOf(along, null, ray.direction);
+      const { header, payload } = await ask("strike", { ...ray, impulse, along: push, duration, sample_rate: sampleRate });
+      return header.missed ? null : { ...header, sound: new Float32Array(payload) };
+    }
+
+    async press(orbit, x, y, asked) {
+      const { header, payload } = await ask("press", { ...orbit.ray(x, y), ...asked });
+      if (header.missed) return null;
+      const { width, height } = header;
+      const count = width * height;
+      const rgb = new Uint8Array(payload, 0, 3 * count);
+      const rgba = new Uint8ClampedArray(4 * count).fill(255);
+      for (let pixel = 0; pixel < count; pixel += 1) rgba.set(rgb.subarray(3 * pixel, 3 * pixel + 3), 4 * pixel);
+      const depth = new Float32Array(payload.slice(3 * count));
+      return {
+        ...header,
+        depth,
+        pictures: [
+          [{ width, height, rgba }, `What the ${this.facts.sensor} sees`],
+          [{ width, height, rgba: viewer.depthColours(depth) }, "How deep it is pressed in"],
+        ],
+        said: viewer.pressWords(header),
+      };
+    }
+  }
+
+  viewer.LiveObject = LiveObject;
+})((window.objectfolderViewer ??= {}));
