@@ -53,7 +53,7 @@ class Licence:
 
     @property
     def spdx(self) -> str:
-        """SPDX identifier, also of one written ``CC BY 4.0``; empty where none of the common ones is stated."""
+        """SPDX identifier, also where it is written ``CC BY 4.0``; empty where none of these is stated."""
         written = self.stated.casefold().replace(" ", "-")
         return next((known for known in HUGGING_FACE if known.casefold() == written), "")
 

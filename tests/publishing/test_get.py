@@ -1,0 +1,309 @@
+"""Single objects fetched from a published data set: whole or not at all, and never twice."""
+
+import contextlib
+import hashlib
+import os
+import shutil
+import threading
+from pathlib import Path
+
+import pytest
+import s3_server
+from published_set import IDS, Server, command, publish, serving, write_version
+
+from objectfolder.errors import InputError
+from objectfolder.store import read_product
+from pipeline.command_line import main
+from pipeline.publishing import download as downloading
+from pipeline.publishing.get import get
+from pipeline.publishing.repository import opened, split_revision
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The publisher's repository, a bare one as on a server, its remote, and the files of its versions."""
+    folder = tmp_path_factory.mktemp("published")
+    versions = publish(folder / "work", str(folder / "store"))
+    command(folder, "git", "clone", "-q", "--bare", "work", "bare.git")
+    return folder, versions
+
+
+@pytest.fixture(scope="module")
+def bare(made):
+    return str(made[0] / "bare.git")
+
+
+def add(root: Path) -> None:
+    from dvc.repo import Repo
+
+    with contextlib.chdir(root), Repo(str(root)) as repository:
+        repository.add(["data/object_files"])
+
+
+def stored(root: Path, content: bytes) -> Path:
+    digest = hashlib.md5(content, usedforsecurity=False).hexdigest()
+    return root / "files" / "md5" / digest[:2] / digest[2:]
+
+
+def files(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("there", ("there", None)),
+        ("there@v1", ("there", "v1")),
+        ("a/b.git@feature/x", ("a/b.git", "feature/x")),
+        ("git@host:owner/repo.git", ("git@host:owner/repo.git", None)),
+        ("git@host:owner/repo.git@v2", ("git@host:owner/repo.git", "v2")),
+        ("https://host/repo", ("https://host/repo", None)),
+        ("https://me@host/repo", ("https://me@host/repo", None)),
+        ("ssh://git@host/repo@1a2b", ("ssh://git@host/repo", "1a2b")),
+        ("https://me@host/repo@v1", ("https://me@host/repo", "v1")),
+    ],
+)
+def test_revisions_are_told_from_user_names(text, expected):
+    assert split_revision(text) == expected
+
+
+def test_a_path_with_an_at_sign_is_a_path(tmp_path):
+    (tmp_path / "set@home").mkdir()
+    assert split_revision(str(tmp_path / "set@home")) == (str(tmp_path / "set@home"), None)
+
+
+def test_objects_of_versions_come_alone(made, bare, tmp_path, capsys):
+    _, versions = made
+    for revision, version in (("", versions[1]), ("@v1", versions[0])):
+        folder = tmp_path / f"got{revision}"
+        assert main(["get", f"{bare}{revision}", "mug", "cup", "-o", str(folder)]) == 0
+        assert files(folder) == {"mug.safetensors", "cup.safetensors"}
+        for name in files(folder):
+            assert (folder / name).read_bytes() == version[name]
+    assert "fetched" in capsys.readouterr().out
+    assert main(["get", f"{bare}@v1", "mug", "-o", str(tmp_path / "got")]) == 0  # another version replaces
+    assert (tmp_path / "got/mug.safetensors").read_bytes() == versions[0]["mug.safetensors"]
+    assert main(["get", f"{bare}@v1", "mug", "-o", str(tmp_path / "got")]) == 0
+    assert "already there" in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_products_of_stages_lie_as_in_the_repository(bare, tmp_path):
+    got = get(bare, ["fork"], tmp_path, stages=("views", "object_files"))
+    assert [entry.path.relative_to(tmp_path).as_posix() for entry in got] == [
+        "data/views/fork.zarr.zip", "data/object_files/fork.safetensors",
+    ]  # fmt: skip
+    assert read_product(got[0].path)["rgba"].tolist() == [[2] * 3] * 2
+
+
+def test_all_objects_and_the_list_of_them(bare, tmp_path, capsys):
+    assert main(["get", bare, "--list"]) == 0
+    assert capsys.readouterr().out.split() == list(IDS)
+    assert [entry.object_id for entry in get(bare, [], tmp_path, jobs=3)] == list(IDS)
+
+
+def test_a_local_repository_needs_no_remote(made, tmp_path):
+    """Its cache serves, and what lies in it is what is asked for where no revision is."""
+    copy = tmp_path / "copy"
+    shutil.copytree(made[0] / "work", copy)
+    (copy / ".dvc/config").write_text("")
+    get(str(copy), ["mug"], tmp_path / "a", revision="v1")
+    assert (tmp_path / "a/mug.safetensors").read_bytes() == made[1][0]["mug.safetensors"]
+    third = write_version(copy, 3)
+    add(copy)
+    get(str(copy), ["mug"], tmp_path / "b")
+    assert (tmp_path / "b/mug.safetensors").read_bytes() == third["mug.safetensors"]
+
+
+@pytest.mark.parametrize(
+    ("where", "ids", "options", "match"),
+    [
+        ("{bare}", ["mugg"], [], "no object 'mugg' in data/object_files. Near are mug"),
+        ("{bare}@v9", ["mug"], [], "no revision 'v9'"),
+        ("{bare}", ["mug"], ["--stage", "viws"], "no products of this name. There are object_files"),
+        ("{bare}", ["mug"], ["--stage", "modes"], "this revision has no data/modes"),
+        ("{bare}", ["mug"], ["--remote", "other"], "no such remote. It has store"),
+        ("{nowhere}", ["mug"], [], "cannot be cloned"),
+        ("{plain}", ["mug"], [], "not under DVC"),
+    ],
+)
+def test_what_cannot_be_got_is_said(bare, tmp_path, capsys, where, ids, options, match):
+    (tmp_path / "plain").mkdir()
+    command(tmp_path / "plain", "git", "init", "-q")
+    (tmp_path / "plain/x").write_text("x")
+    command(tmp_path / "plain", "git", "add", "x")
+    command(tmp_path / "plain", "git", "commit", "-qm", "x")
+    repository = where.format(bare=bare, nowhere=tmp_path / "nowhere", plain=tmp_path / "plain")
+    assert main(["get", repository, *ids, *options, "-o", str(tmp_path / "got")]) == 1
+    assert match in capsys.readouterr().err
+    assert not (tmp_path / "got").exists()
+
+
+def test_content_that_was_not_pushed_is_said_and_others_come(made, tmp_path, capsys):
+    folder, versions = made
+    shutil.copytree(folder, tmp_path / "there")
+    store = tmp_path / "there/store"
+    bare = tmp_path / "there/bare.git"
+    config = (folder / "work/.dvc/config").read_text().replace(str(folder), str(tmp_path / "there"))
+    work = tmp_path / "there/work"
+    (work / ".dvc/config").write_text(config)
+    command(work, "git", "commit", "-qam", "moved")
+    command(work, "git", "push", "-q", str(bare), "main")
+    stored(store, versions[1]["mug.safetensors"]).unlink()
+    assert main(["get", str(bare), "mug", "cup", "-o", str(tmp_path / "got")]) == 1
+    error = capsys.readouterr().err
+    assert "mug.safetensors: content" in error
+    assert "is missing in" in error
+    assert "dvc push" in error
+    assert "1 of 2 failed" in error
+    assert files(tmp_path / "got") == {"cup.safetensors"}
+
+
+@pytest.mark.parametrize("place", [0, 700_000, -1])
+def test_a_flipped_bit_in_the_store_is_never_delivered(made, tmp_path, place):
+    folder, versions = made
+    copy = tmp_path / "copy"
+    shutil.copytree(folder / "work", copy)
+    content = versions[1]["mug.safetensors"]
+    path = stored(copy / ".dvc/cache", content)
+    damaged = bytearray(content)
+    damaged[place] ^= 4
+    path.chmod(0o644)
+    path.write_bytes(damaged)
+    # The remote has it whole, and serves where the cache does not.
+    assert [entry.outcome for entry in get(str(copy), ["mug"], tmp_path / "a")] == ["fetched"]
+    assert (tmp_path / "a/mug.safetensors").read_bytes() == content
+    (copy / ".dvc/config").write_text("")
+    [got] = get(str(copy), ["mug"], tmp_path / "b")
+    assert "that are not" in str(got.error)
+    assert files(tmp_path / "b") == set()
+
+
+def test_a_published_file_that_is_no_product_is_refused(made, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(made[0] / "work", copy)
+    (copy / "data/object_files/bad.safetensors").write_bytes(b"not a product at all")
+    add(copy)
+    [got] = get(str(copy), ["bad"], tmp_path / "got")
+    assert "safetensors" in str(got.error)
+    assert files(tmp_path / "got") == set()
+
+
+def test_a_list_of_strangers_leads_nowhere_else():
+    from pipeline.publishing.repository import _safe
+
+    md5 = "0" * 32
+    names = ("../../evil.safetensors", "a/b.safetensors", ".hidden.safetensors", "ok.safetensors", "x.txt")
+    assert _safe(dict.fromkeys(names, md5), ".safetensors") == {"ok": md5}
+    assert _safe({"ok.safetensors": "../../x"}, ".safetensors") == {}
+
+
+@pytest.fixture
+def by_http(made, tmp_path):
+    """The repository with a remote that only HTTP serves, without the publisher's cache."""
+    pytest.importorskip("dvc_http")
+    folder, versions = made
+    with serving(Server(folder / "store")) as server:
+        bare = tmp_path / "http.git"
+        work = tmp_path / "work"
+        command(tmp_path, "git", "clone", "-q", str(folder / "bare.git"), str(work))
+        (work / ".dvc/config").write_text(
+            f"[core]\n    remote = store\n['remote \"store\"']\n    url = {server.address}\n"
+        )
+        command(work, "git", "commit", "-qam", "by HTTP")
+        command(tmp_path, "git", "clone", "-q", "--bare", str(work), str(bare))
+        yield server, str(bare), versions[1]["mug.safetensors"]
+
+
+def test_a_cut_download_goes_on_where_it_was(by_http, tmp_path, monkeypatch):
+    server, bare, content = by_http
+    monkeypatch.setattr(downloading, "BLOCK", 100_000)
+    monkeypatch.setattr(downloading, "ATTEMPTS", 1)
+    server.cut_at, server.cuts = 750_000, 1000
+    [got] = get(bare, ["mug"], tmp_path / "got")
+    server.cuts = 0
+    assert "what has come is kept" in str(got.error)
+    [partial] = (tmp_path / "got").iterdir()
+    assert partial.name.startswith(".partial-")
+    kept = partial.stat().st_size
+    assert kept == 700_000
+    assert partial.read_bytes() == content[:kept]
+
+    server.sent.clear()
+    [got] = get(bare, ["mug"], tmp_path / "got")
+    assert got.outcome == "fetched"
+    assert got.bytes == len(content) - kept
+    assert (tmp_path / "got/mug.safetensors").read_bytes() == content
+    assert files(tmp_path / "got") == {"mug.safetensors"}
+    assert server.sent[stored(server.folder, content).name] <= len(content) - kept + 1
+
+
+def test_a_cut_is_tried_again_at_once(by_http, tmp_path):
+    server, bare, content = by_http
+    server.cut_at, server.cuts = 800_000, 2
+    [got] = get(bare, ["mug"], tmp_path)
+    assert server.cuts == 0
+    assert got.outcome == "fetched"
+    assert (tmp_path / "mug.safetensors").read_bytes() == content
+
+
+def test_a_server_without_ranges_serves_from_the_start(by_http, tmp_path):
+    server, bare, content = by_http
+    server.ranges = False
+    md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
+    (tmp_path / f".partial-{md5}-mug.safetensors").write_bytes(content[:1000])
+    [got] = get(bare, ["mug"], tmp_path)
+    assert got.error is None
+    assert (tmp_path / "mug.safetensors").read_bytes() == content
+    assert files(tmp_path) & {"mug.safetensors"}
+
+
+@pytest.mark.parametrize("part", ["wrong", "longer", "whole"])
+def test_parts_left_by_others_do_no_harm(bare, made, tmp_path, part):
+    content = made[1][1]["mug.safetensors"]
+    left = {"wrong": b"x" * 5000, "longer": content + b"more", "whole": content}[part]
+    md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
+    (tmp_path / f".partial-{md5}-mug.safetensors").write_bytes(left)
+    [got] = get(bare, ["mug"], tmp_path)
+    assert got.error is None
+    assert (tmp_path / "mug.safetensors").read_bytes() == content
+    assert files(tmp_path) == {"mug.safetensors"}
+
+
+def test_two_at_once_do_not_mix(bare, made, tmp_path):
+    content = made[1][1]["mug.safetensors"]
+    md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
+    entered, leave = threading.Event(), threading.Event()
+
+    def slowly(_count):
+        entered.set()
+        assert leave.wait(60)
+
+    with opened(bare) as published:
+        first = threading.Thread(
+            target=downloading.download, args=(published.stores, md5, tmp_path / "mug.safetensors", slowly)
+        )
+        first.start()
+        assert entered.wait(60)
+        with pytest.raises(InputError, match="another process"):
+            downloading.download(published.stores, md5, tmp_path / "mug.safetensors")
+        leave.set()
+        first.join()
+    assert (tmp_path / "mug.safetensors").read_bytes() == content
+
+
+@pytest.mark.slow
+def test_objects_come_from_s3(tmp_path, monkeypatch):
+    pytest.importorskip("dvc_s3", reason="dvc-s3 is not installed")
+    with s3_server.serving() as address:
+        for name, value in s3_server.environment(address).items():
+            monkeypatch.setenv(name, value)
+        settings = f"    endpointurl = {os.environ['AWS_ENDPOINT_URL']}\n"
+        versions = publish(tmp_path / "work", f"s3://{s3_server.new_bucket(address)}/dvc", settings, (1,))
+        command(tmp_path, "git", "clone", "-q", "--bare", "work", "bare.git")
+        content = versions[0]["mug.safetensors"]
+        md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
+        (tmp_path / "got").mkdir()
+        (tmp_path / "got" / f".partial-{md5}-mug.safetensors").write_bytes(content[:900_000])
+        [got] = get(str(tmp_path / "bare.git"), ["mug"], tmp_path / "got", revision="v1")
+        assert got.bytes == len(content) - 900_000
+        assert (tmp_path / "got/mug.safetensors").read_bytes() == content
