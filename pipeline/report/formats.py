@@ -46,6 +46,22 @@ def megabytes(size: Any) -> str:
     return f"{number(size / 1e3, 0)} kB" if size < 999_500 else f"{number(size / 1e6, 2)} MB"
 
 
+def seconds(value: float) -> str:
+    """Return seconds with a unit that keeps the number short."""
+    for size, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
+        if value >= size * 0.9999:
+            return f"{value / size:.3g} {unit}"
+    return f"{value * 1e9:.3g} ns"
+
+
+def short_bytes(size: float) -> str:
+    """Return bytes with a decimal unit and three digits: 1 MB is a million."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= factor * 0.9999:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size:.0f} B"
+
+
 def percent(share: Any) -> str:
     """Return a share of one in percent."""
     return NOTHING if share is None else f"{number(100 * share, 1 if share < 0.1 else 0)} %"

@@ -1,75 +1,58 @@
-"""Pictures as data URIs: truth, Object File and their difference."""
+"""Pictures as data URIs, and thumbnails."""
 
 import base64
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+import zlib
 
 import numpy as np
 
-from objectfolder.fidelity.images import psnr_db
-
-DIFFERENCE_FACTOR = 8
 GREY = 128
-
-
-@dataclass(frozen=True)
-class PicturePair:
-    """Three pictures of one held-out query."""
-
-    label: str
-    psnr_db: float
-    truth: str
-    answer: str
-    difference: str
-    width: int
-    height: int
+THUMBNAIL_PIXELS = 96
+NEARLY_WHITE = 250
 
 
 def picture_uri(image: np.ndarray) -> str:
-    """Return an (h, w, 3) uint8 image as a lossless WebP data URI."""
+    """Return an (h, w, 3) uint8 image as a lossless data URI.
+
+    By PNG with run lengths: a third of the time of WebP's fastest way on renders, for as many bytes; WebP's
+    slowest takes a hundred times as long for half of them.
+    """
+    return _png(np.ascontiguousarray(image), "RGB")
+
+
+def indexed_uri(levels: np.ndarray, palette: np.ndarray, transparent: int | None = None) -> str:
+    """Return an (h, w) uint8 image of places in an (n, 3) palette as a data URI; one may be see-through."""
+    return _png(np.ascontiguousarray(levels), "P", palette.astype(np.uint8).tobytes(), transparent)
+
+
+def thumbnail(views: np.ndarray | None) -> bytes:
+    """Return a small WebP of the best lit of (n, h, w, 3) uint8 views on white; grey for none."""
     from PIL import Image
 
+    if views is None or not len(views):
+        chosen = np.full((1, 1, 3), GREY, np.uint8)
+    else:
+        chosen = views[int(np.argmax([_brightness(view) for view in views]))]
+    image = Image.fromarray(np.ascontiguousarray(chosen))
+    image.thumbnail((THUMBNAIL_PIXELS, THUMBNAIL_PIXELS))
     buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "WEBP", lossless=True, quality=80, method=4)
-    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    image.save(buffer, "WEBP", quality=80, method=0)
+    return buffer.getvalue()
 
 
-def difference_picture(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
-    """Return grey plus `DIFFERENCE_FACTOR` times (answer - truth), clipped to uint8."""
-    difference = answer.astype(np.int32) - truth.astype(np.int32)
-    return np.clip(GREY + DIFFERENCE_FACTOR * difference, 0, 255).astype(np.uint8)
+def _png(image: np.ndarray, mode: str, palette: bytes = b"", transparent: int | None = None) -> str:
+    from PIL import Image
+
+    picture = Image.fromarray(image, mode)
+    if palette:
+        picture.putpalette(palette)
+    options = {} if transparent is None else {"transparency": transparent}
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, **options)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def picture_pairs(truth: np.ndarray, answer: np.ndarray, count: int) -> list[PicturePair]:
-    """Return up to `count` pairs from the worst to the best by full-image PSNR.
-
-    Parameters
-    ----------
-    truth, answer
-        (k, h, w, 3) uint8.
-    """
-    scores = [psnr_db(*pair) for pair in zip(truth, answer, strict=True)]
-    order = np.argsort(scores, kind="stable")
-    shown = np.unique(np.linspace(0, len(order) - 1, min(count, len(order))).round().astype(int))
-    pairs = []
-    for rank, label in zip(shown, _labels(len(shown)), strict=True):
-        index = int(order[rank])
-        pairs.append(
-            PicturePair(
-                label,
-                scores[index],
-                picture_uri(truth[index]),
-                picture_uri(answer[index]),
-                picture_uri(difference_picture(truth[index], answer[index])),
-                truth.shape[2],
-                truth.shape[1],
-            )
-        )
-    return pairs
-
-
-def _labels(count: int) -> Sequence[str]:
-    if count == 3:
-        return ("worst", "median", "best")
-    return ("worst", *[f"rank {rank}" for rank in range(2, count)], "best")[:count]
+def _brightness(view: np.ndarray) -> float:
+    """Return the mean brightness of what is not white, less where little of the picture is covered."""
+    shown = view[(view < NEARLY_WHITE).any(axis=-1)]
+    return float(shown.mean() * len(shown) ** 0.25) if len(shown) else 0.0

@@ -1,14 +1,13 @@
-"""Sounds as data URIs: struck object, truth and Object File, each with its spectrogram."""
+"""Sounds as data URIs, truth and Object File, with spectrograms of both and of their difference."""
 
 import base64
 import io
-import itertools
 import wave
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.report.pictures import picture_uri
+from pipeline.report.pictures import indexed_uri
 
 SAMPLE_RATE_HZ = 44100
 LONGEST_S = 1.0
@@ -19,7 +18,8 @@ WINDOW, HOP = 1024, 128
 LOWEST_HZ, HIGHEST_HZ = 80.0, 20000.0
 RANGE_DB = 80.0
 SPECTROGRAM_S = 0.5
-SPECTROGRAM_SIZE = (96, 192)
+HANN = np.hanning(WINDOW).astype(np.float32)
+SPECTROGRAM_SIZE = (96, 96)
 # Dark to bright with even steps of lightness.
 COLOURS = np.array(
     [
@@ -36,10 +36,17 @@ COLOURS = np.array(
     dtype=np.float64,
 )
 
+# Levels drawn, from `RANGE_DB` below the reference up to it.
+SHADES = 64
+PALETTE = np.stack(
+    [np.interp(np.linspace(0, 1, SHADES), np.linspace(0, 1, len(COLOURS)), channel) for channel in COLOURS.T],
+    1,
+).round()
+
 
 @dataclass(frozen=True)
 class SoundPair:
-    """Two playable sounds of one held-out strike, scaled alike."""
+    """Two playable sounds of one held-out strike, scaled alike, and pictures of them and their difference."""
 
     factor: float
     seconds: float
@@ -47,6 +54,7 @@ class SoundPair:
     answer: str
     truth_spectrogram: str
     answer_spectrogram: str
+    difference_spectrogram: str
     difference_db: float | None
 
 
@@ -58,25 +66,28 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
     truth, answer
         (samples,) at 44100 Hz, true amplitude.
     """
-    truth, answer = (np.asarray(sound, dtype=np.float64) for sound in (truth, answer))
-    loudest = max(float(np.abs(truth).max(initial=0)), float(np.abs(answer).max(initial=0)))
+    pair = np.stack([truth, answer]).astype(np.float32)
+    loudest = float(np.abs(pair).max(initial=0))
     factor = PEAK / loudest if loudest > 0 else 1.0
-    sounds = _faded(np.stack([truth, answer]) * factor)
-    levels = np.round(sounds * 32767).astype("<i2")
-    heard = np.flatnonzero(np.any(levels != 0, axis=0))
+    sounds = _faded(pair * np.float32(factor))
+    levels = np.rint(sounds * np.float32(32767)).astype("<i2")
+    heard = np.flatnonzero(levels[0] | levels[1])
     length = max(
         int(heard[-1]) + 1 if heard.size else 0, min(int(SHORTEST_S * SAMPLE_RATE_HZ), levels.shape[1])
     )
-    energy = float(np.sum(truth**2))
-    error = float(np.sum((answer - truth) ** 2))
-    reference = float(max(_spectrum(sound).max(initial=0.0) for sound in sounds))
+    energy = float(np.sum(np.square(pair[0], dtype=np.float64)))
+    error = float(np.sum(np.square(pair[1] - pair[0], dtype=np.float64)))
+    pictures = [
+        indexed_uri(picture, PALETTE) for picture in spectrograms(np.stack([*sounds, sounds[1] - sounds[0]]))
+    ]
     return SoundPair(
         factor,
         length / SAMPLE_RATE_HZ,
         wave_uri(levels[0, :length]),
         wave_uri(levels[1, :length]),
-        spectrogram_uri(sounds[0], reference),
-        spectrogram_uri(sounds[1], reference),
+        pictures[0],
+        pictures[1],
+        pictures[2],
         10 * float(np.log10(error / energy)) if energy > 0 and error > 0 else None,
     )
 
@@ -92,47 +103,39 @@ def wave_uri(levels: np.ndarray) -> str:
     return "data:audio/wav;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def spectrogram_uri(sound: np.ndarray, reference: float) -> str:
-    """Return a picture of the first half second: frequency up on a log scale, level over 80 dB.
+def spectrograms(sounds: np.ndarray) -> np.ndarray:
+    """Return (n, rows, columns) uint8 levels of the first half second: frequency up on a log scale.
+
+    The loudest place of all n sounds has the highest level, `SHADES` - 1; `RANGE_DB` below it and less has 0.
 
     Parameters
     ----------
-    sound
-        (samples,).
-    reference
-        Magnitude drawn brightest; one for both sounds of a pair.
+    sounds
+        (n, samples) at 44100 Hz.
     """
-    magnitudes = _spectrum(sound)
-    rows = np.geomspace(HIGHEST_HZ, LOWEST_HZ, SPECTROGRAM_SIZE[0]) * WINDOW / SAMPLE_RATE_HZ
+    from scipy.fft import rfft
+
+    padded = np.zeros((len(sounds), int(SPECTROGRAM_S * SAMPLE_RATE_HZ) + WINDOW), np.float32)
+    kept = sounds[:, : padded.shape[1]]
+    padded[:, : kept.shape[1]] = kept
+    frames = np.lib.stride_tricks.sliding_window_view(padded, WINDOW, axis=1)[:, ::HOP]
+    chosen = np.linspace(0, frames.shape[1] - 1, SPECTROGRAM_SIZE[1]).round().astype(int)
+    edges = np.geomspace(LOWEST_HZ, HIGHEST_HZ, SPECTROGRAM_SIZE[0] + 1) * WINDOW / SAMPLE_RATE_HZ
+    spectrum = rfft(frames[:, chosen] * HANN, axis=-1)
+    kept_bins = spectrum[..., : int(np.ceil(edges[-1])) + 1]
+    magnitudes = np.ascontiguousarray(np.moveaxis(np.abs(kept_bins), -1, 0))
     # A row takes the strongest bin it spans, so that a narrow partial stays visible between rows.
-    edges = np.append(rows, rows[-1] * rows[-1] / rows[-2])
-    picked = np.stack(
-        [
-            magnitudes[:, int(low) : max(int(np.ceil(high)), int(low) + 1)].max(axis=1)
-            for high, low in itertools.pairwise(edges)
-        ]
-    )
-    columns = np.linspace(0, picked.shape[1] - 1, SPECTROGRAM_SIZE[1]).round().astype(int)
-    floor = 10 ** (-RANGE_DB / 20)
-    level = 1 + 20 * np.log10(np.maximum(picked[:, columns] / (reference or 1.0), floor)) / RANGE_DB
-    anchors = np.linspace(0, 1, len(COLOURS))
-    shades = np.round(level * 63) / 63
-    image = np.stack([np.interp(shades, anchors, COLOURS[:, channel]) for channel in range(3)], axis=-1)
-    return picture_uri(image.round().astype(np.uint8))
+    low = edges[:-1].astype(int)
+    high = np.maximum(np.ceil(edges[1:]).astype(int), low + 1)
+    picked = np.maximum.reduceat(magnitudes, np.stack([low, high], axis=1).ravel(), axis=0)[::2]
+    reference = float(picked.max(initial=0.0)) or 1.0
+    level = 1 + 20 * np.log10(np.maximum(picked / reference, 10 ** (-RANGE_DB / 20))) / RANGE_DB
+    return np.round(level * (SHADES - 1)).astype(np.uint8).transpose(1, 0, 2)[:, ::-1]
 
 
 def spectrogram_share(frequency_hz: float) -> float:
     """Return the height of a frequency in a spectrogram, 0 at the bottom and 1 at the top."""
     return float(np.log(frequency_hz / LOWEST_HZ) / np.log(HIGHEST_HZ / LOWEST_HZ))
-
-
-def _spectrum(sound: np.ndarray) -> np.ndarray:
-    """Return (frames, bins) magnitudes of Hann windows over the first half second."""
-    padded = np.zeros(int(SPECTROGRAM_S * SAMPLE_RATE_HZ) + WINDOW)
-    kept = sound[: padded.size]
-    padded[: kept.size] = kept
-    frames = np.lib.stride_tricks.sliding_window_view(padded, WINDOW)[::HOP]
-    return np.abs(np.fft.rfft(frames * np.hanning(WINDOW), axis=1))
 
 
 def _faded(sounds: np.ndarray) -> np.ndarray:

@@ -1,0 +1,98 @@
+"use strict";
+// The table of objects: sorted, searched and filtered in memory; a part of the rows is in the page at a time.
+(() => {
+  const ROWS_SHOWN = 100;
+  const table = document.getElementById("table");
+  if (!table) return;
+  const body = table.tBodies[0];
+  const values = JSON.parse(document.getElementById("values").textContent);
+  const [form] = document.getElementsByClassName("filters");
+  const [search, material, source, status] = ["search", "material", "source", "status"].map((id) =>
+    document.getElementById(id),
+  );
+  const [found, where, before, after] = ["found", "where", "before", "after"].map((id) =>
+    document.getElementById(id),
+  );
+  const text = (element) => element.textContent.trim();
+  const rows = [...body.rows].map((element, index) => {
+    const [name, ...words] = [...element.cells].slice(0, 4).map(text);
+    element.classList.remove("late");
+    return {
+      element,
+      texts: [name, ...words],
+      words: [name, ...words].join("\n").toLowerCase(),
+      numbers: values[index],
+    };
+  });
+  const order = new Intl.Collator(undefined, { numeric: true });
+  const initial = rows.map((_, index) => index);
+  let sorted = initial;
+  let first = 0;
+
+  const matches = (row, terms) =>
+    (!material.value || row.texts[1] === material.value) &&
+    (!source.value || row.texts[2] === source.value) &&
+    (!status.value || row.texts[3] === status.value) &&
+    terms.every((term) => row.words.includes(term));
+
+  const show = () => {
+    const terms = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const chosen = sorted.filter((index) => matches(rows[index], terms));
+    first = Math.min(first, Math.max(0, Math.ceil(chosen.length / ROWS_SHOWN) - 1) * ROWS_SHOWN);
+    const last = Math.min(first + ROWS_SHOWN, chosen.length);
+    body.replaceChildren(...chosen.slice(first, last).map((index) => rows[index].element));
+    const objects = `${rows.length} object${rows.length === 1 ? "" : "s"}`;
+    found.textContent = chosen.length === rows.length ? objects : `${chosen.length} of ${objects}`;
+    where.textContent = `${chosen.length ? first + 1 : 0} to ${last} of ${chosen.length}`;
+    before.disabled = first === 0;
+    after.disabled = last === chosen.length;
+    before.parentElement.hidden = chosen.length <= ROWS_SHOWN;
+  };
+
+  const compared = (column, direction) => {
+    if (typeof column === "string") {
+      const place = Number(column.slice(4));
+      return (a, b) => direction * order.compare(rows[a].texts[place], rows[b].texts[place]) || a - b;
+    }
+    // What has no number comes last in both directions.
+    return (a, b) => {
+      const [x, y] = [rows[a].numbers[column], rows[b].numbers[column]];
+      if (x === null || y === null) return (x === null) - (y === null) || a - b;
+      return direction * (x - y) || a - b;
+    };
+  };
+
+  const headers = [...table.tHead.rows[0].cells];
+  headers.forEach((header, place) => {
+    const column = header.dataset.sort === "text" ? `text${place}` : Number(header.dataset.sort);
+    const button = document.createElement("button");
+    button.type = "button";
+    button.append(...header.childNodes);
+    header.append(button);
+    button.addEventListener("click", () => {
+      const ascending = header.getAttribute("aria-sort") !== "ascending";
+      for (const other of headers) other.removeAttribute("aria-sort");
+      header.setAttribute("aria-sort", ascending ? "ascending" : "descending");
+      sorted = [...initial].sort(compared(column, ascending ? 1 : -1));
+      first = 0;
+      show();
+    });
+  });
+
+  const restart = () => {
+    first = 0;
+    show();
+  };
+  search.addEventListener("input", restart);
+  for (const select of [material, source, status]) select.addEventListener("change", restart);
+  form.addEventListener("submit", (event) => event.preventDefault());
+  form.addEventListener("reset", () => setTimeout(restart));
+  const turn = (by) => () => {
+    first = Math.max(0, first + by);
+    show();
+    table.scrollIntoView({ block: "start" });
+  };
+  before.addEventListener("click", turn(-ROWS_SHOWN));
+  after.addEventListener("click", turn(ROWS_SHOWN));
+  show();
+})();
