@@ -1,0 +1,30 @@
+"""A live page in a thread of the tests."""
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pipeline.viewer.live import Server
+from pipeline.viewer.live_queries import LiveObject
+
+
+@contextmanager
+def served(path: Path) -> Iterator[Server]:
+    """Serve an Object File while the context lasts."""
+    server = Server(LiveObject(path))
+    loop, stopped = asyncio.new_event_loop(), asyncio.Event()
+
+    def run() -> None:
+        asyncio.set_event_loop(loop)
+        loop.run_until_complete(server.serve(stopped.wait()))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield server
+    finally:
+        loop.call_soon_threadsafe(stopped.set)
+        thread.join()
+        loop.close()

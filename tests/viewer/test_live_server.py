@@ -1,0 +1,254 @@
+"""Who may ask the live page, and what it answers without a browser."""
+
+import contextlib
+import http.client
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import psutil
+import pytest
+
+import objectfolder
+from objectfolder.errors import InputError, QueryError
+from pipeline.command_line import main
+from pipeline.viewer.live import Server
+from pipeline.viewer.live_queries import LiveObject
+from tests.viewer.live_servers import served
+
+JSON = {"Content-Type": "application/json"}
+
+
+@pytest.fixture(scope="module")
+def server(small_file):
+    with served(small_file) as running:
+        yield running
+
+
+def asked(server, method, path, body=None, headers=None, host=None):
+    """Status, headers and body of a request."""
+    port = urlsplit(server.address).port
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as connection:
+        sent = {"Host": host or f"127.0.0.1:{port}", **(headers or {})}
+        connection.request(method, path, body, sent)
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read()
+
+
+def query(server, path, question):
+    status, _, body = asked(server, "POST", path, json.dumps(question), JSON)
+    assert status == 200, body
+    length = int.from_bytes(body[:4], "little")
+    return json.loads(body[4 : 4 + length]), body[4 + length :]
+
+
+def test_it_listens_on_loopback_alone(server):
+    port = urlsplit(server.address).port
+    listening = [
+        connection.laddr.ip
+        for connection in psutil.Process().net_connections(kind="inet")
+        if connection.status == psutil.CONN_LISTEN and connection.laddr.port == port
+    ]
+    assert listening == ["127.0.0.1"]
+
+
+def test_the_page_takes_nothing_from_elsewhere(server):
+    status, headers, body = asked(server, "GET", "/")
+    assert status == 200
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    for name in re.findall(rb'(?:src|href)="([^"]+)"', body):
+        if name != b"data:,":
+            assert asked(server, "GET", f"/{name.decode()}")[0] == 200, name
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1", "127.0.0.1:1", "[::1]:80"])
+def test_other_names_of_this_host_are_refused(server, host):
+    for method, path in (("GET", "/"), ("POST", "/object"), ("GET", "/no")):
+        status, _, body = asked(server, method, path, "{}" if method == "POST" else None, JSON, host)
+        assert status == 403, (method, path)
+        assert b"Glass bar" not in body
+
+
+def test_its_own_names_are_answered(server):
+    port = urlsplit(server.address).port
+    for host in (f"127.0.0.1:{port}", f"localhost:{port}"):
+        assert asked(server, "POST", "/object", "{}", JSON, host)[0] == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "https://127.0.0.1"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+    ],
+)
+def test_other_pages_are_refused(server, headers):
+    status, given, body = asked(server, "POST", "/object", "{}", JSON | headers)
+    assert (status, b"Glass bar" in body) == (403, False)
+    assert "Access-Control-Allow-Origin" not in given
+
+
+def test_forms_of_other_pages_are_refused(server):
+    """What a form can send without being asked first has another type."""
+    assert asked(server, "POST", "/object", "{}", {"Content-Type": "text/plain"})[0] == 415
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../live.py",
+        "/..%2flive.py",
+        "/%2e%2e/live.py",
+        "//etc/passwd",
+        "/page/live.html",
+        "/live.html",
+        "/.",
+        "/x\\y",
+    ],
+)
+def test_no_path_leads_to_a_file(server, path):
+    status, _, body = asked(server, "GET", path)
+    assert status == 404
+    assert b"import" not in body
+
+
+def test_an_image_is_the_packages(server, small_file):
+    file = objectfolder.load(small_file)
+    camera, light = file.sample_views(1, seed=3)
+    view = {"camera_to_world": camera[0].tolist(), "light_position": light[0].tolist()}
+    for sub_rays in (None, 4):
+        header, body = query(server, "/render", {**view, "resolution": 48, "sub_rays": sub_rays})
+        expected = file.render(camera[0], light[0], 48, sub_rays=sub_rays)[0]
+        assert header == {"resolution": 48}
+        assert np.array_equal(np.frombuffer(body, np.uint8).reshape(48, 48, 3), expected)
+    assert expected.min() < 200
+
+
+def test_a_blow_and_a_press_are_the_packages(server, small_file):
+    file = objectfolder.load(small_file)
+    ray = {"origin": [0.01, 0.003, 0.5], "direction": [0, 0, -1]}
+    header, body = query(
+        server, "/strike", {**ray, "impulse": 0.05, "along": None, "duration": 0.5, "sample_rate": 48000}
+    )
+    assert header["point"] == pytest.approx([0.01, 0.003, 0.004], abs=2e-6)
+    assert header["normal"] == pytest.approx([0, 0, 1], abs=1e-6)
+    assert header["impulse"] == pytest.approx([0, 0, -0.05], abs=1e-6)
+    expected = file.strike(np.array(header["point"]), np.array(header["impulse"]), 0.5, 48000)[0]
+    assert np.abs(expected).max() > 0
+    assert np.array_equal(np.frombuffer(body, "<f4"), expected)
+    header, body = query(server, "/press", {**ray, "depth": 0.001, "tilt": 4, "azimuth": 30})
+    touch = file.press(np.array(header["point"]), 0.001, 4, 30)
+    pixels = touch.rgb[0].size
+    assert header["reachable"]
+    assert np.array_equal(np.frombuffer(body[:pixels], np.uint8), touch.rgb[0].ravel())
+    assert np.array_equal(np.frombuffer(body[pixels:], "<f4"), touch.depth[0].ravel())
+
+
+def test_a_ray_past_the_object_meets_nothing(server):
+    ray = {"origin": [1, 1, 1], "direction": [0, 0, -1], "depth": 0.001, "tilt": 0, "azimuth": 0}
+    assert query(server, "/press", ray) == ({"missed": True}, b"")
+
+
+@pytest.mark.parametrize(
+    ("path", "question", "named"),
+    [
+        ("/render", {}, "resolution"),
+        ("/render", {"resolution": 1e9}, "resolution"),
+        ("/render", {"resolution": 16, "camera_to_world": [[1]]}, "camera_to_world"),
+        ("/strike", {"impulse": "much"}, "impulse"),
+        ("/strike", {"impulse": 1, "duration": 1e6}, "duration"),
+        ("/strike", {"impulse": 1, "duration": 1, "sample_rate": 1}, "sample_rate"),
+        ("/press", {"depth": None}, "depth"),
+        (
+            "/press",
+            {"depth": 1, "tilt": 0, "azimuth": 0, "origin": [0, 0, 1], "direction": [0, 0, -1]},
+            "depth",
+        ),
+        (
+            "/press",
+            {"depth": 0, "tilt": 0, "azimuth": 0, "origin": [0, 0, 1], "direction": [0, 0, 0]},
+            "direction",
+        ),
+        ("/object", [], "JSON"),
+    ],
+)
+def test_questions_without_an_answer_say_why(server, path, question, named):
+    status, _, body = asked(server, "POST", path, json.dumps(question), JSON)
+    assert status == 400
+    assert named in json.loads(body)["error"]
+
+
+def test_long_requests_are_refused(server):
+    with contextlib.suppress(ConnectionError):
+        assert asked(server, "POST", "/render", b" " * (1 << 20), JSON)[0] in (400, 413)
+    assert asked(server, "GET", "/")[0] == 200
+
+
+def test_a_taken_port_is_named(small_file):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(InputError, match=f"--port: {port}"):
+            Server(LiveObject(small_file), port)
+
+
+def test_what_is_no_object_file_is_an_error_of_one_line(tmp_path, small_file, capsys):
+    (tmp_path / "note.safetensors").write_text("a note")
+    damaged = bytearray(small_file.read_bytes())
+    damaged[len(damaged) // 2] ^= 8
+    (tmp_path / "damaged.safetensors").write_bytes(damaged)
+    for name, finding in (
+        ("note", "not a safetensors file"),
+        ("damaged", "does not match its digest"),
+        ("absent", "no such file"),
+    ):
+        path = tmp_path / f"{name}.safetensors"
+        assert main(["view", str(path), "--no-browser"]) == 1
+        said = capsys.readouterr().err
+        assert str(path) in said
+        assert finding in said
+        assert said.count("\n") == 1
+
+
+def test_the_command_prints_its_address_and_ends_on_interrupt(small_file):
+    command = [sys.executable, "-c", "import sys; from pipeline.command_line import main; sys.exit(main())"]
+    process = subprocess.Popen(
+        [*command, "view", str(small_file), "--no-browser"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    line = process.stdout.readline()
+    assert re.search(r"http://127\.0\.0\.1:\d+/ ", line)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=120)
+    assert (process.returncode, errors) == (0, "")
+
+
+def test_a_direction_of_no_length_is_refused_before_anything(small_file):
+    with pytest.raises(QueryError, match="along"):
+        LiveObject(small_file).strike(
+            {
+                "origin": [0, 0, 1],
+                "direction": [0, 0, -1],
+                "impulse": 1,
+                "along": [0, 0, 0],
+                "duration": 1,
+                "sample_rate": 44100,
+            }
+        )
