@@ -244,11 +244,14 @@ class Contents:
             raise NotHere(where, finding, "See that the remote can be reached: `dvc status -c`.") from error
 
     def _odb(self) -> Any:
+        from dvc.config import NoRemoteError
+
         if self._remote is None and not self._no_remote:
             try:
                 self._remote = self._repository.cloud.get_remote_odb(self._remote_name or None)
             except Exception as error:  # none is set, or its settings or its library are missing
-                self._no_remote = f"no remote can be asked ({str(error).partition(chr(10))[0].rstrip('.')})"
+                said = str(error).partition("\n")[0].rstrip(".")
+                self._no_remote = "no remote is set" if isinstance(error, NoRemoteError) else said
                 if self._remote_name:
                     raise InputError(
                         self._remote_name, f"no such remote ({error})", "`dvc remote list` names them."

@@ -74,12 +74,13 @@ def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
     """Return what there is to fetch of `new` when one has `old`."""
     files: dict[str, dict[str, str]] = {}  # by output: where to hash
     whole = {out.md5 for out in old.lock.outs.values()}
+    in_git = {*old.texts, *new.texts}
     for path in {**new.lock.outs, **new.folders}:
         out = new.lock.outs.get(path)
         lying = new.folders.get(path)
         if lying is not None and lying.made and not lying.md5:
             files[path] = {one.where: one.md5 for one in lying.products.values()}
-        elif out is not None and out.md5 not in whole:
+        elif out is not None and out.md5 not in whole and path not in in_git:
             files[path] = _files(contents, path, out.md5)
     # Only what changed in a folder that both have is to be looked up in the old one.
     had: set[str] = set()

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pipeline.audit.findings import REMOVED, RENAMED, UNCHANGED, Audit, ObjectChange
-from pipeline.audit.reasons import CODE, UPSTREAM, Reason
+from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, Reason
 
-MODULES_NAMED = 3
+NAMED = 3  # modules, and parameters of one section, before the rest are counted
 Texts = tuple[str, ...]
 
 
@@ -83,13 +83,22 @@ def groups(audit: Audit) -> list[Group]:
 
 
 def sentences(found: Sequence[Reason]) -> list[str]:
-    """Return reasons as texts; many modules of code in one."""
-    modules = [one for one in found if one.kind == CODE]
-    texts = [str(one) for one in found if one.kind != CODE]
-    if len(modules) <= MODULES_NAMED:
-        return [*texts, *map(str, modules)]
-    named = ", ".join(one.name for one in modules[:MODULES_NAMED])
-    return [*texts, f"code {named} and {len(modules) - MODULES_NAMED} more modules changed"]
+    """Return reasons as texts; many modules of code, or parameters of one section, in one."""
+    texts = []
+    together: dict[tuple[str, str], list[Reason]] = defaultdict(list)
+    for one in found:
+        section = one.name.rpartition(".")[0] if one.kind == PARAMETER else ""
+        together[one.kind, section].append(one)
+    for (kind, section), alike in together.items():
+        rest = len(alike) - NAMED
+        if kind == CODE and rest > 0:
+            named = ", ".join(one.name for one in alike[:NAMED])
+            texts.append(f"code {named} and {rest} more modules changed")
+        elif kind == PARAMETER and rest > 1:
+            texts += [*map(str, alike[:NAMED]), f"parameter {section}: {rest} more"]
+        else:
+            texts += map(str, alike)
+    return texts
 
 
 def names(found: Sequence[ObjectChange], most: int = 6) -> str:

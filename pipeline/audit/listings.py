@@ -2,6 +2,7 @@
 
 import json
 import textwrap
+from collections import defaultdict
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
@@ -73,8 +74,11 @@ def history_text(
             lines += _indented(measures, width)
         for problem in one.problems:
             lines += _indented(printable(problem), width)
+    together: dict[str, list[str]] = defaultdict(list)
     for commit, error in unreadable:
-        lines += textwrap.wrap(f"{commit.short} not readable here: {error}", width, subsequent_indent="  ")
+        together[str(error)].append(commit.short)
+    for text, commits in together.items():
+        lines += textwrap.wrap(printable(f"{', '.join(commits)}: {text}"), width, subsequent_indent="  ")
     return "\n".join(lines)
 
 

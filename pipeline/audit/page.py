@@ -12,8 +12,6 @@ from pipeline.audit.groups import StageTotal, groups, names, totals
 from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
 
 TEMPLATES = Path(__file__).parent / "template"
-# The look of all pages: its base, styles and the switch of the theme.
-LOOK = Path(__file__).parents[1] / "report" / "template"
 FIDELITY_ROWS = 1000
 
 
@@ -43,15 +41,9 @@ def write_page(
 
 def render_page(audit: Audit, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float]) -> str:
     """Return the page."""
-    import jinja2
+    from pipeline.report.templates import template_environment
 
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([TEMPLATES, LOOK]),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = template_environment(TEMPLATES)
     filters: dict[str, Callable[..., object]] = {
         "names": lambda found: names(found, most=len(found)),
         "change": table.change,

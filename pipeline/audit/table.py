@@ -14,6 +14,7 @@ from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
 NARROWEST, WIDEST = 72, 120
 GROUPS = 40
 FIDELITY_ROWS = 20
+LEAST_WEIGHT = 0.01  # of what a person would notice
 
 
 def table(audit: Audit, width: int = 100) -> str:
@@ -59,7 +60,10 @@ def change(one: FidelityChange) -> str:
     """Return by how much a measure changed, for people."""
     if one.before is None or one.after is None:
         return "lost" if math.isinf(one.loss) and one.loss > 0 else "new"
-    return f"{'worse' if one.loss > 0 else 'better'} by {value(one.measure, abs(one.loss))}"
+    loss = value(one.measure, abs(one.loss))
+    if not loss.strip("0."):
+        loss = f"{abs(one.loss):.1g}"  # less than the decimals that the measure is printed with
+    return f"{'worse' if one.loss > 0 else 'better'} by {loss}"
 
 
 def seconds(one: StageTotal) -> str:
@@ -73,6 +77,8 @@ def cost(audit: Audit) -> str:
     made, costed = sum(one.made for one in found), sum(one.costed for one in found)
     if not made:
         return "nothing"
+    if not costed:
+        return f"{made} products; what they took is not noted here"
     spent = sum(one.cpu_s for one in found)
     return f"{made} products in {spent:.0f} CPU s" + (f" (known of {costed})" if costed < made else "")
 
@@ -80,8 +86,9 @@ def cost(audit: Audit) -> str:
 def _heading(audit: Audit, width: int) -> list[str]:
     count = Counter(one.state for one in audit.objects)
     counts = ", ".join(f"{count[state]} {state}" for state in STATES if count[state]) or "none"
-    label = f"{audit.old}  ->  {audit.new}"
-    return [*_wrapped(label, width), "", f"{len(audit.objects)} objects: {counts}"]
+    labels = (f"from  {audit.old}", f"to    {audit.new}")
+    lines = [line for label in labels for line in _wrapped(label, width, "", "      ")]
+    return [*lines, "", f"{len(audit.objects)} objects: {counts}"]
 
 
 def _groups(audit: Audit, width: int) -> list[str]:
@@ -118,14 +125,17 @@ def _stages(audit: Audit) -> list[str]:
     if not audit.arrays_read:
         lines.append("Arrays compared by their checksums (= equal, != different); --arrays reads them.")
     else:
-        lines.append("Arrays read: = equal, ~ within tolerance, != different.")
+        lines.append("Arrays and attributes read: = equal, ~ within tolerance, != different.")
     return lines
 
 
 def _fidelity(found: Sequence[FidelityChange]) -> list[str]:
     if not found:
         return []
-    shown = found[:FIDELITY_ROWS]
+    felt = [one for one in found if abs(one.weight) >= LEAST_WEIGHT]
+    shown = felt[:FIDELITY_ROWS]
+    if not shown:
+        return [f"fidelity: {len(found)} changes, all below a hundredth of what a person would notice"]
     rows = [("object", "measure", "before", "after", "change")]
     for one in shown:
         unit = MEASURES[one.measure].unit
@@ -139,7 +149,10 @@ def _fidelity(found: Sequence[FidelityChange]) -> list[str]:
         numbers = "  ".join(cell.rjust(width) for cell, width in zip(row[2:4], widths[2:4], strict=True))
         lines.append(f"{texts}  {numbers}  {row[4]}")
     if len(found) > len(shown):
-        lines.append(f"... and {len(found) - len(shown)} more, none of them worse")
+        smaller = len(found) - len(felt)
+        lines.append(
+            f"... and {len(felt) - len(shown)} more, {smaller} hardly any (--json and --html have all)"
+        )
     return lines
 
 

@@ -1,0 +1,420 @@
+"""The reason of each change, over the real declarations of stages: every seeded change named rightly."""
+
+import importlib
+import json
+import zipfile
+
+import numpy as np
+import pytest
+from versions_of_workshop import made_versions, only, states
+
+from objectfolder import provenance as provenance_module
+from objectfolder.provenance import fingerprint
+from objectfolder.store import Array, Product, read_product, write_product
+from pipeline.audit import reasons
+from pipeline.audit.findings import (
+    ADDED,
+    CHANGED,
+    FAILED,
+    MENDED,
+    REMOVED,
+    RENAMED,
+    STILL_FAILED,
+    UNCHANGED,
+)  # fmt: skip
+from pipeline.audit.groups import groups
+from pipeline.audit.reasons import (
+    BYTES,
+    CODE,
+    CORRUPTED,
+    MATERIAL,
+    MESH,
+    MISLABELLED,
+    PACKAGE,
+    PARAMETER,
+    RECORD,
+    ROW,
+    SEED,
+    TEXTURE,
+    TOLERANCE,
+    UPSTREAM,
+)  # fmt: skip
+from pipeline.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
+from pipeline.tolerances import as_json
+
+pytestmark = pytest.mark.slow
+
+MATERIALS = {"cup": "steel", "dish": "wood", "spoon": "wood"}
+IDS = tuple(MATERIALS)
+PACKAGE_NAME = "workshop_of_reasons"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A checkout with one version."""
+    with made_versions(tmp_path_factory.mktemp("reasons"), PACKAGE_NAME, **MATERIALS) as workshop:
+        yield workshop
+
+
+@pytest.fixture
+def workshop(made):
+    made.restore()
+    return made
+
+
+def audit_of_change(workshop):
+    """Keep what was changed as a second version and compare."""
+    return workshop.audit(workshop.first, workshop.version("second"))
+
+
+def told(audit, object_id):
+    """Kind and name of every reason of an object that is no consequence."""
+    return {(one.kind, one.name) for one in only(audit, object_id).roots}
+
+
+def stages_of(audit, object_id):
+    """Stages that changed for reasons of their own, and those that only follow."""
+    (group,) = (one for one in groups(audit) if object_id in [changed.object_id for changed in one.objects])
+    return set(group.direct), set(group.behind)
+
+
+def sentences(audit, object_id):
+    return [str(one) for one in only(audit, object_id).roots]
+
+
+CELLS = [
+    pytest.param(
+        "material", "glass", {(MATERIAL, "")}, {"views", "modes", "fidelity"}, {"encode"}, id="material"
+    ),
+    pytest.param("licence", "CC BY 4.0", {(RECORD, "licence")}, {"fidelity"}, set(), id="licence"),
+    pytest.param("attribution", "B. Maker", {(RECORD, "attribution")}, {"fidelity"}, set(), id="attribution"),
+]
+
+
+@pytest.mark.parametrize(("field", "value", "why", "direct", "behind"), CELLS)
+def test_cell_of_one_object(workshop, field, value, why, direct, behind):
+    workshop.row("cup")[field] = value
+    workshop.save()
+    found = audit_of_change(workshop)
+    assert states(found) == {"cup": CHANGED, "dish": UNCHANGED, "spoon": UNCHANGED}
+    assert told(found, "cup") == why
+    assert stages_of(found, "cup") == (direct, behind)
+
+
+ROWS = [
+    pytest.param("wood,750,", "wood,760,", "density_kg_m3", {"modes", "fidelity"}, id="density"),
+    pytest.param(
+        ",60,2e-6,0.7,0,", ",61,2e-6,0.7,0,", "rayleigh_alpha_per_s", {"modes", "fidelity"}, id="damping"
+    ),
+    pytest.param(",60,2e-6,0.7,0,", ",60,2e-6,0.6,0,", "roughness", {"views"}, id="roughness"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "field", "direct"), ROWS)
+def test_row_of_a_material(workshop, old, new, field, direct):
+    workshop.edit("data/materials.csv", old, new)
+    found = audit_of_change(workshop)
+    assert states(found) == {"cup": UNCHANGED, "dish": CHANGED, "spoon": CHANGED}
+    for object_id in ("dish", "spoon"):
+        assert told(found, object_id) == {(ROW, f"wood.{field}")}
+        assert stages_of(found, object_id)[0] == direct
+    assert len(groups(found)) == 1
+
+
+def test_row_of_a_material_says_old_and_new(workshop):
+    workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
+    assert sentences(audit_of_change(workshop), "dish") == ["material row wood.density_kg_m3 750.0 -> 760.0"]
+
+
+def test_citation_of_a_material(workshop):
+    workshop.edit("data/materials.csv", "isotropic; roughness: ours", "isotropic; roughness: guessed")
+    found = audit_of_change(workshop)
+    assert told(found, "dish") == {(ROW, "wood.citation")}
+    assert stages_of(found, "dish") == ({"fidelity"}, set())
+
+
+PARAMETERS = [
+    pytest.param(
+        "    vision:\n      resolution: 128", "    vision:\n      resolution: 64",
+        "vision.resolution", 128, 64,
+        {"views"}, {"encode", "fidelity"}, id="vision",
+    ),
+    pytest.param(
+        "accuracy_cents: 5.0", "accuracy_cents: 6.0", "audio.accuracy_cents", 5.0, 6.0,
+        {"modes"}, {"encode", "fidelity"}, id="audio",
+    ),
+    pytest.param(
+        "      touches: 100\n", "      touches: 90\n", "touch.touches", 100, 90,
+        {"touches"}, {"fidelity"}, id="touch",
+    ),
+    pytest.param(
+        "contact: rigid # as TACTO", "contact: elastic # as TACTO", "touch.contact", "rigid", "elastic",
+        {"touches"}, {"encode", "fidelity"}, id="contact",
+    ),
+    pytest.param(
+        "steps: 1200", "steps: 1300", "encode.visionnet.steps", 1200, 1300,
+        {"encode"}, {"fidelity"}, id="visionnet",
+    ),
+    pytest.param(
+        "goal_db: -42.0", "goal_db: -41.0", "encode.audionet.goal_db", -42.0, -41.0,
+        {"encode"}, {"fidelity"}, id="audionet",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "name", "was", "now", "direct", "behind"), PARAMETERS)
+def test_parameter(workshop, old, new, name, was, now, direct, behind):
+    workshop.edit("params.yaml", old, new)
+    found = audit_of_change(workshop)
+    assert set(states(found).values()) == {CHANGED}
+    for object_id in IDS:
+        (reason,) = only(found, object_id).roots
+        assert (reason.kind, reason.name, reason.old, reason.new) == (PARAMETER, name, was, now)
+        assert stages_of(found, object_id) == (direct, behind)
+
+
+def test_seed(workshop):
+    workshop.edit("params.yaml", "\nseed: 0", "\nseed: 1")
+    found = audit_of_change(workshop)
+    for object_id in IDS:
+        assert told(found, object_id) == {(SEED, "")}
+        assert sentences(found, object_id) == ["seed 0 -> 1"]
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new", "direct"),
+    [
+        ("optics", "INDEX = 3", "INDEX = 4", {"views"}),
+        ("units", "PASCAL = 1.0", "PASCAL = 2.0", {"modes"}),
+        ("touches", "product(request.seed,", "product(request.seed + 1,", {"touches"}),
+    ],
+)
+def test_code_of_a_task_or_of_what_it_imports(workshop, module, old, new, direct):
+    workshop.edit_code(module, old, new)
+    found = audit_of_change(workshop)
+    for object_id in IDS:
+        assert told(found, object_id) == {(CODE, f"{PACKAGE_NAME}.{module}")}
+        assert stages_of(found, object_id)[0] == direct
+
+
+def test_version_of_a_package(workshop, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    metadata = tmp_path / "torch-99.9.dist-info" / "METADATA"
+    metadata.parent.mkdir()
+    metadata.write_text("Metadata-Version: 2.1\nName: torch\nVersion: 99.9\n")
+    importlib.invalidate_caches()
+    before = provenance_module._version("torch")
+    provenance_module._version.cache_clear()
+    try:
+        found = audit_of_change(workshop)
+    finally:
+        provenance_module._version.cache_clear()
+    assert told(found, "cup") == {(PACKAGE, "torch")}
+    assert sentences(found, "cup") == [f"package torch {before} -> 99.9"]
+
+
+def test_texture(workshop):
+    workshop.write("cup.png", "another colour")
+    found = audit_of_change(workshop)
+    assert told(found, "cup") == {(TEXTURE, "")}
+    assert stages_of(found, "cup") == ({"objects"}, {"views", "encode", "fidelity"})
+
+
+def test_mesh(workshop):
+    workshop.write("cup.obj", "v 0 0 9\n")
+    found = audit_of_change(workshop)
+    assert told(found, "cup") == {(MESH, "")}
+    assert stages_of(found, "cup") == ({"objects"}, set(STAGES) - {"objects"})
+
+
+def test_mesh_file_that_says_the_same_in_other_bytes(workshop):
+    workshop.write("cup.obj", "# exported again\nv 0 0 0\n")
+    found = audit_of_change(workshop)
+    assert sentences(found, "cup") == ["mesh changed (the file only: geometry and texture are the same)"]
+    assert stages_of(found, "cup") == ({"objects"}, set())
+
+
+def test_two_objects_exchange_meshes(workshop):
+    cup, dish = workshop.row("cup"), workshop.row("dish")
+    for name in ("mesh", "texture"):
+        cup[name], dish[name] = dish[name], cup[name]
+    workshop.save()
+    found = audit_of_change(workshop)
+    assert told(found, "cup") == told(found, "dish") == {
+        (MESH, ""), (TEXTURE, ""), (RECORD, "file_names"),
+    }  # fmt: skip
+
+
+def test_object_removed_and_another_added(workshop):
+    workshop.table.remove(workshop.row("cup"))
+    workshop.add("ewer", "glass")
+    found = audit_of_change(workshop)
+    assert states(found) == {"cup": REMOVED, "dish": UNCHANGED, "ewer": ADDED, "spoon": UNCHANGED}
+
+
+def test_object_renamed(workshop):
+    workshop.row("cup")["id"] = "beaker"
+    workshop.save()
+    found = audit_of_change(workshop)
+    assert states(found) == {"beaker": RENAMED, "dish": UNCHANGED, "spoon": UNCHANGED}
+    assert only(found, "beaker").was == "cup"
+    assert set(sentences(found, "beaker")) == {"seed (drawn from the id)", "record name cup -> beaker"}
+
+
+def test_object_renamed_and_changed(workshop):
+    workshop.row("cup").update(id="beaker", licence="CC BY 4.0")
+    workshop.save()
+    found = audit_of_change(workshop)
+    assert told(found, "beaker") == {(SEED, ""), (RECORD, "name"), (RECORD, "licence")}
+
+
+def test_two_of_one_mesh_renamed_are_told_apart_by_material(workshop):
+    for object_id, material in (("a", "glass"), ("b", "iron")):
+        workshop.add(object_id, material, mesh=workshop.root / "cup.obj")
+    before = workshop.version("two more")
+    workshop.row("a")["id"], workshop.row("b")["id"] = "y", "x"
+    workshop.save()
+    found = workshop.audit(before, workshop.version("renamed"))
+    assert (only(found, "x").was, only(found, "y").was) == ("b", "a")
+
+
+def test_object_failed_and_mended(workshop):
+    workshop.write("cup.obj", "poison")
+    failed = workshop.version("poisoned")
+    found = workshop.audit(workshop.first, failed)
+    assert states(found) == {"cup": FAILED, "dish": UNCHANGED, "spoon": UNCHANGED}
+    assert only(found, "cup").failed_stage == "objects"
+    # The work tree's own record says why, as long as it is that of the last run.
+    assert "no mesh" in only(workshop.audit(workshop.first), "cup").failure.error
+    assert only(workshop.audit(failed, failed), "cup").state == STILL_FAILED
+    workshop.write("cup.obj", "v 0 0 0\n")
+    assert only(workshop.audit(failed, workshop.version("mended")), "cup").state == MENDED
+
+
+def test_object_that_the_table_refuses(workshop):
+    workshop.row("cup")["material"] = "unobtainium"
+    workshop.save()
+    found = audit_of_change(workshop)
+    assert only(found, "cup").state == FAILED
+    assert "unobtainium" in only(found, "cup").failure.error
+
+
+def test_corrupted_array(workshop):
+    path = VIEWS.path(workshop.root, "cup")
+    with zipfile.ZipFile(path) as archive:
+        entry = archive.getinfo("values/c/0")
+    data = bytearray(path.read_bytes())
+    data[entry.header_offset + 30 + len(entry.filename) + 20] ^= 4
+    path.write_bytes(data)
+    found = workshop.audit(workshop.first, workshop.version("corrupted", make=False))
+    assert told(found, "cup") == {(CORRUPTED, "")}
+    assert "the later one" in sentences(found, "cup")[0]
+    assert states(found)["dish"] == UNCHANGED
+
+
+@pytest.mark.parametrize("kind", [VIEWS, OBJECT_FILES], ids=lambda kind: kind.name)
+def test_corrupted_attributes(workshop, kind):
+    path = kind.path(workshop.root, "cup")
+    data = path.read_bytes()
+    assert data.count(b'"seed"') + data.count(b'\\"seed\\"') >= 1
+    path.write_bytes(data[: len(data) // 2] + bytes([data[len(data) // 2] ^ 1]) + data[len(data) // 2 + 1 :])
+    found = workshop.audit(workshop.first, workshop.version("corrupted", make=False))
+    assert {kind for kind, _ in told(found, "cup")} <= {CORRUPTED, MISLABELLED, BYTES}
+    assert any(kind in reasons.DEFECTS for kind, _ in told(found, "cup"))
+
+
+def test_truncated_product(workshop):
+    path = MODES.path(workshop.root, "cup")
+    path.write_bytes(path.read_bytes()[:-9])
+    found = workshop.audit(workshop.first, workshop.version("cut", make=False))
+    assert told(found, "cup") == {(CORRUPTED, "")}
+
+
+def rewritten(workshop, kind, object_id, **changes):
+    """Write a product with other attributes or values than its task gave it."""
+    path = kind.path(workshop.root, object_id)
+    product = read_product(path)
+    arrays = dict(product.arrays)
+    if "values" in changes:
+        before = arrays["values"]
+        arrays["values"] = Array(changes["values"], before.dims, before.units, before.long_name)
+    attributes = {**product.attributes, **changes.get("attributes", {})}
+    path.unlink()
+    write_product(path, Product(arrays, attributes))
+
+
+def test_product_that_is_not_what_its_fingerprint_says(workshop):
+    parts = read_product(TOUCHES.path(workshop.root, "cup")).attributes["provenance"]
+    parts = json.loads(json.dumps(parts))
+    parts["parameters"]["touch"]["touches"] = 7
+    rewritten(workshop, TOUCHES, "cup", attributes={"provenance": parts})
+    found = workshop.audit(workshop.first, workshop.version("edited", make=False))
+    assert (MISLABELLED, "") in told(found, "cup")
+
+
+def test_tolerance_declared_anew(workshop):
+    attributes = read_product(VIEWS.path(workshop.root, "cup")).attributes
+    tolerances = json.loads(json.dumps(as_json(STAGES["views"].tolerances)))
+    tolerances["rgba"]["rms"] = 1e-3
+    rewritten(
+        workshop,
+        VIEWS,
+        "cup",
+        attributes={"provenance": {**attributes["provenance"], "tolerances": tolerances}},
+    )
+    found = workshop.audit(workshop.first, workshop.version("tolerance", make=False))
+    assert told(found, "cup") == {(TOLERANCE, "rgba.rms")}
+    assert sentences(found, "cup") == ["tolerance rgba.rms 1e-05 -> 0.001"]
+
+
+def test_tolerances_not_stored_before(workshop):
+    attributes = read_product(VIEWS.path(workshop.root, "cup")).attributes
+    parts = {key: part for key, part in attributes["provenance"].items() if key != "tolerances"}
+    rewritten(workshop, VIEWS, "cup", attributes={"provenance": parts})
+    old = workshop.version("old", make=False)
+    found = workshop.audit(old, workshop.first)
+    assert sentences(found, "cup") == ["tolerance (stored in one of the two only)"]
+
+
+def test_made_from_the_same_and_yet_of_other_values(workshop):
+    values = read_product(TOUCHES.path(workshop.root, "cup"))["values"]
+    rewritten(workshop, TOUCHES, "cup", values=values + 1)
+    found = workshop.audit(workshop.first, workshop.version("elsewhere", make=False))
+    assert told(found, "cup") == {(BYTES, "")}
+    assert "beyond tolerance: values" in sentences(found, "cup")[0]
+
+
+def test_made_on_another_machine_within_tolerance(workshop):
+    path = MODES.path(workshop.root, "cup")
+    product = read_product(path)
+    spread = Array(np.array([100.0, 200.0, 300.0]), ("value",), "Hz", "toy")
+    path.unlink()
+    write_product(path, Product({"frequencies_hz": spread}, product.attributes))
+    first = workshop.version("here", make=False)
+    near = Array(np.array([100.0, 200.001, 300.0]), ("value",), "Hz", "toy")
+    path.unlink()
+    write_product(path, Product({"frequencies_hz": near}, product.attributes))
+    found = workshop.audit(first, workshop.version("there", make=False))
+    assert told(found, "cup") == {(BYTES, "")}
+    assert "1 arrays within tolerance" in sentences(found, "cup")[0]
+
+
+def test_several_changes_at_once_are_each_told_of_their_own_objects(workshop):
+    workshop.write("cup.png", "another colour")
+    workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
+    found = audit_of_change(workshop)
+    assert told(found, "cup") == {(TEXTURE, "")}
+    assert told(found, "dish") == {(ROW, "wood.density_kg_m3")}
+
+
+def test_what_only_follows_names_the_stage_it_follows(workshop):
+    workshop.edit("params.yaml", "accuracy_cents: 5.0", "accuracy_cents: 6.0")
+    (encode,) = (one for one in only(audit_of_change(workshop), "cup").stages if one.stage == "encode")
+    assert [(one.kind, one.name) for one in encode.reasons] == [(UPSTREAM, "modes")]
+
+
+def test_labels_of_the_toys_are_true(workshop):
+    parts = read_product(FIDELITY.path(workshop.root, "cup")).attributes["provenance"]
+    kept = {key: part for key, part in parts.items() if key not in reasons.BESIDE}
+    assert fingerprint(kept) == read_product(FIDELITY.path(workshop.root, "cup")).attributes["fingerprint"]
+    assert OBJECTS.path(workshop.root, "cup").exists()
