@@ -1,7 +1,52 @@
 """Shared fixtures."""
 
+import json
+import shutil
 import sys
 from pathlib import Path
 
+import pytest
+
+from objectfolder.audio.materials import read_materials
+from objectfolder.audio.modes import simulate_modes
+from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.store import write_product
+from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.touches import simulate_touches
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.views import simulate_views
+
 # The servers that tests of the pipeline stand up are modules of its folder.
 sys.path.append(str(Path(__file__).parents[1] / "pipeline"))
+
+
+@pytest.fixture(scope="session")
+def small_set(glass_bar: TexturedMesh, small_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Root of a data set of two objects, the bar of `small_file` twice, with really simulated truth."""
+    root = tmp_path_factory.mktemp("set")
+    glass = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")["glass"]
+    made = {
+        "views": simulate_views(
+            glass_bar,
+            Appearance(glass.roughness, glass.metallic),
+            resolution=24,
+            field_of_view_deg=39.6,
+            camera_radius=2.5,
+            training_views=3,
+            training_samples=4,
+            held_out_views=2,
+            held_out_samples=16,
+            seed=1,
+        ),
+        "modes": simulate_modes(glass_bar.surface, glass, training_points=120, held_out_points=20, seed=0),
+        "touches": simulate_touches(glass_bar.surface, Sensor(), touches=3, held_out_touches=6, seed=0),
+    }
+    for object_id in ("bar", "rod"):
+        for kind, product in made.items():
+            write_product(root / "data" / kind / f"{object_id}.zarr.zip", product)
+        path = root / "data" / "object_files" / f"{object_id}.safetensors"
+        path.parent.mkdir(exist_ok=True)
+        shutil.copy(small_file, path)
+    records = {object_id: {"material": {"name": "glass"}} for object_id in ("bar", "rod")}
+    (root / "data" / "records.json").write_text(json.dumps({"objects": records, "refused": []}))
+    return root

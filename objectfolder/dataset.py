@@ -1,0 +1,260 @@
+"""Published data sets in PyTorch and in xarray: truth and Object Files, query by query.
+
+>>> from objectfolder.dataset import ObjectFolderDataset
+>>> samples = ObjectFolderDataset("my-data-set", "touch", "training")  # doctest: +SKIP
+>>> samples[0]["image"].shape  # doctest: +SKIP
+torch.Size([3, 160, 120])
+"""
+
+import difflib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset
+
+from objectfolder.dataset_reading import Kept, ProductReader
+from objectfolder.dataset_senses import SENSES, Sample, Settings
+from objectfolder.dataset_splits import OBJECT_SPLITS, object_split
+from objectfolder.dataset_xarray import open_xarray
+from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
+from objectfolder.provenance import seed_from
+
+__all__ = ["ObjectFolderDataset", "open_xarray"]
+
+SPLITS = ("training", "held_out")
+SOURCES = ("truth", "object_file")
+ARCHIVE, TENSORS = ".zarr.zip", ".safetensors"
+
+
+class ObjectFolderDataset(Dataset[dict[str, Any]]):
+    """Samples of one sense, of the ground truth or of the Object Files of the same queries.
+
+    Every sample is a dict. All have ``object_id`` (str) and ``query`` (int: the row in the product). Numbers
+    are tensors, float32 unless said otherwise, in the object frame:
+
+    - *vision*: ``image`` (3, h, w) sRGB on white in [0, 1], ``camera_to_object`` (4, 4) m,
+      ``light_position_m`` (3,); with `passes` also ``depth_m`` (h, w) along the camera's axis, infinity where
+      the object is not, and ``mask`` (h, w) bool.
+    - *audio*: ``sound`` (samples,) m/s, rms surface velocity along the normal, zeros for a silent object;
+      ``point_m`` (3,), ``impulse_n_s`` (3,) N s: 1 along x, y and z in turn.
+    - *touch*: ``image`` (3, h, w) in [0, 1], ``depth_m`` (h, w) in the gel, ``mask`` (h, w) bool,
+      ``sensor_to_object`` (4, 4) m, ``reachable`` bool; ``point_m`` (3,), ``press_depth_m``, ``tilt_deg``,
+      ``azimuth_deg``.
+
+    Nothing that is open is pickled or shared with a forked process: `DataLoader` workers of any kind may use
+    it. A sample depends on its index alone.
+
+    Parameters
+    ----------
+    root_or_files
+        Root of a data set (``data/views`` and so on lie in it), or Object Files. Files alone have no truth:
+        `source` must be ``"object_file"``, and `queries` of each are drawn by `seed`.
+    sense
+        ``"vision"``, ``"audio"`` or ``"touch"``.
+    split
+        ``"training"`` or ``"held_out"``: the queries that the ground truth keeps for each; for files alone
+        other draws.
+    source
+        ``"truth"`` or ``"object_file"``.
+    objects
+        Ids, in this order; all of the data set by id if None.
+    object_split
+        Only objects of this split: ``"train"``, ``"validation"`` or ``"test"``, see `dataset_splits`. It
+        needs ``data/records.json``.
+    queries, seed
+        For files alone.
+    duration_s, sample_rate_hz
+        Of sounds.
+    resolution
+        Pixels a side of views, for files alone; otherwise the truth's.
+    passes
+        Whether views come with depth and mask.
+    open_objects
+        How many products and Object Files a process keeps open: memory against reading again. A product of
+        modes takes its mode shapes with it, 3 to 15 MB.
+
+    Raises
+    ------
+    InputError
+        A sense, split, source or object that there is not, or no truth where it is asked for.
+    FormatError
+        A damaged product.
+    """
+
+    def __init__(
+        self,
+        root_or_files: Path | str | Sequence[Path | str],
+        sense: str = "vision",
+        split: str = "training",
+        source: str = "truth",
+        *,
+        objects: Sequence[str] | None = None,
+        object_split: str | None = None,
+        queries: int = 64,
+        seed: int = 0,
+        duration_s: float = 1.0,
+        sample_rate_hz: float = 44100.0,
+        resolution: int = 128,
+        passes: bool = False,
+        open_objects: int = 16,
+    ) -> None:
+        for name, value, known in (
+            ("sense", sense, tuple(SENSES)),
+            ("split", split, SPLITS),
+            ("source", source, SOURCES),
+        ):
+            if value not in known:
+                raise InputError(name, f"there is no {value!r}", f"Choose of {', '.join(known)}.")
+        self.sense, self.split, self.source = sense, split, source
+        self.settings = Settings(duration_s, sample_rate_hz, resolution, passes)
+        self._open_objects = open_objects
+        self._seed = seed
+        self._root: Path | None = None
+        self._files: dict[str, Path] = {}
+        if isinstance(root_or_files, str | Path) and Path(root_or_files).is_dir():
+            self._root = Path(root_or_files)
+            self.object_ids = self._chosen(objects, object_split)
+        else:
+            paths = [root_or_files] if isinstance(root_or_files, str | Path) else list(root_or_files)
+            self._take_files([Path(path) for path in paths], objects, object_split)
+        self._open()
+        self._rows = [self._rows_of(object_id, queries) for object_id in self.object_ids]
+        self._ends = np.cumsum([len(rows) for rows in self._rows], dtype=np.int64)
+
+    def _open(self) -> None:
+        """Start with nothing open."""
+        self._products: Kept[ProductReader] = Kept(self._product, self._open_objects)
+        self._object_files: Kept[ObjectFile] = Kept(self._object_file, self._open_objects)
+        self._queries: Kept[Sample] = Kept(self._query_table, self._open_objects)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            key: value
+            for key, value in vars(self).items()
+            if key not in ("_products", "_object_files", "_queries")
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._open()
+
+    def __len__(self) -> int:
+        return int(self._ends[-1]) if len(self._ends) else 0
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        size = len(self)
+        if not -size <= index < size:
+            raise IndexError(f"sample {index} of {size}")
+        index = int(index) % size
+        place = int(np.searchsorted(self._ends, index, side="right"))
+        number = index - (int(self._ends[place - 1]) if place else 0)
+        object_id, row = self.object_ids[place], int(self._rows[place][number])
+        query = {key: values[number] for key, values in self._queries[place].items()}
+        sense = SENSES[self.sense]
+        if self.source == "truth":
+            sample = sense.truth(self._products[object_id], row, query, self.settings)
+        else:
+            reader = self._products[object_id] if self._root else None
+            sample = sense.answer(self._object_files[object_id], query, self.settings, reader)
+        tensors = {key: _tensor(value) for key, value in {**sample, **query}.items()}
+        return {**tensors, "object_id": object_id, "query": row}
+
+    def _chosen(self, objects: Sequence[str] | None, part: str | None) -> list[str]:
+        assert self._root is not None
+        folder = self._root / "data" / SENSES[self.sense].kind
+        found = _ids(folder, ARCHIVE)
+        if self.source == "object_file":
+            found &= _ids(self._root / "data" / "object_files", TENSORS)
+        if not found:
+            raise InputError(
+                str(self._root),
+                f"no objects with {folder.name}{' and an Object File' if self.source != 'truth' else ''}",
+                "Name the root of a data set; `dvc pull` or `objectfolder get --stage` brings its products.",
+            )
+        return self._of_split(_checked(objects, found, str(folder)), part)
+
+    def _of_split(self, ids: list[str], part: str | None) -> list[str]:
+        if part is None:
+            return ids
+        assert self._root is not None
+        if part not in OBJECT_SPLITS:
+            raise InputError(
+                "object_split", f"there is no {part!r}", f"Choose of {', '.join(OBJECT_SPLITS)}."
+            )
+        path = self._root / "data" / "records.json"
+        try:
+            rows = json.loads(path.read_text(encoding="utf-8"))["objects"]
+            materials = {object_id: str(rows[object_id]["material"]["name"]) for object_id in ids}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                str(path), f"no materials of the objects in it ({error})", "Restore it."
+            ) from error
+        return [object_id for object_id in ids if object_split(object_id, materials[object_id]) == part]
+
+    def _take_files(self, paths: list[Path], objects: Sequence[str] | None, part: str | None) -> None:
+        if self.source == "truth":
+            where = ", ".join(map(str, paths[:3]))
+            raise InputError(where, "Object Files have no truth with them", 'Choose source="object_file".')
+        if part is not None:
+            raise InputError("object_split", "needs the root of a data set", "Choose files yourself.")
+        for path in paths:
+            if not path.is_file():
+                raise FileNotFoundError(2, "no such file", str(path))
+            self._files[path.name.removesuffix(TENSORS)] = path
+        if len(self._files) < len(paths):
+            raise InputError(str(paths[0].parent), "two files of one name", "Choose one of them.")
+        self.object_ids = _checked(objects, set(self._files), "the files")
+
+    def _product(self, object_id: str) -> ProductReader:
+        assert self._root is not None
+        return ProductReader(self._root / "data" / SENSES[self.sense].kind / f"{object_id}{ARCHIVE}")
+
+    def _object_file(self, object_id: str) -> ObjectFile:
+        if self._root is None:
+            return ObjectFile.load(self._files[object_id])
+        return ObjectFile.load(self._root / "data" / "object_files" / f"{object_id}{TENSORS}")
+
+    def _rows_of(self, object_id: str, queries: int) -> np.ndarray:
+        if self._root is None:
+            return np.arange(queries)
+        held_out = self._product(object_id).whole("held_out")
+        return np.flatnonzero(held_out == (self.split == "held_out"))
+
+    def _query_table(self, place: int) -> Sample:
+        object_id, rows = self.object_ids[place], self._rows[place]
+        if self._root is not None:
+            return SENSES[self.sense].queries(self._products[object_id], rows)
+        seed = seed_from(self._seed, f"{self.sense} {self.split}", object_id)
+        return SENSES[self.sense].sampled(self._object_files[object_id], len(rows), seed)
+
+
+def _ids(folder: Path, suffix: str) -> set[str]:
+    if not folder.is_dir():
+        return set()
+    return {
+        path.name.removesuffix(suffix)
+        for path in folder.iterdir()
+        if path.name.endswith(suffix) and not path.name.startswith(".")
+    }
+
+
+def _checked(objects: Sequence[str] | None, found: set[str], where: str) -> list[str]:
+    if objects is None:
+        return sorted(found)
+    for object_id in objects:
+        if object_id not in found:
+            near = difflib.get_close_matches(object_id, found, n=3, cutoff=0.4) or sorted(found)[:5]
+            raise InputError(where, f"no object {object_id!r}", f"There are {', '.join(near)}.")
+    return list(objects)
+
+
+def _tensor(value: np.ndarray) -> torch.Tensor:
+    array = np.asarray(value)
+    if array.dtype == np.float64:
+        array = array.astype(np.float32)
+    return torch.from_numpy(np.array(array, copy=True))
