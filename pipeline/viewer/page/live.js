@@ -13,7 +13,7 @@
     say("facts", [material, sides, modes, file].filter(Boolean).join(" · "));
     say("credit", [licence, attribution].filter(Boolean).join(" · "));
     const panel = viewer.mount(place, object);
-    object.failed = () => panel.say("The program does not answer. Is objectfolder view still running?");
+    object.failed = (error) => panel.say(error.message);
   } catch (error) {
     place.replaceChildren(
       viewer.element("p", { class: "player-wait", role: "alert" }, `The object cannot be shown: ${error.message}`),

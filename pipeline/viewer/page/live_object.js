@@ -10,6 +10,8 @@
   async function ask(path, question) {
     const response = await fetch(path, {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question),
+    }).catch(() => {
+      throw new Error("The program does not answer. Is objectfolder view still running?");
     });
     if (!response.ok) throw new Error((await response.json()).error);
     const bytes = await response.arrayBuffer();

@@ -1,0 +1,162 @@
+"""The live page in a real browser: what it shows is what the Object File answers."""
+
+import numpy as np
+import pytest
+
+import objectfolder
+from tests.browser import browser, open_page  # noqa: F401
+from tests.viewer.live_servers import served
+from tests.viewer.players import (
+    HOSTILE,
+    click,
+    drag,
+    evaluated,
+    hostile_copy,
+    pixels,
+    python_answers,
+    spectral_peaks,
+    touched,
+)
+
+
+@pytest.fixture(scope="module")
+def address(small_file):
+    with served(small_file) as server:
+        yield server.address
+
+
+@pytest.fixture
+def live(address, open_page):  # noqa: F811
+    watched = open_page(address, viewport={"width": 700, "height": 700})
+    at_rest(watched.page)
+    yield watched
+    assert watched.errors == []
+    assert watched.left_the_machine == []
+
+
+def at_rest(page):
+    page.wait_for_selector(".player-image[data-state=rest]")
+
+
+def test_the_image_is_the_files_own(live, small_file):
+    first = pixels(live.page)
+    assert first.shape[0] >= 128
+    assert np.array_equal(first, python_answers(live.page)["image"])
+    drag(live.page, 0.2)
+    at_rest(live.page)
+    second = pixels(live.page)
+    assert (first != second).any()
+    assert np.array_equal(second, python_answers(live.page)["image"])
+    live.page.get_by_label("Lamp, round").fill("60")
+    live.page.get_by_label("Lamp, round").dispatch_event("change")
+    at_rest(live.page)
+    third = pixels(live.page)
+    assert (third != second).any()
+    assert np.array_equal(third, python_answers(live.page)["image"])
+
+
+def test_dragging_shows_coarse_images_at_once(live):
+    live.page.evaluate(
+        """() => { window.drawn = []; document.addEventListener('player:drawn',
+        ({ detail }) => window.drawn.push(detail)); }"""
+    )
+    drag(live.page, 0.3)
+    at_rest(live.page)
+    drawn = live.page.evaluate("() => window.drawn")
+    assert drawn[0]["sub_rays"] == 4
+    assert drawn[-1]["sub_rays"] is None
+    assert drawn[-1]["resolution"] >= 256
+
+
+def test_a_click_strikes_and_the_python_gives_the_same_sound(live, small_file):
+    page = live.page
+    answer = touched(page, "struck", lambda: click(page, 0.55, 0.5))
+    file = objectfolder.load(small_file)
+    ray = evaluated(page, "panel.last.hit.orbit.ray(panel.last.hit.x, panel.last.hit.y)")
+    hits = file.surface.ray_hits(np.array([ray["origin"]]), np.array([ray["direction"]]))
+    assert np.array_equal(answer["point"], file.surface.points_at(hits.face, hits.barycentric)[0])
+    asked = python_answers(page)
+    played = np.array(page.evaluate("() => Array.from(objectfolderViewer.lastBuffer.getChannelData(0))"))
+    assert np.abs(asked["sound"]).max() > 0
+    assert np.array_equal(played.astype(np.float32), asked["sound"])
+    assert np.allclose(answer["amplitudes"], asked["amplitudes"], rtol=1e-12)
+    strongest = np.argsort(-np.abs(asked["amplitudes"]) / file.modes.dampings_per_s)[:5]
+    frequencies = file.modes.frequencies_hz[strongest]
+    found, _ = spectral_peaks(played, evaluated(page, "panel.last.strike.sample_rate"), frequencies)
+    assert np.abs(1200 * np.log2(found / frequencies)).max() < 1
+    shown = page.locator(".player-answer tbody tr td:first-child").first.text_content()
+    number, unit = shown.split()
+    heard = float(number) * (1000 if unit == "kHz" else 1)
+    assert np.abs(file.modes.frequencies_hz - heard).min() < 0.6
+
+
+def test_a_press_shows_the_packages_touch(live):
+    page = live.page
+    page.get_by_role("radio", name="Press").check()
+    page.get_by_label("Depth").fill("0.8")
+    page.get_by_label("Tilt").fill("5")
+    page.get_by_label("Towards").fill("90")
+    answer = touched(page, "pressed", lambda: click(page, 0.5, 0.5))
+    touch = python_answers(page)["touch"]
+    assert touch.mask.any()
+    shown = np.array(page.evaluate(
+        """() => { const canvas = document.querySelector('.player-touch canvas');
+        return Array.from(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data); }"""
+    ), dtype=np.uint8).reshape(*touch.depth.shape[1:], 4)  # fmt: skip
+    assert np.array_equal(shown[..., :3], touch.rgb[0])
+    assert np.array_equal(np.array(answer["depth"], dtype=np.float32), touch.depth[0].ravel())
+    assert answer["reachable"] == touch.reachable[0]
+    assert "0.80 mm" in page.locator(".player-said").text_content()
+
+
+def test_the_python_is_copied(live):
+    page = live.page
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_text("The same in Python").click()
+    page.get_by_role("button", name="Copy").click()
+    page.get_by_role("button", name="Copied").wait_for()
+    assert page.evaluate("() => navigator.clipboard.readText()") == page.locator("code").text_content()
+
+
+def test_texts_of_strangers_stay_texts(small_file, open_page, tmp_path):  # noqa: F811
+    with served(hostile_copy(small_file, tmp_path / "bar.safetensors")) as server:
+        watched = open_page(server.address)
+        at_rest(watched.page)
+        assert watched.page.locator("h1").text_content() == HOSTILE
+        assert HOSTILE in watched.page.locator("#credit").text_content()
+        assert watched.page.evaluate("() => window.hacked") is None
+        assert watched.page.locator("img").count() == 0
+        assert watched.errors == []
+
+
+def test_a_server_that_is_gone_is_said(small_file, open_page):  # noqa: F811
+    with served(small_file) as server:
+        page = open_page(server.address).page
+        at_rest(page)
+    click(page)
+    page.wait_for_function("document.querySelector('.player-said').textContent.includes('does not answer')")
+
+
+def test_another_page_cannot_ask(live, open_page, address, tmp_path):  # noqa: F811
+    """A page of another origin, in the same browser."""
+    (tmp_path / "evil.html").write_text("<!doctype html><title>evil</title>")
+    page = open_page(tmp_path / "evil.html").page
+    for mode in ("cors", "no-cors"):
+        said = page.evaluate(
+            """async ([address, mode]) => { try {
+            const response = await fetch(address + 'object', { method: 'POST', mode, body: '{}' });
+            return response.type + (await response.text());
+            } catch (error) { return 'refused'; } }""",
+            [address, mode],
+        )
+        assert said in ("refused", "opaque")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_fault_of_accessibility(live, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
+    live.page.emulate_media(color_scheme=scheme)
+    touched(live.page, "struck", lambda: click(live.page))
+    live.page.get_by_text("The same in Python").click()
+    faults = axe.run(live.page).response["violations"]
+    assert [(fault["id"], [node["html"] for node in fault["nodes"]]) for fault in faults] == []

@@ -1,0 +1,167 @@
+"""The player of a page from disk, in a real browser with clicks."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import objectfolder
+from pipeline.viewer.static import write_player, write_player_assets
+from tests.browser import browser, open_page  # noqa: F401
+from tests.viewer.players import (
+    HOSTILE,
+    click,
+    drag,
+    evaluated,
+    hostile_copy,
+    pixels,
+    python_answers,
+    spectral_peaks,
+    touched,
+)
+
+PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Objects</title>
+<link rel="stylesheet" href="files/player.css"><script src="files/player.js" defer></script>
+<main><h1>An object</h1>
+<div class="player" data-object="bar" data-script="files/bar.player.js"></div></main></html>"""
+
+
+@pytest.fixture(scope="module")
+def folder(small_file, tmp_path_factory):
+    """A published report of one object, beside its Object File."""
+    root = tmp_path_factory.mktemp("report")
+    write_player_assets(root / "files")
+    write_player(small_file, root / "files", "bar")
+    (root / "data" / "object_files").mkdir(parents=True)
+    shutil.copy(small_file, root / "data" / "object_files" / "bar.safetensors")
+    (root / "index.html").write_text(PAGE)
+    return root
+
+
+@pytest.fixture
+def player(folder, open_page, monkeypatch):  # noqa: F811
+    """The page with its player started; Python of the page runs beside the data."""
+    monkeypatch.chdir(folder)
+    watched = open_page(folder / "index.html", viewport={"width": 700, "height": 700})
+    watched.page.wait_for_selector(".player-side")
+    watched.page.wait_for_function("document.querySelector('.player-image').width > 150")
+    yield watched
+    assert watched.errors == []
+    assert watched.left_the_machine == []
+
+
+def test_drag_keys_zoom_and_lamp_change_the_image(player):
+    page = player.page
+    images = [pixels(page)]
+
+    def changed(act):
+        act()
+        page.wait_for_function("() => true")
+        images.append(pixels(page))
+        assert (images[-1] != images[-2]).any()
+
+    changed(lambda: drag(page, 0.2))
+    assert evaluated(page, "panel.orbit.azimuth") == pytest.approx(-96, abs=0.5)
+    changed(lambda: drag(page, 0.2, shift=True))
+    assert evaluated(page, "panel.orbit.lamp.across") == pytest.approx(16, abs=0.5)
+    page.locator(".player-image").focus()
+    changed(lambda: page.keyboard.press("ArrowUp"))
+    changed(lambda: page.keyboard.press("Shift+ArrowLeft"))
+    changed(lambda: page.keyboard.press("+"))
+    changed(lambda: page.mouse.wheel(0, 100))
+    changed(lambda: page.get_by_label("Lamp, up").fill("80"))
+    page.get_by_label("View as at first").click()
+    assert (pixels(page) == images[0]).all()
+
+
+def test_the_silhouette_is_the_packages(player, folder):
+    file = objectfolder.load("data/object_files/bar.safetensors")
+    for _ in range(2):
+        drawn = (pixels(player.page) < 255).any(axis=2)
+        camera = np.array(evaluated(player.page, "panel.orbit.cameraToWorld()"))
+        light = np.array(evaluated(player.page, "panel.orbit.lightPosition()"))
+        mask = file.render(camera, light, len(drawn), passes=["mask"])["mask"][0]
+        assert mask.mean() > 0.05
+        assert (drawn & mask).sum() / (drawn | mask).sum() > 0.97
+        drag(player.page, 0.25)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.5, 0.5), (0.62, 0.47)])
+def test_a_click_strikes_where_the_package_says_and_sounds_as_it_does(player, x, y):
+    page = player.page
+    answer = touched(page, "struck", lambda: click(page, x, y))
+    hit = evaluated(page, "({ ...panel.last.hit.orbit.ray(panel.last.hit.x, panel.last.hit.y) })")
+    file = objectfolder.load("data/object_files/bar.safetensors")
+    hits = file.surface.ray_hits(np.array([hit["origin"]]), np.array([hit["direction"]]))
+    # 10 nm and a thousandth of a degree: the surface is stored exactly.
+    expected = file.surface.points_at(hits.face, hits.barycentric)[0]
+    assert np.linalg.norm(np.array(answer["point"]) - expected) < 1e-8
+    normal = file.surface.normals_at(hits.face, hits.barycentric)[0]
+    assert np.array(answer["normal"]) @ normal == pytest.approx(1, abs=1e-9)
+
+    asked = python_answers(page)
+    rate = evaluated(page, "panel.last.strike.sample_rate")
+    played = np.array(page.evaluate("() => Array.from(objectfolderViewer.lastBuffer.getChannelData(0))"))
+    assert len(played) == len(asked["sound"])
+    # The same sound but for the gains, which are interpolated between stored places: -30 dB.
+    assert rms(played - asked["sound"]) < 10 ** (-30 / 20) * rms(asked["sound"])
+    amplitudes = np.array(answer["amplitudes"])
+    assert rms(amplitudes - asked["amplitudes"]) < 10 ** (-30 / 20) * rms(asked["amplitudes"])
+    # And in its spectrum: the strongest partials within 1 cent of the file's modes and 1 dB of their levels.
+    strength = np.abs(asked["amplitudes"]) / file.modes.dampings_per_s
+    strongest = np.argsort(-strength)[:5]
+    frequencies = file.modes.frequencies_hz[strongest]
+    found, levels = spectral_peaks(played, rate, frequencies)
+    _, wanted = spectral_peaks(asked["sound"].astype(float), rate, frequencies)
+    assert np.abs(1200 * np.log2(found / frequencies)).max() < 1
+    assert np.abs(levels - wanted).max() < 1
+
+
+def test_strength_scales_the_sound_and_the_direction_is_taken(player):
+    page = player.page
+    weak = touched(page, "struck", lambda: click(page))
+    page.get_by_label("Strength").fill("-0.3")
+    strong = touched(page, "struck", lambda: click(page))
+    ratio = 10 ** (-0.3 + 1.3)
+    assert np.allclose(np.array(strong["sound"]), ratio * np.array(weak["sound"]), rtol=1e-4, atol=1e-6)
+    page.get_by_label("Direction").select_option("down")
+    down = touched(page, "struck", lambda: click(page))
+    assert down["impulse"] == pytest.approx([0, 0, -(10**-0.3)])
+
+
+def test_keys_strike_the_middle_and_a_miss_is_said(player):
+    page = player.page
+    page.locator(".player-image").focus()
+    answer = touched(page, "struck", lambda: page.keyboard.press("Enter"))
+    assert evaluated(page, "[panel.last.hit.x, panel.last.hit.y]") == [0.5, 0.5]
+    assert len(answer["sound"]) > 44100
+    assert "Struck" in page.locator(".player-said").text_content()
+    click(page, 0.02, 0.02)
+    page.wait_for_function(
+        "document.querySelector('.player-said').textContent.includes('nothing of the object')"
+    )
+
+
+def test_texts_of_strangers_stay_texts(folder, small_file, open_page, tmp_path):  # noqa: F811
+    file = hostile_copy(small_file, tmp_path / "bar.safetensors")
+    write_player_assets(tmp_path / "files")
+    write_player(file, tmp_path / "files", "bar")
+    (tmp_path / "index.html").write_text(PAGE)
+    watched = open_page(tmp_path / "index.html")
+    watched.page.wait_for_selector(".player-side")
+    assert HOSTILE in watched.page.locator(".player-image").get_attribute("aria-label")
+    assert watched.page.evaluate("() => window.hacked") is None
+    assert watched.page.locator("img").count() == 0
+
+
+def test_data_that_is_not_there_is_said(open_page, tmp_path):  # noqa: F811
+    write_player_assets(tmp_path / "files")
+    (tmp_path / "index.html").write_text(PAGE)
+    watched = open_page(tmp_path / "index.html")
+    alert = watched.page.get_by_role("alert")
+    alert.wait_for()
+    assert "bar.player.js could not be read" in alert.text_content()
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
