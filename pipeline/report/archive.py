@@ -151,16 +151,16 @@ class Archive:
         except DAMAGE as error:
             raise self._damaged(error) from error
 
-    def item_sums(self, name: str) -> list[tuple[int, int]]:
-        """Return size and checksum of each item as it is stored; equal items of equal products agree.
+    def item_sums(self, name: str) -> list[tuple[int, int] | None]:
+        """Return size and checksum of each item as it is stored, by which equal items are known.
 
-        An item that is all zeros is not stored, and has (0, 0).
+        None for an item that does not lie in a chunk of its own, or is not stored because it is all zeros.
         """
         try:
             shape, chunk, _ = self._form(name)
-            sums = [(0, 0)] * shape[0]
+            sums: list[tuple[int, int] | None] = [None] * shape[0]
             if chunk[0] != 1:
-                return []
+                return sums
             rest = b"/0" * (len(shape) - 1)
             for found in re.finditer(re.escape(f"{name}/c/".encode()) + rb"(\d{1,9})" + rest, self.directory):
                 entry = self._entry_at(found.start(), found[0])

@@ -61,8 +61,9 @@ def find_touches(fidelity: Archive, touches: Archive) -> list[int | None]:
     shown = fidelity.item_sums("touch_truth")
     stored: dict[tuple[int, int], int] = {}
     for index, sums in enumerate(touches.item_sums("rgb")):
-        stored.setdefault(sums, index)
-    found: list[int | None] = [stored.get(sums) for sums in shown]
+        if sums is not None:
+            stored.setdefault(sums, index)
+    found = [None if sums is None else stored.get(sums) for sums in shown]
     if None in found:
         images, held_out = touches.array("rgb"), touches.array("held_out")
         for place, truth in enumerate(fidelity.array("touch_truth")):

@@ -29,6 +29,7 @@ SCRIPTS = ("theme.js", "object.js")
 SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096
+PLAYER_STYLE = b'href="player.css"'
 _FINGERPRINT = re.compile(rb'<meta name="fingerprint" content="([0-9a-f]{64})">')
 
 
@@ -77,14 +78,15 @@ def fingerprint(record: Record, shelf: Shelf, costs: Costs, around: Neighbourhoo
     return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
 
-def shown_fingerprint(page: Path) -> str | None:
-    """Return the fingerprint that a page carries, None where there is none."""
+def shown_fingerprint(page: Path) -> tuple[str | None, bool]:
+    """Return the fingerprint that a page carries, None where there is none, and whether it has a player."""
     try:
         with page.open("rb") as file:
-            found = _FINGERPRINT.search(file.read(HEAD_BYTES))
+            head = file.read(HEAD_BYTES)
     except FileNotFoundError:
-        return None
-    return found[1].decode() if found else None
+        return None, False
+    found = _FINGERPRINT.search(head)
+    return found[1].decode() if found else None, PLAYER_STYLE in head
 
 
 def render_object(

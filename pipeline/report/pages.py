@@ -77,15 +77,18 @@ def write_pages(
             player,
         )
         made_of = fingerprint(record, shelf, costs, around, pairs)
-        files = [name for name in (page.name, page.with_suffix(".webp").name, player) if name]
+        files = [page.name, page.with_suffix(".webp").name]
+        shown, has_player = shown_fingerprint(page)
         try:
-            if shown_fingerprint(page) == made_of and all((folder / name).exists() for name in files):
+            if shown == made_of and all((folder / name).exists() for name in files + [player] * has_player):
+                files += [player] * has_player
                 kept.append(record.object_id)
             else:
                 problem = players.write(record) if player else ""
                 if problem:
                     around = replace(around, player="")
-                    files.remove(player)
+                elif player:
+                    files.append(player)
                 thumb = _thumbnail(shelf.archive("fidelity", stored_name(record)))
                 text = render_object(record, shelf, costs, around, pairs, made_of, problem)
                 _write(page.with_suffix(".webp"), thumb)

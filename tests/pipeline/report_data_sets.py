@@ -1,0 +1,134 @@
+"""Small data sets with every product that a report reads, made by code."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fidelity_products import fidelity
+
+from objectfolder.store import Array, Product, write_product
+from objectfolder.tensor_file import TensorFile, write_tensor_file
+
+HOSTILE = (
+    "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\">'\"&</title></table>"
+)
+SIDE_M = 0.06
+STAGES = ("objects", "views", "modes", "touches", "encoded", "fidelity")
+SENSOR = {"name": "DIGIT", "gel_apex_m": [0.022, 0.0, 0.0], "gel_width_m": 0.02, "gel_height_m": 0.03}
+
+
+def cube() -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a cube about the origin, outward."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * SIDE_M / 2
+    faces = [
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+    ]  # fmt: skip
+    return corners.astype(np.float64), np.array(faces, dtype=np.int64)
+
+
+def sensor_to_object(point: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """A pose whose gel meets `point` from outside: the sensor looks along its x axis."""
+    forward = -normal
+    side = np.cross([0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0], forward)
+    side /= np.linalg.norm(side)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([forward, side, np.cross(forward, side)], axis=1)
+    pose[:3, 3] = point - pose[:3, :3] @ np.array(SENSOR["gel_apex_m"])
+    return pose
+
+
+def touched(truth: np.ndarray, before: int = 3) -> tuple[Product, np.ndarray, np.ndarray]:
+    """Touches of a cube, `before` others ahead of those that `truth` shows; their points and normals."""
+    count = before + len(truth)
+    generator = np.random.default_rng(7)
+    normals = np.tile([[1.0, 0, 0], [0, -1.0, 0], [0, 0, 1.0], [0, 0, -1.0]], (count, 1))[:count]
+    spread = generator.uniform(-0.4, 0.4, (count, 3)) * SIDE_M * (normals == 0)
+    points = normals * SIDE_M / 2 + spread
+    images = generator.integers(0, 255, (count, *truth.shape[1:]), np.uint8)
+    images[before:] = truth
+    per_touch = {
+        "points": points,
+        "normals": normals,
+        "sensor_to_object": np.stack([sensor_to_object(*pair) for pair in zip(points, normals, strict=True)]),
+        "depth_m": np.full(count, 0.001),
+        "tilt_deg": np.zeros(count),
+        "penetration_m": np.full(count, 0.001),
+        "contact_area_m2": np.full(count, 2e-5),
+        "held_out": np.arange(count) >= 1,
+    }
+    arrays = {
+        name: Array(value, ("touch", "i", "j")[: value.ndim], "1", name) for name, value in per_touch.items()
+    }
+    arrays["rgb"] = Array(images, ("touch", "y", "x", "channel"), "1", "images")
+    return Product(arrays, {"sensor": SENSOR}), points, normals
+
+
+def write_object(
+    data: Path,
+    object_id: str,
+    *,
+    text: str = "",
+    shift: float = 0.0,
+    audible: bool = True,
+    senses: str = "vat",
+) -> None:
+    """Write the products of an object; `text` stands in every field that people fill in.
+
+    Parameters
+    ----------
+    senses
+        First letters of the senses whose arrays the fidelity product has.
+    """
+    product = fidelity(object_id, name=text or None, shift=shift, audible=audible)
+    attributes: dict[str, Any] = dict(product.attributes)
+    if text:
+        attributes["object"] = dict.fromkeys(
+            ("name", "material", "licence", "attribution", "source"), text
+        ) | {"id": object_id}
+        attributes["definitions"] = {text: text}
+    attributes["provenance"] = {
+        "fingerprints": {stage: "new" for stage in STAGES},
+        "parameters": {text or "steps": text or 60},
+        "record": {"material": {"density_kg_m3": 2700.0, text or "note": text}, "material_citation": text},
+        "seed": 5,
+    }
+    arrays = {
+        name: array
+        for name, array in product.arrays.items()
+        if {"vision": "v", "strike": "a", "touch": "t"}[name.partition("_")[0]] in senses
+    }
+    write_product(data / "fidelity" / f"{object_id}.zarr.zip", Product(arrays, attributes))
+    vertices, faces = cube()
+    mesh = {
+        "vertices": Array(vertices, ("vertex", "axis"), "m", "vertices", chunk_first=False),
+        "faces": Array(faces, ("face", "corner"), "1", "faces", chunk_first=False),
+    }
+    write_product(data / "objects" / f"{object_id}.zarr.zip", Product(mesh, {"fingerprint": "object"}))
+    touches, _, _ = touched(product["touch_truth"])
+    write_product(data / "touches" / f"{object_id}.zarr.zip", touches)
+    if audible:
+        write_modes(data, object_id, [mode["frequency_hz"] for mode in attributes["audio"]["modes_table"]])
+
+
+def write_modes(data: Path, object_id: str, frequencies_hz: list[float], cents: float = 3.0) -> None:
+    """Write modes, and an Object File's tensors whose frequencies are `cents` higher.
+
+    The file holds nothing else, so no player can be made of it.
+    """
+    count = len(frequencies_hz)
+    estimates = np.full(count, 1.5)
+    estimates[1:] = np.nan
+    points = np.random.default_rng(0).uniform(-1, 1, (6, 3))
+    modes = {
+        "error_estimates_cents": Array(estimates, ("mode",), "cents", "estimates"),
+        "points": Array(points, ("point", "axis"), "m", "points"),
+        "held_out": Array(np.arange(6) >= 2, ("point",), "1", "held out"),
+    }
+    write_product(data / "modes" / f"{object_id}.zarr.zip", Product(modes, {}))
+    dampings = np.full(count, 6.0)
+    angular = 2 * np.pi * np.array(frequencies_hz) * 2 ** (cents / 1200)
+    tensors = {"audio.eigenvalues": angular**2 + dampings**2, "audio.dampings_per_s": dampings}
+    write_tensor_file(
+        data / "object_files" / f"{object_id}.safetensors", TensorFile(tensors, {"format": "x"})
+    )

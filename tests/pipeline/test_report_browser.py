@@ -1,0 +1,255 @@
+"""Pages of a report in a real browser: used by keyboard and mouse, checked for accessibility, watched."""
+
+import base64
+import io
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import axe_playwright_python
+import numpy as np
+import pytest
+from fidelity_products import FAILURE, write_costs
+from PIL import Image
+from report_data_sets import HOSTILE, write_object
+
+from objectfolder.store import Product, read_product, write_product
+from pipeline.report import write_report
+
+pytest_plugins = ["tests.browser"]
+AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"
+PHONE = {"width": 360, "height": 740}
+# More objects than one part of the table holds.
+OBJECTS = 104
+PATIENCE_S = 60.0
+MATERIALS = ("steel", "glass", "wood")
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The reports of a data set: a few objects with pages that show all, and many that repeat one product."""
+    root = tmp_path_factory.mktemp("browser")
+    write_object(root / "data", "hostile", text=HOSTILE, shift=4.0)
+    write_object(root / "data", "mug")
+    fidelity = root / "data" / "fidelity"
+    one = read_product(fidelity / "mug.zarr.zip")
+    for index in range(OBJECTS - 2):
+        described = {**one.attributes["object"], "id": f"o{index}", "name": f"Object {index}"}
+        described |= {"material": MATERIALS[index % 3], "source": f"https://host{index % 2}.example/{index}"}
+        vision = {**one.attributes["vision"], "psnr_foreground_db": 33.0 + index / 7}
+        attributes = {**one.attributes, "object": described, "vision": vision}
+        write_product(fidelity / f"o{index}.zarr.zip", Product({}, attributes))
+    failure = FAILURE | {"error": HOSTILE, "remedy": HOSTILE}
+    write_report(fidelity, write_costs(root / "costs.csv", ["mug"]), root / "reports", [failure], pairs=4)
+    return root / "reports"
+
+
+def until(page: Any, condition: str) -> None:
+    """Wait for a condition; Playwright's own way evaluates text in the page, which the page forbids."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not page.evaluate(condition):
+        assert time.monotonic() < deadline, condition
+        page.wait_for_timeout(20)
+
+
+def names(page: Any) -> list[str]:
+    return page.eval_on_selector_all("#table tbody th", "cells => cells.map(cell => cell.innerText.trim())")
+
+
+def column(page: Any, place: int) -> list[str]:
+    script = f"rows => rows.map(row => row.cells[{place}].innerText.trim())"
+    return page.eval_on_selector_all("#table tbody tr", script)
+
+
+def numbers(texts: list[str]) -> list[float]:
+    return [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts if text != "\N{EN DASH}"]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", ["index.html", "objects/mug.html"])
+def test_axe_finds_nothing(reports: Path, open_page: Callable[..., Any], scheme: str, name: str) -> None:
+    watched = open_page(reports / name, color_scheme=scheme, bypass_csp=True)
+    page = watched.page
+    page.evaluate("for (const details of document.querySelectorAll('details')) details.open = true")
+    if name == "index.html":
+        page.fill("#search", "object 1")  # a dozen rows stand for all
+    page.add_script_tag(path=str(AXE))
+    found = page.evaluate("axe.run().then(result => result.violations)")
+    assert [(rule["id"], rule["nodes"][0]["html"]) for rule in found] == []
+
+
+@pytest.mark.parametrize("name", ["index.html", "objects/mug.html", "objects/hostile.html"])
+def test_nothing_leaves_runs_or_overflows(reports: Path, open_page: Callable[..., Any], name: str) -> None:
+    for size in (PHONE, {"width": 1280, "height": 900}):
+        watched = open_page(reports / name, viewport=size)
+        page = watched.page
+        page.wait_for_load_state("networkidle")
+        page.evaluate("scrollTo(0, document.body.scrollHeight)")
+        page.wait_for_load_state("networkidle")
+        assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+        assert page.evaluate("document.title") != "run"
+        assert page.evaluate("[...document.scripts].every(s => !s.textContent.startsWith('document.title'))")
+        assert watched.left_the_machine == []
+        assert watched.errors == []
+
+
+def test_a_policy_stops_what_would_run(reports: Path, open_page: Callable[..., Any]) -> None:
+    """Were markup let through, the browser still would neither run nor fetch it."""
+    watched = open_page(reports / "index.html")
+    page = watched.page
+    page.evaluate("""() => {
+        window.ran = false;
+        const wrong = document.createElement('div');
+        wrong.innerHTML = '<img src="x" onerror="window.ran = true"><img src="https://example.org/x.png">';
+        document.body.append(wrong);
+    }""")
+    until(page, "[...document.querySelectorAll('body > div img')].every(image => image.complete)")
+    assert not page.evaluate("window.ran")
+    refused = [error for error in watched.errors if "Content Security Policy" in error]
+    assert any("example.org" in error for error in refused)
+    assert any("inline event handler" in error for error in refused)
+
+
+def test_the_table_is_sorted_by_its_headers(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "index.html").page
+    margins = numbers(column(page, 4))
+    assert margins == sorted(margins), "worst first"
+    assert names(page)[0].startswith("<script>document.title")
+    assert page.get_attribute("#table th:nth-child(5)", "aria-sort") == "ascending"
+    page.focus("#table th:nth-child(6) button")
+    page.keyboard.press("Enter")
+    values = numbers(column(page, 5))
+    assert values == sorted(values)
+    page.keyboard.press("Space")
+    values = numbers(column(page, 5))
+    assert values == sorted(values, reverse=True)
+    assert page.get_attribute("#table th:nth-child(6)", "aria-sort") == "descending"
+    assert page.get_attribute("#table th:nth-child(5)", "aria-sort") is None
+    page.click("#table th:nth-child(1) button")
+    shown = [name.split("\n")[0] for name in names(page)]
+    objects = [int(name.split()[1]) for name in shown if name.startswith("Object")]
+    assert objects == sorted(objects), "Object 10 comes after Object 9"
+
+
+def test_rows_are_shown_in_parts(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "index.html").page
+    assert page.inner_text("#found") == f"{OBJECTS + 1} objects"
+    first = names(page)
+    assert len(first) == 100
+    assert page.is_disabled("#before")
+    page.click("#after")
+    second = names(page)
+    assert len(second) == OBJECTS + 1 - 100
+    assert second[-1] == "broken", "what failed has no margin"
+    assert not set(first) & set(second)
+    assert page.inner_text("#where") == f"101 to {OBJECTS + 1} of {OBJECTS + 1}"
+
+
+def test_search_and_filters_narrow_the_table(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "index.html").page
+    page.fill("#search", "object 17")
+    assert [name.split("\n")[0] for name in names(page)] == ["Object 17"]
+    assert page.inner_text("#found") == f"1 of {OBJECTS + 1} objects"
+    page.fill("#search", "<script>")
+    assert len(names(page)) == 1
+    page.click("button[type=reset]")
+    until(page, "document.querySelectorAll('#table tbody tr').length === 100")
+    page.select_option("#material", "glass")
+    page.select_option("#source", "host1.example")
+    assert set(column(page, 1)) == {"glass"}
+    assert set(column(page, 2)) == {"host1.example"}
+    assert len(names(page)) == len([i for i in range(OBJECTS - 2) if i % 3 == 1 and i % 2 == 1])
+    page.click("button[type=reset]")
+    until(page, "document.querySelectorAll('#table tbody tr').length === 100")
+    page.select_option("#status", "failed")
+    assert names(page) == ["broken"]
+    assert page.is_hidden("#after")
+
+
+def test_the_switch_is_remembered(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "index.html", color_scheme="light").page
+    background = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(background)
+    assert page.get_attribute("button.theme", "aria-checked") == "false"
+    page.focus("button.theme")
+    page.keyboard.press("Space")
+    dark = page.evaluate(background)
+    assert dark != light
+    page.reload()
+    assert page.evaluate(background) == dark
+    assert page.get_attribute("button.theme", "aria-checked") == "true"
+    assert open_page(reports / "index.html", color_scheme="dark").page.evaluate(background) == dark
+
+
+def test_a_slider_chooses_the_query_by_keyboard(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "objects" / "mug.html").page
+    for sense in ("view", "touch"):
+        shown = f"[data-sense={sense}] .query:not([hidden])"
+        assert page.locator(shown).count() == 1
+        assert page.get_attribute(shown, "data-place") == "worst"
+        page.focus(f"#{sense}-query")
+        page.keyboard.press("ArrowRight")
+        assert page.get_attribute(shown, "data-place") == "rank 2 of 4 stored"
+        page.keyboard.press("End")
+        assert page.get_attribute(shown, "data-place") == "best"
+        assert page.get_attribute(f"#{sense}-query", "aria-valuetext") == "4 of 4: best"
+        assert page.inner_text(f"[data-sense={sense}] output") == "4 of 4: best"
+
+
+def pixels(page: Any, selector: str) -> np.ndarray:
+    uri = page.eval_on_selector(selector, "canvas => canvas.toDataURL('image/png')")
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))).convert("RGB"))
+
+
+def test_the_difference_is_that_of_the_stored_pictures(reports: Path, open_page: Callable[..., Any]) -> None:
+    product = read_product(reports.parent / "data" / "fidelity" / "mug.zarr.zip")
+    page = open_page(reports / "objects" / "mug.html").page
+    for sense, name in (("view", "vision"), ("touch", "touch")):
+        difference = product[f"{name}_answer"].astype(int) - product[f"{name}_truth"]
+        canvas = f"[data-sense={sense}] .query:not([hidden]) canvas"
+        page.wait_for_selector(f"{canvas}[data-factor='8']")
+        assert np.array_equal(pixels(page, canvas), np.clip(128 + 8 * difference[0], 0, 255))
+        page.select_option(f"[data-sense={sense}] select", "2")
+        page.wait_for_selector(f"{canvas}[data-factor='2']")
+        assert np.array_equal(pixels(page, canvas), np.clip(128 + 2 * difference[0], 0, 255))
+        page.select_option(f"[data-sense={sense}] select", "8")
+
+
+def test_a_button_plays_its_sound_and_stops_the_other(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "objects" / "mug.html").page
+    buttons = page.locator("[data-sense=strike] .query:not([hidden]) button.play")
+    assert buttons.count() == 2
+    sounds = "[...document.querySelectorAll('.query:not([hidden]) audio')]"
+    page.evaluate(f"""window.played = [];
+        {sounds}.forEach((audio, i) => audio.addEventListener('playing', () => played.push(i)))""")
+    buttons.nth(0).click()
+    until(page, "played.length === 1")
+    buttons.nth(1).focus()
+    page.keyboard.press("Enter")
+    until(page, "played.length === 2")
+    assert page.evaluate("played") == [0, 1]
+    until(page, f"{sounds}.every(audio => audio.paused || audio === {sounds}[1])")
+    assert page.evaluate(f"{sounds}[1].duration") == pytest.approx(1.0, abs=0.6)
+    until(page, f"{sounds}[1].ended")
+    assert buttons.nth(1).get_attribute("aria-pressed") == "false"
+
+
+def test_the_first_key_skips_to_the_content(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "index.html").page
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "content"
+
+
+def test_an_object_leads_to_its_neighbour_and_back(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "objects" / "mug.html").page
+    page.click("a[rel=next]")
+    page.wait_for_url("**/o0.html")
+    page.click("text=All objects")
+    page.wait_for_url("**/index.html")
+    page.click("#table tbody th a")
+    page.wait_for_url(re.compile(r"objects/\w+\.html"))
+    assert page.evaluate("document.title").startswith("<script>")

@@ -1,0 +1,263 @@
+"""Pages of a report as text: valid, self-contained, safe whatever the data say, made only when needed."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import html5lib
+import numpy as np
+import pytest
+from fidelity_products import FAILURE, fidelity, write_costs
+from report_data_sets import HOSTILE, write_object
+
+from objectfolder.store import Array, Product, read_product, write_product
+from pipeline.report import write_report
+from pipeline.report.object_page import page_name, shown_fingerprint
+
+HOSTILE_FAILURE = {"object": "broken", "stage": HOSTILE, "error": HOSTILE, "remedy": HOSTILE}
+UNICODE = "Krug «Größe» 茶碗 🏺 ‮right to left"
+
+
+class Page(HTMLParser):
+    """Tags, references and text of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.references: list[tuple[str, str]] = []
+        self.text = ""
+        self.tags: list[str] = []
+        self.handlers: list[str] = []
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        names = {
+            "src",
+            "href",
+            "srcset",
+            "xlink:href",
+            "data",
+            "poster",
+            "action",
+            "background",
+            "data-script",
+        }
+        self.references += [(tag, value or "") for name, value in attributes if name in names]
+        self.handlers += [name for name, _ in attributes if name.startswith("on")]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data set: one of people's worst, one silent, one with a sense missing, one that failed before."""
+    root = tmp_path_factory.mktemp("report")
+    write_object(root / "data", "hostile", text=HOSTILE, shift=4.0)
+    write_object(root / "data", "die", text=UNICODE, audible=False)
+    write_object(root / "data", "deaf", senses="vt")
+    write_object(root / "data", "mug")
+    report(root)
+    return root
+
+
+def report(root: Path) -> None:
+    costs = write_costs(root / "costs.csv", ["mug"])
+    own = {"object": "mug", "stage": "views", "error": HOSTILE, "remedy": "Again."}
+    write_report(root / "data" / "fidelity", costs, root / "reports", [FAILURE, HOSTILE_FAILURE, own])
+
+
+def pages_of(root: Path) -> list[Path]:
+    return [root / "reports" / "index.html", *sorted((root / "reports" / "objects").glob("*.html"))]
+
+
+def test_pages_are_valid_html(root: Path) -> None:
+    for path in pages_of(root):
+        html5lib.HTMLParser(strict=True).parse(path.read_text(encoding="utf-8"))
+
+
+def test_ids_of_a_page_are_unique_and_labels_name_them(root: Path) -> None:
+    for path in pages_of(root):
+        source = path.read_text(encoding="utf-8")
+        ids = re.findall(r'\sid="([^"]+)"', source)
+        assert len(ids) == len(set(ids))
+        for names in re.findall(r'\s(?:for|aria-labelledby)="([^"]+)"', source):
+            assert set(names.split()) <= set(ids)
+
+
+def test_pages_refer_to_nothing_beyond_their_folder(root: Path) -> None:
+    beside = {path.name for path in (root / "reports" / "objects").iterdir()}
+    for path in pages_of(root):
+        page = Page(path)
+        assert page.references
+        for tag, reference in page.references:
+            if tag == "a" and reference.startswith("https://"):
+                continue
+            local = reference.startswith(("data:", "#")) or reference.removeprefix("objects/") in beside
+            assert local or reference == "../index.html", (tag, reference[:60])
+        assert not {"iframe", "object", "embed", "base"} & set(page.tags)
+        assert "@import" not in page.source
+        assert "url(" not in page.source
+        # Addresses stand in links and in their text, nowhere else.
+        assert not re.search(r"https?://", re.sub(r'<a href="[^"]*"[^>]*>[^<]*</a>', "", page.source))
+
+
+def test_hostile_text_is_text(root: Path) -> None:
+    for path in pages_of(root):
+        page = Page(path)
+        assert page.handlers == []
+        assert "x" not in [reference for _, reference in page.references]
+        assert "<script>document" not in page.source
+        own = {"index.html": {"script": 3}, "": {"script": 2}}
+        assert page.tags.count("script") == own.get(path.name, own[""])["script"]
+        assert page.tags.count("table") == page.source.count("</table>")
+    text = Page(root / "reports" / "objects" / "hostile.html").text
+    assert text.count(HOSTILE) >= 8, "name, material, licence, attribution, source, definitions, citation ..."
+    assert Page(root / "reports" / "index.html").text.count(HOSTILE) >= 6
+
+
+def test_only_named_scripts_may_run(root: Path) -> None:
+    for path in pages_of(root):
+        policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', path.read_text())
+        assert policy
+        directives = dict(
+            part.strip().partition(" ")[::2] for part in policy[1].replace("&#39;", "'").split(";")
+        )
+        assert directives["default-src"] == "'none'"
+        assert "unsafe" not in directives["script-src"]
+        assert "connect-src" not in directives
+        assert not any("http" in value or "*" in value for value in directives.values())
+
+
+def test_the_index_says_what_is_known(root: Path) -> None:
+    index = Page(root / "reports" / "index.html")
+    assert "4 objects measured" in index.text
+    assert "2 failed" in index.text
+    rows = re.findall(r'<th scope="row"><img.*?href="objects/(.*?)\.html"', index.source)
+    assert rows[0] == "hostile", "the worst is first"
+    assert set(rows) == {"hostile", "die", "deaf", "mug"}
+    assert "broken" in index.text
+    assert "1 silent object" in index.text
+    for text in ("Own words of the product.", "Distributions over objects", "Against rivals"):
+        assert (text in index.text) == (text != "Against rivals"), "no comparison lies beside this data set"
+    numbers = json.loads(re.search(r'id="values">(.*?)</script>', index.source)[1])  # type: ignore[index]
+    assert len(numbers) == 5
+    assert numbers[0][1] == 31.0
+    assert numbers[-1] == [None] * len(numbers[0])
+    assert index.source.count('loading="lazy"') == 4
+
+
+def test_a_page_shows_every_sense(root: Path) -> None:
+    page = Page(root / "reports" / "objects" / "mug.html")
+    assert page.tags.count("audio") == 4
+    assert page.tags.count("canvas") == 8
+    assert page.source.count('class="spot') == 4
+    assert page.source.count("data:audio/wav") == 4
+    assert "views failed." in page.text
+    assert "A. Maker" in page.text
+    assert "density_kg_m3" in page.text.replace(" ", "_")
+    assert "999" not in page.text, "the seconds of the product in use, not of an older one"
+    assert "Silent: the solver finds no mode" in Page(root / "reports" / "objects" / "die.html").text
+    deaf = Page(root / "reports" / "objects" / "deaf.html")
+    assert "No held-out strike is stored." in deaf.text
+    assert deaf.tags.count("audio") == 0
+
+
+def test_neighbours_are_linked_in_the_order_of_ids(root: Path) -> None:
+    for name, before, after in (("deaf", None, "die"), ("die", "deaf", "hostile"), ("mug", "hostile", None)):
+        source = (root / "reports" / "objects" / f"{name}.html").read_text(encoding="utf-8")
+        for relation, other in (("prev", before), ("next", after)):
+            found = re.search(rf'<a href="(\w+)\.html" rel="{relation}"', source)
+            assert (found[1] if found else None) == other
+
+
+def test_a_broken_object_file_costs_the_player_alone(root: Path) -> None:
+    text = Page(root / "reports" / "objects" / "mug.html").text
+    assert "Left out: player:" in text
+    assert not list((root / "reports" / "objects").glob("*.player.js"))
+
+
+def stamps(root: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in (root / "reports" / "objects").glob("*.html")}
+
+
+def test_only_pages_that_show_something_else_are_made_again(tmp_path: Path) -> None:
+    for object_id in "abcde":
+        write_object(tmp_path / "data", object_id)
+    report(tmp_path)
+    first = stamps(tmp_path)
+    report(tmp_path)
+    assert stamps(tmp_path) == first
+
+    path = tmp_path / "data" / "fidelity" / "b.zarr.zip"
+    product = read_product(path)
+    answer = product["vision_answer"].copy()
+    answer[0, 0, 0] ^= 1
+    arrays = {**product.arrays, "vision_answer": Array(answer, ("q", "y", "x", "c"), "1", "answer")}
+    write_product(path, Product(arrays, product.attributes))
+    report(tmp_path)
+    changed = {name for name, stamp in stamps(tmp_path).items() if stamp != first[name]}
+    assert changed == {"b.html"}, "a single bit of a picture"
+
+    second = stamps(tmp_path)
+    write_object(tmp_path / "data", "d", audible=False)
+    report(tmp_path)
+    assert {name for name, stamp in stamps(tmp_path).items() if stamp != second[name]} == {"d.html"}
+
+    for folder in (tmp_path / "data").iterdir():
+        for file in folder.glob("c.*"):
+            file.unlink()
+    third = stamps(tmp_path)
+    report(tmp_path)
+    fourth = stamps(tmp_path)
+    assert third.keys() - fourth.keys() == {"c.html"}
+    assert {name for name in fourth if fourth[name] != third[name]} == {"b.html", "d.html"}, "its neighbours"
+    assert not list((tmp_path / "reports" / "objects").glob("c.*"))
+
+
+def test_a_page_cut_short_is_made_again(tmp_path: Path) -> None:
+    write_object(tmp_path / "data", "a")
+    report(tmp_path)
+    page = tmp_path / "reports" / "objects" / "a.html"
+    whole = page.read_bytes()
+    page.write_bytes(whole[:40])
+    assert shown_fingerprint(page) == (None, False)
+    report(tmp_path)
+    assert page.read_bytes() == whole
+
+
+def test_an_id_that_is_no_file_name_gets_one(tmp_path: Path) -> None:
+    names = ["../../escape", "a/b", "", ".", "x" * 300, "<b>", "mug"]
+    pages = [page_name(name) for name in names]
+    assert len(set(pages)) == len(pages)
+    assert all(re.fullmatch(r"[\w.-]{1,110}\.html", page) for page in pages)
+    assert pages[-1] == "mug.html"
+    product = fidelity("mug")
+    product = Product(product.arrays, {**product.attributes, "object": {"id": "../../escape", "name": "e"}})
+    write_product(tmp_path / "data" / "fidelity" / "mug.zarr.zip", product)
+    report(tmp_path)
+    made = {path.relative_to(tmp_path) for path in tmp_path.rglob("*.html")}
+    assert made == {Path("reports/index.html"), Path("reports/objects") / page_name("../../escape")}
+
+
+def test_fewer_queries_are_the_worst_and_the_best(tmp_path: Path) -> None:
+    write_object(tmp_path / "data", "mug")
+    write_report(tmp_path / "data" / "fidelity", tmp_path / "costs.csv", tmp_path / "reports", pairs=2)
+    source = (tmp_path / "reports" / "objects" / "mug.html").read_text(encoding="utf-8")
+    assert re.findall(r'class="query" data-place="([^"]*)"', source)[:2] == ["worst", "best"]
+    assert source.count("<canvas") == 4
+
+
+def test_damaged_truth_leaves_the_page_with_what_there_is(tmp_path: Path) -> None:
+    write_object(tmp_path / "data", "mug")
+    for stage in ("touches", "modes"):
+        path = tmp_path / "data" / stage / "mug.zarr.zip"
+        path.write_bytes(path.read_bytes()[:100])
+    report(tmp_path)
+    page = Page(tmp_path / "reports" / "objects" / "mug.html")
+    assert page.text.count("Left out:") == 3
+    assert page.tags.count("canvas") == 8
+    assert page.source.count('class="spot') == 0
+    assert np.isclose(page.source.count("3.000"), 28, atol=8), "errors of modes need the Object File alone"
