@@ -150,9 +150,7 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
         size = len(self)
         if not -size <= index < size:
             raise IndexError(f"sample {index} of {size}")
-        index = int(index) % size
-        place = int(np.searchsorted(self._ends, index, side="right"))
-        number = index - (int(self._ends[place - 1]) if place else 0)
+        place, number = self._found(int(index) % size)
         object_id, row = self.object_ids[place], int(self._rows[place][number])
         query = {key: values[number] for key, values in self._queries[place].items()}
         sense = SENSES[self.sense]
@@ -163,6 +161,15 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
             sample = sense.answer(self._object_files[object_id], query, self.settings, reader)
         tensors = {key: _tensor(value) for key, value in {**sample, **query}.items()}
         return {**tensors, "object_id": object_id, "query": row}
+
+    def place(self, index: int) -> tuple[str, int]:
+        """Return object id and query of a sample, without reading it; `index` from 0."""
+        place, number = self._found(index)
+        return self.object_ids[place], int(self._rows[place][number])
+
+    def _found(self, index: int) -> tuple[int, int]:
+        place = int(np.searchsorted(self._ends, index, side="right"))
+        return place, index - (int(self._ends[place - 1]) if place else 0)
 
     def _chosen(self, objects: Sequence[str] | None, part: str | None) -> list[str]:
         assert self._root is not None

@@ -1,0 +1,1 @@
+"""A listening test: can anybody hear the difference between an Object File and its truth?"""
