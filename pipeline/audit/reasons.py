@@ -111,6 +111,10 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
     list of Reason
         At least one; `BYTES` where both were made from the same.
     """
+    silent = [which for which, one in (("earlier", old), ("later", new)) if not one.provenance]
+    if silent:
+        finding = f"the {' and the '.join(silent)} one does not say what it was made from"
+        return [Reason(MISLABELLED, note=finding)]
     found: list[Reason] = []
     # Most parts of most products are equal: only the others are walked through.
     changed = {key for key in SECTIONS if old.provenance.get(key) != new.provenance.get(key)}

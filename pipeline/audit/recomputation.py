@@ -161,7 +161,7 @@ class _Bench:
     def _place(self, content: Content) -> Path:
         """Return a file of the version, laid into the scratch folder."""
         path = self._root / content.where
-        if not path.resolve().parent.is_relative_to(self._root.resolve()):
+        if not path.parent.resolve().is_relative_to(self._root.resolve()):
             raise InputError(content.where, "leads out of the data set", "Look at who wrote dvc.lock.")
         if not path.is_symlink() and not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,295 @@
+"""Verification of a version: every flipped bit is found, told of the right file, with what to do."""
+
+import json
+import os
+import random
+import shutil
+import zipfile
+
+import pytest
+from versions_of_workshop import flip, made_versions
+
+from objectfolder.store import Array, Product, read_product, write_product
+from objectfolder.tensor_file import read_tensor_file, write_tensor_file
+from pipeline.audit.contents import Contents
+from pipeline.audit.reasons import CORRUPTED
+from pipeline.audit.reasons import MISLABELLED as SAYS_ANOTHER
+from pipeline.audit.recomputation import FAILED, recompute
+from pipeline.audit.verification import (
+    DAMAGED,
+    MADE_FROM_ANOTHER,
+    MISLABELLED,
+    MISSING,
+    OTHER,
+    UNLISTED,
+    verify,
+)  # fmt: skip
+from pipeline.reproducibility import DIFFERENT, EQUAL
+from pipeline.stages import FIDELITY, MODES, OBJECT_FILES, TOUCHES, VIEWS
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    with made_versions(
+        tmp_path_factory.mktemp("verify"), "workshop_of_verify", cup="steel", dish="wood"
+    ) as workshop:
+        yield workshop
+
+
+@pytest.fixture
+def workshop(made):
+    made.restore()
+    return made
+
+
+def found_in(workshop, revision=None):
+    with Contents(workshop.root) as contents:
+        return verify(contents, workshop.at(contents, revision), workshop.stages)
+
+
+def told(workshop, revision=None):
+    return {(one.where, one.kind) for one in found_in(workshop, revision).findings}
+
+
+def bit_of_a_chunk(path):
+    with zipfile.ZipFile(path) as archive:
+        entry = archive.getinfo("values/c/0")
+    return 8 * (entry.header_offset + 30 + len(entry.filename) + 20)
+
+
+def product_files(workshop):
+    return [path for name in workshop.products() if (path := workshop.root / name)]
+
+
+def test_nothing_wrong(workshop):
+    for revision in (None, "HEAD"):
+        found = found_in(workshop, revision)
+        assert found.findings == ()
+        assert found.files == 2 * 7 + 7  # products, and the lists of their folders
+        assert found.bytes > sum(path.stat().st_size for path in product_files(workshop))
+
+
+def test_every_one_of_a_hundred_flipped_bits_is_found(made):
+    made.restore()
+    files = product_files(made)
+    with Contents(made.root) as contents:
+        commit = made.at(contents, "HEAD")
+        for seed in range(100):
+            draw = random.Random(seed)
+            path = draw.choice(files)
+            in_cache = bool(seed % 2)
+            place = made.in_cache(path) if in_cache else path
+            whole = place.read_bytes()
+            flip(place, draw.randrange(8 * len(whole)))
+            version = commit if in_cache else made.at(contents, None)
+            found = verify(contents, version, made.stages).findings
+            place.write_bytes(whole)
+            wheres = {one.where for one in found}
+            assert wheres == {path.relative_to(made.root).as_posix()}, (seed, found)
+            assert all(one.remedy for one in found)
+    assert told(made) == told(made, "HEAD") == set()
+
+
+@pytest.mark.slow
+def test_every_flipped_bit_of_a_real_object_file_is_found_without_any_list(made, small_file):
+    made.restore()
+    shutil.copy(small_file, OBJECT_FILES.path(made.root, "cup"))
+    (made.root / "dvc.lock").unlink()
+    where = "data/object_files/cup.safetensors"
+    whole = small_file.read_bytes()
+    # Made by no stage: it says so, and opens.
+    with Contents(made.root) as contents:
+        version = made.at(contents, None)
+        assert DAMAGED not in {
+            one.kind for one in verify(contents, version, made.stages).findings if one.where == where
+        }
+        for seed in range(20):
+            flip(made.root / where, random.Random(seed).randrange(8 * len(whole)))
+            found = {(one.where, one.kind) for one in verify(contents, version, made.stages).findings}
+            assert (where, DAMAGED) in found
+            (made.root / where).write_bytes(whole)
+
+
+def test_damage_is_told_apart_from_another_whole_content(workshop):
+    flip(VIEWS.path(workshop.root, "cup"), bit_of_a_chunk(VIEWS.path(workshop.root, "cup")))
+    attributes = read_product(MODES.path(workshop.root, "dish"))
+    MODES.path(workshop.root, "dish").unlink()
+    write_product(MODES.path(workshop.root, "dish"), attributes.with_attributes(note="edited"))
+    assert told(workshop) == {
+        ("data/views/cup.zarr.zip", DAMAGED), ("data/modes/dish.zarr.zip", OTHER),
+    }  # fmt: skip
+
+
+def test_remedy_names_where_a_good_copy_is(workshop):
+    path = VIEWS.path(workshop.root, "cup")
+    cached = workshop.in_cache(path)
+    flip(path, bit_of_a_chunk(path))
+    (one,) = found_in(workshop).findings
+    assert one.remedy == "The cache has it: `dvc checkout --force data/views`."
+    flip(cached, 8 * 100)
+    (one,) = found_in(workshop).findings
+    assert "in the cache is damaged, too" in one.remedy
+
+
+def test_link_into_a_damaged_cache(workshop):
+    path = VIEWS.path(workshop.root, "cup")
+    cached = workshop.in_cache(path)
+    path.unlink()
+    os.link(cached, path)
+    bit = bit_of_a_chunk(path)
+    data = bytearray(path.read_bytes())
+    data[bit // 8] ^= 1
+    path.write_bytes(data)
+    (one,) = found_in(workshop).findings
+    assert (one.where, one.kind) == ("data/views/cup.zarr.zip", DAMAGED)
+    assert "damaged, too" in one.remedy
+
+
+def test_file_missing_and_file_too_many(workshop):
+    path = VIEWS.path(workshop.root, "cup")
+    path.rename(path.with_name("beaker.zarr.zip"))
+    assert {("data/views/cup.zarr.zip", MISSING), ("data/views/beaker.zarr.zip", UNLISTED)} <= told(workshop)
+
+
+def test_folder_that_was_never_checked_out(workshop):
+    shutil.rmtree(workshop.root / "data/views")
+    found = found_in(workshop).findings
+    assert [(one.where, one.kind) for one in found] == [("data/views", MISSING)]
+    assert "dvc checkout data/views" in found[0].remedy
+
+
+def test_list_of_a_folder_damaged_in_the_cache(workshop):
+    (listing,) = (
+        path
+        for path in (workshop.root / ".dvc/cache").rglob("*.dir")
+        if b"cup.zarr.zip" in path.read_bytes() and workshop.in_cache(VIEWS.path(workshop.root, "cup"))
+        .relative_to(workshop.root / ".dvc/cache/files/md5").as_posix().replace("/", "").encode()
+        in path.read_bytes()
+    )  # fmt: skip
+    flip(listing, 8 * 4 + 1)
+    assert any("data/views" in where for where, _ in told(workshop))
+
+
+def test_content_that_is_nowhere(workshop):
+    workshop.in_cache(VIEWS.path(workshop.root, "cup")).unlink()
+    (one,) = found_in(workshop, "HEAD").findings
+    assert (one.where, one.kind) == ("data/views/cup.zarr.zip", MISSING)
+
+
+def test_product_whose_parts_were_edited(workshop):
+    path = OBJECT_FILES.path(workshop.root, "cup")
+    content = read_tensor_file(path)
+    parts = json.loads(content.metadata["provenance"])
+    parts["record"]["licence"] = "mine"
+    path.unlink()
+    write_tensor_file(path, content.with_metadata(provenance=parts))
+    workshop.version("edited", make=False)
+    assert told(workshop) == told(workshop, "HEAD") == {("data/object_files/cup.safetensors", MISLABELLED)}
+
+
+def test_product_made_from_another_than_lies_beside_it(workshop):
+    before = VIEWS.path(workshop.root, "cup").read_bytes()
+    workshop.edit("params.yaml", "    vision:\n      resolution: 128", "    vision:\n      resolution: 64")
+    workshop.version("smaller")
+    VIEWS.path(workshop.root, "cup").write_bytes(before)
+    workshop.version("mixed", make=False)
+    assert told(workshop, "HEAD") == {
+        ("data/encoded/cup.safetensors", MADE_FROM_ANOTHER),
+        ("data/fidelity/cup.zarr.zip", MADE_FROM_ANOTHER),
+        ("data/object_files/cup.safetensors", MADE_FROM_ANOTHER),
+    }
+
+
+def test_hostile_archives(workshop):
+    bomb, twice = VIEWS.path(workshop.root, "cup"), MODES.path(workshop.root, "cup")
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("zarr.json", b"[" * 50_000_000)
+    with zipfile.ZipFile(twice, "w") as archive:
+        archive.writestr("../../escaped", b"x")
+        archive.writestr("zarr.json", b'{"attributes": {}, "zarr_format": 3, "node_type": "group"}')
+    deep = TOUCHES.path(workshop.root, "cup")
+    with zipfile.ZipFile(deep, "w") as archive:
+        archive.writestr("zarr.json", b'{"attributes": ' + b'{"a": ' * 200_000 + b"1" + b"}" * 200_001)
+    assert {(f"data/{name}/cup.zarr.zip", DAMAGED) for name in ("views", "modes", "touches")} == {
+        one for one in told(workshop) if one[1] == DAMAGED
+    }
+    found = workshop.audit("HEAD")
+    defects = {
+        (stage.stage, one.kind)
+        for change in found.objects
+        for stage in change.stages
+        for one in stage.reasons
+    }
+    # The second one's attributes can be read; they do not say what it was made from.
+    assert defects == {("views", CORRUPTED), ("modes", SAYS_ANOTHER), ("touches", CORRUPTED)}
+
+
+@pytest.fixture
+def children_find_the_bodies(workshop, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(workshop.root), os.environ.get("PYTHONPATH", "")]))
+
+
+def remade(workshop, revision=None, count=12, seed=0):
+    with Contents(workshop.root) as contents:
+        found = recompute(contents, workshop.at(contents, revision), workshop.stages, count, seed)
+    return {(one.stage, one.object_id): one for one in found}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("children_find_the_bodies")
+def test_products_made_again_are_equal(workshop):
+    before = workshop.products()
+    found = remade(workshop)
+    assert len(found) == 2 * 6
+    assert {one.verdict for one in found.values()} == {EQUAL}, found
+    assert all(not one.finding for one in found.values())
+    assert workshop.products() == before
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("children_find_the_bodies")
+def test_products_of_an_older_version_made_again_from_its_own_records(workshop):
+    workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
+    workshop.version("second")
+    found = remade(workshop, workshop.first)
+    modes = found["modes", "dish"]
+    assert modes.verdict == EQUAL
+    # Meshes of the toys are versioned by neither git's outputs nor DVC's: that is said, not guessed.
+    assert found["objects", "dish"].verdict == FAILED
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("children_find_the_bodies")
+def test_product_that_nobody_could_have_made(workshop):
+    path = FIDELITY.path(workshop.root, "cup")
+    product = read_product(path)
+    values = product.arrays["values"]
+    path.unlink()
+    forged = Array(values.data + 1, values.dims, values.units, values.long_name)
+    write_product(path, Product({"values": forged}, product.attributes))
+    found = remade(workshop)
+    assert found["fidelity", "cup"].verdict == DIFFERENT, found["fidelity", "cup"].finding
+    assert "values" in found["fidelity", "cup"].finding
+    assert {key for key, one in found.items() if one.verdict != EQUAL} == {("fidelity", "cup")}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("children_find_the_bodies")
+def test_code_of_today_that_is_another_is_said(workshop):
+    workshop.edit_code("units", "PASCAL = 1.0", "PASCAL = 2.0")
+    one = remade(workshop)["modes", "cup"]
+    assert one.verdict == DIFFERENT
+    assert "by today's code, another in workshop_of_verify.units" in one.finding
+
+
+def test_draw_is_of_its_seed(workshop, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "pipeline.audit.recomputation._Bench.remake",
+        lambda self, stage, object_id, child: drawn.append((stage.name, object_id)),
+    )
+    for seed in (1, 1, 2):
+        with Contents(workshop.root) as contents:
+            recompute(contents, workshop.at(contents, None), workshop.stages, 3, seed)
+    assert drawn[:3] == drawn[3:6] != drawn[6:]
+    assert len(set(drawn[:3])) == 3
