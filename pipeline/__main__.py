@@ -142,7 +142,8 @@ def make_starter_set(root: Path) -> int:
 
 
 def make_report(root: Path) -> int:
-    """Write the tables and the page of the data set."""
+    """Write the tables, the pages and the cards of the data set."""
+    from pipeline.publishing.cards import write_cards
     from pipeline.report import write_report
     from pipeline.run_log import costs_path
     from pipeline.stages import FIDELITY
@@ -152,6 +153,7 @@ def make_report(root: Path) -> int:
         for stage, failure in all_failures(root)
     ]
     write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, failures)
+    write_cards(root, root / REPORTS)
     return 0
 
 
