@@ -16,6 +16,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # publishes no types
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
@@ -161,6 +162,7 @@ class Server:
             "/object": (lambda _: live.describe(), self._contacts),
             "/render": (live.render, self._images),
             "/strike": (live.strike, self._contacts),
+            "/partials": (live.partials, self._contacts),
             "/press": (live.press, self._contacts),
         }
         application = Application(
@@ -204,9 +206,11 @@ def serve_until_stopped(path: Path | str, port: int, open_browser: bool) -> None
     InputError
         A port that cannot be had.
     """
-    # One core: what is computed here is small, and the machine has other work. Read when libraries load.
+    # One core: what is computed here is small, and waiting threads would only delay it. Libraries that are
+    # not loaded yet read the variables.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    threadpool_limits(1)
     server = Server(LiveObject(path), port)
 
     async def serve() -> None:

@@ -88,7 +88,7 @@ class LiveObject:
         Returns
         -------
         tuple
-            ``missed``; or point, normal, impulse and the amplitude of each mode (m/s), and the sound.
+            ``missed``; or point, normal and impulse, and the sound.
         """
         impulse = _number(asked, "impulse", 0, 1000)
         duration = _number(asked, "duration", 1e-3, LONGEST_S)
@@ -101,14 +101,18 @@ class LiveObject:
         push = -normal if along is None else along / _length(along, "along")
         force = impulse * push
         sound = self.file.strike(point, force, duration, rate)[0]
+        header = {"point": point.tolist(), "normal": normal.tolist(), "impulse": force.tolist()}
+        return header, sound.astype("<f4").tobytes()
+
+    def partials(self, asked: Mapping[str, Any]) -> Answer:
+        """Return the amplitude (m/s) that an ``impulse`` (N s) at a ``point`` gives each mode.
+
+        Apart from `strike`: what is heard does not wait for what is then drawn.
+        """
+        point, impulse = _numbers(asked, "point", (3,)), _numbers(asked, "impulse", (3,))
         modes = self.file.modes
-        amplitudes = force @ modes.gains(point)[0] * modes.radiation_weights
-        return {
-            "point": point.tolist(),
-            "normal": normal.tolist(),
-            "impulse": force.tolist(),
-            "amplitudes": amplitudes.tolist(),
-        }, sound.astype("<f4").tobytes()
+        amplitudes = impulse @ modes.gains(self.file.project(point).points)[0] * modes.radiation_weights
+        return {"amplitudes": amplitudes.tolist()}, b""
 
     def press(self, asked: Mapping[str, Any]) -> Answer:
         """Press the sensor where a ray meets the object; return its image and how deep it is indented.

@@ -134,7 +134,7 @@ def test_a_server_that_is_gone_is_said(small_file, open_page):  # noqa: F811
         page = open_page(server.address).page
         at_rest(page)
     click(page)
-    page.wait_for_function("document.querySelector('.player-said').textContent.includes('does not answer')")
+    page.locator(".player-said", has_text="does not answer").wait_for()
 
 
 def test_another_page_cannot_ask(live, open_page, address, tmp_path):  # noqa: F811

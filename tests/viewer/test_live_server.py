@@ -148,6 +148,9 @@ def test_a_blow_and_a_press_are_the_packages(server, small_file):
     expected = file.strike(np.array(header["point"]), np.array(header["impulse"]), 0.5, 48000)[0]
     assert np.abs(expected).max() > 0
     assert np.array_equal(np.frombuffer(body, "<f4"), expected)
+    partials, _ = query(server, "/partials", {name: header[name] for name in ("point", "impulse")})
+    gains = file.modes.gains(np.array(header["point"]))[0] * file.modes.radiation_weights
+    assert np.allclose(partials["amplitudes"], np.array(header["impulse"]) @ gains, rtol=1e-9)
     header, body = query(server, "/press", {**ray, "depth": 0.001, "tilt": 4, "azimuth": 30})
     touch = file.press(np.array(header["point"]), 0.001, 4, 30)
     pixels = touch.rgb[0].size

@@ -56,7 +56,6 @@ def test_drag_keys_zoom_and_lamp_change_the_image(player):
 
     def changed(act):
         act()
-        page.wait_for_function("() => true")
         images.append(pixels(page))
         assert (images[-1] != images[-2]).any()
 
@@ -137,9 +136,7 @@ def test_keys_strike_the_middle_and_a_miss_is_said(player):
     assert len(answer["sound"]) > 44100
     assert "Struck" in page.locator(".player-said").text_content()
     click(page, 0.02, 0.02)
-    page.wait_for_function(
-        "document.querySelector('.player-said').textContent.includes('nothing of the object')"
-    )
+    page.locator(".player-said", has_text="nothing of the object").wait_for()
 
 
 def test_texts_of_strangers_stay_texts(folder, small_file, open_page, tmp_path):  # noqa: F811

@@ -92,7 +92,9 @@
       const ray = orbit.ray(x, y);
       const push = along === "normal" ? null : viewer.pushOf(along, null, ray.direction);
       const { header, payload } = await ask("strike", { ...ray, impulse, along: push, duration, sample_rate: sampleRate });
-      return header.missed ? null : { ...header, sound: new Float32Array(payload) };
+      if (header.missed) return null;
+      const partials = () => ask("partials", { point: header.point, impulse: header.impulse });
+      return { ...header, sound: new Float32Array(payload), partials: async () => (await partials()).header.amplitudes };
     }
 
     async press(orbit, x, y, asked) {

@@ -199,17 +199,19 @@
       const answer = await this.object.strike(orbit, x, y, asked);
       if (!answer) return this._missed();
       const { played, peak, quieter } = viewer.play(answer.sound, sampleRate, facts.listeningGain);
+      const waited = performance.now() - this.acted;
+      const amplitudes = await answer.partials();
       this.last = {
         hit: { x, y, orbit, point: answer.point },
-        strike: { ...answer, sound: undefined, duration: DURATION_S, sample_rate: sampleRate },
+        strike: { point: answer.point, normal: answer.normal, impulse: answer.impulse, duration: DURATION_S, sample_rate: sampleRate },
       };
-      const found = viewer.partials(facts.frequencies, facts.dampings, answer.amplitudes, sampleRate);
+      const found = viewer.partials(facts.frequencies, facts.dampings, amplitudes, sampleRate);
       this.answer.replaceChildren(...(found.length ? [viewer.spectrum(found), viewer.partialsTable(found)] : []));
       const loud = `${shownImpulse(Math.log10(asked.impulse))}; peak ${peak.toPrecision(3)} m/s`;
       this.said.textContent = found.length
         ? `Struck with ${loud}, played × ${played.toPrecision(2)}${quieter ? ", turned down to fit" : ""}.`
         : `Struck with ${loud}: no mode that can be heard.`;
-      this.canvas.dispatchEvent(new CustomEvent("player:struck", { bubbles: true, detail: { answer, asked: this.acted } }));
+      this.canvas.dispatchEvent(new CustomEvent("player:struck", { bubbles: true, detail: { answer: { ...answer, amplitudes }, waited } }));
       return undefined;
     }
 
@@ -224,7 +226,7 @@
           element("figure", {}, viewer.picture(image, name), element("figcaption", {}, name)))),
       );
       this.said.textContent = answer.said;
-      this.canvas.dispatchEvent(new CustomEvent("player:pressed", { bubbles: true, detail: { answer, asked: this.acted } }));
+      this.canvas.dispatchEvent(new CustomEvent("player:pressed", { bubbles: true, detail: { answer } }));
       return undefined;
     }
 

@@ -14,6 +14,7 @@
       this.arrays = arrays;
       this.surface = new viewer.StoredSurface(header, arrays);
       this.modes = new viewer.StoredModes(header, arrays, this.surface);
+      this.touch = new viewer.StoredTouch(header.sensor, this.surface);
       this.facts = {
         id,
         file: `data/object_files/${id}.safetensors`,
@@ -24,7 +25,7 @@
         dampings: this.modes.dampings,
         note:
           "Drawn in your browser from what is stored for this page: colours at vertices without shadows, gains " +
-          "at stored places. The Python asks the Object File itself.",
+          "at stored places, a press by the depth of the gel alone. The Python asks the Object File itself.",
       };
     }
 
@@ -44,7 +45,23 @@
       const force = times(push, impulse / length(push));
       const amplitudes = this.modes.amplitudes(hit.face, hit.barycentric, force);
       const sound = this.modes.sound(amplitudes, duration, sampleRate);
-      return { point: hit.point, normal: hit.normal, impulse: force, amplitudes, sound };
+      return { point: hit.point, normal: hit.normal, impulse: force, sound, partials: async () => amplitudes };
+    }
+
+    async press(orbit, x, y, { depth, tilt, azimuth }) {
+      const { origin, direction } = orbit.ray(x, y);
+      const hit = this.surface.firstHit(origin, direction);
+      if (!hit) return null;
+      const touch = this.touch.press(hit.point, hit.normal, depth, tilt, azimuth);
+      const { width, height } = touch;
+      const image = { width, height, rgba: viewer.depthColours(touch.depth) };
+      return {
+        point: hit.point,
+        normal: viewer.outward(hit.normal, direction),
+        ...touch,
+        pictures: [[image, "How deep it is pressed in, approximately"]],
+        said: viewer.pressWords(touch),
+      };
     }
   }
 
