@@ -7,6 +7,7 @@ root.
 
 import argparse
 import csv
+import json
 import os
 import resource
 import tempfile
