@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pipeline.audit import layouts
 from pipeline.audit.descriptions import Description
 from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN, Difference, compare, declared
 from pipeline.tolerances import SAME_BYTES, Tolerance
@@ -47,6 +48,9 @@ def by_checksums(old: Description, new: Description) -> Arrays:
     Two CRC-32 of different chunks of one size are equal once in four thousand million times, unless
     somebody wants them to be.
     """
+    quick = layouts.differing(old.listing, new.listing)
+    if quick is not None:
+        return Arrays({name: DIFFERENT if differs else EQUAL for name, differs in quick.items()})
     before, after = old.arrays, new.arrays
     return Arrays(
         {

@@ -65,6 +65,7 @@ class Comparison:
         self._known = KnownCosts(contents.root, new)
         self._problems: dict[str, ObjectFolderError] = {}
         self._far: dict[str, Description | ObjectFolderError] = {}
+        self._recent: dict[str, Description] = {}  # of the object that is looked at
         self._seeds = (old.lock.parameter("seed"), new.lock.parameter("seed"))
         self._compared = tuple(kind for stage in stages for kind in stage.products if self._is_known(kind))
 
@@ -96,6 +97,7 @@ class Comparison:
         before: tuple[str, Failure] | None,
         after: tuple[str, Failure] | None,
     ) -> tuple[ObjectChange, list[FidelityChange]]:
+        self._recent.clear()
         around = self._circumstances(was, object_id)
         stages: list[StageChange] = []
         measures: list[FidelityChange] = []
@@ -190,10 +192,12 @@ class Comparison:
         return None
 
     def _describe(self, content: Content) -> Description:
-        known = self._far.get(content.md5)
+        known = self._far.get(content.md5) or self._recent.get(content.md5)
         if isinstance(known, ObjectFolderError):
             raise known
-        return known if known is not None else self._contents.describe(content)
+        if known is None:
+            known = self._recent[content.md5] = self._contents.describe(content)
+        return known
 
     def _fetch_descriptions(self) -> None:
         """Ask a remote for all that is not here at once: one after the other would take minutes."""

@@ -76,7 +76,8 @@ class Contents:
         if Path(self._repository.root_dir) != root:
             remedy = f"Go to {self._repository.root_dir}."
             raise InputError(str(root), "not the root of the data set, but a folder in it", remedy)
-        self._folders = (Path(self._repository.cache.local.path), Path(self._repository.cache.legacy.path))
+        # As texts: versions of a thousand objects ask for fourteen thousand files.
+        self._folders = (str(self._repository.cache.local.path), str(self._repository.cache.legacy.path))
         self._remote: Any = None
         self._no_remote = ""
         self.fetched_bytes = 0
@@ -97,17 +98,14 @@ class Contents:
 
     def path(self, md5: str) -> Path | None:
         """Return the file of the cache that should have this content."""
-        for folder in self._folders:
-            found = folder / md5[:2] / md5[2:]
-            if found.is_file():
-                return found
-        return None
+        found = self._near(md5)
+        return Path(found) if found is not None else None
 
     def size(self, content: Content) -> int | None:
         """Return the bytes of a content at hand, None where it is not."""
-        path = content.path or self.path(content.md5)
+        path = content.path or self._near(content.md5)
         try:
-            return path.stat().st_size if path is not None else None
+            return os.stat(path).st_size if path is not None else None
         except OSError:
             return None
 
@@ -140,7 +138,7 @@ class Contents:
         FormatError
             A damaged one.
         """
-        path = content.path or self.path(content.md5)
+        path = content.path or self._near(content.md5)
         if path is not None:
             try:
                 with open(path, "rb", buffering=0) as near:
@@ -178,7 +176,7 @@ class Contents:
 
     def is_near(self, content: Content) -> bool:
         """Whether a content is at hand, without a remote."""
-        return content.path is not None or self.path(content.md5) is not None
+        return content.path is not None or self._near(content.md5) is not None
 
     def sizes_far(self, wanted: Iterable[str]) -> Mapping[str, int]:
         """Return the bytes of contents as the remote has them, those it has."""
@@ -209,6 +207,13 @@ class Contents:
             while block := file.read(1 << 20):
                 copy.write(block)
             self.fetched_bytes += size
+
+    def _near(self, md5: str) -> str | None:
+        for folder in self._folders:
+            found = f"{folder}{os.sep}{md5[:2]}{os.sep}{md5[2:]}"
+            if os.path.isfile(found):
+                return found
+        return None
 
     def _tried(self, content: Content) -> Description | ObjectFolderError:
         try:

@@ -12,7 +12,7 @@ import struct
 import zipfile
 import zlib
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, BinaryIO
@@ -28,6 +28,8 @@ _END = struct.Struct("<4s4H2LH")
 _LISTED = struct.Struct("<4s6H3L5H2L")
 _LENGTHS, _LENGTHS_AT = struct.Struct("<3H"), 28
 _LOCAL_BYTES = 30
+# Where, in an entry of the list, checksum and sizes stand, and where it says where the chunk lies.
+CHECKED, PLACED = (16, 28), (42, 46)
 _ZIP64 = 0xFFFF, 0xFFFFFFFF
 
 
@@ -61,19 +63,32 @@ class Description:
     def arrays(self) -> Mapping[str, str]:
         """Array name to a digest of names, sizes and checksums (CRC-32) of its chunks, as stored."""
         chunks: dict[bytes, list[bytes]] = defaultdict(list)
-        position, whole = 0, len(self.listing)
-        while position < whole:
-            name_bytes, *others = _LENGTHS.unpack_from(self.listing, position + _LENGTHS_AT)
-            begin = position + _LISTED.size
-            name = self.listing[begin : begin + name_bytes]
-            # Checksum and both sizes, not where it lies.
-            chunks[name.partition(b"/")[0]] += (name, self.listing[position + 16 : position + 28])
-            position = begin + name_bytes + sum(others)
+        for position, name in entries(self.listing):
+            chunks[name.partition(b"/")[0]] += (
+                name,
+                self.listing[position + CHECKED[0] : position + CHECKED[1]],
+            )
         chunks.pop(GROUP.encode(), None)
         return {
             name.decode(errors="replace"): hashlib.md5(b"\n".join(parts)).hexdigest()
             for name, parts in chunks.items()
         }
+
+
+def entries(listing: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield where each entry of an archive's list begins in it, and its name.
+
+    Raises
+    ------
+    struct.error
+        A list that ends within an entry.
+    """
+    position = 0
+    while position < len(listing):
+        name_bytes, *others = _LENGTHS.unpack_from(listing, position + _LENGTHS_AT)
+        begin = position + _LISTED.size
+        yield position, listing[begin : begin + name_bytes]
+        position = begin + name_bytes + sum(others)
 
 
 def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:

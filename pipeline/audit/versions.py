@@ -101,7 +101,7 @@ class Version:
                 found[entry["object_id"]] = Failure(entry["object_id"], error, remedy)
         return found
 
-    @property
+    @cached_property
     def listed(self) -> set[str]:
         """Ids of all objects it was to make."""
         return {*self.rows, *self.refused}

@@ -1,0 +1,116 @@
+"""Versions read from a remote on an S3 server: only the parts of files that are needed, each once."""
+
+import json
+import shutil
+
+import pytest
+import s3_server
+from versions_of_workshop import made_versions, only, states
+
+from pipeline.audit.contents import Contents
+from pipeline.audit.findings import CHANGED, UNCHANGED
+from pipeline.audit.verification import MISSING, verify
+from pipeline.stages import VIEWS
+
+pytest.importorskip("s3fs", reason="no client of S3 is installed")
+pytest.importorskip("dvc_s3", reason="DVC has no S3 here")
+
+
+@pytest.fixture(scope="module")
+def far(tmp_path_factory):
+    """A checkout of two versions whose contents are at a remote only, and how many bytes those are."""
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        s3_server.serving() as address,
+        made_versions(
+            tmp_path_factory.mktemp("remote"), "workshop_of_remote", cup="steel", dish="wood"
+        ) as workshop,
+    ):
+        for name, value in s3_server.environment(address).items():
+            patch.setenv(name, value)
+        workshop.edit("params.yaml", "accuracy_cents: 5.0", "accuracy_cents: 6.0")
+        workshop.version("second")
+        bucket = s3_server.new_bucket(address)
+        cache = workshop.root / ".dvc" / "cache"
+        for path in cache.rglob("*"):
+            if path.is_file():
+                key = f"store/{path.relative_to(cache).as_posix()}"
+                # Long files, of which only an end is to be read.
+                s3_server.client(address).put_object(Bucket=bucket, Key=key, Body=path.read_bytes())
+        (workshop.root / ".dvc" / "config").write_text(
+            "[core]\n    analytics = false\n    remote = store\n['remote \"store\"']\n"
+            f"    url = s3://{bucket}/store\n    endpointurl = {address}\n"
+        )
+        shutil.rmtree(cache)
+        shutil.rmtree(workshop.root / ".objectfolder")
+        yield workshop
+
+
+def test_versions_that_are_far_compare_as_those_at_hand(far):
+    found = far.audit("HEAD~1", "HEAD")
+    assert states(found) == {"cup": CHANGED, "dish": CHANGED}
+    assert [str(one) for one in only(found, "cup").roots] == ["parameter audio.accuracy_cents 5.0 -> 6.0"]
+    assert found.problems == ()
+    assert found.fetch.files > 0
+    assert found.fetch.unknown == 0
+    assert found.fetch.bytes > 0
+    # Nothing but descriptions came: the cache has no file, the work tree none either.
+    assert not (far.root / ".dvc/cache").exists() or not list((far.root / ".dvc/cache").rglob("*.zip"))
+
+
+def test_descriptions_are_fetched_once(far):
+    def fetched():
+        with Contents(far.root) as contents:
+            version = far.at(contents, "HEAD")
+            before = contents.fetched_bytes
+            contents.describe_all([version.content(VIEWS, "cup"), version.content(VIEWS, "dish")])
+            return contents.fetched_bytes - before
+
+    shutil.rmtree(far.root / ".objectfolder", ignore_errors=True)
+    assert fetched() > 0
+    assert fetched() == 0
+
+
+def test_cache_that_is_damaged_costs_time_only(far):
+    far.audit("HEAD~1", "HEAD")
+    place = far.root / ".objectfolder" / "audit.sqlite"
+    assert place.is_file()
+    place.write_bytes(b"no database" * 100)
+    assert states(far.audit("HEAD~1", "HEAD")) == {"cup": CHANGED, "dish": CHANGED}
+
+
+def test_arrays_of_what_is_far_are_read(far):
+    found = far.audit("HEAD~1", "HEAD", arrays=True)
+    assert found.arrays_read
+    (modes,) = (one for one in only(found, "cup").stages if one.stage == "modes")
+    assert modes.arrays.verdicts["values"] in ("equal", "within tolerance", "different")
+    assert modes.arrays.unread == 0
+
+
+def test_same_version_needs_nothing_but_lists(far):
+    with Contents(far.root) as contents:
+        found = far.at(contents, "HEAD")
+        assert contents.fetched_bytes < 10_000
+        assert found.rows.keys() == {"cup", "dish"}
+    assert set(states(far.audit("HEAD", "HEAD")).values()) == {UNCHANGED}
+
+
+def test_verification_reads_what_is_at_hand_and_names_the_rest(far):
+    with Contents(far.root) as contents:
+        found = verify(contents, far.at(contents, "HEAD"), far.stages)
+    assert {one.kind for one in found.findings} == {MISSING}
+    assert json.dumps([one.remedy for one in found.findings])
+    assert len(found.findings) == 2 * 7
+
+
+def test_remote_that_is_not_there(far):
+    config = far.root / ".dvc" / "config"
+    text = config.read_text()
+    config.write_text(text.replace("/store\n", "/elsewhere\n"))
+    shutil.rmtree(far.root / ".objectfolder")
+    try:
+        found = far.audit("HEAD~1", "HEAD")
+        assert any("not readable here" in one.finding for one in found.problems)
+        assert all(one.remedy for one in found.problems)
+    finally:
+        config.write_text(text)
