@@ -79,6 +79,8 @@ def main() -> None:
         "threads": 1,
         "load_average": os.getloadavg(),
         "wall": "measured in the page; other work was running on both cores",
+        "render_cpu": "CPU seconds of the package's render of the data set's views, in this run",
+        "image_distance": "the page's: the object fills the image, which costs more",
         "image_wall": "from the question to pixels in the canvas, transfer and decoding included",
         "image_cpu": "CPU seconds of the whole server process an image, all its threads",
         "strike_cpu": "CPU seconds of the server a blow, its partials included",
@@ -121,7 +123,13 @@ def live(browser: Any, path: Path) -> dict[str, Any]:
     finally:
         server.terminate()
         server.wait()
+    file = objectfolder.load(path)
+    cameras, lights = file.sample_views(IMAGES, seed=0)
+    file.render(cameras[:2], lights[:2], RESOLUTION)
+    start = time.process_time()
+    file.render(cameras, lights, RESOLUTION)
     return {
+        "render_cpu_ms": 1e3 * (time.process_time() - start) / IMAGES,
         "image_cpu_ms": 1e3 * cpu,
         **spread("image_wall_ms", images),
         "strike_cpu_ms": 1e3 * strike_cpu,

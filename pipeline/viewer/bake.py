@@ -1,9 +1,9 @@
 """What a page without a server needs of an Object File, as few bytes.
 
-The surface is stored exactly (its own grid of steps), with a colour at each vertex, which is what the
-VisionNet's reflectance amounts to there, seen and lit along the normal. Sound is stored as the
-gains at the first of AudioNet's control points, which are spread out in every leading part; the
-page interpolates them with AudioNet's own covariance. Frequencies and dampings are the file's.
+The surface is stored exactly (its own grid of steps), with the colour that the VisionNet's reflectance
+amounts to at each vertex and in the middle of each edge. Sound is stored as the gains at the first of
+AudioNet's control points, which are spread out in every leading part; the page interpolates them with
+AudioNet's own covariance. Frequencies and dampings are the file's.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from objectfolder.audio.audionet import DETOUR_STEP, AudioNet, control_barycentr
 from objectfolder.geometry.surface import Surface
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
-from objectfolder.vision.export.base_colour import network_colour
+from pipeline.viewer.colours import surface_colours
 from pipeline.viewer.listening import listening_gain
 from pipeline.viewer.packing import packed
 
@@ -22,7 +22,7 @@ from pipeline.viewer.packing import packed
 MOST_GAINS = 190_000
 LEAST_POINTS = 200
 GAIN_STEPS = 127
-FORMAT = 1
+FORMAT = 2
 
 
 def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
@@ -37,7 +37,7 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     grid = np.rint((surface.vertices - origin) / step).astype(np.int64)
     arrays["positions"] = np.diff(grid, axis=0, prepend=0).astype(np.int32)
     arrays["faces"] = np.diff(surface.faces.ravel(), prepend=0).astype(np.int32)
-    arrays["colours"] = vertex_colours(file)
+    arrays["colours"] = surface_colours(file)
     sound, of_sound = baked_sound(file.modes, surface)
     arrays |= of_sound
     described, data = packed(arrays)
@@ -59,17 +59,6 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
         "arrays": described,
     }
     return header, data
-
-
-def vertex_colours(file: ObjectFile) -> np.ndarray:
-    """Return (vertices, 3) uint8 sRGB of the surface's reflectance."""
-    surface = file.surface
-    corners = np.zeros(len(surface.vertices), dtype=np.int64)
-    corners[surface.faces.ravel()] = np.arange(surface.faces.size)
-    face, corner = np.divmod(corners, 3)
-    metallic = float((file.description["material"] or {}).get("metallic", 0.0))
-    colour = network_colour(file.vision, surface, file.frame, face, np.eye(3)[corner], metallic)
-    return np.asarray(np.rint(colour[:, :3] * 255), dtype=np.uint8)
 
 
 def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -50,6 +50,7 @@ class LiveObject:
             "material": (said["material"] or {}).get("name"),
             "sides_m": np.ptp(file.surface.bounds, axis=0).tolist(),
             "frame": file.frame.to_dict(),
+            "reach": float(np.linalg.norm(file.frame.to_unit(file.surface.vertices), axis=1).max()),
             "frequencies": file.modes.frequencies_hz.tolist(),
             "dampings": file.modes.dampings_per_s.tolist(),
             "listeningGain": listening_gain(file),

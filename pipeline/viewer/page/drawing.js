@@ -1,7 +1,7 @@
-// The surface drawn by WebGL: vertex colours under the one lamp of the data set, on white.
+// The surface drawn by WebGL: colours of the surface under the one lamp of the data set, on white.
 "use strict";
 (function (viewer) {
-  const { dot } = viewer.algebra;
+  const { dot, plus, times } = viewer.algebra;
 
   const VERTEX = `#version 300 es
     in vec3 position; in vec3 normal; in vec3 colour;
@@ -28,6 +28,41 @@
 
   const linear = (value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
 
+  // Each face as four, by the middles of its edges, which have colours of their own after the vertices'.
+  function refined(surface, colours, { centre, scale }) {
+    const { faces, vertices, cornerNormals } = surface;
+    const decoded = Float32Array.from({ length: 256 }, (_, byte) => linear(byte / 255));
+    const vertexCount = vertices.length / 3;
+    const edges = new Map();
+    const parts = { position: new Float32Array(12 * faces.length), normal: new Float32Array(12 * faces.length), colour: new Float32Array(12 * faces.length) };
+    let written = 0;
+    const write = ([position, normal, at]) => {
+      for (let axis = 0; axis < 3; axis += 1) {
+        parts.position[written] = (position[axis] - centre[axis]) / scale;
+        parts.normal[written] = normal[axis];
+        parts.colour[written] = decoded[colours[3 * at + axis]];
+        written += 1;
+      }
+    };
+    for (let face = 0; face < faces.length; face += 3) {
+      const corners = [0, 1, 2].map((corner) => {
+        const vertex = faces[face + corner];
+        const normal = [0, 1, 2].map((axis) => cornerNormals[3 * (face + corner) + axis]);
+        return [surface.vertex(vertex), normal, vertex];
+      });
+      const middles = [0, 1, 2].map((corner) => {
+        const [a, b] = [corners[corner], corners[(corner + 1) % 3]];
+        const key = Math.min(a[2], b[2]) * vertexCount + Math.max(a[2], b[2]);
+        if (!edges.has(key)) edges.set(key, vertexCount + edges.size);
+        return [times(plus(a[0], b[0]), 0.5), times(plus(a[1], b[1]), 0.5), edges.get(key)];
+      });
+      const [a, b, c] = corners;
+      const [ab, bc, ca] = middles;
+      for (const corner of [a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca]) write(corner);
+    }
+    return parts;
+  }
+
   class Drawing {
     constructor(canvas, surface, colours, header) {
       const gl = canvas.getContext("webgl2", { antialias: true, alpha: false, preserveDrawingBuffer: true });
@@ -37,18 +72,8 @@
       this.frame = header.frame;
       this.scale = header.radiance_scale;
       this.program = linked(gl);
-      this.count = surface.faces.length;
-      const { centre, scale } = this.frame;
-      const decoded = Float32Array.from({ length: 256 }, (_, byte) => linear(byte / 255));
-      const positions = new Float32Array(3 * this.count);
-      const bases = new Float32Array(3 * this.count);
-      surface.faces.forEach((vertex, corner) => {
-        for (let axis = 0; axis < 3; axis += 1) {
-          positions[3 * corner + axis] = (surface.vertices[3 * vertex + axis] - centre[axis]) / scale;
-          bases[3 * corner + axis] = decoded[colours[3 * vertex + axis]];
-        }
-      });
-      const attributes = { position: positions, normal: surface.cornerNormals, colour: bases };
+      const attributes = refined(surface, colours, this.frame);
+      this.count = attributes.position.length / 3;
       for (const [name, values] of Object.entries(attributes)) {
         const place = gl.getAttribLocation(this.program, name);
         gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());

@@ -10,15 +10,18 @@
   const STEEPEST = 89;
 
   class Orbit {
-    // `frame` has the centre and the scale of the unit frame, metres.
-    constructor(frame) {
+    // `frame` has the centre and the scale of the unit frame, metres; `reach` is how far the object reaches
+    // from the centre, in the unit frame.
+    constructor(frame, reach) {
       this.frame = frame;
+      this.reach = reach;
       this.reset();
     }
 
     reset() {
       // The camera's place on its sphere (degrees, unit frame) and the lamp's, as the camera sees it.
-      Object.assign(this, { azimuth: -60, elevation: 28, radius: 2.1 });
+      const whole = (1.03 * this.reach) / Math.sin((FIELD_OF_VIEW_DEG * DEGREE) / 2);
+      Object.assign(this, { azimuth: -60, elevation: 28, radius: clamp(whole, NEAREST, FARTHEST) });
       this.lamp = { across: -20, up: 28, radius: 1 };
     }
 

@@ -19,7 +19,7 @@
     // `object`: facts, attach(canvas), draw(orbit, moving, shown), strike(...) and, where it can, press(...).
     constructor(place, object) {
       this.object = object;
-      this.orbit = new viewer.Orbit(object.facts.frame);
+      this.orbit = new viewer.Orbit(object.facts.frame, object.facts.reach);
       this.settings = { tool: "strike", exponent: -1.3, along: "normal", depth: 1, tilt: 0, azimuth: 0 };
       this.last = {};
       this.resolution = 128;
@@ -172,7 +172,7 @@
 
     // Strikes or presses where the ray through (x, y) of the image meets the object.
     async act(x, y, time = performance.now()) {
-      const orbit = Object.assign(new viewer.Orbit(this.orbit.frame), {
+      const orbit = Object.assign(new viewer.Orbit(this.orbit.frame, this.orbit.reach), {
         ...this.orbit, lamp: { ...this.orbit.lamp },
       });
       this.acted = time;

@@ -20,11 +20,12 @@
         file: `data/object_files/${id}.safetensors`,
         name: header.name,
         frame: header.frame,
+        reach: this.surface.reach(header.frame),
         listeningGain: header.listening_gain,
         frequencies: this.modes.frequencies,
         dampings: this.modes.dampings,
         note:
-          "Drawn in your browser from what is stored for this page: colours at vertices without shadows, gains " +
+          "Drawn in your browser from what is stored for this page: colours without shadows, gains " +
           "at stored places, a press by the depth of the gel alone. The Python asks the Object File itself.",
       };
     }

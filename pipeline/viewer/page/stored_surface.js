@@ -19,6 +19,13 @@
       return [this.vertices[3 * index], this.vertices[3 * index + 1], this.vertices[3 * index + 2]];
     }
 
+    // Of the farthest vertex from the centre of a unit frame, in its unit.
+    reach({ centre, scale }) {
+      let farthest = 0;
+      for (const index of this.faces) farthest = Math.max(farthest, length(minus(this.vertex(index), centre)));
+      return farthest / scale;
+    }
+
     corners(face) {
       return [0, 1, 2].map((corner) => this.vertex(this.faces[3 * face + corner]));
     }
