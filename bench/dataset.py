@@ -109,6 +109,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
     axes.set_xticks(places, [row["sense"] for row in rows])
     axes.set_yscale("log")
     axes.set_ylabel("samples a CPU-second")
+    axes.margins(y=0.4)
     axes.legend()
     figure.savefig(RESULTS / "dataset.png", dpi=120)
 
