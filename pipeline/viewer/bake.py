@@ -22,6 +22,7 @@ from pipeline.viewer.packing import packed
 MOST_GAINS = 190_000
 LEAST_POINTS = 200
 GAIN_STEPS = 127
+# Raise it when what is stored changes: kept players of another format are made anew.
 FORMAT = 2
 
 

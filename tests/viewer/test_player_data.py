@@ -3,11 +3,14 @@
 import json
 import shutil
 import subprocess
-from pathlib import Path
 
+import numpy as np
 import pytest
 
+import objectfolder
 from objectfolder.errors import FormatError, InputError
+from objectfolder.vision.export.base_colour import network_colour
+from pipeline.viewer.colours import surface_colours
 from pipeline.viewer.static import PAGE, SHARED_SCRIPTS, STATIC_SCRIPTS, write_player, write_player_assets
 
 
@@ -43,6 +46,26 @@ def test_scripts_are_one_file_that_node_reads(tmp_path):
     for name in (*SHARED_SCRIPTS, *STATIC_SCRIPTS):
         assert (PAGE / name).read_text() in code
     if node := shutil.which("node"):
-        scripts = [*map(str, sorted(Path(PAGE).glob("*.js"))), str(tmp_path / "player.js")]
+        scripts = [PAGE / "live_object.js", PAGE / "live.js", tmp_path / "player.js"]
         for script in scripts:
-            subprocess.run([node, "--check", script], check=True)
+            subprocess.run([node, "--check", str(script)], check=True)
+
+
+def test_colours_are_those_that_the_export_gives_at_vertices_and_in_the_middle_of_edges(small_file):
+    file = objectfolder.load(small_file)
+    faces = file.surface.faces
+    colours = surface_colours(file).astype(float)
+    edges: dict[tuple[int, int], tuple[int, int]] = {}
+    for face, corners in enumerate(faces.tolist()):
+        for corner in range(3):
+            a, b = corners[corner], corners[(corner + 1) % 3]
+            edges.setdefault((min(a, b), max(a, b)), (face, corner))
+    assert len(colours) == len(file.surface.vertices) + len(edges)
+    face, corner = np.array(list(edges.values())).T
+    middles = (np.eye(3) + np.roll(np.eye(3), 1, axis=1)) / 2
+    metallic = file.description["material"]["metallic"]
+    exported = network_colour(file.vision, file.surface, file.frame, face, middles[corner], metallic)
+    difference = np.abs(colours[len(file.surface.vertices) :] - 255 * exported[:, :3])
+    # Four directions of light in place of 24, in levels of 255.
+    assert np.median(difference) < 4
+    assert np.ptp(255 * exported[:, :3], axis=0).max() > 40
