@@ -245,6 +245,8 @@ def plot(rows: list[dict[str, Any]], nothing: list[float]) -> None:
     near = [nothing[len(nothing) // 2], *(row["text_cpu_s"][len(row["text_cpu_s"]) // 2] for row in rows)]
     axes.plot(names, near, "o-", label="from the cache")
     for key, label in (("remote_cold_cpu_s", "from a remote, first time"), ("remote_warm_cpu_s", "again")):
+        if any(key not in row for row in rows):
+            continue
         axes.plot(names[1:], [row[key] for row in rows], "o-", label=label)
     axes.axhline(5.0, color="grey", linestyle="--", linewidth=1, label="bar")
     axes.set(xlabel="objects changed, of 1,000", ylabel="CPU seconds", ylim=(0, None))

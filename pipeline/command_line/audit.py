@@ -1,6 +1,7 @@
 """The commands `audit`, `verify` and `history`, for the data set in the current folder."""
 
 import argparse
+import gc
 import shutil
 import sys
 import time
@@ -92,6 +93,9 @@ def run_audit(options: argparse.Namespace) -> int:
     from pipeline.stages import STAGES
 
     stages = tuple(STAGES.values())
+    # What is kept has no cycles, and looking for some among a million dictionaries takes seconds.
+    collecting = gc.isenabled()
+    gc.disable()
     try:
         allowed = thresholds(options.max_loss)
         root = data_set_root(Path.cwd())
@@ -111,6 +115,9 @@ def run_audit(options: argparse.Namespace) -> int:
             write_page(audit, Path(options.html), too_much, allowed)
     except (ObjectFolderError, OSError) as error:
         return failed(error)
+    finally:
+        if collecting:
+            gc.enable()
     if options.json:
         print(as_json(audit, too_much, allowed))
     else:
