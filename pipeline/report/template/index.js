@@ -1,7 +1,7 @@
 "use strict";
 // The table of objects: sorted, searched and filtered in memory; a part of the rows is in the page at a time.
 (() => {
-  const ROWS_SHOWN = 100;
+  const ROWS_SHOWN = 50;
   const table = document.getElementById("table");
   if (!table) return;
   const body = table.tBodies[0];
