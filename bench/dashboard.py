@@ -19,7 +19,7 @@ from typing import Any
 from bench.dashboard_browser import behaviour
 from bench.dashboard_plot import plot
 from bench.record import write
-from pipeline.report import write_report
+from pipeline.report.writing import write_report
 
 OBJECTS = 1000
 # Held-out queries a sense; the last is what a report shows by default.

@@ -15,7 +15,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[1]
-COPIED = ("objectfolder", "pipeline", "data/materials.csv", "dvc.yaml", "params.yaml", "requirements.lock")
+COPIED = (
+    "objectfolder", "pipeline", "bench/results", "data/materials.csv", "dvc.yaml", "params.yaml",
+    "requirements.lock",
+)  # fmt: skip
 GITIGNORE = "__pycache__/\n/.objectfolder/\n/runs/\n"
 DVCIGNORE = "__pycache__\n*.pyc\n*.partial\n.objectfolder\nruns\n"
 MESH = """\

@@ -144,7 +144,7 @@ def make_starter_set(root: Path) -> int:
 def make_report(root: Path) -> int:
     """Write the tables, the pages and the cards of the data set."""
     from pipeline.publishing.cards import write_cards
-    from pipeline.report import write_report
+    from pipeline.report.writing import write_report
     from pipeline.run_log import costs_path
     from pipeline.stages import FIDELITY
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from objectfolder.dataset_splits import OBJECT_SPLITS
+from objectfolder.splits import OBJECT_SPLITS
 from pipeline.publishing.data_set import DataSet, PublishedFile
 from pipeline.publishing.statements import LIMITS, SUMMARY, citation, description
 
@@ -152,7 +152,7 @@ def _record_sets(data_set: DataSet) -> list[dict[str, Any]]:
     sets = [
         _inline(
             "splits",
-            "Which objects are for training, validation and testing; see objectfolder.dataset_splits.",
+            "Which objects are for training, validation and testing; see objectfolder.splits.",
             ("name",),
             [{"name": name} for name in OBJECT_SPLITS],
         )

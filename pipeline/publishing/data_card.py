@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from objectfolder.dataset_splits import OBJECT_SPLITS
+from objectfolder.splits import OBJECT_SPLITS
 from pipeline.publishing.data_set import DataSet
 from pipeline.publishing.markdown import escape, table
 from pipeline.publishing.sources import licences, sources
@@ -107,7 +107,7 @@ def _splits(data_set: DataSet) -> list[str]:
         "points and touches no encoder was fitted to. All fidelity here is on those.",
         "",
         "Across objects: by SHA-256 of a rule's name, material and id, about 80, 10 and 10 of 100 "
-        "(`objectfolder.dataset_splits.object_split`). Adding objects moves no other.",
+        "(`objectfolder.splits.object_split`). Adding objects moves no other.",
         "",
         *table(("split", "objects", "ids"), rows),
     ]

@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
-from objectfolder.dataset_splits import object_split
 from objectfolder.errors import FormatError, InputError
 from objectfolder.provenance import canonical_json, file_digest
+from objectfolder.splits import object_split
 from objectfolder.store import read_attributes
 from pipeline.publishing.licences import Licence
 from pipeline.publishing.publication import Publication, read_publication

@@ -13,7 +13,6 @@ from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 
 from objectfolder.errors import InputError
 from objectfolder.store import Product, write_product
-from pipeline.report import write_report
 from pipeline.report.charts import setting_medians, speed_error_chart
 from pipeline.report.costs import read_costs
 from pipeline.report.formats import (
@@ -30,6 +29,7 @@ from pipeline.report.formats import (
 )
 from pipeline.report.measures import HEADLINE, number_at
 from pipeline.report.sounds import sound_pair
+from pipeline.report.writing import write_report
 
 HOSTILE = "<script>alert('x')</script> & \"mug\""
 

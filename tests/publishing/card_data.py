@@ -7,7 +7,7 @@ import numpy as np
 from objectfolder.store import Array, Product, write_product
 from objectfolder.tensor_file import TensorFile, write_tensor_file
 from pipeline.records import Records, write_records
-from pipeline.report import write_report
+from pipeline.report.writing import write_report
 from pipeline.stages import FIDELITY, OBJECT_FILES
 from pipeline.task import Failure
 

@@ -9,9 +9,9 @@ import pytest
 import yaml
 from card_data import REPOSITORY, row, write_data_set
 
-from objectfolder.dataset_splits import OBJECT_SPLITS, object_split
 from objectfolder.errors import InputError
 from objectfolder.provenance import file_digest
+from objectfolder.splits import OBJECT_SPLITS, object_split
 from pipeline.command_line import main
 from pipeline.publishing.cards import CARDS, write_cards
 

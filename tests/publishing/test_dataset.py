@@ -8,12 +8,11 @@ import torch
 from torch.utils.data import DataLoader
 
 import objectfolder
-from objectfolder import dataset_reading
-from objectfolder.dataset import ObjectFolderDataset
-from objectfolder.dataset_splits import object_split
+from objectfolder.dataset import ObjectFolderDataset, reading
 from objectfolder.errors import FormatError, InputError
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.fidelity.sound import sound_pairs
+from objectfolder.splits import object_split
 from objectfolder.store import read_product
 from objectfolder.vision.compositing import on_white
 
@@ -147,13 +146,13 @@ def test_a_copy_by_pickle_gives_the_same_samples(small_set, sense):
 
 def test_an_image_is_read_alone(small_set, monkeypatch):
     read = []
-    original = dataset_reading.ProductReader._read
+    original = reading.ProductReader._read
 
     def noted(self, name, selection):
         read.append((name, selection))
         return original(self, name, selection)
 
-    monkeypatch.setattr(dataset_reading.ProductReader, "_read", noted)
+    monkeypatch.setattr(reading.ProductReader, "_read", noted)
     samples = of(small_set, "touch", "held_out")
     assert {name for name, _ in read} == {"held_out"}
     read.clear()

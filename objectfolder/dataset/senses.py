@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from objectfolder.audio.synthesis import mode_bank
-from objectfolder.dataset_reading import ProductReader
+from objectfolder.dataset.reading import ProductReader
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG

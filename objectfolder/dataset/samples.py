@@ -16,15 +16,12 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from objectfolder.dataset_reading import Kept, ProductReader
-from objectfolder.dataset_senses import SENSES, Sample, Settings
-from objectfolder.dataset_splits import OBJECT_SPLITS, object_split
-from objectfolder.dataset_xarray import open_xarray
+from objectfolder.dataset.reading import Kept, ProductReader
+from objectfolder.dataset.senses import SENSES, Sample, Settings
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 from objectfolder.provenance import seed_from
-
-__all__ = ["ObjectFolderDataset", "open_xarray"]
+from objectfolder.splits import OBJECT_SPLITS, object_split
 
 SPLITS = ("training", "held_out")
 SOURCES = ("truth", "object_file")
@@ -64,7 +61,7 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
     objects
         Ids, in this order; all of the data set by id if None.
     object_split
-        Only objects of this split: ``"train"``, ``"validation"`` or ``"test"``, see `dataset_splits`. It
+        Only objects of this split: ``"train"``, ``"validation"`` or ``"test"``, see `objectfolder.splits`. It
         needs ``data/records.json``.
     queries, seed
         For files alone.
