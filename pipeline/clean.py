@@ -16,6 +16,7 @@ import yaml
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
 from pipeline import run_record
+from pipeline.audit.attribute_cache import PLACE as AUDITED
 from pipeline.clusters import performance_report
 from pipeline.exclusive import exclusive, owner
 from pipeline.processes import scratch
@@ -23,6 +24,7 @@ from pipeline.products import ProductKind, read_fingerprint
 from pipeline.stages import STAGES
 from pipeline.stores import memo
 from pipeline.stores.memo import STATE
+from pipeline.viewer import PLAYERS
 
 LONGEST_LIST = 5  # paths of a kind that are named
 DVC_HINT = (
@@ -110,6 +112,8 @@ def removable(root: Path, with_memo: bool = False) -> list[Removable]:
         entry("run records", "older than the last ones", run_record.excess(root)),
         entry("Dask's reports", "older than the last ones", performance_report.excess(root)),
         entry("marks of runs", "left by a driver that was killed", (root / STATE).glob("shared-*")),
+        entry("players", "drawn anew from Object Files for the next report", (root / PLAYERS).glob("*")),
+        entry("what audits read", "read again from the products", (root / STATE).glob(f"{AUDITED.name}*")),
     ]
     if with_memo:
         found.append(entry("memo", "products of other settings", _unneeded_memos(root)))

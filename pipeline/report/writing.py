@@ -22,12 +22,11 @@ from pipeline.report.tables import (
     object_rows,
     speed_error_rows,
 )
+from pipeline.viewer import PLAYERS
 
 __all__ = ["write_report"]
 
 RESULTS = "bench/results"
-# What was made of Object Files for players, by their content; losing it costs time only.
-PLAYERS = ".objectfolder/players"
 
 
 def write_report(

@@ -51,6 +51,9 @@ def used(tmp_path, monkeypatch):
         f"{OBJECT_FILES.folder}/.mug.safetensors.x2.partial",
         ".objectfolder/.verified.json.x3.partial",
         ".objectfolder/shared-0a",
+        ".objectfolder/players/0a.1",
+        ".objectfolder/audit.sqlite",
+        ".objectfolder/audit.sqlite-wal",
         ".objectfolder/costs.csv",
         ".objectfolder/verified.json",
         "runs/20260101T000000Z-aa.jsonl",
@@ -124,6 +127,9 @@ def test_what_is_left_over_goes_and_all_else_stays(used, capsys):
         f"{OBJECT_FILES.folder}/.mug.safetensors.x2.partial",
         ".objectfolder/.verified.json.x3.partial",
         ".objectfolder/shared-0a",
+        ".objectfolder/players/0a.1",
+        ".objectfolder/audit.sqlite",
+        ".objectfolder/audit.sqlite-wal",
         "reports/.odd.partial",
     }  # the oldest record is an output of DVC's in this set
     assert not dead.exists()
