@@ -128,7 +128,8 @@ def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path):
             heard = getattr(pair, source)[:-441].astype(float)
             wanted = sounds[source][pair.object_id, pair.query][:-441]
             factor = heard @ wanted / (wanted @ wanted)
-            assert np.abs(heard - factor * wanted).max() <= 0.51  # a factor, and 16 bits
+            # 16 bits, and a factor that is itself fitted to rounded samples.
+            assert np.abs(heard - factor * wanted).max() <= 0.6
     again = draw_pairs(small_set, 10, seed=3, duration_s=0.1)
     assert page_text(drawn, 3) == page_text(again, 3)
     other = draw_pairs(small_set, 10, seed=4, duration_s=0.1)
