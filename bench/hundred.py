@@ -44,6 +44,11 @@ def main() -> None:
     parser.add_argument("root", type=Path, help="a data set with its report")
     root = parser.parse_args().root
     table = root / "reports" / "per_object.csv"
+    finished = {cost.stage for cost in costs_of(root)}
+    if unfinished := [name for name in STAGES if name not in finished]:
+        parser.error(
+            f"{root}: nothing is known of the costs of {', '.join(unfinished)}: make the data set first"
+        )
     with table.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     parameters = read_parameters(root / "params.yaml")
@@ -78,9 +83,11 @@ def number(row: Mapping[str, str], name: str) -> float | None:
     return float(text) if text else None
 
 
-def summary(rows: Sequence[Mapping[str, str]], name: str, larger_is_better: bool) -> dict[str, Any]:
-    """Return mean, median, worst tenth and worst object of a measure."""
+def summary(rows: Sequence[Mapping[str, str]], name: str, larger_is_better: bool) -> dict[str, Any] | None:
+    """Return mean, median, worst tenth and worst object of a measure; None where no object has it."""
     found = [(value, row["id"]) for row in rows if (value := number(row, name)) is not None]
+    if not found:
+        return None
     found.sort(reverse=not larger_is_better)  # worst first
     values = [value for value, _ in found]
     return {
