@@ -66,7 +66,7 @@ def read_lock(where: str, text: bytes) -> Lock:
     try:
         # Safe all the same, and ten times as fast where it is built.
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        content = yaml.load(text, loader)
+        content = loader(text).get_single_data()
         stages = content.get("stages", {}) if "schema" in content else content
         outs: dict[str, Out] = {}
         parameters: dict[str, dict[str, Any]] = {}

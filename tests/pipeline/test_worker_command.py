@@ -55,8 +55,9 @@ def test_it_ends_with_all_it_started_and_leaves_no_file(toys):
             eventually(lambda: list(scratch.rglob("litter")))
             # A worker that is killed takes its child along, and what that left.
             for one in psutil.Process(process.pid).children(recursive=True):
-                if any(str(c.laddr.port) == slot.rpartition(":")[2] for c in one.net_connections()):
-                    os.kill(one.pid, signal.SIGKILL)
+                with contextlib.suppress(psutil.NoSuchProcess, ProcessLookupError):  # taken along already
+                    if any(str(c.laddr.port) == slot.rpartition(":")[2] for c in one.net_connections()):
+                        os.kill(one.pid, signal.SIGKILL)
             until(running, lambda events: events and running.slots())
             eventually(lambda: not list(scratch.rglob("litter")))
             (slot,) = running.slots()
