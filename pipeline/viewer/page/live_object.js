@@ -4,7 +4,10 @@
   const COARSE = { resolution: 128, sub_rays: 4 };
   const COARSEST = { resolution: 64, sub_rays: 4 };
   const SLOW_MS = 80;
-  const RESTING = [128, 256, 512];
+  // Shown one after the other while nothing moves; the first within a tenth of a second.
+  const RESTING = [
+    { resolution: 128, sub_rays: 16 }, { resolution: 256, sub_rays: null }, { resolution: 512, sub_rays: null },
+  ];
 
   // A question: JSON there; a JSON header and bytes back.
   async function ask(path, question) {
@@ -53,7 +56,7 @@
           const finest = this.canvas.clientWidth * (window.devicePixelRatio || 1) * 0.75;
           const stages = moving
             ? [this.coarse]
-            : RESTING.filter((side) => side === 128 || side <= Math.max(256, finest)).map((side) => ({ resolution: side, sub_rays: null }));
+            : RESTING.filter(({ resolution }) => resolution <= Math.max(256, finest));
           for (const stage of stages) {
             await this._image(view, stage, shown);
             if (this.wanted) break;
@@ -83,7 +86,7 @@
       if (this.canvas.width !== resolution) [this.canvas.width, this.canvas.height] = [resolution, resolution];
       this.context.putImageData(image, 0, 0);
       const took = performance.now() - start;
-      if (sub_rays) this.coarse = took > SLOW_MS ? COARSEST : COARSE;
+      if (sub_rays === COARSE.sub_rays) this.coarse = took > SLOW_MS ? COARSEST : COARSE;
       this.canvas.dispatchEvent(new CustomEvent("player:drawn", { bubbles: true, detail: { resolution, sub_rays, took } }));
       shown({ resolution, note: `${resolution} × ${resolution}, ${Math.round(took)} ms` });
     }
