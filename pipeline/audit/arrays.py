@@ -47,6 +47,11 @@ def by_checksums(old: Description, new: Description) -> Arrays:
 
     Two CRC-32 of different chunks of one size are equal once in four thousand million times, unless
     somebody wants them to be.
+
+    Raises
+    ------
+    ValueError
+        The list of entries of either is damaged.
     """
     quick = layouts.differing(old.listing, new.listing)
     if quick is not None:

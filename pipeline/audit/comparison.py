@@ -8,7 +8,7 @@ from pipeline.audit import reasons
 from pipeline.audit.arrays import Arrays, by_checksums
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.costs import KnownCosts, to_fetch
-from pipeline.audit.descriptions import Description
+from pipeline.audit.descriptions import Description, damage
 from pipeline.audit.fidelity import FidelityChange, changes, worst_first
 from pipeline.audit.findings import (
     ADDED,
@@ -119,7 +119,7 @@ class Comparison:
         state = self._state(was, object_id, before, after, bool(stages))
         former = was if was != object_id else ""
         found = ObjectChange(object_id, state, former, tuple(stages), failure, stage_name)
-        return found, measures if state != REMOVED else []
+        return found, measures
 
     def _state(
         self, was: str, object_id: str, before: object | None, after: object | None, changed: bool
@@ -160,11 +160,15 @@ class Comparison:
                 continue
             more = reasons.why(stage, before, after, around)
             suspicious = all(one.kind == reasons.BYTES for one in more)
-            found = by_checksums(before, after) if kind.suffix == ZARR else Arrays(unread=1)
+            found, broken = (
+                self._by_checksums(before, after) if kind.suffix == ZARR else (Arrays(unread=1), [])
+            )
             if suspicious or self._suspects.read_arrays:
                 read, defects = self._suspects.compare(stage, old, new, before, after)
                 found = read or found
                 more = [*defects, *more] if not (defects and suspicious) else defects
+            if broken and all(one.kind != reasons.CORRUPTED for one in more):
+                more = [*broken, *more]
             arrays += found
             why += [one for one in more if one not in why]
         # One product of a stage can be made from another thing, and the other be the same but damaged.
@@ -174,6 +178,17 @@ class Comparison:
         state = MADE if not any(olds) else GONE if not any(news) else CHANGED
         cost = self._known.of(object_id, stage.name, prints[1]) if prints[1] != prints[0] else None
         return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost), said
+
+    def _by_checksums(self, before: Description, after: Description) -> tuple[Arrays, list[Reason]]:
+        """Compare two archives' lists of entries; a damaged one is a reason."""
+        try:
+            return by_checksums(before, after), []
+        except ValueError:
+            damages = [(which, damage(one.listing)) for which, one in (("earlier", before), ("later", after))]
+        found = [
+            Reason(reasons.CORRUPTED, note=f"the {which} one: {text}") for which, text in damages if text
+        ]
+        return Arrays(unread=1), found
 
     def _hides_fidelity(self, content: Content | None, found: Description | None) -> bool:
         return content is not None and found is None
@@ -186,6 +201,9 @@ class Comparison:
             return self._describe(content)
         except FormatError as error:
             why.append(reasons.unreadable(error))
+            if content.where.startswith(f"{FIDELITY.folder}/"):
+                # What a damaged one measured is judged by no threshold.
+                self._problems.setdefault(content.where, error)
         except ObjectFolderError as error:
             why.append(Reason(reasons.UNREADABLE, note=error.finding))
             self._problems.setdefault(error.finding, error)

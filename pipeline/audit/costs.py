@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.errors import FormatError, ObjectFolderError
+from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
+from pipeline.audit.lock_file import DIRECTORY
 from pipeline.audit.versions import PER_OBJECT, Version
 from pipeline.run_log import costs_path
 
@@ -62,34 +63,39 @@ class Fetch:
         How many of them are of unknown size.
     by_out
         Bytes by output of the data set.
+    unlisted
+        Outputs whose list of files cannot be read in one of the versions; nothing of them is counted.
     """
 
     bytes: int
     files: int
     unknown: int
     by_out: Mapping[str, int]
+    unlisted: tuple[str, ...] = ()
 
 
 def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
     """Return what there is to fetch of `new` when one has `old`."""
-    files: dict[str, dict[str, str]] = {}  # by output: where to hash
+    files: dict[str, set[str]] = {}  # by output: hashes
+    unlisted: list[str] = []
     whole = {out.md5 for out in old.lock.outs.values()}
     in_git = {*old.texts, *new.texts}
     for path in {**new.lock.outs, **new.folders}:
         out = new.lock.outs.get(path)
         lying = new.folders.get(path)
         if lying is not None and lying.made and not lying.md5:
-            files[path] = {one.where: one.md5 for one in lying.products.values()}
+            files[path] = {one.md5 for one in lying.products.values()}
         elif out is not None and out.md5 not in whole and path not in in_git:
-            files[path] = _files(contents, path, out.md5)
+            files[path] = _hashes(contents, path, out.md5, unlisted)
     # Only what changed in a folder that both have is to be looked up in the old one.
     had: set[str] = set()
     for path in files:
         if path in old.lock.outs:
-            had |= set(_files(contents, path, old.lock.outs[path].md5).values())
+            had |= _hashes(contents, path, old.lock.outs[path].md5, unlisted)
         elif path in old.folders:
             had |= {one.md5 for one in old.folders[path].products.values()}
-    sizes = _sizes(contents, {path: set(held.values()) - had for path, held in files.items()}, new)
+    wanted = {path: hashes - had for path, hashes in files.items() if path not in unlisted}
+    sizes = _sizes(contents, wanted, new)
     by_out = {path: sum(size or 0 for size in found.values()) for path, found in sizes.items() if found}
     every = {md5: size for found in sizes.values() for md5, size in found.items()}
     return Fetch(
@@ -97,16 +103,19 @@ def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
         len(every),
         sum(size is None for size in every.values()),
         dict(sorted(by_out.items())),
+        tuple(dict.fromkeys(unlisted)),
     )
 
 
-def _files(contents: Contents, path: str, md5: str) -> dict[str, str]:
-    if not md5.endswith(".dir"):
-        return {path: md5}
+def _hashes(contents: Contents, path: str, md5: str, unlisted: list[str]) -> set[str]:
+    """Return the hashes of an output's files; one whose list cannot be read is put to the unlisted."""
+    if not md5.endswith(DIRECTORY):
+        return {md5}
     try:
-        return {f"{path}/{name}": one for name, one in contents.folder(md5, path).items()}
-    except (ObjectFolderError, FormatError):
-        return {}
+        return set(contents.folder(md5, path).values())
+    except (ObjectFolderError, OSError):
+        unlisted.append(path)
+        return set()
 
 
 def _sizes(

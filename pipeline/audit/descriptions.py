@@ -19,15 +19,13 @@ from typing import Any, BinaryIO
 
 from objectfolder.errors import FormatError
 from pipeline.products import TENSORS
-from pipeline.stores.archives import LARGEST_JSON_BYTES
+from pipeline.stores.archives import CENTRAL, CENTRAL_MARK, END, END_MARK, LARGEST_JSON_BYTES, LOCAL
 
 REMEDY = "See `objectfolder verify`; fetch it again (`dvc fetch`), or delete it and run `dvc repro`."
 GROUP = "zarr.json"
 TAIL_BYTES = 1 << 16
-_END = struct.Struct("<4s4H2LH")
-_LISTED = struct.Struct("<4s6H3L5H2L")
+# Of an entry in the list: its name and what else follows its fixed part.
 _LENGTHS, _LENGTHS_AT = struct.Struct("<3H"), 28
-_LOCAL_BYTES = 30
 # Where, in an entry of the list, checksum and sizes stand, and where it says where the chunk lies.
 CHECKED, PLACED = (16, 28), (42, 46)
 _ZIP64 = 0xFFFF, 0xFFFFFFFF
@@ -61,7 +59,13 @@ class Description:
 
     @cached_property
     def arrays(self) -> Mapping[str, str]:
-        """Array name to a digest of names, sizes and checksums (CRC-32) of its chunks, as stored."""
+        """Array name to a digest of names, sizes and checksums (CRC-32) of its chunks, as stored.
+
+        Raises
+        ------
+        ValueError
+            As for `entries`.
+        """
         chunks: dict[bytes, list[bytes]] = defaultdict(list)
         for position, name in entries(self.listing):
             chunks[name.partition(b"/")[0]] += (
@@ -80,15 +84,30 @@ def entries(listing: bytes) -> Iterator[tuple[int, bytes]]:
 
     Raises
     ------
-    struct.error
-        A list that ends within an entry.
+    ValueError
+        A list that ends within an entry, or in which no entry begins where the one before it ends.
     """
     position = 0
     while position < len(listing):
+        begin = position + CENTRAL.size
+        if not listing.startswith(CENTRAL_MARK, position) or begin > len(listing):
+            raise ValueError(f"its list of entries has none at byte {position}")
         name_bytes, *others = _LENGTHS.unpack_from(listing, position + _LENGTHS_AT)
-        begin = position + _LISTED.size
+        end = begin + name_bytes + sum(others)
+        if end > len(listing):
+            raise ValueError("its list of entries ends within one")
         yield position, listing[begin : begin + name_bytes]
-        position = begin + name_bytes + sum(others)
+        position = end
+
+
+def damage(listing: bytes) -> str:
+    """Return what is wrong with an archive's list of entries, empty where nothing is."""
+    try:
+        for _ in entries(listing):
+            pass
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
@@ -124,12 +143,12 @@ def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
 def _of_archive(file: BinaryIO, size: int) -> Description:
     first = max(0, size - TAIL_BYTES)
     tail = _span(file, first, size)
-    if len(tail) < _END.size:
+    if len(tail) < END.size:
         raise ValueError(f"{size} bytes are no archive")
-    magic, disk, start_disk, _, count, length, start, comment = _END.unpack_from(tail, len(tail) - _END.size)
-    if magic != b"PK\5\6" or comment or _ZIP64[0] in (count, disk) or _ZIP64[1] in (start, length):
+    magic, disk, start_disk, _, count, length, start, comment = END.unpack_from(tail, len(tail) - END.size)
+    if magic != END_MARK or comment or _ZIP64[0] in (count, disk) or _ZIP64[1] in (start, length):
         return _by_zipfile(file)
-    end = size - _END.size
+    end = size - END.size
     if disk or start_disk or start + length != end:
         raise ValueError("its list of entries does not end where the archive does")
     if length > LARGEST_JSON_BYTES:
@@ -138,14 +157,14 @@ def _of_archive(file: BinaryIO, size: int) -> Description:
         first, tail = start, _span(file, start, size)
     listing = tail[start - first : end - first]
     # The last entry, where the writer puts the attributes; an archive of another order is read in full.
-    last = len(listing) - _LISTED.size - len(GROUP)
+    last = len(listing) - CENTRAL.size - len(GROUP)
     if last < 0 or not listing.endswith(GROUP.encode()):
         return _by_zipfile(file)
-    entry = _LISTED.unpack_from(listing, last)
+    entry = CENTRAL.unpack_from(listing, last)
     flags, method, checksum, packed, plain, offset = entry[3], entry[4], *entry[7:10], entry[16]
-    if entry[0] != b"PK\1\2" or entry[10] != len(GROUP) or entry[11] or entry[12]:
+    if entry[0] != CENTRAL_MARK or entry[10] != len(GROUP) or entry[11] or entry[12]:
         return _by_zipfile(file)
-    begin = offset + _LOCAL_BYTES + len(GROUP)
+    begin = offset + LOCAL.size + len(GROUP)
     if flags or method != zipfile.ZIP_STORED or packed != plain or begin + plain != start:
         raise ValueError("its attributes do not lie where a product has them")
     if plain > LARGEST_JSON_BYTES:
@@ -167,7 +186,7 @@ def _by_zipfile(file: BinaryIO) -> Description:
         for one in archive.infolist():
             name = one.filename.encode()
             numbers = (0, 0, 0, 0, 0, 0, one.CRC, one.file_size & _ZIP64[1], one.file_size & _ZIP64[1])
-            listing.write(_LISTED.pack(b"PK\1\2", *numbers, len(name), 0, 0, 0, 0, 0, 0) + name)
+            listing.write(CENTRAL.pack(CENTRAL_MARK, *numbers, len(name), 0, 0, 0, 0, 0, 0) + name)
     return Description(attributes, listing.getvalue())
 
 

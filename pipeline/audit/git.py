@@ -73,21 +73,32 @@ class GitRepository:
     def commits_of(self, path: str, revision: str = "HEAD") -> list[Commit]:
         """Return the commits behind `revision` that changed a file, newest first.
 
+        Of a merge, only the first parent is followed: side by side, branches are no order of versions.
+
         Raises
         ------
         InputError
             No such revision.
         """
         start = self.commit(revision)
-        return _commits(self._run("log", f"--format={_FORMAT}", start.hash, "--", path))
+        return _commits(self._run("log", "--first-parent", f"--format={_FORMAT}", start.hash, "--", path))
 
     def read(self, revision: str, path: str) -> bytes | None:
         """Return a file of a revision, None where it has none."""
         return self.read_many([(revision, path)])[revision, path]
 
     def read_many(self, wanted: Iterable[tuple[str, str]]) -> Mapping[tuple[str, str], bytes | None]:
-        """Return files by commit hash and path, None for those that are not there; one process for all."""
+        """Return files by commit hash and path, None for those that are not there; one process for all.
+
+        Raises
+        ------
+        InputError
+            A path that git cannot be asked for, because it has a line break, or git fails.
+        """
         asked = list(dict.fromkeys(wanted))
+        for _, path in asked:
+            if "\n" in self._prefix + path:
+                raise InputError(repr(self._prefix + path), "has a line break", "Give it another name.")
         lines = "".join(f"{revision}:{self._prefix}{path}\n" for revision, path in asked)
         done = subprocess.run(
             ["git", "cat-file", "--batch"],
@@ -103,12 +114,13 @@ class GitRepository:
             end = done.stdout.index(b"\n", position)
             header, position = done.stdout[position:end], end + 1
             found[key] = None
-            if header.split(b" ")[-2:-1] == [b"blob"]:
-                size = int(header.rpartition(b" ")[2])
+            if header.endswith(b" missing"):
+                continue
+            _, kind, count = header.split(b" ")
+            size = int(count)
+            if kind == b"blob":  # and no folder of this name
                 found[key] = done.stdout[position : position + size]
-                position += size + 1
-            elif not header.endswith(b" missing"):
-                position += int(header.rpartition(b" ")[2]) + 1  # a folder of this name
+            position += size + 1
         return found
 
     def _run(self, *arguments: str, finding: str = "", where: str = "", remedy: str = "") -> str:

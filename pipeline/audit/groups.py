@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pipeline.audit.findings import REMOVED, RENAMED, UNCHANGED, Audit, ObjectChange
 from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, Reason
+from pipeline.audit.texts import printable
 
 NAMED = 3  # modules, and parameters of one section, before the rest are counted
 Texts = tuple[str, ...]
@@ -106,11 +107,6 @@ def names(found: Sequence[ObjectChange], most: int = 6) -> str:
     ids = [f"{one.was} -> {one.object_id}" if one.state == RENAMED else one.object_id for one in found]
     text = ", ".join(map(printable, ids[:most]))
     return text if len(ids) <= most else f"{text} and {len(ids) - most} more"
-
-
-def printable(text: str) -> str:
-    """Return a text of strangers without what would command a terminal."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def totals(audit: Audit) -> list[StageTotal]:

@@ -52,6 +52,11 @@ def differing(old: bytes, new: bytes) -> Mapping[str, bool] | None:
     ----------
     old, new
         Lists of entries as `descriptions.Description` holds them.
+
+    Raises
+    ------
+    ValueError
+        A damaged list.
     """
     if len(old) != len(new) or not old:
         return None

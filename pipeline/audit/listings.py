@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 
 from pipeline.audit.as_json import plain
 from pipeline.audit.fidelity import MEASURES
-from pipeline.audit.groups import printable
 from pipeline.audit.history import ObjectVersion, Unreadable
 from pipeline.audit.recomputation import Remade
 from pipeline.audit.table import size, value
+from pipeline.audit.texts import printable
 from pipeline.audit.verification import Verified
 
 # One measure of each sense, and the size, beside the words of a history.

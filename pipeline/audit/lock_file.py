@@ -16,6 +16,7 @@ from objectfolder.errors import FormatError
 
 LOCK = "dvc.lock"
 DIRECTORY = ".dir"
+RESTORE = "Restore it from git, or run `dvc repro`."
 MD5 = re.compile(r"[0-9a-f]{32}(\.dir)?")
 
 
@@ -75,17 +76,18 @@ def read_lock(where: str, text: bytes) -> Lock:
                 md5 = out.get("md5")
                 if not isinstance(md5, str) or not MD5.fullmatch(md5):
                     continue  # in no cache by MD5: a cloud's own version, or another file system's
-                size = out.get("size")
-                outs[str(out["path"])] = Out(str(stage), md5, size if isinstance(size, int) else None)
+                size, path = out.get("size"), str(out["path"])
+                if any(letter < " " for letter in path):
+                    # Lists and answers of git have one path a line.
+                    raise FormatError(where, f"output {path!r} has a line break or the like", RESTORE)
+                outs[path] = Out(str(stage), md5, size if isinstance(size, int) else None)
             parameters[str(stage)] = {
                 str(name): value
                 for file in said.get("params", {}).values()
                 for name, value in (file or {}).items()
             }
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise FormatError(
-            where, f"no lock file of DVC ({type(error).__name__})", "Restore it from git, or run `dvc repro`."
-        ) from error
+        raise FormatError(where, f"no lock file of DVC ({type(error).__name__})", RESTORE) from error
     return Lock(outs, parameters)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from objectfolder.errors import FormatError
 from objectfolder.provenance import fingerprint
 from pipeline.audit.descriptions import Description
+from pipeline.audit.texts import printable
 from pipeline.differences import ABSENT, SECTIONS, Difference, differences
 from pipeline.stage import Stage
 
@@ -228,5 +229,5 @@ def _tolerances(old: Any, new: Any) -> list[Reason]:
 
 def _shown(value: Any) -> str:
     """Return a value for a line of text; texts of strangers on one line and not for long."""
-    text = "".join(letter if letter.isprintable() else "?" for letter in str(value))
+    text = printable(str(value))
     return text if len(text) <= 60 else f"{text[:57]}..."

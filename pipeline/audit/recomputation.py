@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from objectfolder.errors import InputError, ObjectFolderError
+from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.provenance import code_identity, file_digest, package_versions
 from pipeline.audit.arrays import Arrays, by_reading, stored_tolerances
 from pipeline.audit.contents import Content, Contents
@@ -131,7 +131,7 @@ class _Bench:
             self._inputs(stage, object_id, parts),
             _mapping(parts, "parameters"),
             _mapping(parts, "record"),
-            int(parts.get("seed", 0)),
+            _seed(parts, there[-1][1].where),
         )
         targets = tuple(kind.path(self._root / "again", object_id) for kind, _ in there)
         for target in targets:
@@ -221,6 +221,14 @@ class _Bench:
 def _mapping(parts: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     found = parts.get(name)
     return found if isinstance(found, dict) else {}
+
+
+def _seed(parts: Mapping[str, Any], where: str) -> int:
+    """Return the seed that a product names; with another, it would be judged by what it was not made from."""
+    found = parts.get("seed")
+    if type(found) is not int:  # a truth value would pass as one
+        raise FormatError(where, f"it names no seed, but {str(found)[:60]!r}", "See `objectfolder verify`.")
+    return found
 
 
 def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> Iterator[str]:

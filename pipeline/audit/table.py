@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import CHANGED, GONE, MADE, STATES, Audit
-from pipeline.audit.groups import StageTotal, groups, names, printable, totals
+from pipeline.audit.groups import StageTotal, groups, names, totals
 from pipeline.audit.reasons import UPSTREAM
+from pipeline.audit.texts import printable
 from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
 
 NARROWEST, WIDEST = 72, 120
@@ -160,6 +161,8 @@ def _costs(audit: Audit, width: int) -> list[str]:
     lines = [f"made anew: {cost(audit)}"]
     fetch = audit.fetch
     unknown = f", and {fetch.unknown} files of unknown size" if fetch.unknown else ""
+    if fetch.unlisted:
+        unknown += f", and what {', '.join(map(printable, fetch.unlisted))} has, of which the list is unknown"
     parts = ", ".join(f"{path} {size(count)}" for path, count in fetch.by_out.items() if count)
     text = f"to fetch: {size(fetch.bytes)} in {fetch.files} files{unknown}{f' ({parts})' if parts else ''}"
     return lines + _wrapped(text, width, "", "  ")

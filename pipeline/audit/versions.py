@@ -13,6 +13,7 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
 from pipeline.audit.lock_file import LOCK, Lock, read_lock
+from pipeline.audit.texts import printable
 from pipeline.products import ProductKind
 from pipeline.records import MATERIALS, RECORDS
 from pipeline.run_log import read_failures
@@ -78,9 +79,7 @@ class Version:
         """For people."""
         if self.commit is None:
             return WORK_TREE
-        # The subject is a text of strangers: no control character reaches a terminal.
-        subject = "".join(letter if letter.isprintable() else "?" for letter in self.commit.subject)
-        return f"{self.commit.short} {subject[:60]}"
+        return f"{self.commit.short} {printable(self.commit.subject)[:60]}"
 
     @cached_property
     def rows(self) -> Mapping[str, Mapping[str, Any]]:

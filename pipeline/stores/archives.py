@@ -7,7 +7,9 @@ size that it declares; this looks at the declarations first, reads no array, and
 import json
 import math
 import re
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,11 @@ ITEM_BYTES = {
 CODECS = ("bytes", "blosc")
 # Four of versions, flags and size of an item, then bytes before and after compression, and of a block.
 BLOSC_HEADER_BYTES = 16
+# The last record of an archive without a comment; an entry of its directory, and the header before an
+# entry's content, each up to the name that follows it.
+END, END_MARK = struct.Struct("<4s4H2LH"), b"PK\5\6"
+CENTRAL, CENTRAL_MARK = struct.Struct("<4s6H3L5H2L"), b"PK\1\2"
+LOCAL, LOCAL_MARK = struct.Struct("<4s5H3L2H"), b"PK\3\4"
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 _CHUNK = re.compile(r"c(/\d{1,9}){0,32}")
 
@@ -43,7 +50,9 @@ def read_attributes(path: Path) -> dict[str, Any]:
             attributes = _json(archive, archive.getinfo("zarr.json"))["attributes"]
     except FileNotFoundError:
         raise
-    except (zipfile.BadZipFile, OSError, LookupError, TypeError, ValueError, RuntimeError) as error:
+    except (
+        zipfile.BadZipFile, struct.error, OSError, EOFError, LookupError, TypeError, ValueError, RuntimeError,
+    ) as error:  # fmt: skip
         raise FormatError(str(path), f"not a readable product ({error})", REMEDY) from error
     if not isinstance(attributes, dict):
         raise FormatError(str(path), "not a readable product (its attributes have no names)", REMEDY)
@@ -63,7 +72,8 @@ def check(path: Path) -> None:
             _check(archive)
             damaged = archive.testzip()
     except (
-        zipfile.BadZipFile, OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError,
+        zipfile.BadZipFile, struct.error, zlib.error, OSError, EOFError, LookupError, TypeError, ValueError,
+        RuntimeError, AttributeError,
     ) as error:  # fmt: skip
         raise FormatError(str(path), f"unreadable ({error})", REMEDY) from error
     if damaged is not None:

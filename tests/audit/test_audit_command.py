@@ -7,7 +7,7 @@ import shutil
 import pytest
 from versions_of_workshop import made_versions
 
-from objectfolder.errors import InputError
+from objectfolder.errors import FormatError, InputError
 from objectfolder.store import read_product, write_product
 from pipeline import command_line, stages
 from pipeline.audit.fidelity import MEASURES, changes, exceeded, thresholds, worst_first
@@ -180,11 +180,48 @@ def test_list_of_a_folder_that_is_nowhere(run, made, tmp_path):
         status, out, _ = run("audit", "HEAD~1", "HEAD")
         assert status == FINE
         assert "data/fidelity: not readable here" in " ".join(out.split())
+        assert "what data/fidelity has, of which the list is unknown" in " ".join(out.split())
+        fetch = json.loads(run("audit", "HEAD~1", "HEAD", "--json")[1])["fetch"]
+        assert fetch["unlisted"] == ["data/fidelity"]
+        assert fetch["files"] == 0
         # Folders of the same hash in both are the same, wherever they are.
         assert "data/views" not in out
         assert run("history", "cup")[0] == FINE
     finally:
         shutil.move(tmp_path / "cache", made.root / ".dvc/cache")
+
+
+def test_damaged_measures_are_judged_by_no_threshold(run, made):
+    path = FIDELITY.path(made.root, "dish")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    try:
+        status, out, error = run("audit", "HEAD", "--max-loss", "vision.psnr_db=100")
+        assert status == ERROR
+        assert "corrupted" in out
+        assert "incomplete: data/fidelity/dish.zarr.zip" in out
+        assert "was not judged" in error
+        assert run("audit", "HEAD")[0] == FINE
+    finally:
+        path.write_bytes(whole)
+
+
+def test_object_that_is_removed_lost_all_its_measures(run, made):
+    records = made.root / "data" / "records.json"
+    text, path = records.read_text(), FIDELITY.path(made.root, "dish")
+    whole = path.read_bytes()
+    without = json.loads(text)
+    del without["objects"]["dish"]
+    records.write_text(json.dumps(without))
+    path.unlink()
+    try:
+        status, out, _ = run("audit", "HEAD", "--max-loss", "vision.psnr_db=100")
+        assert "removed: dish" in out
+        assert "too much: dish: vision.psnr_db lost" in out
+        assert status == EXCEEDED
+    finally:
+        records.write_text(text)
+        path.write_bytes(whole)
 
 
 def test_history_of_an_object(run):
@@ -255,6 +292,14 @@ def test_lock_of_other_formats():
     assert read_lock("dvc.lock", cloud).outs == {}
     with pytest.raises(Exception, match="no lock file"):
         read_lock("dvc.lock", b"- 1\n")
+
+
+def test_lock_with_a_line_break_in_a_path():
+    md5 = "0123456789abcdef0123456789abcdef"
+    outs = [{"path": "x\nHEAD:y", "md5": md5}]
+    text = json.dumps({"schema": "2.0", "stages": {"a": {"outs": outs}}}).encode()
+    with pytest.raises(FormatError, match="line break"):
+        read_lock("dvc.lock", text)
 
 
 def test_unicode_in_ids_and_in_names_of_files():

@@ -6,12 +6,13 @@ import zipfile
 
 import numpy as np
 import pytest
-from versions_of_workshop import made_versions, only, states
+from versions_of_workshop import flip, made_versions, only, states
 
 from objectfolder import provenance as provenance_module
 from objectfolder.provenance import fingerprint
 from objectfolder.store import Array, Product, read_product, write_product
 from pipeline.audit import reasons
+from pipeline.audit.fidelity import exceeded
 from pipeline.audit.findings import (
     ADDED,
     CHANGED,
@@ -250,6 +251,7 @@ def test_object_removed_and_another_added(workshop):
     workshop.add("ewer", "glass")
     found = audit_of_change(workshop)
     assert states(found) == {"cup": REMOVED, "dish": UNCHANGED, "ewer": ADDED, "spoon": UNCHANGED}
+    assert {one.object_id for one in exceeded(found.fidelity, {"vision.psnr_db": 100.0})} == {"cup"}
 
 
 def test_object_renamed(workshop):
@@ -310,6 +312,29 @@ def test_corrupted_array(workshop):
     assert told(found, "cup") == {(CORRUPTED, "")}
     assert "the later one" in sentences(found, "cup")[0]
     assert states(found)["dish"] == UNCHANGED
+
+
+# A flipped bit of the length of a name, in an entry's mark, and of how long what follows the name is.
+@pytest.mark.parametrize("place", [28, 2, 31])
+@pytest.mark.parametrize("changed", [False, True], ids=["made from the same", "made anew"])
+def test_corrupted_list_of_entries(workshop, place, changed):
+    first = workshop.first
+    if changed:
+        workshop.row("cup")["material"] = "glass"
+        workshop.save()
+        workshop.converge()
+    path = VIEWS.path(workshop.root, "cup")
+    whole = path.read_bytes()
+    begin = whole.index(b"PK\1\2", whole.index(b"PK\1\2") + 4)
+    flip(path, 8 * (begin + place))
+    damaged = workshop.version("damaged", make=False)
+    for versions, which in (((first, damaged), "later"), ((damaged, first), "earlier")):
+        for arrays in (False, True):
+            found = workshop.audit(*versions, arrays=arrays)
+            (views,) = (one for one in only(found, "cup").stages if one.stage == "views")
+            (reason,) = (one for one in views.reasons if one.kind == CORRUPTED)
+            assert f"the {which} one" in reason.note
+            assert ((MATERIAL, "") in told(found, "cup")) == changed
 
 
 @pytest.mark.parametrize("kind", [VIEWS, OBJECT_FILES], ids=lambda kind: kind.name)

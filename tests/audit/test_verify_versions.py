@@ -282,6 +282,24 @@ def test_code_of_today_that_is_another_is_said(workshop):
     assert "by today's code, another in workshop_of_verify.units" in one.finding
 
 
+@pytest.mark.parametrize("seed", [None, "7", True, 0.5])
+def test_product_that_names_no_seed_is_not_made_with_another(workshop, seed):
+    path = TOUCHES.path(workshop.root, "cup")
+    product = read_product(path)
+    parts = {key: part for key, part in product.attributes["provenance"].items() if key != "seed"}
+    path.unlink()
+    write_product(
+        path, product.with_attributes(provenance=parts if seed is None else {**parts, "seed": seed})
+    )
+    (stage,) = (one for one in workshop.stages if one.name == "touches")
+    with Contents(workshop.root) as contents:
+        found = {
+            one.object_id: one for one in recompute(contents, workshop.at(contents, None), [stage], 2, 0)
+        }
+    assert found["cup"].verdict == FAILED
+    assert "data/touches/cup.zarr.zip: it names no seed" in found["cup"].finding
+
+
 def test_draw_is_of_its_seed(workshop, monkeypatch):
     drawn = []
     monkeypatch.setattr(
