@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from objectfolder.errors import FormatError, InputError
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
     import xarray
 
-SAMPLE_RATE_HZ = 44100.0  # of the sounds that fidelity products keep
 NAMES = {3: {"channel": list("rgb"), "axis": list("xyz"), "xyz": list("xyz")}, 4: {"channel": list("rgba")}}
 
 

@@ -1,7 +1,6 @@
 """Rows of products read one at a time: a chunk from the archive, never the whole of an array of images."""
 
 import os
-import zipfile
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -50,8 +49,8 @@ class ProductReader:
         if name not in self._arrays:
             try:
                 self._arrays[name] = self._group[name]
-            except KeyError as error:
-                raise FormatError(str(self.path), f"no array {name}", REMEDY) from error
+            except Exception as error:  # KeyError where there is none, and what zarr makes of damage
+                raise FormatError(str(self.path), f"no readable array {name} ({error})", REMEDY) from error
         return self._arrays[name]
 
     def shape(self, name: str) -> tuple[int, ...]:
@@ -73,7 +72,9 @@ class ProductReader:
     def _read(self, name: str, selection: Any) -> np.ndarray:
         try:
             return np.asarray(self._array(name)[selection])
-        except (zipfile.BadZipFile, ValueError, RuntimeError, OSError) as error:
+        except FormatError:
+            raise
+        except Exception as error:  # of zarr, its codecs and zipfile
             raise FormatError(str(self.path), f"damaged array {name} ({error})", REMEDY) from error
 
 

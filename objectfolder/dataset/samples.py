@@ -62,7 +62,7 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
         Ids, in this order; all of the data set by id if None.
     object_split
         Only objects of this split: ``"train"``, ``"validation"`` or ``"test"``, see `objectfolder.splits`. It
-        needs ``data/records.json``.
+        needs ``data/records.json``, which lies in the git repository of a data set.
     queries, seed
         For files alone.
     duration_s, sample_rate_hz
@@ -196,7 +196,9 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
             materials = {object_id: str(rows[object_id]["material"]["name"]) for object_id in ids}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
-                str(path), f"no materials of the objects in it ({error})", "Restore it."
+                str(path),
+                f"no materials of the objects in it ({error})",
+                "Copy it from the data set's repository: `objectfolder get` brings products alone.",
             ) from error
         return [object_id for object_id in ids if object_split(object_id, materials[object_id]) == part]
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from objectfolder.errors import ObjectFolderError
 from pipeline import data_set_commands
 from pipeline.command_line import audit, build, cards, export, get, listen, query, solve, view
+from pipeline.command_line.intermixed import IntermixedParser
 
 EPILOG = """examples:
   objectfolder build mug.obj --material ceramic --length 0.16 -o mug.safetensors
@@ -29,7 +30,9 @@ def parser(chosen: Sequence[str] = ()) -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = main_parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    commands = main_parser.add_subparsers(
+        title="commands", required=True, metavar="COMMAND", parser_class=IntermixedParser
+    )
     for module in (build, solve, query, export, audit, cards, get, listen, view):
         module.add_commands(commands)
     data_set_commands.add_commands(commands, chosen)

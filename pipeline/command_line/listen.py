@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 MOST_TRIALS = 500
+LARGEST_SEED = 999_999_999  # what the page takes
+SHORTEST_S, LONGEST_S = 0.05, 10.0
 
 
 def add_commands(commands: Any) -> None:
@@ -27,8 +29,10 @@ def run(options: argparse.Namespace) -> None:
 
     if not 1 <= options.trials <= MOST_TRIALS:
         raise InputError("--trials", f"{options.trials}", f"Give 1 to {MOST_TRIALS}.")
-    if not 0 < options.duration <= 10:
-        raise InputError("--duration", f"{options.duration} s", "Give more than 0 and at most 10 seconds.")
+    if not 0 <= options.seed <= LARGEST_SEED:
+        raise InputError("--seed", f"{options.seed}", f"Give 0 to {LARGEST_SEED}.")
+    if not SHORTEST_S <= options.duration <= LONGEST_S:
+        raise InputError("--duration", f"{options.duration} s", f"Give {SHORTEST_S} to {LONGEST_S} seconds.")
     path = Path(options.output)
     write_page(
         Path(options.root),

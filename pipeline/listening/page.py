@@ -10,7 +10,8 @@ from markupsafe import Markup
 
 import objectfolder
 from objectfolder.atomic import atomic_write
-from pipeline.listening.stimuli import LEVEL_RULE, SAMPLE_RATE_HZ, Pair, draw_pairs
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
+from pipeline.listening.stimuli import LEVEL_RULE, Pair, draw_pairs
 from pipeline.report.templates import security_policy, template_environment
 
 TEMPLATES = Path(__file__).parent / "template"

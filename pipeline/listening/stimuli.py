@@ -10,11 +10,11 @@ import numpy as np
 
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import FormatError, InputError
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.store import read_attributes
 from pipeline.products import read_fingerprint
 from pipeline.stages import MODES, OBJECT_FILES
 
-SAMPLE_RATE_HZ = 44100
 FADE_S = 0.01
 PEAK = 0.5
 LEVEL_RULE = (
@@ -67,7 +67,7 @@ def draw_pairs(
     Raises
     ------
     InputError
-        No audible object, too few held-out points, or an id that is not there.
+        No audible object, too few held-out points, an id that is not there, or a silent strike.
     """
     settings: dict[str, Any] = {
         "objects": objects,
@@ -125,7 +125,14 @@ def match(truth: np.ndarray, answer: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def _pair(root: Path, truth: dict[str, Any], answer: dict[str, Any]) -> Pair:
     object_id = truth["object_id"]
-    one, other, change = match(truth["sound"].numpy(), answer["sound"].numpy())
+    try:
+        one, other, change = match(truth["sound"].numpy(), answer["sound"].numpy())
+    except ValueError as error:
+        raise InputError(
+            f"{object_id}, query {truth['query']}",
+            f"cannot be compared by ear: {error}",
+            "Name the other objects, or another --seed.",
+        ) from error
     return Pair(
         object_id,
         truth["query"],

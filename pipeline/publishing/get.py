@@ -90,6 +90,10 @@ def get(
                 return Got(object_id, path, download(published.stores, md5, path, came), count)
             except ObjectFolderError as error:
                 return Got(object_id, path, "failed", count, error)
+            except OSError as error:  # of the folder it comes to: those of stores are told above
+                finding = f"cannot be written ({error.strerror or error})"
+                said = InputError(str(path), finding, "Check space and permissions of the folder.")
+                return Got(object_id, path, "failed", count, said)
 
         with ThreadPoolExecutor(max_workers=max(1, jobs)) as pool:
             futures = [pool.submit(fetch, *entry) for entry in wanted]

@@ -40,16 +40,17 @@ class Licence:
     Parameters
     ----------
     stated
-        The text of the table of objects; empty where none is stated.
+        The text of the table of objects, or the SPDX identifier that it means; empty where none is stated.
     """
 
     stated: str
 
     @classmethod
     def of(cls, text: str) -> "Licence":
-        """Read what a table states."""
+        """Read what a table states: one licence written in two ways is one."""
         text = " ".join(text.split())
-        return cls("" if text.casefold() in NOT_STATED else text)
+        read = cls("" if text.casefold() in NOT_STATED else text)
+        return cls(read.spdx or read.stated)
 
     @property
     def spdx(self) -> str:

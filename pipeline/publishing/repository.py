@@ -19,6 +19,7 @@ from pipeline.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIE
 
 KINDS = {kind.name: kind for kind in (OBJECT_FILES, OBJECTS, VIEWS, MODES, TOUCHES, FIDELITY)}
 MD5 = re.compile(r"[0-9a-f]{32}")
+LARGEST_LIST_BYTES = 100_000_000  # a million products; a list of strangers must not fill the memory
 SCP_FORM = re.compile(r"[^/@]+@[^/:]+:")
 
 
@@ -78,22 +79,32 @@ class Stores:
         return InputError(where, finding, "Ask its publisher to `dvc push` this revision.")
 
     def read(self, where: str, md5: str, suffix: str = "") -> bytes:
-        """Return small content, checked.
+        """Return small content, checked, from the first store that has it whole.
 
         Raises
         ------
         InputError
-            No store has it.
-        FormatError
-            What a store has is not it.
+            No store has it, or those that may have it cannot be read or have something else.
         """
-        for _, odb in self.sources:
-            with contextlib.suppress(FileNotFoundError):
+        errors: list[str] = []
+        for name, odb in self.sources:
+            try:
                 with odb.fs.open(odb.oid_to_path(md5 + suffix), mode="rb") as file:
-                    content: bytes = file.read()
-                if hashlib.md5(content, usedforsecurity=False).hexdigest() == md5:
-                    return content
-                raise FormatError(where, f"what is stored as {md5} is damaged", "Ask its publisher.")
+                    content: bytes = file.read(LARGEST_LIST_BYTES + 1)
+            except FileNotFoundError:
+                continue
+            except Exception as error:  # each kind of store has its own
+                errors.append(f"{name}: {type(error).__name__}: {error}".strip().replace("\n", " "))
+                continue
+            if len(content) > LARGEST_LIST_BYTES:
+                errors.append(f"{name}: more than {LARGEST_LIST_BYTES} bytes")
+            elif hashlib.md5(content, usedforsecurity=False).hexdigest() != md5:
+                errors.append(f"{name}: what is stored as {md5} is damaged")
+            else:
+                return content
+        if errors:
+            remedy = "Check network and credentials, then ask its publisher."
+            raise InputError(where, f"cannot be read ({'; '.join(errors)})", remedy)
         raise self.missing(where, md5)
 
 
@@ -111,7 +122,9 @@ class PublishedRevision:
         Raises
         ------
         InputError
-            A revision without this kind of product, or whose list is in no store.
+            A revision without this kind of product, or whose list no store gives.
+        FormatError
+            A list that is none.
         """
         out = self._out(kind.folder)
         digest = out.hash_info.value if out is not None and out.hash_info else None

@@ -5,6 +5,7 @@ import os
 import shutil
 
 import jsonschema
+import mlcroissant
 import pytest
 import yaml
 from card_data import REPOSITORY, row, write_data_set
@@ -15,7 +16,6 @@ from objectfolder.splits import OBJECT_SPLITS, object_split
 from pipeline.command_line import main
 from pipeline.publishing.cards import CARDS, write_cards
 
-mlcroissant = pytest.importorskip("mlcroissant")
 HOSTILE = '<script>alert(1)</script> | `x` [a](javascript:b) *b* "q" \\ ünïcode 陶'
 
 
@@ -70,7 +70,7 @@ def test_croissant_is_valid_and_loads(folder, tmp_path):
     assert [entry["vision.psnr_db"] for entry in figures] == [50.0, 51.0]
     assert figures[0]["audio.gain_error_db"] is None
     origins = records(folder, "origins")
-    assert [entry["licence"] for entry in origins] == ["CC0-1.0", "CC BY 4.0"]
+    assert [entry["licence"] for entry in origins] == ["CC0-1.0", "CC-BY-4.0"]
     assert [entry["split"] for entry in origins] == [object_split(name, "steel") for name in ("cup", "fork")]
     files = records(folder, "object_files")
     assert {entry["filename"].decode(): entry["content"] for entry in files} == {
@@ -149,6 +149,18 @@ def test_failures_and_statements_that_are_missing_are_said(tmp_path):
     assert "No licence is stated for 1 object." in said["description"]
     assert {entry["id"]: entry["licence"] for entry in records(folder, "origins")}["cup"] == ""
     assert citation(folder / "CITATION.cff")["references"][1]["notes"].startswith("no licence stated")
+
+
+def test_one_licence_written_in_two_ways_is_one(tmp_path):
+    rows = {"cup": row("Cup", "CC BY 4.0"), "fork": row("Fork", "CC-BY-4.0"), "mug": row("Mug", "cc by 4.0")}
+    folder = write_data_set(tmp_path, rows)
+    write_cards(tmp_path, folder)
+    assert json.loads((folder / "croissant.json").read_text())["license"] == (
+        "https://spdx.org/licenses/CC-BY-4.0.html"
+    )
+    front, body = front_matter(folder)
+    assert front["license"] == "cc-by-4.0"
+    assert "- scans; CC-BY-4.0; attribution: A. Maker. 3 objects: `cup`, `fork`, `mug`" in body
 
 
 def test_a_data_set_without_a_licence_states_none(tmp_path):

@@ -1,6 +1,8 @@
 """Truth and Object Files as PyTorch samples: the same queries, the same keys, in any kind of worker."""
 
 import pickle
+import shutil
+import zipfile
 
 import numpy as np
 import pytest
@@ -180,6 +182,26 @@ def test_files_alone_have_drawn_queries(small_file, sense):
     assert all(equal(samples[index], again[index]) for index in range(3))
     assert not torch.equal(samples[0][key], other[0][key])
     assert not torch.equal(samples[0][key], samples[1][key])
+
+
+@pytest.mark.parametrize("text", [b"{", b"[1]", b'{"zarr_format":3,"node_type":"array"}'])
+def test_damaged_metadata_of_an_array_is_said(small_set, tmp_path, text):
+    path = tmp_path / "data/touches/bar.zarr.zip"
+    path.parent.mkdir(parents=True)
+    with (
+        zipfile.ZipFile(small_set / "data/touches/bar.zarr.zip") as whole,
+        zipfile.ZipFile(path, "w") as damaged,
+    ):
+        for name in whole.namelist():
+            damaged.writestr(name, text if name == "held_out/zarr.json" else whole.read(name))
+    with pytest.raises(FormatError, match=r"bar\.zarr\.zip: no readable array held_out"):
+        ObjectFolderDataset(tmp_path, "touch")
+
+
+def test_a_split_of_objects_without_their_records_says_where_those_are(small_set, tmp_path):
+    shutil.copytree(small_set / "data/touches", tmp_path / "data/touches")
+    with pytest.raises(InputError, match=r"records\.json: .*Copy it from the data set's repository"):
+        of(tmp_path, "touch", object_split="train")
 
 
 def test_objects_are_chosen_by_name_and_by_split(small_set):

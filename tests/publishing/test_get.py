@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import s3_server
+import yaml
 from published_set import IDS, Server, command, publish, serving, write_version
 
 from objectfolder.errors import InputError
@@ -16,7 +17,8 @@ from objectfolder.store import read_product
 from pipeline.command_line import main
 from pipeline.publishing import download as downloading
 from pipeline.publishing.get import get
-from pipeline.publishing.repository import opened, split_revision
+from pipeline.publishing.repository import Stores, opened, split_revision
+from pipeline.stages import OBJECT_FILES
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +87,83 @@ def test_objects_of_versions_come_alone(made, bare, tmp_path, capsys):
     assert (tmp_path / "got/mug.safetensors").read_bytes() == versions[0]["mug.safetensors"]
     assert main(["get", f"{bare}@v1", "mug", "-o", str(tmp_path / "got")]) == 0
     assert "already there" in capsys.readouterr().out.splitlines()[-1]
+
+
+def test_ids_may_stand_after_options(bare, tmp_path, capsys):
+    assert main(["get", bare, "-o", str(tmp_path), "mug", "--jobs", "2", "cup"]) == 0
+    assert main(["get", bare, "fork", "-o", str(tmp_path / "more"), "cup"]) == 0
+    assert files(tmp_path) == {
+        "mug.safetensors", "cup.safetensors", "more/fork.safetensors", "more/cup.safetensors",
+    }  # fmt: skip
+    with pytest.raises(SystemExit):
+        main(["get", bare, "mug", "--nothing", "cup"])
+    assert "unrecognized arguments: --nothing" in capsys.readouterr().err
+
+
+def test_a_place_that_cannot_be_written_is_said_and_others_come(bare, tmp_path, capsys):
+    (tmp_path / "mug.safetensors").mkdir()
+    assert main(["get", bare, "mug", "cup", "-o", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert f"{tmp_path}/mug.safetensors: cannot be written (Is a directory)" in said
+    assert "1 of 2 failed" in said
+    assert (tmp_path / "cup.safetensors").is_file()
+    (tmp_path / "file").touch()
+    assert main(["get", bare, "mug", "-o", str(tmp_path / "file")]) == 1
+    assert "mug.safetensors: cannot be written (File exists)" in capsys.readouterr().err
+
+
+class Unreachable:
+    """A store that answers as one without credentials."""
+
+    def __init__(self, error):
+        self.error = error
+        self.fs = self
+
+    def oid_to_path(self, oid):
+        return oid
+
+    def open(self, path, mode):
+        raise self.error
+
+
+def list_of(root: Path, store: Path) -> Path:
+    """The stored list of Object Files, of a cache or a remote."""
+    out = yaml.safe_load((root / "data/object_files.dvc").read_text())["outs"][0]["md5"]
+    return store / "files/md5" / out[:2] / out[2:]
+
+
+def test_a_list_comes_from_the_next_store_where_one_fails(made, tmp_path, monkeypatch):
+    copy = tmp_path / "copy"
+    shutil.copytree(made[0] / "work", copy)
+    with opened(str(copy)) as published:
+        whole = published.products(OBJECT_FILES)
+        assert sorted(whole) == list(IDS)
+        remote = published.stores.sources[-1]
+        published.stores.sources = [("a", Unreachable(PermissionError("403"))), remote]
+        assert published.products(OBJECT_FILES) == whole
+        cached = list_of(copy, copy / ".dvc/cache")
+        cached.chmod(0o644)
+        cached.write_bytes(b"[]")
+        published.stores.sources = [("its cache", published._repository.cache.local), remote]
+        assert published.products(OBJECT_FILES) == whole
+        published.stores.sources.pop()
+        with pytest.raises(InputError, match=r"its cache: what is stored as .* is damaged"):
+            published.products(OBJECT_FILES)
+        published.stores.sources = [remote]
+        monkeypatch.setattr("pipeline.publishing.repository.LARGEST_LIST_BYTES", 10)
+        with pytest.raises(InputError, match="more than 10 bytes"):
+            published.products(OBJECT_FILES)
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError("403 Forbidden"), ConnectionError("no route"), RuntimeError("no credentials")]
+)
+def test_stores_that_cannot_be_read_are_named_without_a_traceback(bare, tmp_path, capsys, monkeypatch, error):
+    monkeypatch.setattr(Stores, "_add_remote", lambda self: self.sources.append(("far", Unreachable(error))))
+    assert main(["get", bare, "mug", "-o", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert f"far: {type(error).__name__}: {error}" in said
+    assert "credentials" in said
 
 
 def test_products_of_stages_lie_as_in_the_repository(bare, tmp_path):
@@ -200,7 +279,6 @@ def test_a_list_of_strangers_leads_nowhere_else():
 @pytest.fixture
 def by_http(made, tmp_path):
     """The repository with a remote that only HTTP serves, without the publisher's cache."""
-    pytest.importorskip("dvc_http")
     folder, versions = made
     with serving(Server(folder / "store")) as server:
         bare = tmp_path / "http.git"
@@ -250,11 +328,12 @@ def test_a_server_without_ranges_serves_from_the_start(by_http, tmp_path):
     server, bare, content = by_http
     server.ranges = False
     md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
-    (tmp_path / f".partial-{md5}-mug.safetensors").write_bytes(content[:1000])
-    [got] = get(bare, ["mug"], tmp_path)
+    (tmp_path / "got").mkdir()
+    (tmp_path / "got" / f".partial-{md5}-mug.safetensors").write_bytes(content[:1000])
+    [got] = get(bare, ["mug"], tmp_path / "got")
     assert got.error is None
-    assert (tmp_path / "mug.safetensors").read_bytes() == content
-    assert files(tmp_path) & {"mug.safetensors"}
+    assert (tmp_path / "got/mug.safetensors").read_bytes() == content
+    assert files(tmp_path / "got") == {"mug.safetensors"}
 
 
 @pytest.mark.parametrize("part", ["wrong", "longer", "whole"])
@@ -293,7 +372,6 @@ def test_two_at_once_do_not_mix(bare, made, tmp_path):
 
 @pytest.mark.slow
 def test_objects_come_from_s3(tmp_path, monkeypatch):
-    pytest.importorskip("dvc_s3", reason="dvc-s3 is not installed")
     with s3_server.serving() as address:
         for name, value in s3_server.environment(address).items():
             monkeypatch.setenv(name, value)

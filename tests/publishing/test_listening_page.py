@@ -11,9 +11,10 @@ from scipy.stats import binomtest
 
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import InputError
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from pipeline.command_line import main
 from pipeline.listening.page import page_text
-from pipeline.listening.stimuli import PEAK, SAMPLE_RATE_HZ, Pair, draw_pairs, match
+from pipeline.listening.stimuli import PEAK, Pair, draw_pairs, match
 
 pytest_plugins = ["tests.browser"]
 
@@ -137,9 +138,12 @@ def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path):
     with pytest.raises(InputError, match="40 held-out strikes of 2 audible objects for 41"):
         draw_pairs(small_set, 41, seed=0)
     path = tmp_path / "listen.html"
-    command = ["listen", str(small_set), "rod", "-o", str(path), "--trials", "4", "--duration", "0.1"]
-    assert main(command) == 0
-    assert '"object_id": "rod"' in path.read_text()
+    settings = ["-o", str(path), "--trials", "4", "--duration", "0.1"]
+    for words in (["rod", *settings], [*settings, "rod"]):
+        assert main(["listen", str(small_set), *words]) == 0
+        text = path.read_text()
+        assert '"object_id": "rod"' in text
+        assert '"object_id": "bar"' not in text
 
 
 def test_a_perfect_listener_gets_all(started, pairs):
@@ -254,7 +258,39 @@ def test_sounds_in_the_page_are_16_bit(page_file, pairs):
     assert np.array_equal(np.frombuffer(base64.b64decode(stored[3]["truth"]), "<i2"), pairs[3].truth)
 
 
-@pytest.mark.parametrize("options", [["--trials", "0"], ["--trials", "501"], ["--duration", "0"]])
+def test_a_silent_strike_is_named(small_set, monkeypatch):
+    original = ObjectFolderDataset.__getitem__
+
+    def silent(self, index):
+        sample = original(self, index)
+        return {**sample, "sound": 0 * sample["sound"]}
+
+    monkeypatch.setattr(ObjectFolderDataset, "__getitem__", silent)
+    with pytest.raises(InputError, match=r"bar, query \d+: .*silence has no level"):
+        draw_pairs(small_set, 1, seed=0, objects=["bar"], duration_s=0.1)
+
+
+@pytest.mark.parametrize(
+    ("fragment", "shown"), [("7", "7"), ("999999999", "999999999"), ("1234567890", "5"), ("-1", "5")]
+)
+def test_a_seed_that_the_form_refuses_is_not_taken_from_the_address(open_page, page_file, fragment, shown):
+    watched = open_page("about:blank")
+    watched.page.goto(f"{page_file.as_uri()}#seed={fragment}")
+    assert watched.page.input_value("#seed") == shown
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--trials", "0"],
+        ["--trials", "501"],
+        ["--duration", "0"],
+        ["--duration", "0.00001"],
+        ["--duration", "nan"],
+        ["--seed", "-1"],
+        ["--seed", "1000000000"],
+    ],
+)
 def test_wrong_sizes_are_refused(tmp_path, capsys, options):
     assert main(["listen", str(tmp_path), "-o", str(tmp_path / "x.html"), *options]) == 1
     assert "Give" in capsys.readouterr().err

@@ -14,7 +14,7 @@ document.addEventListener("DOMContentLoaded", () => {
   let startedAt = null;
 
   const stated = new URLSearchParams(location.hash.slice(1)).get("seed");
-  part("seed").value = /^\d+$/.test(stated ?? "") ? stated : String(test.seed);
+  part("seed").value = /^\d{1,9}$/.test(stated ?? "") ? stated : String(test.seed);
 
   function samples(base64) {
     const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
