@@ -20,16 +20,25 @@ import numpy as np
 from numcodecs.blosc import decompress  # type: ignore[import-untyped]
 
 from objectfolder.errors import FormatError
-from pipeline.stores.archives import BLOSC_HEADER_BYTES, CODECS, ITEM_BYTES, LARGEST_JSON_BYTES, REMEDY
+from pipeline.stores.archives import (
+    BLOSC_HEADER_BYTES,
+    CENTRAL,
+    CENTRAL_MARK,
+    CODECS,
+    END,
+    END_MARK,
+    ITEM_BYTES,
+    LARGEST_JSON_BYTES,
+    LARGEST_PRODUCT_BYTES,
+    LOCAL,
+    LOCAL_MARK,
+    MOST_CHUNKS,
+    REMEDY,
+)
 
 DAMAGE = (struct.error, OSError, LookupError, TypeError, ValueError, RuntimeError)
 # No picture, sound or mesh of one item is larger; what declares more is not decompressed.
 LARGEST_CHUNK_BYTES = 1_000_000_000
-# The last record of an archive that carries no comment.
-END = struct.Struct("<4s4H2LH")
-# An entry in the directory, and before its content, each up to its name.
-CENTRAL, CENTRAL_MARK = struct.Struct("<4s6H3L5H2L"), b"PK\1\2"
-LOCAL, LOCAL_MARK = struct.Struct("<4s5H3L2H"), b"PK\3\4"
 
 
 def content_digest(path: Path) -> str:
@@ -181,8 +190,12 @@ class Archive:
             raise ValueError(f"{name} is stored in another way than products are")
         if chunk not in (stored, (1, *stored[1:])):
             raise ValueError(f"{name} has shape {shape} in chunks of {chunk}")
-        if math.prod(chunk) * ITEM_BYTES[said["data_type"]] > LARGEST_CHUNK_BYTES:
+        item = ITEM_BYTES[said["data_type"]]
+        if math.prod(chunk) * item > LARGEST_CHUNK_BYTES:
             raise ValueError(f"{name} has chunks of {chunk}")
+        # A chunk that is all zeros is not stored: a few bytes may declare any number of them.
+        if math.prod(shape) * item > LARGEST_PRODUCT_BYTES or (chunk != stored and shape[0] > MOST_CHUNKS):
+            raise ValueError(f"{name} has shape {shape} in chunks of {chunk}, which is too large")
         return shape, chunk, np.dtype(said["data_type"])
 
     def _chunk(self, name: str, item: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> np.ndarray:
@@ -243,7 +256,7 @@ class Archive:
     def _directory(self) -> bytes:
         self._file.seek(-END.size, os.SEEK_END)
         mark, *_, size, start, comment = END.unpack(self._file.read(END.size))
-        if mark != b"PK\5\6" or comment or 0xFFFFFFFF in (size, start):
+        if mark != END_MARK or comment or 0xFFFFFFFF in (size, start):
             raise ValueError("its directory is not where a product's is")
         self._file.seek(start)
         directory = self._file.read(size)

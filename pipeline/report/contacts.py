@@ -46,11 +46,19 @@ class Contact:
 
 
 def read_surface(objects: Archive) -> Surface:
-    """Return the surface of an object's product."""
-    return Surface(
-        np.ascontiguousarray(objects.array("vertices"), dtype=np.float64),
-        np.ascontiguousarray(objects.array("faces"), dtype=np.int64),
-    )
+    """Return the surface of an object's product.
+
+    Raises
+    ------
+    FormatError
+        A product that is damaged, or whose arrays are no triangles: what draws them checks no index.
+    """
+    vertices = np.ascontiguousarray(objects.array("vertices"), dtype=np.float64)
+    faces = np.ascontiguousarray(objects.array("faces"), dtype=np.int64)
+    triangles = vertices.shape[1:] == faces.shape[1:] == (3,) and len(vertices) and len(faces)
+    if not triangles or not np.isfinite(vertices).all() or faces.min() < 0 or faces.max() >= len(vertices):
+        raise FormatError(str(objects.path), "its vertices and faces are no triangles")
+    return Surface(vertices, faces)
 
 
 def find_touches(fidelity: Archive, touches: Archive) -> list[int | None]:

@@ -70,9 +70,13 @@ def number_at(attributes: Mapping[str, Any], key: str) -> float | None:
     value: Any = attributes
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # JSON bounds no whole number
+        return None
+    return number if math.isfinite(number) else None
 
 
 HEADLINE = (

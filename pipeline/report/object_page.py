@@ -14,9 +14,9 @@ from objectfolder.provenance import canonical_json
 from pipeline.records import SAFE_ID
 from pipeline.report.costs import Costs
 from pipeline.report.measures import BYTE_PARTS, HEADLINE, number_at
-from pipeline.report.modal_table import modal_table
+from pipeline.report.modal_table import ModeRow, modal_table
 from pipeline.report.products import OpenProducts, Shelf
-from pipeline.report.provenance import material, origins
+from pipeline.report.provenance import Origin, material, origins
 from pipeline.report.queries import queries
 from pipeline.report.records import PRODUCT_SUFFIX, Failure, Record
 from pipeline.report.sounds import spectrogram_share
@@ -113,8 +113,12 @@ def render_object(
     environment = _environment()
     with OpenProducts(shelf, stored_name(record)) as products:
         shown = queries(products, attributes, pairs)
-        modes = modal_table(products, attributes)
-        found = origins(products)
+        modes: list[ModeRow] = []
+        with products.reading("modal table"):
+            modes = modal_table(products, attributes)
+        found: list[Origin] = []
+        with products.reading("provenance"):
+            found = origins(products)
         unreadable = list(dict.fromkeys([*products.unreadable, problem] if problem else products.unreadable))
     numbers, citation = material(attributes)
     return environment.get_template("object.html.j2").render(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from objectfolder.atomic import PARTIAL
-from objectfolder.errors import ObjectFolderError
+from objectfolder.errors import FormatError, ObjectFolderError
 from pipeline.records import SAFE_ID
 from pipeline.report.archive import Archive
 from pipeline.report.costs import Costs
@@ -18,8 +18,9 @@ from pipeline.report.object_page import (
     stored_name,
 )
 from pipeline.report.pictures import thumbnail
-from pipeline.report.products import Shelf
+from pipeline.report.products import ODD, Shelf
 from pipeline.report.records import Failure, Record
+from pipeline.stores.archives import REMEDY
 
 # Pairs that a page shows of each sense, at most: as many as a verification stores.
 PAIRS = 4
@@ -76,10 +77,10 @@ def write_pages(
             tuple(failures.get(record.object_id, ())),
             player,
         )
-        made_of = fingerprint(record, shelf, costs, around, pairs)
         files = [page.name, page.with_suffix(".webp").name]
         shown, has_player = shown_fingerprint(page)
         try:
+            made_of = fingerprint(record, shelf, costs, around, pairs)
             if shown == made_of and all((folder / name).exists() for name in files + [player] * has_player):
                 files += [player] * has_player
                 kept.append(record.object_id)
@@ -98,6 +99,9 @@ def write_pages(
         except ObjectFolderError as error:
             finding = f"{record.path.name}: {error.finding}"
             damaged.append(Failure(record.object_id, "report", finding, error.remedy))
+        except ODD as error:
+            finding = f"{record.path.name}: not what a report can show ({type(error).__name__}: {error})"
+            damaged.append(Failure(record.object_id, "report", finding, REMEDY))
     _sweep(folder, wanted | players.write_shared(wanted))
     return Pages(made, kept, damaged)
 
@@ -106,7 +110,10 @@ def _thumbnail(path: Path) -> bytes:
     with Archive(path) as fidelity:
         if "vision_truth" not in fidelity:
             return thumbnail(None)
-        return thumbnail(fidelity.array("vision_truth"))
+        try:
+            return thumbnail(fidelity.array("vision_truth"))
+        except (*ODD, FormatError):  # the page says what is wrong with its views
+            return thumbnail(None)
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -145,6 +152,8 @@ class _Players:
             write_player(path, self.folder, record.object_id, self.cache)
         except ObjectFolderError as error:
             return f"player: {error.finding}"
+        except ODD as error:
+            return f"player: not what it can be made of ({type(error).__name__}: {error})"
         return ""
 
     def write_shared(self, files: set[str]) -> set[str]:

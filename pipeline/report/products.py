@@ -1,6 +1,8 @@
 """The products of one object that its page shows: read where they are there, told apart by what they hold."""
 
-from contextlib import ExitStack
+import hashlib
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -9,12 +11,16 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.tensor_file import DIGEST, read_metadata, read_tensor_file
+from objectfolder.provenance import canonical_json
+from objectfolder.tensor_file import read_metadata, read_tensor_file
 from pipeline.report.archive import Archive, content_digest
+from pipeline.viewer.digest import file_digest
 
 TRUTHS = ("objects", "views", "modes", "touches")
 ARCHIVES = (*TRUTHS, "fidelity")
 TENSORS = ("encoded", "object_files")
+# What a product that is whole, but not what a stage writes, makes its readers raise.
+ODD = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
 
 
 @dataclass(frozen=True)
@@ -36,8 +42,10 @@ class Shelf:
         found = {}
         for stage in ARCHIVES:
             found[stage] = _digest(content_digest, self.archive(stage, object_id))
-        for stage in TENSORS:
-            found[stage] = _digest(lambda path: read_metadata(path)[DIGEST], self.tensors(stage, object_id))
+        # Of an encoding a page shows what it says of itself. The digest that a file states is not asked:
+        # damage does not change it, and a stranger may state any.
+        found["encoded"] = _digest(_metadata_digest, self.tensors("encoded", object_id))
+        found["object_files"] = _digest(file_digest, self.tensors("object_files", object_id))
         return found
 
 
@@ -98,6 +106,16 @@ class OpenProducts:
             self.unreadable.append(f"{stage}: {error.finding}")
             return {}
 
+    @contextmanager
+    def reading(self, what: str) -> Iterator[None]:
+        """Leave out what cannot be read, and note why; `what` names it where the error does not."""
+        try:
+            yield
+        except FormatError as error:
+            self.unreadable.append(f"{error.where.rpartition('/')[2]}: {error.finding}")
+        except ODD as error:
+            self.unreadable.append(f"{what}: not what a report can show ({type(error).__name__}: {error})")
+
     def object_file_tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays of the Object File; none where it is absent or unreadable."""
         try:
@@ -109,10 +127,14 @@ class OpenProducts:
             return {}
 
 
-def _digest(read: Any, path: Path) -> str:
+def _digest(read: Callable[[Path], str], path: Path) -> str:
     try:
-        return str(read(path))
+        return read(path)
     except FileNotFoundError:
         return "absent"
-    except (FormatError, KeyError) as error:
+    except FormatError as error:
         return f"unreadable: {error}"
+
+
+def _metadata_digest(path: Path) -> str:
+    return hashlib.sha256(canonical_json(read_metadata(path)).encode()).hexdigest()

@@ -75,18 +75,16 @@ def queries(products: OpenProducts, attributes: Mapping[str, Any], pairs: int) -
     if fidelity is None:
         return Queries()
 
-    def safely(read: Callable[[], list[Any]]) -> list[Any]:
-        try:
+    def safely(what: str, read: Callable[[], list[Any]]) -> list[Any]:
+        with products.reading(what):
             return read()
-        except FormatError as error:
-            products.unreadable.append(f"{error.where.rpartition('/')[2]}: {error.finding}")
-            return []
+        return []
 
-    found = safely(lambda: _contacts(fidelity, products))
+    found = safely("contacts", lambda: _contacts(fidelity, products))
     return Queries(
-        safely(lambda: _views(fidelity, products.get("views"), attributes, pairs)),
-        safely(lambda: _strikes(fidelity, products.get("modes"), pairs)),
-        safely(lambda: _touches(fidelity, found, pairs)),
+        safely("views", lambda: _views(fidelity, products.get("views"), attributes, pairs)),
+        safely("strikes", lambda: _strikes(fidelity, products.get("modes"), pairs)),
+        safely("touches", lambda: _touches(fidelity, found, pairs)),
     )
 
 

@@ -65,8 +65,8 @@ class Record:
     @property
     def speed_error(self) -> list[Mapping[str, Any]]:
         """Error and bytes at several settings of each sense."""
-        entries = self.attributes.get("speed_error") or []
-        return [entry for entry in entries if isinstance(entry, Mapping)]
+        entries = self.attributes.get("speed_error")
+        return [e for e in entries if isinstance(e, Mapping)] if isinstance(entries, list) else []
 
     def sense(self, name: str) -> Mapping[str, Any]:
         """Return a part of the attributes, empty where the product has none."""

@@ -13,8 +13,8 @@ from pathlib import Path
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
-from objectfolder.tensor_file import DIGEST, read_metadata
 from pipeline.viewer.bake import FORMAT, bake
+from pipeline.viewer.digest import file_digest
 
 PAGE = Path(__file__).parent / "page"
 SHARED_SCRIPTS = (
@@ -47,7 +47,7 @@ class PlayerFiles:
     ----------
     script : its data
     size : bytes of it
-    baked : whether the Object File had to be opened; False where its digest was known
+    baked : whether the Object File had to be opened; False where a file of the same bytes was before
     """
 
     script: Path
@@ -67,7 +67,7 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
     object_id
         What the page calls the object; a plain file name.
     cache
-        Folder in which what was made of Object Files is kept under their digests.
+        Folder in which what was made of Object Files is kept, under hashes of the whole files.
 
     Raises
     ------
@@ -80,8 +80,7 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
     """
     if object_id in ("", ".", "..") or "/" in object_id or "\\" in object_id or "\0" in object_id:
         raise InputError(repr(object_id), "no file name", "Give an id without separators.")
-    digest = read_metadata(object_file).get(DIGEST)
-    kept = None if cache is None or digest is None or not digest.isalnum() else cache / f"{digest}.{FORMAT}"
+    kept = None if cache is None else cache / f"{file_digest(object_file)}.{FORMAT}"
     data = kept.read_bytes() if kept is not None and kept.is_file() else None
     baked = data is None
     if data is None:

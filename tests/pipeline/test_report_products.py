@@ -1,5 +1,7 @@
 """What pages read of products, and where on an object they say a touch was made."""
 
+import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +73,32 @@ def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
         (tmp_path / "x.zarr.zip").write_bytes(content)
         with pytest.raises(FormatError, match="not a readable product"):
             Archive(tmp_path / "x.zarr.zip")
+
+
+@pytest.mark.parametrize(
+    ("array", "shape", "chunks", "finding"),
+    [
+        ("items", [5, 3_000_000, 400], [1, 3_000_000, 400], "has chunks of"),
+        ("zeros", [90, 100_000_000], [1, 100_000_000], "too large"),
+        ("zeros", [1_000_001, 1], [1, 1], "too large"),
+    ],
+)
+def test_sizes_that_no_product_has_are_refused_before_anything_is_made(
+    product_file: Path, array: str, shape: list[int], chunks: list[int], finding: str
+) -> None:
+    """Chunks of zeros are not stored, so a few bytes may declare any number of them."""
+    with zipfile.ZipFile(product_file) as read:
+        contents = {name: read.read(name) for name in read.namelist()}
+    said = json.loads(contents[f"{array}/zarr.json"])
+    said["shape"], said["chunk_grid"]["configuration"]["chunk_shape"] = shape, chunks
+    contents[f"{array}/zarr.json"] = json.dumps(said).encode()
+    with zipfile.ZipFile(product_file, "w") as written:
+        for name, content in contents.items():
+            written.writestr(name, content)
+    with Archive(product_file) as archive:
+        for read_it in (archive.array, archive.item_sums, lambda name: archive.item(name, 0)):
+            with pytest.raises(FormatError, match=finding):
+                read_it(array)
 
 
 def test_the_digest_tells_contents_apart_and_equal_ones_not(tmp_path: Path) -> None:

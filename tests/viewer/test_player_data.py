@@ -1,6 +1,7 @@
 """What a static player stores of an object."""
 
 import json
+import re
 import shutil
 import subprocess
 
@@ -9,12 +10,13 @@ import pytest
 
 import objectfolder
 from objectfolder.errors import FormatError, InputError
+from objectfolder.tensor_file import TensorFile, read_metadata, write_tensor_file
 from objectfolder.vision.export.base_colour import network_colour
 from pipeline.viewer.colours import surface_colours
 from pipeline.viewer.static import PAGE, SHARED_SCRIPTS, STATIC_SCRIPTS, write_player, write_player_assets
 
 
-def test_a_player_is_written_and_kept_by_its_digest(small_file, tmp_path):
+def test_a_player_is_written_and_kept_by_what_its_file_holds(small_file, tmp_path):
     first = write_player(small_file, tmp_path / "a", "bar", cache=tmp_path / "cache")
     again = write_player(small_file, tmp_path / "b", "other", cache=tmp_path / "cache")
     assert (first.baked, again.baked) == (True, False)
@@ -37,6 +39,26 @@ def test_damaged_files_are_named(small_file, tmp_path):
     (tmp_path / "bar.safetensors").write_bytes(damaged)
     with pytest.raises(FormatError, match=r"bar\.safetensors.*digest"):
         write_player(tmp_path / "bar.safetensors", tmp_path, "bar")
+
+
+def test_a_digest_that_a_file_states_opens_no_cache(small_file, tmp_path):
+    """Damage leaves the stated digest as it was; a foreign file may state one that is known."""
+    cache = tmp_path / "cache"
+    write_player(small_file, tmp_path, "bar", cache)
+    damaged = bytearray(small_file.read_bytes())
+    damaged[-100] ^= 1
+    stated = read_metadata(small_file)["content_digest"]
+    write_tensor_file(tmp_path / "own", TensorFile({"other": np.zeros(4)}, {"format": "x"}))
+    own = read_metadata(tmp_path / "own")["content_digest"]
+    foreign = (tmp_path / "own").read_bytes().replace(own.encode(), stated.encode())
+    for name, content in (("damaged", bytes(damaged)), ("foreign", foreign)):
+        (tmp_path / name).write_bytes(content)
+        assert read_metadata(tmp_path / name)["content_digest"] == stated
+        with pytest.raises(FormatError, match="digest"):
+            write_player(tmp_path / name, tmp_path / "players", name, cache)
+    assert not (tmp_path / "players").exists()
+    assert len(list(cache.iterdir())) == 1
+    assert re.fullmatch(r"[0-9a-f]{64}\.\d+", next(cache.iterdir()).name)
 
 
 def test_scripts_are_one_file_that_node_reads(tmp_path):
