@@ -1,6 +1,8 @@
 """``objectfolder view``: look at, strike and press one object in the browser."""
 
 import argparse
+import os
+import sys
 from typing import Any
 
 TEXT = "turn, strike and press an object in the browser; served to this machine alone"
@@ -16,7 +18,12 @@ def add_commands(commands: Any) -> None:
 
 
 def view(options: argparse.Namespace) -> None:
-    """Serve the page until Ctrl-C."""
+    """Serve the page until Ctrl-C, and end the process."""
     from pipeline.viewer.live import serve_until_stopped
 
     serve_until_stopped(options.file, options.port, not options.no_browser)
+    # Code may still be compiled, or an image computed, in a thread that nothing can stop and that Python
+    # would wait for. Nobody wants what it makes any more, and nothing is left to be written.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)

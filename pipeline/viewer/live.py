@@ -9,6 +9,7 @@ import asyncio
 import json
 import os
 import signal
+import threading
 import webbrowser
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -219,7 +220,8 @@ def serve_until_stopped(path: Path | str, port: int, open_browser: bool) -> None
             asyncio.get_running_loop().add_signal_handler(number, stopped.set)
         print(f"{path}: {server.address} (Ctrl-C ends it)", flush=True)
         if open_browser:
-            asyncio.get_running_loop().run_in_executor(None, webbrowser.open, server.address)
+            # Some browsers return when they are closed: nothing waits for them.
+            threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
         await server.serve(stopped.wait())
 
     asyncio.run(serve())

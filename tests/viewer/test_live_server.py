@@ -226,10 +226,19 @@ def test_what_is_no_object_file_is_an_error_of_one_line(tmp_path, small_file, ca
         assert said.count("\n") == 1
 
 
-def test_the_command_prints_its_address_and_ends_on_interrupt(small_file):
-    command = [sys.executable, "-c", "import sys; from pipeline.command_line import main; sys.exit(main())"]
+MAIN = "import sys; from pipeline.command_line import main; sys.exit(main())"
+# What is compiled or computed when the interrupt comes may take minutes more: here it never ends.
+WORKING = """
+import threading
+from pipeline.viewer.live_queries import LiveObject
+LiveObject.warm_images = LiveObject.warm_contacts = lambda _: (print("at work"), threading.Event().wait())
+"""
+
+
+@pytest.mark.parametrize("before", ["", WORKING], ids=["idle", "at work"])
+def test_the_command_prints_its_address_and_ends_on_interrupt(small_file, before):
     process = subprocess.Popen(
-        [*command, "view", str(small_file), "--no-browser"],
+        [sys.executable, "-c", before + MAIN, "view", str(small_file), "--no-browser"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -238,8 +247,13 @@ def test_the_command_prints_its_address_and_ends_on_interrupt(small_file):
     )
     line = process.stdout.readline()
     assert re.search(r"http://127\.0\.0\.1:\d+/ ", line)
+    if before:
+        assert process.stdout.readline() == "at work\n"
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=120)
+    try:
+        _, errors = process.communicate(timeout=120)
+    finally:
+        process.kill()
     assert (process.returncode, errors) == (0, "")
 
 
