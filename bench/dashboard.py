@@ -40,8 +40,8 @@ def main() -> None:
         players = players_alone(root)
         figures: dict[str, Any] = {"players": players}
         figures["whole"] = {str(pairs): made(root, pairs) for pairs in options.pairs}
-        figures["again"] = made(root, PAIRS[-1], keep=True)
-        figures["one_changed"] = one_changed(root)
+        figures["again"] = made(root, options.pairs[-1], keep=True)
+        figures["one_changed"] = one_changed(root, options.pairs[-1])
         figures["sizes"] = sizes(root / "reports")
         figures["browser"] = behaviour(root / "reports" / "index.html")
     write(
@@ -130,11 +130,11 @@ def made(root: Path, pairs: int, *, keep: bool = False) -> dict[str, Any]:
     return {"cpu_s": cpu_seconds() - begin, "wall_s": time.perf_counter() - wall}
 
 
-def one_changed(root: Path) -> dict[str, Any]:
+def one_changed(root: Path, pairs: int) -> dict[str, Any]:
     path = sorted((root / "data/fidelity").iterdir())[0]
     renamed(path, root / "data", path.name.partition(".")[0], 7)
     (root / "data" / path.name).replace(path)
-    return made(root, PAIRS[-1], keep=True)
+    return made(root, pairs, keep=True)
 
 
 def sizes(reports: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@
 own. Playwright drives the Chromium of the system: nothing is downloaded.
 """
 
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -39,15 +40,29 @@ class Watched:
         return [address for address in self.requests if not address.startswith(own)]
 
 
+def chromium() -> str:
+    """Return the path of the system's Chromium.
+
+    Where there is none, the test is skipped; with ``OBJECTFOLDER_BROWSER=required`` in the environment it
+    fails, so that a check of everything cannot pass with its pages untested.
+    """
+    executable = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if executable is None:
+        finding = f"no {', '.join(CHROMIUM)} in PATH"
+        if os.environ.get("OBJECTFOLDER_BROWSER") == "required":
+            pytest.fail(finding)
+        pytest.skip(finding)
+    return executable
+
+
 # Of a module, not a session: while Playwright lives, no other test can run an event loop of its own.
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """A headless Chromium (`playwright.sync_api.Browser`); skips where there is none."""
-    executable = next(filter(None, map(shutil.which, CHROMIUM)), None)
-    if executable is None:
-        pytest.skip(f"no {', '.join(CHROMIUM)} in PATH")
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as driver:
+    """A headless Chromium (`playwright.sync_api.Browser`); skips where there is none, see `chromium`."""
+    executable = chromium()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
         launched = driver.chromium.launch(executable_path=executable, args=list(ARGUMENTS))
         yield launched
         launched.close()

@@ -1,0 +1,23 @@
+"""Tests of pages may be skipped without a browser, unless the environment says that it is required."""
+
+import pytest
+
+from tests.browser import chromium
+
+
+def test_a_required_browser_that_is_absent_fails(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("OBJECTFOLDER_BROWSER", "required")
+    with pytest.raises(pytest.fail.Exception, match="no chromium"):
+        chromium()
+    monkeypatch.delenv("OBJECTFOLDER_BROWSER")
+    with pytest.raises(pytest.skip.Exception, match="no chromium"):
+        chromium()
+
+
+def test_a_browser_that_is_there_is_found(monkeypatch, tmp_path):
+    executable = tmp_path / "chromium"
+    executable.write_text("")
+    executable.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert chromium() == str(executable)
