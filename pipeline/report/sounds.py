@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from pipeline.report.pictures import indexed_uri
 
-SAMPLE_RATE_HZ = 44100
 LONGEST_S = 1.0
 SHORTEST_S = 0.1
 FADE_S = 0.01
@@ -98,7 +98,7 @@ def wave_uri(levels: np.ndarray) -> str:
     with wave.open(buffer, "wb") as file:
         file.setnchannels(1)
         file.setsampwidth(2)
-        file.setframerate(SAMPLE_RATE_HZ)
+        file.setframerate(round(SAMPLE_RATE_HZ))
         file.writeframes(levels.astype("<i2").tobytes())
     return "data:audio/wav;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 

@@ -11,9 +11,6 @@ from pipeline.audit.findings import CHANGED, UNCHANGED
 from pipeline.audit.verification import MISSING, verify
 from pipeline.stages import VIEWS
 
-pytest.importorskip("s3fs", reason="no client of S3 is installed")
-pytest.importorskip("dvc_s3", reason="DVC has no S3 here")
-
 
 @pytest.fixture(scope="module")
 def far(tmp_path_factory):
