@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from scipy.stats import binomtest
 
 from objectfolder.dataset import ObjectFolderDataset
@@ -227,7 +228,7 @@ def test_guess_probabilities_and_plans_are_exact(started):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_is_accessible(started, scheme):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    axe = Axe()
     page = started(color_scheme=scheme, viewport={"width": 360, "height": 740}).page
     assert axe.run(page).response["violations"] == []
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
