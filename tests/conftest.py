@@ -1,6 +1,7 @@
 """Shared fixtures."""
 
 import dataclasses
+import importlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,11 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.views import simulate_views
 
 REPOSITORY = Path(__file__).parents[1]
+
+
+def pytest_configure() -> None:
+    """Import DVC: it logs to the stream that it finds then, and that of a test's own is closed after it."""
+    importlib.import_module("dvc.logger")
 
 
 @pytest.fixture(autouse=True)
