@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numcodecs.blosc import decompress  # type: ignore[import-untyped]
+from numcodecs.blosc import decompress
 
 from objectfolder.errors import FormatError
 from pipeline.stores.archives import (

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import objectfolder
-from tests.browser import browser, open_page  # noqa: F401
 from tests.viewer.live_servers import served
 from tests.viewer.players import (
     HOSTILE,
@@ -26,7 +25,7 @@ def address(small_file):
 
 
 @pytest.fixture
-def live(address, open_page):  # noqa: F811
+def live(address, open_page):
     watched = open_page(address, viewport={"width": 700, "height": 700})
     at_rest(watched.page)
     yield watched
@@ -118,7 +117,7 @@ def test_the_python_is_copied(live):
     assert page.evaluate("() => navigator.clipboard.readText()") == page.locator("code").text_content()
 
 
-def test_texts_of_strangers_stay_texts(small_file, open_page, tmp_path):  # noqa: F811
+def test_texts_of_strangers_stay_texts(small_file, open_page, tmp_path):
     with served(hostile_copy(small_file, tmp_path / "bar.safetensors")) as server:
         watched = open_page(server.address)
         at_rest(watched.page)
@@ -129,7 +128,7 @@ def test_texts_of_strangers_stay_texts(small_file, open_page, tmp_path):  # noqa
         assert watched.errors == []
 
 
-def test_a_server_that_is_gone_is_said(small_file, open_page):  # noqa: F811
+def test_a_server_that_is_gone_is_said(small_file, open_page):
     with served(small_file) as server:
         page = open_page(server.address).page
         at_rest(page)
@@ -137,7 +136,7 @@ def test_a_server_that_is_gone_is_said(small_file, open_page):  # noqa: F811
     page.locator(".player-said", has_text="does not answer").wait_for()
 
 
-def test_another_page_cannot_ask(live, open_page, address, tmp_path):  # noqa: F811
+def test_another_page_cannot_ask(live, open_page, address, tmp_path):
     """A page of another origin, in the same browser."""
     (tmp_path / "evil.html").write_text("<!doctype html><title>evil</title>")
     page = open_page(tmp_path / "evil.html").page

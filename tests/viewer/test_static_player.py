@@ -7,7 +7,6 @@ import pytest
 
 import objectfolder
 from pipeline.viewer.static import write_player, write_player_assets
-from tests.browser import browser, open_page  # noqa: F401
 from tests.viewer.players import (
     HOSTILE,
     click,
@@ -39,7 +38,7 @@ def folder(small_file, tmp_path_factory):
 
 
 @pytest.fixture
-def player(folder, open_page, monkeypatch):  # noqa: F811
+def player(folder, open_page, monkeypatch):
     """The page with its player started; Python of the page runs beside the data."""
     monkeypatch.chdir(folder)
     watched = open_page(folder / "index.html", viewport={"width": 700, "height": 700})
@@ -139,7 +138,7 @@ def test_keys_strike_the_middle_and_a_miss_is_said(player):
     page.locator(".player-said", has_text="nothing of the object").wait_for()
 
 
-def test_texts_of_strangers_stay_texts(folder, small_file, open_page, tmp_path):  # noqa: F811
+def test_texts_of_strangers_stay_texts(folder, small_file, open_page, tmp_path):
     file = hostile_copy(small_file, tmp_path / "bar.safetensors")
     write_player_assets(tmp_path / "files")
     write_player(file, tmp_path / "files", "bar")
@@ -151,7 +150,7 @@ def test_texts_of_strangers_stay_texts(folder, small_file, open_page, tmp_path):
     assert watched.page.locator("img").count() == 0
 
 
-def test_data_that_is_not_there_is_said(open_page, tmp_path):  # noqa: F811
+def test_data_that_is_not_there_is_said(open_page, tmp_path):
     write_player_assets(tmp_path / "files")
     (tmp_path / "index.html").write_text(PAGE)
     watched = open_page(tmp_path / "index.html")

@@ -6,7 +6,6 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 import objectfolder
 from pipeline.viewer.static import write_player, write_player_assets
-from tests.browser import browser, open_page  # noqa: F401
 from tests.viewer.players import evaluated
 from tests.viewer.test_static_player import PAGE
 
@@ -20,7 +19,7 @@ def folder(small_file, tmp_path_factory):
     return root
 
 
-def test_a_press_is_as_deep_and_lies_where_the_packages_does(folder, small_file, open_page):  # noqa: F811
+def test_a_press_is_as_deep_and_lies_where_the_packages_does(folder, small_file, open_page):
     """Flats, edges and corners of the bar, upright and tilted; pixels there have one sample, not four."""
     watched = open_page(folder / "index.html", viewport={"width": 700, "height": 700})
     watched.page.wait_for_selector(".player-side")
