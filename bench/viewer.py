@@ -107,7 +107,7 @@ def live(browser: Any, path: Path) -> dict[str, Any]:
         [*command, "view", str(path), "--no-browser"], stdout=subprocess.PIPE, text=True
     )
     try:
-        address = re.search(r"http://\S+", server.stdout.readline())[0]  # type: ignore[union-attr,index]
+        address = announced(server)
         page = browser.new_page(viewport={"width": 1100, "height": 900})
         page.set_default_timeout(120_000)
         page.goto(address)
@@ -140,6 +140,15 @@ def live(browser: Any, path: Path) -> dict[str, Any]:
         **spread("strike_ms", strikes),
         "audio_base_latency_ms": 1e3 * latency,
     }
+
+
+def announced(server: "subprocess.Popen[str]") -> str:
+    """Return the address that a live page's command prints first."""
+    line = server.stdout.readline() if server.stdout else ""
+    found = re.search(r"http://\S+", line)
+    if found is None:
+        raise RuntimeError(f"no address in what the command printed: {line!r}")
+    return found[0]
 
 
 def clicked(page: Any) -> list[float]:

@@ -3,7 +3,6 @@
 import ast
 import io
 import json
-import math
 import os
 import pickle
 import tracemalloc
@@ -27,10 +26,8 @@ from objectfolder.tensor_file import read_tensor_file
 from objectfolder.touch.photometric_table import PhotometricTable
 from objectfolder.touch.sensor_file import read_sensor
 from pipeline import products
-from pipeline.forecast.estimates import Estimates
 from pipeline.parameters import read_parameters
 from pipeline.records import RECORDS, read_records
-from pipeline.run_log import Costs, costs_path
 from pipeline.stores import archives
 from pipeline.verified import Verified
 
@@ -451,23 +448,3 @@ def test_a_gltf_reads_no_buffer_outside_its_folder(uri, tmp_path):
     described["buffers"] = [{"byteLength": 36, "uri": "inside.bin"}]
     (folder / "m.gltf").write_text(json.dumps(described))
     assert len(load_mesh(folder / "m.gltf").vertices) == 3
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"\xff\xfe\x00",
-        b"a,b\n1,2\n",
-        b'object,stage\n"unclosed',
-        b"\x00\x00",
-        b"object,stage,fingerprint,cpu_seconds,wall_seconds,peak_memory_mb\nmug,views,f,nan,inf,-1\n",
-    ],
-)
-def test_costs_that_were_tampered_with_are_not_there(content, tmp_path):
-    path = costs_path(tmp_path)
-    path.parent.mkdir()
-    path.write_bytes(content)
-    assert Costs(tmp_path, "views").of("f") is None
-    estimate = Estimates(tmp_path).of("views", "mug", 1000)
-    assert math.isfinite(estimate.wall_s + estimate.cpu_s + estimate.memory_bytes)
-    assert min(estimate.wall_s, estimate.cpu_s, estimate.memory_bytes) >= 0

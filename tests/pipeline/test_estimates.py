@@ -195,6 +195,19 @@ def test_costs_that_somebody_else_wrote_are_not_there(content, tmp_path):
     assert Estimates(tmp_path).of("views", "mug", 1000) == Estimates(tmp_path / "none").of("views", "mug")
 
 
+def test_a_cost_that_is_no_number_is_not_there(tmp_path):
+    for seconds in ("nan", "inf", "-1", ""):
+        note(tmp_path, "views", "mug", 5.0)
+        path = costs_path(tmp_path)
+        head, row = path.read_text().splitlines()
+        path.write_text(f"{head}\n{row.replace('5.0', seconds)}\n")
+        fingerprint = row.split(",")[2]
+        assert Costs(tmp_path, "views").of(fingerprint) is None
+        path.write_text(f"{head}\n{row}\n")
+        assert Costs(tmp_path, "views").of(fingerprint).wall_s == 5.0
+        path.unlink()
+
+
 def test_an_object_that_measures_nonsense_has_the_usual_estimate(tmp_path):
     extents = {"length": {"extents_m": [0, 0, 0]}, "wall_thickness": {"thin_m": "thin"}, "area_m2": None}
     for object_id, attributes in (("zero", extents), ("bare", {})):

@@ -228,10 +228,11 @@ def test_what_is_no_object_file_is_an_error_of_one_line(tmp_path, small_file, ca
 
 MAIN = "import sys; from pipeline.command_line import main; sys.exit(main())"
 # What is compiled or computed when the interrupt comes may take minutes more: here it never ends.
-WORKING = """
-import threading
+WORKING = r"""
+import os, threading
 from pipeline.viewer.live_queries import LiveObject
-LiveObject.warm_images = LiveObject.warm_contacts = lambda _: (print("at work"), threading.Event().wait())
+work = lambda _: (os.write(1, b"at work\n"), threading.Event().wait())
+LiveObject.warm_images = LiveObject.warm_contacts = work
 """
 
 

@@ -77,6 +77,7 @@ def network_colour(
     face: np.ndarray,
     barycentric: np.ndarray,
     metallic: float,
+    directions: int = LIGHTS,
 ) -> np.ndarray:
     """Return (n, 4) opaque RGBA, sRGB-encoded, that a VisionNet's reflectance amounts to.
 
@@ -93,13 +94,15 @@ def network_colour(
         (n,), (n, 3) points of it.
     metallic
         0 a dielectric, 1 a conductor, between them the share.
+    directions
+        Of light, that the integral is summed over.
     """
     grid, reflectance = _network_of(network)
     parts = [np.zeros((0, 3))]
     for start in range(0, len(face), POINTS_AT_ONCE):
         of_part = face[start : start + POINTS_AT_ONCE], barycentric[start : start + POINTS_AT_ONCE]
-        position = frame.to_unit(surface.points_at(*of_part))
-        parts.append(_reflectance_along_normal(grid, reflectance, position, surface.normals_at(*of_part)))
+        position, normal = frame.to_unit(surface.points_at(*of_part)), surface.normals_at(*of_part)
+        parts.append(_reflectance_along_normal(grid, reflectance, position, normal, directions))
     coat = DIELECTRIC_F0 * (1.0 - metallic)
     encoded = srgb_encode((np.concatenate(parts) - coat) / (1.0 - coat))
     return np.concatenate([encoded, np.ones((len(encoded), 1))], axis=1)
@@ -121,7 +124,7 @@ def _network_of(network: VisionNet) -> "tuple[SparseGrid, Reflectance]":
 
 
 def _reflectance_along_normal(
-    grid: SparseGrid, reflectance: "Reflectance", position: np.ndarray, normal: np.ndarray
+    grid: SparseGrid, reflectance: "Reflectance", position: np.ndarray, normal: np.ndarray, directions: int
 ) -> np.ndarray:
     """Return rho (n, 3) at (n, 3) unit-frame points.
 
@@ -139,8 +142,8 @@ def _reflectance_along_normal(
     second = np.cross(normal, first)
     rho = np.zeros((len(position), 3))
     irradiance = torch.full((len(position),), DIRECT)
-    for index in range(LIGHTS):
-        t = (index + 0.5) / LIGHTS
+    for index in range(directions):
+        t = (index + 0.5) / directions
         azimuth = 2.0 * np.pi * GOLDEN_RATIO * index
         to_light = t * (np.cos(azimuth) * first + np.sin(azimuth) * second) + np.sqrt(1.0 - t * t) * normal
         points = Incidence(position, normal, normal, to_light, np.ones(len(position)), np.ones(len(position)))
@@ -151,5 +154,5 @@ def _reflectance_along_normal(
                 torch.from_numpy(surrounding_inputs(points, position + to_light)),
                 irradiance,
             )
-        rho += 2.0 * t / LIGHTS / DIRECT * radiance.numpy()
+        rho += 2.0 * t / directions / DIRECT * radiance.numpy()
     return rho
