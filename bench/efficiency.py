@@ -38,7 +38,7 @@ def prepare(folder: Path) -> None:
     from objectfolder.geometry.starter.write import write_starter_set
 
     (folder / "data").mkdir(parents=True)
-    for name in ("objects.csv", "materials.csv"):
+    for name in ("starter.csv", "materials.csv"):
         shutil.copy(REPOSITORY / "data" / name, folder / "data" / name)
     write_starter_set(folder / "data" / "starter")
     yaml = YAML()

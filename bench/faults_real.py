@@ -100,7 +100,7 @@ class RealGround(Ground):
         data.mkdir()
         shutil.copy(REPOSITORY / "data" / "materials.csv", data)
         (data / "starter").symlink_to(meshes)
-        with (REPOSITORY / "data" / "objects.csv").open(newline="") as file:
+        with (REPOSITORY / "data" / "starter.csv").open(newline="") as file:
             rows = list(csv.reader(file))
-        with (data / "objects.csv").open("w", newline="") as file:
+        with (data / "starter.csv").open("w", newline="") as file:
             csv.writer(file).writerows(row for row in rows if row[0] in ("id", *OBJECTS))

@@ -57,7 +57,7 @@ class Workplace:
         (self.root / "data").mkdir(parents=True, exist_ok=True)
         if not (self.root / "params.yaml").exists():
             write_starter_set(self.root / "data" / "starter")
-            for name in ("objects.csv", "materials.csv"):
+            for name in ("starter.csv", "materials.csv"):
                 (self.root / "data" / name).write_bytes((REPOSITORY / "data" / name).read_bytes())
             (self.root / "params.yaml").write_text(yaml.safe_dump(parameters(size)))
         if not self.disguise.exists():
@@ -115,7 +115,7 @@ class Workplace:
             (outputs / name).write_bytes((self.root / name).read_bytes())
             return
         (outputs / name).mkdir()
-        for part in ("starter", "objects.csv", "materials.csv"):
+        for part in ("starter", "starter.csv", "materials.csv"):
             (outputs / name / part).symlink_to(self.root / name / part)
 
     def _run(

@@ -120,7 +120,7 @@ class OverheadRepository:
         self.ids = [f"object_{index:05}" for index in range(objects)]
         for index, object_id in enumerate(self.ids):
             self.write_mesh(object_id, 0.1 + index * 1e-6)
-        with (root / "data" / "objects.csv").open("w", newline="") as file:
+        with (root / "data" / "starter.csv").open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(("id", "mesh", "material"))
             writer.writerows((name, f"../meshes/{name}.obj", "steel") for name in self.ids)

@@ -18,19 +18,19 @@ MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "st
 def starter(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("data")
     write_starter_set(folder / "starter")
-    (folder / "objects.csv").write_bytes((REPOSITORY / "data" / "objects.csv").read_bytes())
+    (folder / "starter.csv").write_bytes((REPOSITORY / "data" / "starter.csv").read_bytes())
     return folder
 
 
 @pytest.fixture(scope="module")
 def products(starter):
-    catalogue = read_catalogue(starter / "objects.csv", MATERIALS)
+    catalogue = read_catalogue(starter / "starter.csv", MATERIALS)
     assert catalogue.errors == {}
     return {r.id: ingest_object(r.mesh, r.texture, r.length_m, r.id) for r in catalogue.records}
 
 
 def test_table_lists_the_whole_set_in_many_materials(starter):
-    records = read_catalogue(starter / "objects.csv", MATERIALS).records
+    records = read_catalogue(starter / "starter.csv", MATERIALS).records
     assert {record.id for record in records} == set(STARTER_OBJECTS)
     assert {"bowl", "mug", "plate", "fork", "die", "bell"} <= set(STARTER_OBJECTS)
     assert len({record.material for record in records}) >= 5

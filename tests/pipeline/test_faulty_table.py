@@ -44,7 +44,7 @@ def root(tmp_path: Path) -> Path:
         (tmp_path / "data" / name).mkdir()
         (tmp_path / "data" / name / "model.obj").write_text(text)
     rows = ["good,,die/model.obj,,steel,as in file", *(fault[0] for fault in FAULTS.values())]
-    (tmp_path / "data" / "objects.csv").write_text(HEAD + "\n".join(rows) + "\n")
+    (tmp_path / "data" / "starter.csv").write_text(HEAD + "\n".join(rows) + "\n")
     (tmp_path / "cluster").mkdir()
     (tmp_path / "cluster" / "local.yaml").write_text("workers: 1\n")
     return tmp_path
@@ -81,7 +81,7 @@ def test_failures_stop_the_run_where_they_are_not_allowed(root, monkeypatch):
     ("file", "old", "new", "message"),
     [
         ("params.yaml", "seed: 0", "sead: 0", "params.yaml: unknown key sead. Did you mean seed?"),
-        ("data/objects.csv", "material", "stuff", "has no column 'material'"),
+        ("data/starter.csv", "material", "stuff", "has no column 'material'"),
         ("params.yaml", "only: []", "only: [godo]", "there is no object 'godo'. Did you mean 'good'?"),
         ("cluster/local.yaml", "workers", "wrokers", "unknown key 'wrokers'"),
         ("data/materials.csv", "density_kg_m3", "density", "column density_kg_m3 is missing"),

@@ -79,7 +79,7 @@ def test_selection_edits_only_what_it_says(tmp_path):
     assert path.read_text() == TEXT
     changes = select(path, str(table), "cup, dish")
     assert changes == [
-        f"params.yaml: objects.table is now {table} (was data/objects.csv)",
+        f"params.yaml: objects.table is now {table} (was data/starter.csv)",
         "params.yaml: objects.only is now cup, dish (was all)",
     ]
     parameters = read_parameters(path)

@@ -146,7 +146,7 @@ def test_the_command_prints_and_keeps_a_plan(
     (tmp_path / "data").mkdir()
     shutil.copy(REPOSITORY / "data" / "materials.csv", tmp_path / "data")
     (tmp_path / "params.yaml").write_text(
-        (REPOSITORY / "params.yaml").read_text().replace("data/objects.csv", "objects.csv")
+        (REPOSITORY / "params.yaml").read_text().replace("data/starter.csv", "objects.csv")
     )
     (tmp_path / "cube.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n")
     (tmp_path / "objects.csv").write_text("id,mesh,material,length_m\ncube,cube.obj,steel,0.1\n")

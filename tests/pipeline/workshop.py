@@ -180,7 +180,7 @@ class Workshop:
 
     def save(self) -> None:
         """Write the table."""
-        with (self.root / "data/objects.csv").open("w", newline="") as file:
+        with (self.root / "data/starter.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
             writer.writeheader()
             writer.writerows(self.table)
