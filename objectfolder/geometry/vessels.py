@@ -1,0 +1,398 @@
+"""Walls that cannot be the object's: containers scanned solid, walls of one layer, too thin, torn.
+
+Geometry alone cannot tell an apple from a can. What is known beside it is weighed: the published mass, what
+walls of the material are like, the shape, the name. Each finding says which evidence it has; nothing is
+changed by it.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from objectfolder.geometry.container_shape import ContainerShape
+from objectfolder.geometry.wall_measures import WallMeasures
+from objectfolder.geometry.walls_of_materials import WallLimits, limits_of
+
+CERTAIN, LIKELY, POSSIBLE = "certain", "likely", "possible"
+
+SCANNED_SOLID = "scanned solid"
+FILLED_BELOW = "filled below"
+ONE_LAYER = "one layer"
+THIN = "thin"
+TORN = "torn"
+HEAVIER = "heavier"
+LIGHTER = "lighter"
+KINDS = (SCANNED_SOLID, FILLED_BELOW, ONE_LAYER, THIN, TORN, HEAVIER, LIGHTER)
+
+MASS_FACTOR = 1.5
+"""Scans are off by their noise on both sides of a wall, and a class of materials by a tenth or two."""
+
+MASS_UNCERTAINTY = 0.15
+"""Relative, of a density that stands for a class of materials."""
+
+COMPACT = 0.55
+"""Least share of its convex hull that a container fills, handle and spout included, when it is solid."""
+
+WALLED = 0.15
+"""Share of the area that is wall from which an object counts as having walls."""
+
+ALL_WALLS = 0.6
+BULK_OF_WALLS = 8.0
+"""Times its usual wall: a part of a vessel thicker than that is filled."""
+
+THIN_SHARE = 0.05
+TORN_SHARE = 0.01
+DEEP_SHARE = 0.3
+"""Of the area, from which the other side is too far inwards for a solid."""
+
+CONTAINER_WORDS = frozenset(
+    (
+        "bottle",
+        "box",
+        "can",
+        "canister",
+        "carton",
+        "case",
+        "flask",
+        "jar",
+        "kettle",
+        "pot",
+        "teapot",
+        "tin",
+        "tub",
+    )
+)
+VESSEL_WORDS = frozenset(
+    ("bowl", "cup", "jug", "mug", "pail", "pan", "pitcher", "planter", "ramekin", "tumbler", "vase")
+)
+
+
+@dataclass(frozen=True)
+class WallFinding:
+    """Something about an object's walls that its owner should decide.
+
+    Parameters
+    ----------
+    kind
+        One of `KINDS`.
+    certainty
+        ``"certain"``: what is known contradicts the scan; ``"likely"``; ``"possible"``: a hint.
+    finding, remedy
+        Sentences.
+    evidence
+        Numbers it was decided by, their units in their names.
+    column
+        Of the table of objects, that mends it: ``"wall_m"``, ``"shell_m"``, or None where none does.
+    suggested_m, uncertainty_m
+        A value for that column, and by how much it may be off; None where nothing tells.
+    """
+
+    kind: str
+    certainty: str
+    finding: str
+    remedy: str
+    evidence: Mapping[str, float] = field(default_factory=dict)
+    column: str | None = None
+    suggested_m: float | None = None
+    uncertainty_m: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.kind} ({self.certainty}): {self.finding}. {self.remedy}"
+
+
+def wall_findings(
+    measures: WallMeasures,
+    *,
+    material: str | None = None,
+    density_kg_m3: float | None = None,
+    mass_kg: float | None = None,
+    words: str = "",
+    wall_m: float | None = None,
+    shell_m: float | None = None,
+) -> tuple[WallFinding, ...]:
+    """Weigh what is known of an object's walls.
+
+    Parameters
+    ----------
+    measures
+        Of the cleaned surface (see `wall_measures.measures_of`).
+    material, density_kg_m3
+        Name in the table of materials, and density; None where not known.
+    mass_kg
+        As published; None where not known. Used with a density only.
+    words
+        Id and name of the object: hints.
+    wall_m, shell_m
+        What the table states already: findings that it answers are left out.
+
+    Returns
+    -------
+    tuple
+        At most one finding of each kind, the surest first.
+    """
+    limits = limits_of(material)
+    mass = _MassEvidence(measures, density_kg_m3, mass_kg)
+    found = []
+    if shell_m is None and wall_m is None:
+        found += [_hollow_in_truth(measures, limits, material, mass, _words(words))]
+    if wall_m is None and shell_m is None:
+        found += [_thin(measures, limits, material)]
+    found += [_torn(measures)]
+    if shell_m is None and wall_m is None and not any(finding for finding in found if finding):
+        found += [_mass_alone(measures, mass)]
+    certainties = (CERTAIN, LIKELY, POSSIBLE)
+    return tuple(
+        sorted(filter(None, found), key=lambda finding: certainties.index(finding.certainty)),
+    )
+
+
+def shell_of_mass(volume_m3: float, area_m2: float, solid_mass_kg: float, mass_kg: float) -> float:
+    """Thickness in metres of the shell, closed everywhere, that leaves a solid of a mass with another.
+
+    As if the cavity were the outside scaled about the middle, which is exact for balls, cubes and all bodies
+    around a ball: with r = 3 V / A, ``t = r (1 - (1 - m / M)^(1/3))``.
+    """
+    share = min(max(mass_kg / solid_mass_kg, 0.0), 1.0)
+    return 3 * volume_m3 / area_m2 * (1 - (1 - share) ** (1 / 3))
+
+
+class _MassEvidence:
+    """The mass of the scan as a solid against the published one."""
+
+    def __init__(self, measures: WallMeasures, density: float | None, mass: float | None) -> None:
+        known = density is not None and mass is not None and mass > 0 and measures.volume_m3 > 0
+        self.solid_kg = measures.volume_m3 * density if known and density is not None else None
+        self.kg = mass if known else None
+        self.ratio = self.solid_kg / self.kg if self.solid_kg is not None and self.kg is not None else None
+        self.fitting_density = (self.kg or 0.0) / measures.volume_m3 if known else None
+        self.shell_m = self.shell_uncertainty_m = None
+        if self.ratio is not None and self.ratio > 1 and self.solid_kg is not None and self.kg is not None:
+            shells = [
+                shell_of_mass(measures.volume_m3, measures.area_m2, self.solid_kg, self.kg * factor)
+                for factor in (1.0, 1 - MASS_UNCERTAINTY, 1 + MASS_UNCERTAINTY)
+            ]
+            # A shell so thin that neither edges nor curvature count: the other extreme of shapes.
+            thin = self.kg / (self.solid_kg / measures.volume_m3) / measures.area_m2
+            self.shell_m = shells[0]
+            self.shell_uncertainty_m = max(abs(shells[2] - shells[1]) / 2, abs(shells[0] - thin))
+
+    def numbers(self) -> dict[str, float]:
+        if self.kg is None or self.solid_kg is None:
+            return {}
+        return {"published_mass_kg": self.kg, "solid_mass_kg": self.solid_kg}
+
+    def sentence(self) -> str:
+        return f"as scanned it has {_kg(self.solid_kg)}, published are {_kg(self.kg)}"
+
+
+def _hollow_in_truth(
+    measures: WallMeasures,
+    limits: WallLimits,
+    material: str | None,
+    mass: _MassEvidence,
+    words: frozenset[str],
+) -> WallFinding | None:
+    """A container scanned solid, a vessel filled from below, a housing of one layer; or None."""
+    too_thick = measures.bulk_m > limits.largest_solid_m
+    too_heavy = mass.ratio is not None and mass.ratio > MASS_FACTOR
+    compact = measures.filled_share is None or measures.filled_share >= COMPACT
+    if not measures.closed:
+        deep = measures.thicker_than(limits.largest_solid_m)
+        return _one_layer(measures, limits, material, deep) if too_thick and deep >= DEEP_SHARE else None
+    wall = measures.usual_wall_m()
+    named = words & (CONTAINER_WORDS | VESSEL_WORDS)
+    walled = (
+        wall is not None
+        and measures.wall_share >= WALLED
+        and measures.bulk_m > max(BULK_OF_WALLS * wall, limits.usual_wall_m)
+    )
+    if walled and wall is not None and (too_thick or too_heavy) and (named & VESSEL_WORDS or too_heavy):
+        return _filled_below(measures, limits, material, mass, wall, named)
+    shape = measures.shape.kind if measures.shape is not None and limits.makes_containers else "none"
+    shaped = shape != "none" and compact
+    hinted = bool(named) and compact and limits.makes_containers
+    if measures.cavities and not (too_heavy and too_thick):
+        return None
+    if not (too_thick or shaped or hinted):
+        return None
+    evidence = {"bulk_m": measures.bulk_m, "effective_m": measures.effective_m, **mass.numbers()}
+    reasons = [f"closed, without a cavity, up to {_mm(measures.bulk_m)} thick"]
+    if too_heavy:
+        reasons.append(mass.sentence())
+    if too_thick:
+        reasons.append(f"{material or 'hardly anything'} is seldom solid above {_mm(limits.largest_solid_m)}")
+    if shaped and measures.shape is not None:
+        reasons.append(_shape_sentence(measures.shape))
+    if hinted:
+        reasons.append(f"its name says {', '.join(sorted(named))}")
+    if too_heavy and (too_thick or shaped or hinted):
+        certainty = CERTAIN
+    elif (too_thick and limits.seldom_solid) or (shaped + hinted + too_thick) >= 2:
+        certainty = LIKELY
+    else:
+        certainty = POSSIBLE
+    suggested, off, how = _shell(limits, mass, container=shaped or hinted)
+    return WallFinding(
+        SCANNED_SOLID,
+        certainty,
+        "; ".join(reasons),
+        f"If it is hollow, set shell_m to its wall{how}; if it is solid, leave it so",
+        evidence,
+        "shell_m",
+        suggested,
+        off,
+    )
+
+
+def _shell(
+    limits: WallLimits, mass: _MassEvidence, *, container: bool
+) -> tuple[float | None, float | None, str]:
+    """A value for shell_m, how far it may be off, and where it is from."""
+    usual = limits.container_wall_m
+    if mass.shell_m is None or mass.shell_uncertainty_m is None:
+        return usual, usual / 2, f" (about {_mm(usual)} is usual)"
+    if container and mass.shell_m > 1.5 * usual:
+        by_mass = f"the mass gives {_mm(mass.shell_m)}, should it be without contents"
+        return usual, usual / 2, f" (about {_mm(usual)} is usual; {by_mass})"
+    how = f" ({_mm(mass.shell_m)} +- {_mm(mass.shell_uncertainty_m)} gives the published mass)"
+    return mass.shell_m, mass.shell_uncertainty_m, how
+
+
+def _filled_below(
+    measures: WallMeasures,
+    limits: WallLimits,
+    material: str | None,
+    mass: _MassEvidence,
+    wall: float,
+    named: frozenset[str],
+) -> WallFinding:
+    too_heavy = mass.ratio is not None and mass.ratio > MASS_FACTOR
+    reasons = [
+        f"{100 * measures.wall_share:.0f} % of its area is wall of {_mm(wall)}, "
+        f"and yet it is up to {_mm(measures.bulk_m)} thick"
+    ]
+    if too_heavy:
+        reasons.append(mass.sentence())
+    if named:
+        reasons.append(f"its name says {', '.join(sorted(named))}")
+    return WallFinding(
+        FILLED_BELOW,
+        CERTAIN if too_heavy else LIKELY,
+        "; ".join(reasons) + ": the scan did not reach the bottom of its inside",
+        f"Set shell_m to its wall (about {_mm(wall)} where it was scanned): what is filled becomes a closed "
+        "hollow",
+        {"wall_share": measures.wall_share, "wall_m": wall, "bulk_m": measures.bulk_m, **mass.numbers()},
+        "shell_m",
+        wall,
+        max(wall / 3, limits.least_wall_m),
+    )
+
+
+def _one_layer(measures: WallMeasures, limits: WallLimits, material: str | None, deep: float) -> WallFinding:
+    return WallFinding(
+        ONE_LAYER,
+        LIKELY,
+        f"the surface is open ({measures.boundary_edges} boundary edges), and from {100 * deep:.0f} % of it "
+        f"the other side is more than {_mm(limits.largest_solid_m)} inwards: walls of one layer around an "
+        f"empty inside, which sounds as if it were solid {material or ''}".rstrip(),
+        f"Set shell_m to the thickness of its walls (about {_mm(limits.usual_wall_m)} is usual)",
+        {
+            "boundary_edges": float(measures.boundary_edges),
+            "deep_share": deep,
+            "bulk_m": measures.bulk_m,
+            "volume_m3": measures.volume_m3,
+        },
+        "shell_m",
+        limits.usual_wall_m,
+        limits.usual_wall_m / 2,
+    )
+
+
+def _thin(measures: WallMeasures, limits: WallLimits, material: str | None) -> WallFinding | None:
+    share = measures.walls_thinner_than(limits.least_wall_m)
+    wall = measures.usual_wall_m()
+    if wall is None or share < THIN_SHARE:
+        return None
+    mostly = wall < limits.least_wall_m
+    suggested = limits.usual_wall_m if mostly else wall
+    walls = f"walls of {material}" if material else "any walls that a scanner resolves"
+    return WallFinding(
+        THIN,
+        LIKELY if material else POSSIBLE,
+        f"{100 * share:.0f} % of its area is wall thinner than {_mm(limits.least_wall_m)}, which {walls} are "
+        f"hardly; the median wall has {_mm(wall)}, the solid 2V/A = {_mm(measures.effective_m)}",
+        f"Set wall_m to what its walls have at least ({_mm(suggested)} "
+        + ("is usual)" if mostly else "is the median of this scan)"),
+        {"thin_share": share, "wall_m": wall, "effective_m": measures.effective_m},
+        "wall_m",
+        suggested,
+        suggested / 3,
+    )
+
+
+def _torn(measures: WallMeasures) -> WallFinding | None:
+    if measures.torn_share < TORN_SHARE:
+        return None
+    wall = measures.usual_wall_m()
+    return WallFinding(
+        TORN,
+        CERTAIN,
+        f"behind {100 * measures.torn_share:.0f} % of its area there is no inside: the two sides of a wall "
+        "have passed through one another",
+        "Set wall_m to what its walls have at least" + (f" (the median is {_mm(wall)})" if wall else ""),
+        {"torn_share": measures.torn_share},
+        "wall_m",
+        wall,
+        None if wall is None else wall / 3,
+    )
+
+
+def _mass_alone(measures: WallMeasures, mass: _MassEvidence) -> WallFinding | None:
+    """A mass that contradicts a scan of ordinary thickness; or None."""
+    if mass.ratio is None or mass.fitting_density is None or 1 / MASS_FACTOR <= mass.ratio <= MASS_FACTOR:
+        return None
+    numbers = {**mass.numbers(), "fitting_density_kg_m3": mass.fitting_density}
+    fits = f"the material fits a density of {mass.fitting_density:.0f} kg/m3"
+    if mass.ratio > 1:
+        walls = measures.wall_share >= ALL_WALLS
+        why = "its walls are scanned too thick" if walls else "it is hollow, scanned too thick"
+        return WallFinding(
+            HEAVIER,
+            CERTAIN,
+            f"{mass.sentence()}: {why}, or of something lighter ({fits})",
+            "Correct the material or the mesh; a hollow part takes shell_m",
+            numbers,
+        )
+    return WallFinding(
+        LIGHTER,
+        CERTAIN,
+        f"{mass.sentence()}: parts of it are missing from the scan or too thin, or it is of something "
+        f"heavier ({fits})",
+        "Correct the material or the mesh; walls that are too thin take wall_m",
+        numbers,
+    )
+
+
+def _shape_sentence(shape: ContainerShape) -> str:
+    tail = "a lid" if shape.kind == "can" else f"a neck over {100 * shape.neck:.0f} % of the height"
+    return (
+        f"shaped like a {shape.kind}: a flat base, even sections over {100 * shape.body:.0f} % of the "
+        f"height, {tail}, roundness {shape.roundness:.2f}"
+    )
+
+
+def _words(text: str) -> frozenset[str]:
+    """Words of ids and names in small letters: parts at capitals, digits and signs."""
+    apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", text)
+    words = re.findall(r"[a-z]+", apart.lower())
+    return frozenset(words) | frozenset(word.removesuffix("s") for word in words)
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.2g} mm" if metres < 0.1 else f"{1e3 * metres:.0f} mm"
+
+
+def _kg(kilograms: float | None) -> str:
+    if kilograms is None:
+        return "an unknown mass"
+    return f"{kilograms:.2g} kg" if kilograms >= 1 else f"{1e3 * kilograms:.3g} g"
