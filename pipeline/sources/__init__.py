@@ -1,0 +1,1 @@
+"""Where objects come from: published collections, and what carries their files here safely."""
