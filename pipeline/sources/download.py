@@ -5,6 +5,8 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import timedelta
+from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,6 +19,7 @@ from pipeline.sources.web import Transient, Web, blocks
 
 LIMIT_BYTES = 2 << 30
 LIMIT_JSON_BYTES = 32 << 20
+LEAST_AGE = timedelta(seconds=60)  # of a file that Last-Modified tells from its other versions
 Progress = Callable[[str, int, int | None], None]
 _CONTENT_RANGE = re.compile(r"bytes (\d+)-\d+/(\d+|\*)")
 
@@ -271,7 +274,13 @@ def _validator(response: requests.Response) -> str:
     tag = response.headers.get("ETag", "")
     if tag and not tag.startswith("W/"):
         return tag
-    return response.headers.get("Last-Modified", "")
+    modified = response.headers.get("Last-Modified", "")
+    try:
+        age = parsedate_to_datetime(response.headers.get("Date", "")) - parsedate_to_datetime(modified)
+    except (ValueError, TypeError):  # absent, no dates, or of which one has no time zone
+        return ""
+    # A time of whole seconds does not tell a file from what it became within that second.
+    return modified if age >= LEAST_AGE else ""
 
 
 def _continues(response: requests.Response, count: int, whole: Whole) -> bool:

@@ -96,7 +96,13 @@ class Proxy:
 @contextlib.contextmanager
 def standing_before(proxy: Proxy) -> Iterator[str]:
     """Yield the address of the proxy while it serves."""
-    handler = type("Handler", (_Handler,), {"proxy": proxy})
+    with serving(type("Handler", (_Handler,), {"proxy": proxy})) as address:
+        yield address
+
+
+@contextlib.contextmanager
+def serving(handler: type[BaseHTTPRequestHandler]) -> Iterator[str]:
+    """Yield the address at which a handler answers, each connection in a thread of its own."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     server.daemon_threads = True
     server.handle_error = lambda *_: None  # clients that hang up are what this is about
@@ -108,6 +114,13 @@ def standing_before(proxy: Proxy) -> Iterator[str]:
         server.shutdown()
         server.server_close()
         thread.join()
+
+
+def reset(handler: BaseHTTPRequestHandler) -> None:
+    """End a connection as a machine that crashes does: what is on its way is lost."""
+    handler.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    handler.close_connection = True
+    handler.connection.close()
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -122,24 +135,24 @@ class _Handler(BaseHTTPRequestHandler):
         body = self.rfile.read(length)  # "Expect: 100-continue" was answered before
         if self.proxy.refuses():
             self.proxy.refused()
-            return self.reset()
+            return reset(self)
         kind = self.proxy.fault(self.command, self.path)
         if kind in BODIES:
             return self.fail(kind)
         if kind == "reset":
-            return self.reset()
+            return reset(self)
         if kind == "request cut":
             self.ask(body[: self.proxy.cut(length)])
-            return self.reset()
+            return reset(self)
         status, headers, answer = self.ask(body)
         self.proxy.passed(length, len(answer))
         if kind == "500 after":
             return self.fail("500")
         if kind == "reset after":
-            return self.reset()
+            return reset(self)
         if kind == "late":
             time.sleep(self.proxy.late_s)
-            return self.reset()
+            return reset(self)
         cut = self.proxy.cut(len(answer)) if kind == "answer cut" else len(answer)
         self.answer(status, headers, answer, cut)
         return None
@@ -184,8 +197,3 @@ class _Handler(BaseHTTPRequestHandler):
         self.length = str(len(text))
         content = b"" if self.command == "HEAD" else text
         self.answer(int(kind), [("Content-Type", "application/xml")], content, len(text))
-
-    def reset(self) -> None:
-        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        self.close_connection = True
-        self.connection.close()

@@ -1,0 +1,259 @@
+"""A server of a folder as HTTP wants it, and what servers and networks do to it, by a plan.
+
+    server = FileServer(folder, plan=at_random(seed=3, rate=0.3))
+    with server.listening() as base:
+        downloader.file(f"{base}/archive.zip")
+    assert server.bytes_sent < ...
+
+Nothing listens to the outside; waits are as short as the test asks.
+"""
+
+import contextlib
+import hashlib
+import mimetypes
+import random
+import re
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from email.utils import formatdate
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from tests.pipeline.http_faults import reset, serving
+
+STATUSES = ("403", "404", "429", "500", "503")  # 429 says when to come back
+FAULTS = (
+    *STATUSES,
+    "reset",  # no answer
+    "cut",  # reset in the middle of the body
+    "short",  # closed in the middle of the body, as if that were its end
+    "stall",  # nothing more comes from the middle of the body on
+    "slow",  # all comes, a little at a time
+    "wrong",  # one byte is another
+    "truncated",  # the answer is a whole one of the file's beginning
+    "changed",  # the answer is of another version of the file, and says so
+    "no ranges",  # all of the file, whatever was asked for
+    "other range",  # a part, but not the one asked for
+    "chunked",  # no length is told
+    "moved",  # redirected to where the file is
+    "loop",  # redirected without end
+)
+HARMLESS = ("slow", "no ranges", "chunked", "moved")
+Plan = Callable[[str], str]  # from the path of a request to what happens to it, "" for nothing
+
+
+def no_faults(path: str) -> str:
+    return ""
+
+
+def scripted(*kinds: str) -> Plan:
+    """One after another for one request after another, then none."""
+    left = list(kinds)
+
+    def plan(path: str) -> str:
+        return left.pop(0) if left else ""
+
+    return plan
+
+
+def at_random(seed: int, rate: float, kinds: tuple[str, ...] = FAULTS) -> Plan:
+    """A share `rate` of the requests."""
+    chance = random.Random(seed)
+    return lambda path: chance.choice(kinds) if chance.random() < rate else ""
+
+
+@dataclass
+class FileServer:
+    """What is served and what was asked for.
+
+    Parameters
+    ----------
+    folder
+        Files by their paths.
+    documents
+        Further contents by path and query, such as ``"/models?page=2"``; they come before files.
+    plan
+        What happens to each request.
+    seed
+        Of where bodies are cut.
+    headers
+        Added to each answer with content; an empty one leaves out what would be sent (``"ETag": ""``).
+    retry_after
+        What a 429 says.
+    drip_s
+        Wait between the pieces of a slow body.
+    """
+
+    folder: Path
+    documents: dict[str, bytes] = field(default_factory=dict)
+    plan: Plan = no_faults
+    seed: int = 0
+    headers: dict[str, str] = field(default_factory=dict)
+    retry_after: str = "0"
+    drip_s: float = 0.002
+    requests: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)  # method, target, headers
+    faults: Counter[str] = field(default_factory=Counter)
+    bytes_sent: int = 0  # of bodies with content
+
+    def __post_init__(self) -> None:
+        self.lock = threading.Lock()
+        self.chance = random.Random(self.seed)
+        self.closing = threading.Event()
+        self.when_sent: Callable[[int], object] = lambda count: None  # told `bytes_sent` as they grow
+
+    @contextlib.contextmanager
+    def listening(self) -> Iterator[str]:
+        """Yield the server's address, without a slash at its end."""
+        self.closing.clear()
+        with serving(type("Handler", (_Handler,), {"files": self})) as address:
+            try:
+                yield address
+            finally:
+                self.closing.set()
+
+    def fault(self, method: str, target: str, headers: dict[str, str]) -> str:
+        with self.lock:
+            self.requests.append((method, target, headers))
+            if urlsplit(target).query in ("moved", "loop"):
+                kind = "loop" if target.endswith("?loop") else ""
+            else:
+                kind = self.plan(urlsplit(target).path)
+                self.faults.update([kind] if kind else [])
+            return kind
+
+    def content(self, target: str) -> tuple[bytes, float] | None:
+        """What is at an address, and its time; None where nothing is."""
+        target = target.removesuffix("?moved")
+        if target in self.documents:
+            return self.documents[target], 0.0
+        path = (self.folder / unquote(urlsplit(target).path).lstrip("/")).resolve()
+        if not path.is_relative_to(self.folder.resolve()) or not path.is_file():
+            return None
+        return path.read_bytes(), path.stat().st_mtime
+
+    def cut(self, length: int) -> int:
+        with self.lock:
+            return self.chance.randrange(max(1, length))
+
+    def sent(self, count: int) -> None:
+        with self.lock:
+            self.bytes_sent += count
+            total = self.bytes_sent
+        self.when_sent(total)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    files: FileServer
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+    def do_GET(self) -> None:
+        kind = self.files.fault(self.command, self.path, {k.lower(): v for k, v in self.headers.items()})
+        if kind == "reset":
+            return reset(self)
+        if kind in STATUSES:
+            return self.say(int(kind), {"Retry-After": self.files.retry_after} if kind == "429" else {})
+        if kind in ("moved", "loop"):
+            return self.say(302, {"Location": f"{self.path.partition('?loop')[0]}?{kind}"})
+        found = self.files.content(self.path)
+        if found is None:
+            return self.say(404, {})
+        return self.give(*found, kind)
+
+    do_HEAD = do_GET
+
+    def say(self, status: int, headers: dict[str, str]) -> None:
+        """Answer without content of a file."""
+        text = b"<html>by the server</html>"
+        self.send_response(status)
+        for name, value in {"Content-Type": "text/html", "Content-Length": str(len(text)), **headers}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(text)
+
+    def give(self, content: bytes, modified: float, kind: str) -> None:
+        if kind == "changed":
+            content, modified = content[::-1] + b"changed", modified + 3600
+        headers = {
+            "Content-Type": mimetypes.guess_type(self.path)[0] or "application/octet-stream",
+            "ETag": f'"{hashlib.sha256(content).hexdigest()[:16]}"',
+            "Last-Modified": formatdate(modified, usegmt=True),
+            "Accept-Ranges": "bytes",
+        }
+        headers = {name: value for name, value in {**headers, **self.files.headers}.items() if value}
+        status, start, stop = (
+            self.part(len(content), headers) if kind != "no ranges" else (200, 0, len(content))
+        )
+        if status == 416:
+            return self.say(416, {"Content-Range": f"bytes */{len(content)}"})
+        if kind == "other range" and start:
+            start -= 1
+        if status == 206:
+            headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(content)}"
+        body = content[start:stop]
+        if kind == "wrong" and body:
+            place = self.files.cut(len(body))
+            body = body[:place] + bytes([body[place] ^ 1]) + body[place + 1 :]
+        if kind == "truncated":
+            body = body[: self.files.cut(len(body))]
+            if status == 206:
+                headers["Content-Range"] = f"bytes {start}-{start + len(body) - 1}/{start + len(body)}"
+        self.send_response(status)
+        headers |= (
+            {"Transfer-Encoding": "chunked"} if kind == "chunked" else {"Content-Length": str(len(body))}
+        )
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command != "HEAD":
+            with contextlib.suppress(ConnectionError):  # a client may go away
+                self.send(body, kind)
+        return None
+
+    def part(self, length: int, headers: dict[str, str]) -> tuple[int, int, int]:
+        """Status, start and stop of what is asked for."""
+        match = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", "").strip())
+        condition = self.headers.get("If-Range")
+        current = (headers.get("ETag"), headers.get("Last-Modified"))
+        if not match or match[0] == "bytes=-" or (condition is not None and condition not in current):
+            return 200, 0, length
+        if not match[1]:
+            return 206, max(0, length - int(match[2])), length
+        start, stop = int(match[1]), min(length, int(match[2] or length) + 1)
+        return (206, start, stop) if start < length and start < stop else (416, 0, 0)
+
+    def send(self, body: bytes, kind: str) -> None:
+        stop = self.files.cut(len(body)) if kind in ("cut", "short", "stall") else len(body)
+        piece = max(1, len(body) // 8) if kind == "slow" else 64 << 10
+        for place in range(0, stop, piece):
+            block = body[place : min(stop, place + piece)]
+            self.wfile.write(b"%x\r\n%b\r\n" % (len(block), block) if kind == "chunked" else block)
+            self.wfile.flush()
+            self.files.sent(len(block))
+            if kind == "slow":
+                self.files.closing.wait(self.files.drip_s)
+        if kind == "chunked":
+            self.wfile.write(b"0\r\n\r\n")
+        elif kind == "cut":
+            reset(self)
+        elif kind == "short":
+            self.close_connection = True
+        elif kind == "stall":
+            self.wait_until_left()
+
+    def wait_until_left(self) -> None:
+        """Send nothing more, until the client goes away or the server ends."""
+        self.connection.settimeout(0.05)
+        self.close_connection = True
+        while not self.files.closing.is_set():
+            try:
+                if not self.connection.recv(1):
+                    return
+            except TimeoutError:
+                continue
