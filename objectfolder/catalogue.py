@@ -4,6 +4,7 @@ import csv
 import difflib
 import math
 import re
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ AS_IN_FILE = "as in file"
 REQUIRED_COLUMNS = ("id", "material")
 COLUMNS = (
     "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "roughness",
-    "metallic", "wall_m", "shell_m",
+    "metallic", "wall_m", "shell_m", "source_id",
 )  # fmt: skip
 
 _SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
@@ -44,6 +45,8 @@ class ObjectRecord:
     shell_m
         Thickness in metres of the wall, for its sound, of a closed container that the scan has as solid. Not
         together with `wall_m`.
+    source_id
+        What `objectfolder fetch` knows the object by, as ``ycb:025_mug``; empty for one's own.
     """
 
     id: str
@@ -59,6 +62,7 @@ class ObjectRecord:
     metallic: float | None = None
     wall_m: float | None = None
     shell_m: float | None = None
+    source_id: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,7 +112,7 @@ def read_catalogue(path: Path, materials: Iterable[str]) -> Catalogue:
     """
     path = Path(path)
     known_materials = tuple(materials)
-    columns, rows = _rows(path)
+    columns, rows = read_rows(path)
     faulty = _faulty_ids(path, rows)
     records: list[ObjectRecord] = []
     errors: dict[str, InputError] = {}
@@ -122,8 +126,21 @@ def read_catalogue(path: Path, materials: Iterable[str]) -> Catalogue:
     return Catalogue(tuple(records), errors)
 
 
-def _rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
-    """Column names, and each row with its line in the file; cells stripped, empty lines left out."""
+def read_rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
+    """Read a table of objects as text, unknown columns too.
+
+    Returns
+    -------
+    columns
+        Their names.
+    rows
+        Each with its line in the file; cells stripped, empty lines left out.
+
+    Raises
+    ------
+    InputError
+        The table is missing or is no CSV, or lacks a column.
+    """
     if not path.is_file():
         raise InputError(str(path), "the table of objects does not exist", "Correct the path")
     rows: list[tuple[int, dict[str, str]]] = []
@@ -199,9 +216,10 @@ def _record(
     mesh_name = row["mesh"] if "mesh" in columns else "model.obj"
     if not mesh_name:
         raise InputError(f"{where}, field mesh", "is empty", "Name the mesh file")
-    mesh = _existing(folder / mesh_name, f"{where}, field mesh")
+    source_id = row.get("source_id", "")
+    mesh = _existing(folder / mesh_name, f"{where}, field mesh", source_id)
     texture_name = row.get("texture", "")
-    texture = _existing(folder / texture_name, f"{where}, field texture") if texture_name else None
+    texture = _existing(folder / texture_name, f"{where}, field texture", source_id) if texture_name else None
     wall_m = _thickness(row.get("wall_m", ""), f"{where}, field wall_m")
     shell_m = _thickness(row.get("shell_m", ""), f"{where}, field shell_m")
     if wall_m is not None and shell_m is not None:
@@ -224,12 +242,18 @@ def _record(
         metallic=_fraction(row.get("metallic", ""), f"{where}, field metallic"),
         wall_m=wall_m,
         shell_m=shell_m,
+        source_id=source_id,
     )
 
 
-def _existing(path: Path, where: str) -> Path:
+def _existing(path: Path, where: str, source_id: str) -> Path:
     if not path.is_file():
-        raise InputError(where, f"the file {path} does not exist", "Correct the path or add the file")
+        remedy = (
+            f"objectfolder fetch {shlex.quote(source_id)}"
+            if source_id
+            else "Correct the path or add the file"
+        )
+        raise InputError(where, f"the file {path} does not exist", remedy)
     return path
 
 

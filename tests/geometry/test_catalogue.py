@@ -1,13 +1,18 @@
 """The table of objects. Its faults that concern one object are in test_bad_input."""
 
+import dataclasses
+import shlex
 from pathlib import Path
 
 import pytest
 from small_meshes import write_textured_cube
 
+from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
+from pipeline.records import row_of
 
+REPOSITORY = Path(__file__).parents[2]
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
 
 
@@ -122,6 +127,36 @@ def test_a_wall_and_a_shell_exclude_each_other(folder):
 def test_a_unit_left_out_of_a_column_is_named(folder):
     with pytest.raises(InputError, match=r"has no column 'wall_m'\. Rename 'wall_mm' to 'wall_m'"):
         read_catalogue(write(folder, "id,material,wall_mm\ncube,steel,2\n"), MATERIALS)
+
+
+def test_what_is_not_fetched_names_the_command_that_fetches_it(folder):
+    text = (
+        "id,mesh,texture,material,source_id\nmug,ycb/mug.obj,,steel,ycb:025_mug\n"
+        "cube,cube/model.obj,none.png,steel,gso:Pok\u00e9mon's Box\nown,none.obj,,steel,\n"
+    )
+    errors = read_catalogue(write(folder, text), MATERIALS).errors
+    assert errors["mug"].remedy == "objectfolder fetch ycb:025_mug"
+    assert "field texture" in errors["cube"].where
+    # A remedy can be pasted into a shell, whatever a table's author wrote.
+    assert shlex.split(errors["cube"].remedy) == ["objectfolder", "fetch", "gso:Pok\u00e9mon's Box"]
+    assert errors["own"].remedy == "Correct the path or add the file"
+
+
+def test_a_source_is_kept_and_means_nothing_to_what_is_made(folder):
+    text = "id,mesh,material,source_id,notes\ncube,cube/model.obj,steel,ycb:000_cube,any\n"
+    (record,) = read_catalogue(write(folder, text), MATERIALS).records
+    assert record.source_id == "ycb:000_cube"
+    steel = read_materials(REPOSITORY / "data" / "materials.csv")["steel"]
+    assert row_of(record, steel) == row_of(dataclasses.replace(record, source_id=""), steel)
+
+
+def test_tables_that_come_with_the_factory():
+    starter = read_catalogue(REPOSITORY / "data" / "starter.csv", MATERIALS)
+    papers = read_catalogue(REPOSITORY / "data" / "objects.csv", MATERIALS)
+    assert len(starter.records) + len(starter.errors) == 7
+    assert len(papers.records) + len(papers.errors) == 100
+    # Nothing is wrong with a row but that its mesh may not be fetched yet.
+    assert {error.remedy.partition(" ")[0] for error in papers.errors.values()} <= {"objectfolder"}
 
 
 def test_several_bad_rows_are_all_reported(folder):
