@@ -1,0 +1,135 @@
+"""A table of objects against itself, its meshes and what is known of things."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from objectfolder.audio.materials import Material, read_materials
+from objectfolder.catalogue import read_catalogue, read_rows
+from objectfolder.errors import InputError
+from pipeline.checking import (
+    duplicates,
+    lengths,
+    licences,
+    looks,
+    masses,
+    materials,
+    provenance,
+    readable,
+    surfaces,
+    walls,
+)
+from pipeline.checking.acceptance import RULE as ACCEPTED
+from pipeline.checking.acceptance import accept
+from pipeline.checking.entry import Entry
+from pipeline.checking.finding import SEVERITIES, Finding
+from pipeline.checking.shape import measure
+
+BY_ROW = (readable, licences, provenance, lengths, masses, walls, surfaces, looks)
+RULES = (*(module.RULE for module in BY_ROW), materials.RULE, duplicates.RULE, ACCEPTED)
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a check found.
+
+    Parameters
+    ----------
+    objects
+        Rows of the table.
+    measured
+        Rows whose mesh was measured.
+    unfetched
+        Ids of rows that wait for their files.
+    findings
+        Worst first, then in the order of the table.
+    """
+
+    objects: int
+    measured: int
+    unfetched: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    def count(self, severity: str) -> int:
+        """Number of findings of a severity."""
+        return sum(one.severity == severity for one in self.findings)
+
+
+def check_table(
+    path: Path,
+    materials_table: Path,
+    *,
+    with_meshes: bool = True,
+    progress: Callable[[int, int, str], None] = lambda *_: None,
+) -> Check:
+    """Check a table of objects.
+
+    Parameters
+    ----------
+    materials_table
+        The table of materials.
+    with_meshes
+        Read and measure the meshes that are there, about a second each; else the table alone.
+    progress
+        Called with rows done, rows and the id that comes next.
+
+    Raises
+    ------
+    InputError
+        A table that cannot be read at all.
+    """
+    known = read_materials(materials_table)
+    entries = read_entries(path, known)
+    if with_meshes:
+        for index, entry in enumerate(entries):
+            progress(index, len(entries), entry.object_id)
+            entries[index] = measured(entry)
+        progress(len(entries), len(entries), "")
+    return check_entries(entries, known)
+
+
+def check_entries(entries: Sequence[Entry], known: Mapping[str, Material]) -> Check:
+    """Apply every rule to rows that were read."""
+    doubles: dict[str, list[Finding]] = {}
+    for one in duplicates.check(entries):
+        doubles.setdefault(one.object_id, []).append(one)
+    findings: list[Finding] = []
+    for entry in entries:
+        found = [*_of_row(entry, known), *doubles.pop(entry.object_id, ())]
+        findings += accept(entry, found, RULES)
+    findings.sort(key=lambda one: SEVERITIES.index(one.severity))
+    unfetched = tuple(entry.object_id for entry in entries if entry.is_unfetched)
+    return Check(len(entries), sum(entry.shape is not None for entry in entries), unfetched, tuple(findings))
+
+
+def read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
+    """Return the rows of a table in order, those with faults too; nothing is measured yet."""
+    _, rows = read_rows(path)
+    catalogue = read_catalogue(path, known)
+    records = {record.id: record for record in catalogue.records}
+    return [
+        Entry(
+            object_id=row["id"] or f"line {line}",
+            cells=row,
+            record=records.get(row["id"]),
+            material=known.get(row["material"]),
+            problem=catalogue.errors.get(row["id"] or f"line {line}"),
+        )
+        for line, row in rows
+    ]
+
+
+def measured(entry: Entry) -> Entry:
+    """Return a row with what was measured on its mesh, or why that could not be."""
+    if entry.record is None:
+        return entry
+    try:
+        return replace(entry, shape=measure(entry.record))
+    except InputError as problem:
+        return replace(entry, problem=problem)
+
+
+def _of_row(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
+    for module in BY_ROW:
+        yield from module.check(entry)
+    yield from materials.check(entry, known.keys())

@@ -1,0 +1,78 @@
+"""What a check measures on the mesh of an object."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from objectfolder.catalogue import ObjectRecord
+from objectfolder.geometry.clean import clean
+from objectfolder.geometry.length import with_length
+from objectfolder.geometry.load import load_mesh
+from objectfolder.geometry.solid_properties import Topology, topology_of
+from objectfolder.geometry.wall_measures import WallMeasures, measure_walls
+
+
+@dataclass(frozen=True)
+class Shape:
+    """An object as it would be made, and the file that it is made from.
+
+    Parameters
+    ----------
+    file_extents
+        Sides of the bounding box as in the file, in its own unit.
+    topology, walls
+        Of the cleaned surface at its stated size.
+    mesh_sha256, texture_sha256
+        Of the bytes of the files; None without a texture of its own.
+    geometry_sha256
+        Of the cleaned surface in the file's own unit.
+    """
+
+    file_extents: tuple[float, float, float]
+    topology: Topology
+    walls: WallMeasures
+    mesh_sha256: str
+    texture_sha256: str | None
+    geometry_sha256: str
+
+    @property
+    def file_length(self) -> float:
+        """Longest side as in the file."""
+        return max(self.file_extents)
+
+    @property
+    def length_m(self) -> float:
+        """Longest side as it would be made."""
+        return max(self.walls.extents_m)
+
+
+def measure(record: ObjectRecord) -> Shape:
+    """Read and clean the mesh of a row as the factory does, and measure it: about a second.
+
+    Raises
+    ------
+    InputError
+        Files that the factory cannot use.
+    """
+    where = f"{record.id} ({record.mesh.name})"
+    cleaned, report = clean(load_mesh(record.mesh, record.texture), where)
+    extents = tuple(float(side) for side in cleaned.extents)
+    digest = hashlib.sha256()
+    for array in (cleaned.vertices, cleaned.faces):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    mesh, _ = with_length(cleaned, record.length_m, where)
+    return Shape(
+        file_extents=(extents[0], extents[1], extents[2]),
+        topology=topology_of(mesh.vertices, mesh.faces),
+        walls=measure_walls(mesh.surface, cavities=report.cavities),
+        mesh_sha256=_sha256(record.mesh),
+        texture_sha256=None if record.texture is None else _sha256(record.texture),
+        geometry_sha256=digest.hexdigest(),
+    )
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
