@@ -15,7 +15,7 @@ import requests
 from objectfolder.errors import FormatError, InputError
 from pipeline.sources.cached_file import CachedFile, Digests, Whole, writing
 from pipeline.sources.patience import Patience
-from pipeline.sources.web import Transient, Web, blocks
+from pipeline.sources.web import Transient, Web, blocks, check_address
 
 LIMIT_BYTES = 2 << 30
 LIMIT_JSON_BYTES = 32 << 20
@@ -130,6 +130,7 @@ class Downloader:
         FormatError
             It is another than expected.
         """
+        check_address(url)
         expected = _Expected(sha256, md5, size, limit_bytes)
         cached = CachedFile(self._cache, url)
         with cached.alone():
@@ -158,6 +159,7 @@ class Downloader:
 
     def forget(self, url: str) -> None:
         """Remove what the cache has of an address, as when its content turns out to be damaged."""
+        check_address(url)
         cached = CachedFile(self._cache, url)
         with cached.alone():
             cached.forget()

@@ -79,8 +79,8 @@ class Web:
     ) -> None:
         self._proxies = dict(proxies or {})
         self._mirrors = dict(sorted((mirrors or {}).items(), key=lambda pair: -len(pair[0])))
-        for replacement in self._mirrors.values():
-            _check_scheme(replacement)
+        for address in (*self._mirrors, *self._mirrors.values()):
+            check_address(address)
         self._pace = _Pace(requests_per_second)
         self._timeout = (min(CONNECT_S, timeout_s), timeout_s)
         self._sessions = threading.local()  # requests does not promise that threads may share one
@@ -106,7 +106,7 @@ class Web:
             Any other refusal.
         """
         address = self.address(url)
-        _check_scheme(address)
+        check_address(address)
         # Bytes are wanted as they are stored: hashes and ranges are of these.
         asked = {"Accept-Encoding": "identity", **headers}
         try:
@@ -194,8 +194,14 @@ class _Adapter(HTTPAdapter):
         return response
 
 
-def _check_scheme(address: str) -> None:
-    if urlsplit(address).scheme.lower() not in ("http", "https"):
+def check_address(address: str) -> None:
+    """Raise `InputError` for what is no address of the web."""
+    try:
+        parts = urlsplit(address)
+        right = parts.scheme.lower() in ("http", "https") and bool(parts.hostname)
+    except ValueError:
+        right = False
+    if not right:
         raise InputError(address, "no address that begins with http:// or https://", "Correct the address.")
 
 

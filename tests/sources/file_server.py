@@ -49,6 +49,11 @@ def no_faults(path: str) -> str:
     return ""
 
 
+def redirection(target: str, kind: str) -> str:
+    """Where a request is sent that is "moved" or in a "loop"."""
+    return f"{target.partition('?loop')[0]}?{kind}"
+
+
 def scripted(*kinds: str) -> Plan:
     """One after another for one request after another, then none."""
     left = list(kinds)
@@ -159,7 +164,7 @@ class _Handler(BaseHTTPRequestHandler):
         if kind in STATUSES:
             return self.say(int(kind), {"Retry-After": self.files.retry_after} if kind == "429" else {})
         if kind in ("moved", "loop"):
-            return self.say(302, {"Location": f"{self.path.partition('?loop')[0]}?{kind}"})
+            return self.say(302, {"Location": redirection(self.path, kind)})
         found = self.files.content(self.path)
         if found is None:
             return self.say(404, {})

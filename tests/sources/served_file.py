@@ -1,0 +1,30 @@
+"""The file that the tests of downloads fetch, and how patiently they do."""
+
+import hashlib
+import random
+from pathlib import Path
+from typing import Any
+
+from tests.sources.file_server import FileServer
+
+CONTENT = random.Random(1).randbytes(300_000)
+SHA256 = hashlib.sha256(CONTENT).hexdigest()
+MD5 = hashlib.md5(CONTENT).hexdigest()
+# The machine may be busy: what is to succeed has much time, and only what is to fail has little.
+AMPLE: dict[str, Any] = {
+    "requests_per_second": 1e6,
+    "patience_s": 120.0,
+    "timeout_s": 30.0,
+    "backoff_s": 0.01,
+}
+SHORT: dict[str, Any] = {**AMPLE, "patience_s": 0.3, "timeout_s": 0.2}
+
+
+def ranges(server: FileServer) -> list[str]:
+    """What part each request asked for."""
+    return [headers.get("range", "") for _, _, headers in server.requests]
+
+
+def whole_files(cache: Path) -> list[Path]:
+    """Files in a cache that have their final name."""
+    return [path for path in cache.rglob("*") if path.is_file() and not path.name.startswith(".")]

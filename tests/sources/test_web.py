@@ -1,0 +1,150 @@
+"""Servers are asked politely, where they are told to be, and what they say is told apart."""
+
+import gzip
+import json
+
+import pytest
+import requests
+
+from objectfolder.errors import FormatError, InputError
+from pipeline.sources import patience, web
+from pipeline.sources.download import Downloader
+from tests.sources.file_server import scripted
+from tests.sources.served_file import AMPLE, CONTENT, SHORT
+
+
+@pytest.mark.parametrize("kind", ["403", "404", "loop"])
+def test_what_does_not_pass_is_told_at_once(file_server, address, cache_folder, kind):
+    file_server.plan = scripted(kind)
+    with pytest.raises(InputError) as refused:
+        Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin")
+    assert refused.value.remedy
+    assert isinstance(refused.value, web.AbsentError) == (kind == "404")
+    assert len(file_server.requests) <= web.MOST_REDIRECTS + 1
+
+
+def test_a_server_that_asks_for_time_gets_it(file_server, address, cache_folder, monkeypatch):
+    waits: list[float] = []
+    monkeypatch.setattr(patience.time, "sleep", waits.append)
+    file_server.plan, file_server.retry_after = scripted("429"), "7"
+    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
+    assert [wait for wait in waits if wait > 1] == [7.0]
+
+
+@pytest.mark.parametrize(("retry_after", "when"), [("3600", "3600 s"), ("no time", "")])
+def test_a_server_that_asks_for_too_much_time_is_given_up(
+    file_server, address, cache_folder, retry_after, when
+):
+    file_server.plan, file_server.retry_after = scripted(*["429"] * 1000), retry_after
+    with pytest.raises(InputError, match="429") as refused:
+        Downloader(cache_folder, **SHORT).file(f"{address}/a.bin")
+    assert when in refused.value.remedy
+    assert len(file_server.requests) == 1 or not when
+
+
+def test_nobody_there(cache_folder):
+    with pytest.raises(InputError, match="refuses connections") as refused:
+        Downloader(cache_folder, **SHORT).file("http://127.0.0.1:1/a")
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    "url", ["ftp://host/a", "file:///etc/passwd", "/etc/passwd", "", "http://[", "http://"]
+)
+def test_only_addresses_of_the_web(url, cache_folder):
+    with pytest.raises(InputError) as refused:
+        Downloader(cache_folder, **SHORT).file(url)
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize("target", ["file:///etc/passwd", "ftp://host/a", "http://[", "data:,a"])
+def test_redirections_stay_in_the_web(file_server, address, cache_folder, target, monkeypatch):
+    monkeypatch.setattr("tests.sources.file_server.redirection", lambda path, kind: target)
+    file_server.plan = scripted("moved")
+    with pytest.raises(InputError, match="cannot be asked"):
+        Downloader(cache_folder, **SHORT).file(f"{address}/a.bin")
+
+
+def test_a_redirection_does_not_leave_tls():
+    steps = []
+    for url in ("https://a/", "http://b/"):
+        steps.append(requests.Response())
+        steps[-1].url = url
+    steps[-1].history = steps[:-1]
+    with pytest.raises(InputError, match="from https to http"):
+        web._check_redirects("https://a/", steps[-1])
+
+
+def test_mirrors_stand_in(file_server, address, cache_folder):
+    file_server.documents = {"/near/a": b"near", "/far/b": b"far"}
+    mirrors = {
+        "https://source.invalid/": f"{address}/far/",
+        "https://source.invalid/models/": f"{address}/near/",
+    }
+    downloader = Downloader(cache_folder, mirrors=mirrors, **AMPLE)
+    assert downloader.file("https://source.invalid/models/a").read_bytes() == b"near"
+    assert downloader.file("https://source.invalid/b").read_bytes() == b"far"
+    with pytest.raises(InputError, match="no address"):
+        Downloader(cache_folder, mirrors={"https://source.invalid/": "/disk/mirror"})
+
+
+def test_proxies_by_option_and_by_environment(file_server, address, cache_folder, monkeypatch):
+    url = "http://source.invalid/a.bin"
+    assert Downloader(cache_folder, proxies={"http": address}, **AMPLE).file(url).read_bytes() == CONTENT
+    assert file_server.requests[0][1] == url
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:1")
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:1")
+    assert (
+        Downloader(cache_folder / "2", proxies={"http": address}, **AMPLE).file(url).read_bytes() == CONTENT
+    )
+    with pytest.raises(InputError, match="proxy"):
+        Downloader(cache_folder / "3", **SHORT).file(url)
+    monkeypatch.setenv("http_proxy", address)
+    assert Downloader(cache_folder / "3", **AMPLE).file(url).read_bytes() == CONTENT
+    monkeypatch.setenv("no_proxy", "source.invalid")
+    with pytest.raises(InputError, match="name is not known"):
+        Downloader(cache_folder / "4", **SHORT).file(url)
+
+
+def test_hosts_are_asked_at_a_polite_rate(monkeypatch):
+    clock = [100.0]
+    waits = []
+
+    def sleep(seconds: float) -> None:
+        waits.append(seconds)
+        clock[0] += seconds
+
+    monkeypatch.setattr(web, "time", type("Clock", (), {"monotonic": lambda: clock[0], "sleep": sleep}))
+    pace = web._Pace(requests_per_second=4)
+    for host in ("a", "a", "a", "b", "a"):
+        pace.wait(host)
+    assert waits == [0, 0.25, 0.25, 0, 0.25]
+
+
+def test_documents(file_server, address, cache_folder):
+    said = {"name": "Käse", "deep": [1, 2.5, None]}
+    file_server.documents = {
+        "/files/x?page=2": json.dumps(said).encode(),
+        "/page": b"<html>",
+        "/deep": b"[" * 100_000,
+    }
+    downloader = Downloader(cache_folder, **AMPLE)
+    file_server.plan = scripted("503", "cut", "reset")
+    assert downloader.json(f"{address}/files/x?page=2") == said
+    assert len(file_server.requests) == 4
+    for path in ("/page", "/deep"):
+        with pytest.raises(FormatError, match="no JSON"):
+            downloader.json(address + path)
+    with pytest.raises(web.AbsentError):
+        downloader.json(f"{address}/files/x?page=3")
+    with pytest.raises(InputError, match="larger than 10 bytes"):
+        downloader.json(f"{address}/files/x?page=2", limit_bytes=10)
+    file_server.documents = {
+        "/z": gzip.compress(json.dumps(said).encode()),
+        "/bomb": gzip.compress(bytes(10**7)),
+    }
+    file_server.headers = {"Content-Encoding": "gzip"}
+    assert downloader.json(f"{address}/z") == said
+    with pytest.raises(InputError, match="larger than"):
+        downloader.json(f"{address}/bomb", limit_bytes=10**6)
+    assert not cache_folder.exists()
