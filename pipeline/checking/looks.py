@@ -10,33 +10,17 @@ from pipeline.checking.words import affirmed, words_of
 RULE = "looks"
 
 COVERED = frozenset(
-    [
-        "enamel",
-        "enameled",
-        "enamelled",
-        "lacquered",
-        "painted",
-        "powder",
-        "coated",
-        "varnished",
-        "anodized",
-        "anodised",
-    ]
-)
+    {
+        "enamel", "enameled", "enamelled", "lacquered", "painted", "powder", "coated", "varnished",
+        "anodized", "anodised",
+    }
+)  # fmt: skip
 METALLISED = frozenset(
-    [
-        "chrome",
-        "chromed",
-        "metallised",
-        "metallized",
-        "metallic",
-        "gold",
-        "golden",
-        "silver",
-        "foil",
+    {
+        "chrome", "chromed", "metallised", "metallized", "metallic", "gold", "golden", "silver", "foil",
         "plated",
-    ]
-)
+    }
+)  # fmt: skip
 MATT = frozenset({"matt", "matte", "rubber", "rubberised", "felt", "unglazed"})
 SHINY = frozenset({"mirror", "polished", "chrome", "chromed", "glossy", "shiny"})
 
