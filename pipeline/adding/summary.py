@@ -1,0 +1,42 @@
+"""What was measured of an object, in lines for people."""
+
+import numpy as np
+
+from objectfolder.geometry.wall_measures import LEVELS
+from pipeline.adding.addition import AS_IN_FILE, Checked
+
+
+def lines_about(checked: Checked) -> list[str]:
+    """Size, volume, mass, walls, and what is doubtful."""
+    attributes, walls = checked.product.attributes, checked.walls
+    extents = attributes["length"]["extents_m"]
+    origin = "as in the file" if checked.row["length_m"] == AS_IN_FILE else "as stated"
+    density = checked.material.density_kg_m3
+    closed = (
+        "closed" if walls.closed else f"open ({walls.boundary_edges} boundary edges): filled as it sounds"
+    )
+    lines = [
+        f"{checked.row['name']} ({checked.object_id}), {checked.material.name}, {checked.row['licence']}",
+        f"size         {' x '.join(f'{side:.4g}' for side in extents)} m, longest side {origin}",
+        f"surface      {len(checked.product['faces'])} triangles, {closed}, "
+        f"pieces {walls.pieces}, cavities {walls.cavities}",
+        f"volume       {1e6 * walls.volume_m3:.4g} cm3, {density * walls.volume_m3:.4g} kg of "
+        f"{checked.material.name} ({density:g} kg/m3)",
+        _walls(checked),
+    ]
+    lines += [f"warning      {text}" for text in checked.warnings]
+    lines += [f"walls?       {finding}" for finding in checked.findings]
+    return lines
+
+
+def _walls(checked: Checked) -> str:
+    walls = checked.walls
+    solid = f"2V/A {1e3 * walls.effective_m:.2g} mm, thickest {1e3 * walls.bulk_m:.2g} mm"
+    median = walls.usual_wall_m()
+    if median is None:
+        return f"walls        none; {solid}"
+    thin = float(np.interp(0.05, LEVELS, walls.wall_m))
+    return (
+        f"walls        {100 * walls.wall_share:.0f} % of the area, median {1e3 * median:.2g} mm, "
+        f"a twentieth of them below {1e3 * thin:.2g} mm; {solid}"
+    )
