@@ -123,8 +123,8 @@ class Downloader:
 
         Raises
         ------
-        AbsentError
-            There is nothing at the address (404, 410).
+        AbsentError, RefusedError
+            Its server answers 404 or 410, or another 4xx that does not pass.
         InputError
             It cannot be fetched or written, or is too large.
         FormatError

@@ -25,7 +25,6 @@ CONNECT_S = 10.0
 BLOCK = 256 << 10  # bytes read at most before they are written and told
 MOST_REDIRECTS = 8
 TRANSIENT = {408, 425, 429}  # and 500 and above
-REFUSED = {401, 402, 403, 407, 451}
 
 
 class Transient(Exception):
@@ -47,6 +46,10 @@ class Transient(Exception):
 
 class AbsentError(InputError):
     """An address at which there is nothing: its server answers 404 or 410."""
+
+
+class RefusedError(InputError):
+    """An address that its server or a proxy refuses: another 4xx, which some give for what is not there."""
 
 
 class Web:
@@ -100,10 +103,10 @@ class Web:
         ------
         Transient
             No answer, or one that says that another may follow.
-        AbsentError
-            There is nothing at the address.
+        AbsentError, RefusedError
+            There is nothing at the address, or nothing for us.
         InputError
-            Any other refusal.
+            Anything else that asking again will not change.
         """
         address = self.address(url)
         check_address(address)
@@ -225,10 +228,9 @@ def _check_status(url: str, response: requests.Response) -> None:
         raise AbsentError(
             url, f"not there ({status})", "Check the name, or whether the source has moved it or is mirrored."
         )
-    if status in REFUSED:
-        raise InputError(
-            url, f"refused by its server or a proxy ({status})", "Try in a browser, or use a mirror or proxy."
-        )
+    if 400 <= status < 500:
+        remedy = "Check the name; if it is right, try it in a browser, or use a mirror or proxy."
+        raise RefusedError(url, f"refused by its server or a proxy ({status})", remedy)
     raise InputError(url, f"its server answers {status}", "Check the address, or use a mirror.")
 
 

@@ -19,7 +19,7 @@ def test_what_does_not_pass_is_told_at_once(file_server, address, cache_folder, 
     with pytest.raises(InputError) as refused:
         Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin")
     assert refused.value.remedy
-    assert isinstance(refused.value, web.AbsentError) == (kind == "404")
+    assert type(refused.value) is {"403": web.RefusedError, "404": web.AbsentError}.get(kind, InputError)
     assert len(file_server.requests) <= web.MOST_REDIRECTS + 1
 
 
