@@ -9,14 +9,19 @@ from typing import Any, TypeVar
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.geometry.gltf import read_gltf
 from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.named_files import is_file
 from objectfolder.geometry.obj import read_obj
-from objectfolder.geometry.scene_formats import FORMATS, read_scene
+from objectfolder.geometry.ply import read_ply
+from objectfolder.geometry.stl import read_stl
 from objectfolder.geometry.textures import opaque, read_texture
 
 Kept = TypeVar("Kept")
 
-MESH_SUFFIXES = (".obj", *FORMATS)
+_READERS = {".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply, ".stl": read_stl}
+
+MESH_SUFFIXES = tuple(_READERS)
 
 
 def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = True) -> TexturedMesh:
@@ -46,7 +51,7 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
         missing or has no texture coordinates to go with it.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(str(path), "the mesh file does not exist", "Correct the path or add the file")
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
@@ -56,9 +61,12 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
         )
     named_texture = read_texture(Path(texture)) if texture is not None and with_textures else None
     follow_materials = with_textures and named_texture is None
-    reader = read_obj if suffix == ".obj" else read_scene
-    mesh = reader(path, with_textures=follow_materials)
-    _refuse_non_finite(path, mesh)
+    try:
+        mesh = _READERS[suffix](path, with_textures=follow_materials)
+    except MemoryError as problem:
+        raise InputError(
+            str(path), "does not fit the memory", "Reduce its number of triangles or texels"
+        ) from problem
     if named_texture is not None:
         mesh = replace(
             mesh,
@@ -69,16 +77,6 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
             metallic_maps={},
         )
     return _with_coordinates(path, _with_distinct_textures(mesh))
-
-
-def _refuse_non_finite(path: Path, mesh: TexturedMesh) -> None:
-    bad = np.flatnonzero(~np.isfinite(mesh.vertices).all(axis=1))
-    if len(bad):
-        raise InputError(
-            str(path),
-            f"{len(bad)} of {len(mesh.vertices)} vertices are not finite (the first is vertex {bad[0] + 1})",
-            "Repair the mesh: NaN and infinite coordinates have no place",
-        )
 
 
 def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:

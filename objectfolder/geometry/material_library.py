@@ -12,6 +12,8 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.geometry.named_files import find_file, lies_within
+from objectfolder.geometry.text_files import read_text, shortened, without_comment
 
 DEFAULT_COLOUR = np.array([0.8, 0.8, 0.8])
 """sRGB-encoded base colour of a mesh that names none."""
@@ -79,6 +81,8 @@ class ObjMaterial:
 def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
     """Read the materials of one `mtllib` statement of `mesh` (a file name, or several).
 
+    Files are looked for in the folder of the mesh and the one around it, nowhere else.
+
     Raises
     ------
     InputError
@@ -88,23 +92,26 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
     materials: dict[str, ObjMaterial] = {}
     for path in library_files(mesh, library):
         current = ObjMaterial()
-        for number, line in enumerate(
-            path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1
-        ):
+        for number, line in enumerate(read_text(path).split("\n"), start=1):
             keyword, *values = line.split("#", 1)[0].split() or [""]
             where = f"{path} line {number}"
             if keyword.lower() == "newmtl":
-                current = materials.setdefault(" ".join(values), ObjMaterial())
+                current = materials.setdefault(" ".join(line.split()[1:]), ObjMaterial())
             elif keyword.lower() == "kd":
                 current.colour = _colour(values, where)
             elif keyword.lower() == "map_kd" and values:
-                current.texture = _texture_file(path, _file_name(line.strip(), where), where)
+                current.texture = _texture_file(mesh, path, line, where)
             elif keyword.lower() in _SCALARS:
                 setattr(current, _SCALARS[keyword.lower()], _fraction(keyword, values, where))
             elif keyword.lower().removeprefix("map_") in _SCALARS and values:
                 name = _SCALARS[keyword.lower().removeprefix("map_")]
-                file = _texture_file(path, _file_name(line.strip(), where), where)
-                setattr(current, f"{name}_map", ScalarMap(file, _channel(values)))
+                setattr(
+                    current,
+                    f"{name}_map",
+                    ScalarMap(_texture_file(mesh, path, line, where), _channel(values)),
+                )
+    for name, material in list(materials.items()):
+        materials.setdefault(without_comment(name), material)
     return materials
 
 
@@ -115,7 +122,7 @@ def _fraction(keyword: str, values: list[str], where: str) -> float:
     except (ValueError, IndexError):
         value = -1.0
     if not 0.0 <= value <= 1.0:
-        raise InputError(where, f"{keyword} {' '.join(values)!r} is no number in 0..1", "Write one")
+        raise InputError(where, f"{keyword} {shortened(' '.join(values))} is no number in 0..1", "Write one")
     if keyword.lower() == "d" and value == 0.0:
         raise InputError(
             where, "d 0 makes the material wholly transparent", "Write d 1, or leave its faces out"
@@ -133,15 +140,21 @@ def _channel(values: list[str]) -> int | None:
 
 def library_files(mesh: Path, library: str) -> list[Path]:
     """Find the files of an `mtllib` statement, whose name may hold spaces or which may list several."""
-    for names in ([library], library.split()):
-        paths = [mesh.parent / PureWindowsPath(name).as_posix() for name in names]
-        if all(path.is_file() for path in paths):
-            return paths
+    for names in ([library], [without_comment(library)], without_comment(library).split()):
+        paths = [find_file(mesh.parent, [name], within=_outermost(mesh)) for name in names]
+        found = [path for path in paths if path is not None]
+        if found and len(found) == len(paths):
+            return found
     raise InputError(
         str(mesh),
-        f"names the material library {library!r}, which is not there",
+        f"names the material library {shortened(library)}, which is not there",
         "Add it beside the mesh, or name a texture for the object, or remove the mtllib line",
     )
+
+
+def _outermost(mesh: Path) -> Path:
+    """Folder outside of which nothing that a mesh names is read: scans come with folders side by side."""
+    return mesh.parent / ".."
 
 
 def _colour(values: list[str], where: str) -> np.ndarray:
@@ -152,7 +165,9 @@ def _colour(values: list[str], where: str) -> np.ndarray:
     if len(numbers) == 1:
         numbers = np.repeat(numbers, 3)
     if len(numbers) != 3 or not np.isfinite(numbers).all():
-        raise InputError(where, f"Kd {' '.join(values)!r} is not a colour", "Write three numbers in 0..1")
+        raise InputError(
+            where, f"Kd {shortened(' '.join(values))} is not a colour", "Write three numbers in 0..1"
+        )
     return np.clip(numbers, 0, 1)
 
 
@@ -164,7 +179,9 @@ def _file_name(line: str, where: str) -> str:
         count = _OPTION_VALUES.get(option.lower())
         if count is None:
             break
-        numbers = [value for value in values[:count] if option not in ("-o", "-s", "-t") or _is_number(value)]
+        numbers = [
+            value for value in values[:count] if option.lower() not in ("-o", "-s", "-t") or _is_number(value)
+        ]
         moved = {"-o": 0.0, "-s": 1.0, "-t": 0.0}.get(option.lower())
         if moved is not None and any(float(value) != moved for value in numbers):
             raise InputError(
@@ -172,7 +189,10 @@ def _file_name(line: str, where: str) -> str:
                 f"the texture option {option} {' '.join(numbers)} is not supported",
                 "Apply the scale or offset to the texture coordinates",
             )
-        rest = rest.split(maxsplit=1 + len(numbers))[-1].strip()
+        after = rest.split(maxsplit=1 + len(numbers))[1 + len(numbers) :]
+        if not after:
+            raise InputError(where, "names no texture after its options", "Write the name of an image")
+        rest = after[0].strip()
     return rest
 
 
@@ -184,22 +204,21 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _texture_file(library: Path, name: str, where: str) -> Path:
+def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
     """Where the texture is: as written, beside the library, or in the folders scans come with."""
-    written = PureWindowsPath(name).as_posix()
-    base = PureWindowsPath(name).name
-    folder = library.parent
-    candidates = [
-        folder / written,
-        folder / base,
-        folder / "textures" / base,
-        folder.parent / "materials" / "textures" / base,  # Google Scanned Objects as Fuel serves them
-    ]
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate
+    written = _file_name(line.strip(), where)
+    names = []
+    for name in dict.fromkeys([written, without_comment(written)]):
+        base = PureWindowsPath(name).name
+        # The last is where Google Scanned Objects have it as Fuel serves them.
+        names += [name, base, f"textures/{base}", f"../materials/textures/{base}"]
+    found = find_file(library.parent, names, within=_outermost(mesh))
+    if found is not None:
+        return found
+    outside = not lies_within(library.parent / PureWindowsPath(written).as_posix(), _outermost(mesh))
     raise InputError(
         where,
-        f"names the texture {name!r}, which is not there",
+        f"names the texture {shortened(written)}, which "
+        + ("lies outside of the folders of the object" if outside else "is not there"),
         "Add it beside the material library, or name a texture for the object",
     )

@@ -1,11 +1,13 @@
 """Every file that a mesh is read from, for fingerprints."""
 
 from pathlib import Path
-from urllib.parse import unquote
 
 from objectfolder.errors import InputError
+from objectfolder.geometry.gltf_file import gltf_files
 from objectfolder.geometry.material_library import library_files, read_material_library
-from objectfolder.geometry.scene_formats import gltf_header, ply_texture_name
+from objectfolder.geometry.named_files import find_file, is_file
+from objectfolder.geometry.obj import material_libraries
+from objectfolder.geometry.ply import ply_texture_name
 
 
 def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
@@ -16,14 +18,14 @@ def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
     """
     mesh = Path(mesh)
     named = [mesh] if texture is None else [mesh, Path(texture)]
-    if not mesh.is_file():
+    if not is_file(mesh):
         return tuple(named)
     suffix = mesh.suffix.lower()
     try:
         if suffix == ".obj":
             referred = [] if texture is not None else _obj_files(mesh)
         elif suffix in (".gltf", ".glb"):
-            referred = _gltf_files(mesh, with_images=texture is None)
+            referred = gltf_files(mesh, with_images=texture is None)
         elif suffix == ".ply":
             referred = [] if texture is not None else _ply_files(mesh)
         else:
@@ -36,22 +38,14 @@ def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
 
 def _obj_files(mesh: Path) -> list[Path]:
     files: list[Path] = []
-    with mesh.open(encoding="utf-8", errors="replace") as lines:
-        libraries = [line.split(maxsplit=1)[1].strip() for line in lines if line.startswith("mtllib ")]
-    for library in libraries:
+    for library in dict.fromkeys(material_libraries(mesh)):
         files += library_files(mesh, library)
         materials = read_material_library(mesh, library).values()
         files += [file for material in materials for file in material.files]
     return files
 
 
-def _gltf_files(mesh: Path, *, with_images: bool) -> list[Path]:
-    header = gltf_header(mesh)
-    entries = header.get("buffers", []) + (header.get("images", []) if with_images else [])
-    names = [entry["uri"] for entry in entries if "uri" in entry]
-    return [mesh.parent / unquote(name) for name in names if not name.startswith("data:")]
-
-
 def _ply_files(mesh: Path) -> list[Path]:
     name = ply_texture_name(mesh)
-    return [] if name is None else [mesh.parent / name]
+    found = None if name is None else find_file(mesh.parent, [name], within=mesh.parent)
+    return [] if found is None else [found]

@@ -5,15 +5,21 @@ applied.
 """
 
 import io
+import warnings
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from objectfolder.errors import InputError
+from objectfolder.geometry.named_files import is_file
+from objectfolder.geometry.text_files import read_bytes
 
 LARGEST_SIDE = 16384
 """Texels; a larger image would not fit the memory of one task."""
+
+_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "PPM", "DDS", "JPEG2000")
+"""What is decoded, a JPEG with several pictures included; others of Pillow's would start programs."""
 
 _SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
 
@@ -26,19 +32,26 @@ def read_texture(path: Path) -> np.ndarray:
     InputError
         The file is missing, is not an image, is truncated, too large, or of floating point values.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(str(path), "the texture file does not exist", "Correct the path or add the file")
-    return decode_texture(path.read_bytes(), str(path))
+    return decode_texture(read_bytes(path), str(path))
 
 
 def decode_texture(data: bytes, where: str) -> np.ndarray:
     """Decode the bytes of an image file; `where` names it in errors. See `rgba_of`."""
     try:
-        with Image.open(io.BytesIO(data)) as image:
-            return rgba_of(image, where)
-    except (UnidentifiedImageError, OSError, SyntaxError, Image.DecompressionBombError) as problem:
+        with warnings.catch_warnings():
+            # Sizes are checked below.
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
+                return rgba_of(image, where)
+    except InputError:
+        raise
+    except Exception as problem:  # whatever a decoder may say of bytes of strangers
+        said = "its content is of no known kind" if isinstance(problem, UnidentifiedImageError) else problem
+        said = " ".join(str(said).split())
         raise InputError(
-            where, f"not a readable image ({problem})", "Use a complete PNG, JPEG, WebP or TIFF image"
+            where, f"not a readable image ({said})", "Use a complete PNG, JPEG, WebP or TIFF image"
         ) from problem
 
 
@@ -59,12 +72,12 @@ def rgba_of(image: Image.Image, where: str) -> np.ndarray:
             where, "the texture holds floating point values", "Save it with 8 or 16 bits a channel"
         )
     if image.mode in _SIXTEEN_BIT_MODES:
-        values = np.asarray(image).astype(np.int64)
+        values = np.asarray(image)
         if values.min() < 0 or values.max() > 65535:
             raise InputError(
                 where, "the grey texture has more than 16 bits", "Save it with 8 or 16 bits a channel"
             )
-        grey = np.rint(values / 257).astype(np.uint8)
+        grey = ((values.astype(np.int32) + 128) // 257).astype(np.uint8)
         return np.dstack([grey, grey, grey, np.full_like(grey, 255)])
     return np.array(image.convert("RGBA"), dtype=np.uint8)
 

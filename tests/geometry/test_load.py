@@ -222,9 +222,9 @@ def test_gltf_with_a_missing_texture_is_refused(tmp_path):
 
 def test_gltf_with_an_unsupported_extension_is_refused(tmp_path):
     path = write_gltf(tmp_path / "model.gltf", node={})
-    header = json.loads(path.read_text()) | {"extensionsRequired": ["KHR_draco_mesh_compression"]}
+    header = json.loads(path.read_text()) | {"extensionsRequired": ["EXT_meshopt_compression"]}
     path.write_text(json.dumps(header))
-    with pytest.raises(InputError, match=r"KHR_draco_mesh_compression.*Export it without compression"):
+    with pytest.raises(InputError, match=r"EXT_meshopt_compression.*Export it without meshopt compression"):
         load_mesh(path)
 
 

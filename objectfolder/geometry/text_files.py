@@ -1,0 +1,59 @@
+"""Text of mesh files and material libraries, in whatever encoding their exporters left it."""
+
+import codecs
+import re
+from pathlib import Path
+
+from objectfolder.errors import InputError
+
+LARGEST_FILE_BYTES = 2**30
+"""A larger mesh file would not fit the memory of one task once it is read."""
+
+_COMMENT = re.compile(r"(?:^|\s)#")
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a file whole.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is too large to be a mesh or an image.
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE_BYTES:
+            raise InputError(
+                str(path),
+                f"has {size} bytes, more than the {LARGEST_FILE_BYTES} that are read",
+                "Reduce its number of triangles or texels",
+            )
+        return path.read_bytes()
+    except OSError as problem:
+        raise InputError(str(path), f"cannot be read ({problem.strerror})", "Correct the path") from problem
+
+
+def read_text(path: Path) -> str:
+    r"""Text of a file in UTF-8, in UTF-16 with its mark, or else in Latin-1, with `\n` as the end of lines.
+
+    A byte order mark is left out. Latin-1 gives every byte a letter, so that names stay distinct.
+    """
+    data = read_bytes(path)
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        text = data.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def without_comment(text: str) -> str:
+    """What stands before a comment: a `#` at the start or after a space, for names may hold others."""
+    return _COMMENT.split(text, maxsplit=1)[0].strip() if "#" in text else text.strip()
+
+
+def shortened(text: str) -> str:
+    """Quote what a file says, as an error may: on one line and not whole where it is long."""
+    return repr(text if len(text) <= 80 else f"{text[:77]}...")
