@@ -1,0 +1,80 @@
+"""Rows of tables and shapes of meshes, made by hand for the rules of a check."""
+
+from pathlib import Path
+
+from objectfolder.audio.materials import read_materials
+from objectfolder.catalogue import ObjectRecord
+from objectfolder.geometry.solid_properties import Topology
+from objectfolder.geometry.wall_measures import LEVELS, WallMeasures
+from pipeline.checking.entry import Entry
+from pipeline.checking.shape import Shape
+
+REPOSITORY = Path(__file__).parents[2]
+MATERIALS = read_materials(REPOSITORY / "data" / "materials.csv")
+
+
+def shape(
+    extents: tuple[float, float, float] = (0.1, 0.06, 0.04),
+    *,
+    file_extents: tuple[float, float, float] | None = None,
+    volume: float | None = None,
+    area: float | None = None,
+    closed: bool = True,
+    boundary_edges: int = 0,
+    mesh: str = "mesh",
+    texture: str | None = None,
+    geometry: str = "geometry",
+) -> Shape:
+    """A box of the given sides in metres, or what is said of it."""
+    x, y, z = extents
+    box, sides = x * y * z, 2 * (x * y + y * z + z * x)
+    walls = WallMeasures(
+        closed=closed,
+        boundary_edges=boundary_edges,
+        cavities=0,
+        pieces=1,
+        extents_m=extents,
+        area_m2=sides if area is None else area,
+        volume_m3=box if volume is None else volume,
+        effective_m=2 * box / sides,
+        bulk_m=min(extents),
+        across_m=tuple(min(extents) for _ in LEVELS),
+        wall_share=0.0,
+        wall_m=(),
+        torn_share=0.0,
+        overlapping_share=0.0,
+        filled_share=1.0,
+        shape=None,
+    )
+    topology = Topology(
+        watertight=closed,
+        consistent=True,
+        components=1,
+        boundary_edges=boundary_edges,
+        non_manifold_edges=0,
+        zero_area_faces=0,
+    )
+    return Shape(extents if file_extents is None else file_extents, topology, walls, mesh, texture, geometry)
+
+
+def entry(
+    object_id: str = "thing", material: str = "wood", *, of: Shape | None = None, **cells: str
+) -> Entry:
+    """A row with the given cells, read without a fault."""
+    length = cells.get("length_m", "")
+    record = ObjectRecord(
+        id=object_id,
+        name=cells.get("name", object_id),
+        mesh=Path("model.obj"),
+        texture=None,
+        material=material,
+        length_m=float(length) if length else None,
+        source=cells.get("source", ""),
+        licence=cells.get("licence", ""),
+        attribution=cells.get("attribution", ""),
+        wall_m=float(cells["wall_m"]) if "wall_m" in cells else None,
+        shell_m=float(cells["shell_m"]) if "shell_m" in cells else None,
+    )
+    return Entry(
+        object_id, {"id": object_id, "material": material, **cells}, record, MATERIALS.get(material), of
+    )

@@ -1,0 +1,109 @@
+"""Sources, attributions, addresses and licences."""
+
+import pytest
+from checked_rows import entry
+
+from pipeline.checking import licences, provenance
+from pipeline.checking.finding import ERROR, NOTE, WARNING
+
+MUG = {
+    "source": "YCB Object and Model Set",
+    "licence": "CC-BY-4.0",
+    "attribution": "Calli et al.",
+    "source_id": "ycb:025_mug",
+    "source_url": "https://ycb-benchmarks.s3.amazonaws.com/data/google/025_mug_google_16k.tgz",
+}
+OWN = {"source": "my desk", "licence": "CC0-1.0", "attribution": "me"}
+
+
+@pytest.mark.parametrize(
+    "cells", [MUG, OWN, {**OWN, "licence": "LicenseRef-mine"}, {**OWN, "licence": "MIT OR X11"}]
+)
+def test_rows_that_say_where_they_are_from(cells):
+    assert [*provenance.check(entry(**cells)), *licences.check(entry(**cells))] == []
+
+
+@pytest.mark.parametrize("column", ["source", "attribution"])
+def test_what_is_missing(column):
+    (found,) = provenance.check(entry(**{**OWN, column: ""}))
+    assert (found.severity, found.field, found.found) == (WARNING, column, "is empty")
+
+
+@pytest.mark.parametrize(
+    ("source_id", "remedy"),
+    [("yb:025_mug", "Did you mean ycb:025_mug?"), ("025_mug", "ycb:NAME"), ("ycb:", "ycb:NAME")],
+)
+def test_a_source_that_nothing_fetches(source_id, remedy):
+    (found,) = provenance.check(entry(**{**OWN, "source_id": source_id}))
+    assert (found.severity, found.field) == (ERROR, "source_id")
+    assert remedy in found.remedy
+
+
+def test_two_sources_in_one_row():
+    (found,) = provenance.check(entry(**{**MUG, "source": "Google Scanned Objects"}))
+    assert "'ycb:025_mug' is of another source than 'Google Scanned Objects'" in found.found
+
+
+@pytest.mark.parametrize(
+    ("source", "address", "today"),
+    [
+        ("3D Model Haven", "https://3dmodelhaven.com/model/?m=Barrel_01", "polyhaven.com/a/"),
+        ("GSO", "https://app.ignitionrobotics.org/GoogleResearch/fuel/models/5_HTP", "fuel.gazebosim.org"),
+    ],
+)
+def test_addresses_that_no_longer_answer(source, address, today):
+    (found,) = provenance.check(entry(**{**OWN, "source": source, "source_url": address}))
+    assert "no longer answers" in found.found
+    assert today in found.remedy
+
+
+def test_an_address_that_is_none():
+    (found,) = provenance.check(entry(**{**MUG, "source_url": "025_mug"}))
+    assert "is no address" in found.found
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("CC BY 4.0", "CC-BY-4.0"),
+        ("cc-by-4.0", "CC-BY-4.0"),
+        ("CC-BY", "CC-BY-4.0"),
+        ("Creative Commons Attribution 4.0 International", "CC-BY-4.0"),
+        ("Creative Commons Attribution-ShareAlike 4.0", "CC-BY-SA-4.0"),
+        ("CC0", "CC0-1.0"),
+        ("CC0 1.0 Universal", "CC0-1.0"),
+        ("CC0 1.0 Universal (Public Domain)", "CC0-1.0"),
+    ],
+)
+def test_licences_as_people_write_them(said, meant):
+    (found,) = licences.check(entry(**{**OWN, "licence": said}))
+    assert (found.severity, found.remedy) == (WARNING, f"Write {meant}")
+
+
+@pytest.mark.parametrize(
+    "said", ["free", "not stated", "see the web site", "all rights reserved", "CC-BY-9.9"]
+)
+def test_licences_that_nobody_knows(said):
+    (found,) = licences.check(entry(**{**OWN, "licence": said}))
+    assert found.severity == WARNING
+    assert "spdx.org/licenses" in found.remedy
+
+
+def test_no_licence():
+    (found,) = licences.check(entry(**{**OWN, "licence": ""}))
+    assert (found.severity, found.found) == (WARNING, "is empty")
+
+
+def test_a_licence_that_is_not_the_sources():
+    (found,) = licences.check(entry(**{**MUG, "licence": "CC0-1.0"}))
+    assert found.severity == ERROR
+    assert "not the licence of YCB Object and Model Set, CC-BY-4.0" in found.found
+    # Written otherwise it is still the right one.
+    (found,) = licences.check(entry(**{**MUG, "licence": "CC BY 4.0"}))
+    assert (found.severity, found.remedy) == (WARNING, "Write CC-BY-4.0")
+
+
+@pytest.mark.parametrize(("licence", "severity"), [("CC-BY-ND-4.0", WARNING), ("CC-BY-NC-4.0", NOTE)])
+def test_licences_that_forbid_what_is_made(licence, severity):
+    (found,) = licences.check(entry(**{**OWN, "licence": licence}))
+    assert found.severity == severity
