@@ -10,6 +10,8 @@ from pipeline.checking.check import Check
 from pipeline.checking.finding import ERROR, NOTE, WARNING, Finding
 
 NARROWEST = 30
+ACCEPTED = "accepted"
+FIRST = len(ACCEPTED)
 
 
 def text(check: Check, table: Path, width: int) -> str:
@@ -56,11 +58,11 @@ def _rows(findings: list[Finding], width: int) -> list[str]:
         return []
     names = min(28, max(len("object"), *(len(one.object_id) for one in findings)))
     fields = max(len("field"), *(len(one.field) for one in findings))
-    rest = max(NARROWEST, (width - names - fields - len(WARNING) - 8) // 2)
-    widths = (len(WARNING), names, fields, rest, rest)
+    rest = max(NARROWEST, (width - names - fields - FIRST - 8) // 2)
+    widths = (FIRST, names, fields, rest, rest)
     lines = [_line(("", "object", "field", "found", "remedy"), widths)]
     for one in findings:
-        severity = "accepted" if one.accepted else one.severity
+        severity = ACCEPTED if one.accepted else one.severity
         cells = [
             textwrap.wrap(cell, size) or [""]
             for cell, size in zip(

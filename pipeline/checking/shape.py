@@ -4,13 +4,11 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from objectfolder.catalogue import ObjectRecord
 from objectfolder.geometry.clean import clean
 from objectfolder.geometry.length import with_length
 from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.solid_properties import Topology, topology_of
+from objectfolder.geometry.solid_properties import Topology, solid_properties, topology_of
 from objectfolder.geometry.wall_measures import WallMeasures, measure_walls
 
 
@@ -26,8 +24,11 @@ class Shape:
         Of the cleaned surface at its stated size.
     mesh_sha256, texture_sha256
         Of the bytes of the files; None without a texture of its own.
-    geometry_sha256
-        Of the cleaned surface in the file's own unit.
+    faces
+        Of the cleaned surface.
+    likeness
+        Numbers that a copy shares wherever it was moved and in whatever order it was written: area, volume
+        and sides of the bounding box in order of length, in the file's own unit.
     """
 
     file_extents: tuple[float, float, float]
@@ -35,7 +36,8 @@ class Shape:
     walls: WallMeasures
     mesh_sha256: str
     texture_sha256: str | None
-    geometry_sha256: str
+    faces: int
+    likeness: tuple[float, ...]
 
     @property
     def file_length(self) -> float:
@@ -59,9 +61,6 @@ def measure(record: ObjectRecord) -> Shape:
     where = f"{record.id} ({record.mesh.name})"
     cleaned, report = clean(load_mesh(record.mesh, record.texture), where)
     extents = tuple(float(side) for side in cleaned.extents)
-    digest = hashlib.sha256()
-    for array in (cleaned.vertices, cleaned.faces):
-        digest.update(np.ascontiguousarray(array).tobytes())
     mesh, _ = with_length(cleaned, record.length_m, where)
     return Shape(
         file_extents=(extents[0], extents[1], extents[2]),
@@ -69,7 +68,12 @@ def measure(record: ObjectRecord) -> Shape:
         walls=measure_walls(mesh.surface, cavities=report.cavities),
         mesh_sha256=_sha256(record.mesh),
         texture_sha256=None if record.texture is None else _sha256(record.texture),
-        geometry_sha256=digest.hexdigest(),
+        faces=len(cleaned.faces),
+        likeness=(
+            cleaned.surface.area,
+            abs(solid_properties(cleaned.vertices, cleaned.faces).volume_m3),
+            *sorted(extents),
+        ),
     )
 
 

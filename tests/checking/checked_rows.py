@@ -23,7 +23,7 @@ def shape(
     boundary_edges: int = 0,
     mesh: str = "mesh",
     texture: str | None = None,
-    geometry: str = "geometry",
+    faces: int = 12,
 ) -> Shape:
     """A box of the given sides in metres, or what is said of it."""
     x, y, z = extents
@@ -54,7 +54,9 @@ def shape(
         non_manifold_edges=0,
         zero_area_faces=0,
     )
-    return Shape(extents if file_extents is None else file_extents, topology, walls, mesh, texture, geometry)
+    in_file = extents if file_extents is None else file_extents
+    likeness = (walls.area_m2, walls.volume_m3, *sorted(in_file))
+    return Shape(in_file, topology, walls, mesh, texture, faces, likeness)
 
 
 def entry(

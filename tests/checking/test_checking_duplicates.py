@@ -17,13 +17,13 @@ from pipeline.checking.finding import ERROR, NOTE, WARNING
         ),
         ({"mesh": "mug.obj"}, {"mesh": "mug.obj"}, "shares the mesh file with a, and the material"),
         (
-            {"of": shape(mesh="1", geometry="x")},
-            {"of": shape(mesh="1", geometry="x")},
+            {"of": shape(mesh="1")},
+            {"of": shape(mesh="1")},
             "shares the bytes of the mesh with a, and the material",
         ),
         (
-            {"of": shape(mesh="1", geometry="x")},
-            {"of": shape(mesh="2", geometry="x")},
+            {"of": shape(mesh="1")},
+            {"of": shape((0.04, 0.1, 0.06), mesh="2")},
             "shares the cleaned surface with a, and the material",
         ),
     ],
@@ -42,15 +42,20 @@ def test_one_mesh_in_two_materials_may_be_meant():
 def test_pieces_of_a_set_share_a_texture():
     (finding,) = check(
         [
-            entry("cup", of=shape(mesh="1", geometry="x", texture="t")),
-            entry("saucer", of=shape(mesh="2", geometry="y", texture="t")),
+            entry("cup", of=shape(mesh="1", faces=20, texture="t")),
+            entry("saucer", of=shape(mesh="2", faces=30, texture="t")),
         ]
     )
     assert (finding.severity, finding.field) == (NOTE, "texture")
 
 
+def test_the_same_shape_in_another_size_is_another_object():
+    small, large = shape((0.02, 0.02, 0.02), mesh="1"), shape((0.03, 0.03, 0.03), mesh="2")
+    assert list(check([entry("die", of=small), entry("large_die", of=large)])) == []
+
+
 def test_different_objects_and_empty_cells_share_nothing():
     rows = [entry("a", source_id="", mesh=""), entry("b", source_id="", mesh=""), entry("c", mesh="c.obj")]
     assert list(check(rows)) == []
-    shapes = [shape(mesh=str(i), geometry=str(i), texture=None) for i in range(3)]
+    shapes = [shape(mesh=str(i), faces=10 + i, texture=None) for i in range(3)]
     assert list(check([entry(str(i), of=one) for i, one in enumerate(shapes)])) == []
