@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, TypeVar
 
 from pipeline.sources.cached_file import writing
+from pipeline.stores.archives import END, END_MARK
 
 BLOCK = 1 << 20
 LARGEST_READ = 4 << 20  # of a zip's directory, or of a tar's long name, which are read at once
@@ -27,6 +28,8 @@ DAMAGE = (
     TypeError, ValueError, AttributeError, RuntimeError, OverflowError,
 )  # fmt: skip
 _UNICODE_PATH = 0x7075  # extra field of Info-ZIP
+_LONGEST_END = (1 << 16) + 200  # bytes of a zip's last records and comment
+_END_64_MARK = b"PK\6\6"
 _T = TypeVar("_T")
 
 
@@ -115,10 +118,19 @@ class _Bounded(io.BufferedReader):
             raise ValueError(f"a header of more than {LARGEST_READ} bytes")
         return content
 
+    def seek(self, target: int, whence: int = io.SEEK_SET) -> int:
+        if whence == io.SEEK_SET and target < 0:  # and not the OSError of a disk that fails
+            raise ValueError("a header points before the beginning")
+        return super().seek(target, whence)
+
 
 def _zip_members(file: IO[bytes]) -> Iterator[Member]:
     with zipfile.ZipFile(file) as archive:
-        for entry in archive.infolist():
+        entries = archive.infolist()
+        # The reader goes by the directory's size alone, and one damaged there may seem to have fewer.
+        if len(entries) != _told_count(file):
+            raise Unreadable(f"its directory has {len(entries)} entries and tells of others")
+        for entry in entries:
             name = _zip_name(entry)
             kind = stat.S_IFMT(entry.external_attr >> 16)
             if entry.flag_bits & 0x2041:
@@ -128,10 +140,22 @@ def _zip_members(file: IO[bytes]) -> Iterator[Member]:
             # Others, such as LZMA, may ask for gigabytes of memory to be unpacked.
             if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise Unreadable(f"{name!r} is compressed by method {entry.compress_type}, not 0 or 8")
-            is_folder = name.endswith("/") or kind == stat.S_IFDIR
-            if is_folder and entry.file_size:
-                raise Unreadable(f"{name!r} is a folder with content")
+            is_folder = name.endswith("/")
+            if (is_folder and entry.file_size) or (kind == stat.S_IFDIR and not is_folder):
+                raise Unreadable(f"{name!r} is a folder and a file")
             yield Member(name, is_folder, _told(_zip_blocks(archive, entry)))
+
+
+def _told_count(file: IO[bytes]) -> int:
+    """Return the number of entries by a zip's last record."""
+    size = file.seek(0, io.SEEK_END)
+    file.seek(max(0, size - _LONGEST_END))
+    tail = file.read(_LONGEST_END)
+    place = tail.rindex(END_MARK)
+    count = END.unpack_from(tail, place)[4]
+    if count == 0xFFFF and (larger := tail.rfind(_END_64_MARK, 0, place)) >= 0:
+        (count,) = struct.unpack_from("<Q", tail, larger + 32)
+    return int(count)
 
 
 def _zip_name(entry: zipfile.ZipInfo) -> str:

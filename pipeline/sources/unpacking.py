@@ -17,6 +17,7 @@ LIMIT_FILES = 10_000
 # Texts of meshes shrink to a fifth and pictures not at all; a bomb, to a thousandth.
 MOST_RATIO = 100
 LEAST_SUSPECT_BYTES = 64 << 20  # below it, any ratio will do
+HEADERS_BYTES = 4096  # of a member of a tar, and what it is filled up with
 REMEDY = "Nothing of it was unpacked. Fetch it again; if it stays so, tell its source."
 
 
@@ -92,9 +93,10 @@ def _fill(
     files: list[str] = []
     names = Names()
     try:
-        # What a tar.gz is unpacked to on the way is counted apart: it is there only for a while.
         packed_bytes = archive.stat().st_size
-        budget, on_the_way = _Budget(limit_bytes, packed_bytes), _Budget(2 * limit_bytes, packed_bytes)
+        budget = _Budget(limit_bytes, packed_bytes)
+        # A tar.gz is unpacked whole on the way, with what is not wanted, and with its headers.
+        on_the_way = _Budget(limit_bytes + limit_files * HEADERS_BYTES, packed_bytes)
         with opened(archive, on_the_way.spend) as members:
             for number, member in enumerate(members):
                 if number >= limit_files:
