@@ -22,6 +22,7 @@ from objectfolder.child_process import end_with
 from objectfolder.errors import InputError
 from objectfolder.provenance import code_identity
 from pipeline import products
+from pipeline.processes.allocator import give_back
 from pipeline.stores import memo
 from pipeline.stores.storage import disk_error
 from pipeline.task import Call, Outcome, Timed, failure_of
@@ -110,6 +111,7 @@ def serve(guard: int, scratch: str) -> NoReturn:
     while (call := receive(calls)) is not None:
         answer = _executed(call) if code.serves(call) else STALE
         sys.stdout.flush()
+        give_back()
         send(answers, answer)
     answers.flush()
     os._exit(0)  # native libraries that crash while they are taken down have nothing left to lose

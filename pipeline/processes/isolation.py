@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from pipeline.processes import host_memory, instructions, scratch
+from pipeline.processes.allocator import GLIBC
 from pipeline.processes.child import STALE, receive, send
 from pipeline.processes.memory_watch import MemoryWatch, resident_bytes
 from pipeline.processes.process_tree import descendants, end_with_variable
@@ -200,6 +201,7 @@ class Child:
             folder = str(self._scratch.path)
             path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
             environment = {
+                **GLIBC,
                 **os.environ,
                 **instructions.settings(),
                 "OMP_WAIT_POLICY": "PASSIVE",

@@ -313,6 +313,33 @@ def test_children_whose_code_changed_are_replaced_and_code_that_keeps_changing_f
         assert guard_of(child) != guard
 
 
+FILL = """
+import ctypes, resource
+heap = ctypes.CDLL(None)
+heap.malloc.restype = ctypes.c_void_p
+heap.free.argtypes = [ctypes.c_void_p]
+def pages_of(arrays):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(arrays):
+        array = heap.malloc(64 << 20)
+        ctypes.memset(array, 1, 64 << 20)
+        heap.free(array)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+first = pages_of(1)
+raise OSError(f"{first} {pages_of(10)}")
+"""
+RESIDENT = "raise OSError(open('/proc/self/statm').read().split()[1])"
+
+
+def test_arrays_of_a_task_take_the_same_memory_again_and_leave_it_at_the_end(toys):
+    poison = {"fills": f"exec({FILL!r}, {{}})", "rests": RESIDENT}
+    with Child(toys.root, ChildSettings()) as child:
+        fills, rests = (child.run(call).failure.error for call in calls_of(toys, poison, poison))
+    first, again = map(int, fills.split()[-2:])
+    assert again < first / 10  # an allocator that returns each array to the system has ten times `first`
+    assert int(rests.split()[-1]) * os.sysconf("SC_PAGE_SIZE") < 200e6
+
+
 def test_processes_of_a_task_find_the_code_of_the_task(toys):
     body = (
         "import subprocess, sys; raise OSError(subprocess.run([sys.executable, '-c', "
