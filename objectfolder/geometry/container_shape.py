@@ -64,8 +64,14 @@ def container_shape(surface: Surface) -> ContainerShape:
     """Find the axis along which a closed surface's sections are most those of a container."""
     inertia = solid_properties(surface.vertices, surface.faces).inertia_per_density_m5
     principal = np.linalg.eigh(inertia)[1].T
-    axes = np.concatenate([np.eye(3), principal])
-    shapes = [_along(surface, sign * axis) for axis in axes for sign in (1.0, -1.0)]
+    shapes: list[ContainerShape] = []
+    for axis in np.concatenate([np.eye(3), principal]):
+        area, perimeter = sections(surface, axis)
+        height = float(np.ptp(surface.vertices @ axis))
+        shapes += [
+            _of_sections(axis, height, area, perimeter),
+            _of_sections(-axis, height, area[::-1], perimeter[::-1]),
+        ]
     return max(shapes, key=lambda shape: (shape.kind != "none", shape.base, shape.body))
 
 
@@ -110,8 +116,7 @@ def _ends(triangles: Floats, levels: Floats) -> Floats:
     return np.stack(ends, axis=1)
 
 
-def _along(surface: Surface, axis: Floats) -> ContainerShape:
-    area, perimeter = sections(surface, axis)
+def _of_sections(axis: Floats, height: float, area: Floats, perimeter: Floats) -> ContainerShape:
     largest = float(area.max())
     if not largest > 0:
         return ContainerShape("none", _triple(axis), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -119,12 +124,10 @@ def _along(surface: Surface, axis: Floats) -> ContainerShape:
     end = max(1, round(END * SECTIONS))
     first, last = _longest_run(share >= BODY)
     roundness = 4 * np.pi * area[first:last] / np.maximum(perimeter[first:last], 1e-300) ** 2
-    heights = surface.vertices @ axis
-    slenderness = float(np.ptp(heights)) / (2 * np.sqrt(largest / np.pi))
     shape = ContainerShape(
         kind="none",
         axis=_triple(axis),
-        slenderness=slenderness,
+        slenderness=height / (2 * np.sqrt(largest / np.pi)),
         base=float(share[:end].max()),
         top=float(share[-end:].max()),
         body=(last - first) / SECTIONS,

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from objectfolder.geometry.container_shape import ContainerShape
+from objectfolder.geometry.mass_evidence import MassEvidence, millimetres
 from objectfolder.geometry.wall_measures import WallMeasures
 from objectfolder.geometry.walls_of_materials import WallLimits, limits_of
 
@@ -23,12 +24,6 @@ TORN = "torn"
 HEAVIER = "heavier"
 LIGHTER = "lighter"
 KINDS = (SCANNED_SOLID, FILLED_BELOW, ONE_LAYER, THIN, TORN, HEAVIER, LIGHTER)
-
-MASS_FACTOR = 1.5
-"""Scans are off by their noise on both sides of a wall, and a class of materials by a tenth or two."""
-
-MASS_UNCERTAINTY = 0.15
-"""Relative, of a density that stands for a class of materials."""
 
 COMPACT = 0.55
 """Least share of its convex hull that a container fills, handle and spout included, when it is solid."""
@@ -131,7 +126,7 @@ def wall_findings(
         At most one finding of each kind, the surest first.
     """
     limits = limits_of(material)
-    mass = _MassEvidence(measures, density_kg_m3, mass_kg)
+    mass = MassEvidence(measures, density_kg_m3, mass_kg)
     found = []
     if shell_m is None and wall_m is None:
         found += [_hollow_in_truth(measures, limits, material, mass, _words(words))]
@@ -146,55 +141,16 @@ def wall_findings(
     )
 
 
-def shell_of_mass(volume_m3: float, area_m2: float, solid_mass_kg: float, mass_kg: float) -> float:
-    """Thickness in metres of the shell, closed everywhere, that leaves a solid of a mass with another.
-
-    As if the cavity were the outside scaled about the middle, which is exact for balls, cubes and all bodies
-    around a ball: with r = 3 V / A, ``t = r (1 - (1 - m / M)^(1/3))``.
-    """
-    share = min(max(mass_kg / solid_mass_kg, 0.0), 1.0)
-    return 3 * volume_m3 / area_m2 * (1 - (1 - share) ** (1 / 3))
-
-
-class _MassEvidence:
-    """The mass of the scan as a solid against the published one."""
-
-    def __init__(self, measures: WallMeasures, density: float | None, mass: float | None) -> None:
-        known = density is not None and mass is not None and mass > 0 and measures.volume_m3 > 0
-        self.solid_kg = measures.volume_m3 * density if known and density is not None else None
-        self.kg = mass if known else None
-        self.ratio = self.solid_kg / self.kg if self.solid_kg is not None and self.kg is not None else None
-        self.fitting_density = (self.kg or 0.0) / measures.volume_m3 if known else None
-        self.shell_m = self.shell_uncertainty_m = None
-        if self.ratio is not None and self.ratio > 1 and self.solid_kg is not None and self.kg is not None:
-            shells = [
-                shell_of_mass(measures.volume_m3, measures.area_m2, self.solid_kg, self.kg * factor)
-                for factor in (1.0, 1 - MASS_UNCERTAINTY, 1 + MASS_UNCERTAINTY)
-            ]
-            # A shell so thin that neither edges nor curvature count: the other extreme of shapes.
-            thin = self.kg / (self.solid_kg / measures.volume_m3) / measures.area_m2
-            self.shell_m = shells[0]
-            self.shell_uncertainty_m = max(abs(shells[2] - shells[1]) / 2, abs(shells[0] - thin))
-
-    def numbers(self) -> dict[str, float]:
-        if self.kg is None or self.solid_kg is None:
-            return {}
-        return {"published_mass_kg": self.kg, "solid_mass_kg": self.solid_kg}
-
-    def sentence(self) -> str:
-        return f"as scanned it has {_kg(self.solid_kg)}, published are {_kg(self.kg)}"
-
-
 def _hollow_in_truth(
     measures: WallMeasures,
     limits: WallLimits,
     material: str | None,
-    mass: _MassEvidence,
+    mass: MassEvidence,
     words: frozenset[str],
 ) -> WallFinding | None:
     """A container scanned solid, a vessel filled from below, a housing of one layer; or None."""
     too_thick = measures.bulk_m > limits.largest_solid_m
-    too_heavy = mass.ratio is not None and mass.ratio > MASS_FACTOR
+    too_heavy = mass.too_heavy
     compact = measures.filled_share is None or measures.filled_share >= COMPACT
     if not measures.closed:
         deep = measures.thicker_than(limits.largest_solid_m)
@@ -216,11 +172,13 @@ def _hollow_in_truth(
     if not (too_thick or shaped or hinted):
         return None
     evidence = {"bulk_m": measures.bulk_m, "effective_m": measures.effective_m, **mass.numbers()}
-    reasons = [f"closed, without a cavity, up to {_mm(measures.bulk_m)} thick"]
+    reasons = [f"closed, without a cavity, up to {millimetres(measures.bulk_m)} thick"]
     if too_heavy:
         reasons.append(mass.sentence())
     if too_thick:
-        reasons.append(f"{material or 'hardly anything'} is seldom solid above {_mm(limits.largest_solid_m)}")
+        reasons.append(
+            f"{material or 'hardly anything'} is seldom solid above {millimetres(limits.largest_solid_m)}"
+        )
     if shaped and measures.shape is not None:
         reasons.append(_shape_sentence(measures.shape))
     if hinted:
@@ -245,16 +203,18 @@ def _hollow_in_truth(
 
 
 def _shell(
-    limits: WallLimits, mass: _MassEvidence, *, container: bool
+    limits: WallLimits, mass: MassEvidence, *, container: bool
 ) -> tuple[float | None, float | None, str]:
     """A value for shell_m, how far it may be off, and where it is from."""
     usual = limits.container_wall_m
     if mass.shell_m is None or mass.shell_uncertainty_m is None:
-        return usual, usual / 2, f" (about {_mm(usual)} is usual)"
+        return usual, usual / 2, f" (about {millimetres(usual)} is usual)"
     if container and mass.shell_m > 1.5 * usual:
-        by_mass = f"the mass gives {_mm(mass.shell_m)}, should it be without contents"
-        return usual, usual / 2, f" (about {_mm(usual)} is usual; {by_mass})"
-    how = f" ({_mm(mass.shell_m)} +- {_mm(mass.shell_uncertainty_m)} gives the published mass)"
+        by_mass = f"the mass gives {millimetres(mass.shell_m)}, should it be without contents"
+        return usual, usual / 2, f" (about {millimetres(usual)} is usual; {by_mass})"
+    how = (
+        f" ({millimetres(mass.shell_m)} +- {millimetres(mass.shell_uncertainty_m)} gives the published mass)"
+    )
     return mass.shell_m, mass.shell_uncertainty_m, how
 
 
@@ -262,14 +222,14 @@ def _filled_below(
     measures: WallMeasures,
     limits: WallLimits,
     material: str | None,
-    mass: _MassEvidence,
+    mass: MassEvidence,
     wall: float,
     named: frozenset[str],
 ) -> WallFinding:
-    too_heavy = mass.ratio is not None and mass.ratio > MASS_FACTOR
+    too_heavy = mass.too_heavy
     reasons = [
-        f"{100 * measures.wall_share:.0f} % of its area is wall of {_mm(wall)}, "
-        f"and yet it is up to {_mm(measures.bulk_m)} thick"
+        f"{100 * measures.wall_share:.0f} % of its area is wall of {millimetres(wall)}, "
+        f"and yet it is up to {millimetres(measures.bulk_m)} thick"
     ]
     if too_heavy:
         reasons.append(mass.sentence())
@@ -279,8 +239,8 @@ def _filled_below(
         FILLED_BELOW,
         CERTAIN if too_heavy else LIKELY,
         "; ".join(reasons) + ": the scan did not reach the bottom of its inside",
-        f"Set shell_m to its wall (about {_mm(wall)} where it was scanned): what is filled becomes a closed "
-        "hollow",
+        f"Set shell_m to its wall (about {millimetres(wall)} where it was scanned): what is filled becomes "
+        "a closed hollow",
         {"wall_share": measures.wall_share, "wall_m": wall, "bulk_m": measures.bulk_m, **mass.numbers()},
         "shell_m",
         wall,
@@ -293,9 +253,9 @@ def _one_layer(measures: WallMeasures, limits: WallLimits, material: str | None,
         ONE_LAYER,
         LIKELY,
         f"the surface is open ({measures.boundary_edges} boundary edges), and from {100 * deep:.0f} % of it "
-        f"the other side is more than {_mm(limits.largest_solid_m)} inwards: walls of one layer around an "
-        f"empty inside, which sounds as if it were solid {material or ''}".rstrip(),
-        f"Set shell_m to the thickness of its walls (about {_mm(limits.usual_wall_m)} is usual)",
+        f"the other side is more than {millimetres(limits.largest_solid_m)} inwards: walls of one layer "
+        f"around an empty inside, which sounds as if it were solid {material or ''}".rstrip(),
+        f"Set shell_m to the thickness of its walls (about {millimetres(limits.usual_wall_m)} is usual)",
         {
             "boundary_edges": float(measures.boundary_edges),
             "deep_share": deep,
@@ -319,9 +279,10 @@ def _thin(measures: WallMeasures, limits: WallLimits, material: str | None) -> W
     return WallFinding(
         THIN,
         LIKELY if material else POSSIBLE,
-        f"{100 * share:.0f} % of its area is wall thinner than {_mm(limits.least_wall_m)}, which {walls} are "
-        f"hardly; the median wall has {_mm(wall)}, the solid 2V/A = {_mm(measures.effective_m)}",
-        f"Set wall_m to what its walls have at least ({_mm(suggested)} "
+        f"{100 * share:.0f} % of its area is wall thinner than {millimetres(limits.least_wall_m)}, which "
+        f"{walls} are hardly; the median wall has {millimetres(wall)}, "
+        f"the solid 2V/A = {millimetres(measures.effective_m)}",
+        f"Set wall_m to what its walls have at least ({millimetres(suggested)} "
         + ("is usual)" if mostly else "is the median of this scan)"),
         {"thin_share": share, "wall_m": wall, "effective_m": measures.effective_m},
         "wall_m",
@@ -339,7 +300,8 @@ def _torn(measures: WallMeasures) -> WallFinding | None:
         CERTAIN,
         f"behind {100 * measures.torn_share:.0f} % of its area there is no inside: the two sides of a wall "
         "have passed through one another",
-        "Set wall_m to what its walls have at least" + (f" (the median is {_mm(wall)})" if wall else ""),
+        "Set wall_m to what its walls have at least"
+        + (f" (the median is {millimetres(wall)})" if wall else ""),
         {"torn_share": measures.torn_share},
         "wall_m",
         wall,
@@ -347,13 +309,13 @@ def _torn(measures: WallMeasures) -> WallFinding | None:
     )
 
 
-def _mass_alone(measures: WallMeasures, mass: _MassEvidence) -> WallFinding | None:
+def _mass_alone(measures: WallMeasures, mass: MassEvidence) -> WallFinding | None:
     """A mass that contradicts a scan of ordinary thickness; or None."""
-    if mass.ratio is None or mass.fitting_density is None or 1 / MASS_FACTOR <= mass.ratio <= MASS_FACTOR:
+    if mass.fitting_density is None or not (mass.too_heavy or mass.too_light):
         return None
     numbers = {**mass.numbers(), "fitting_density_kg_m3": mass.fitting_density}
     fits = f"the material fits a density of {mass.fitting_density:.0f} kg/m3"
-    if mass.ratio > 1:
+    if mass.too_heavy:
         walls = measures.wall_share >= ALL_WALLS
         why = "its walls are scanned too thick" if walls else "it is hollow, scanned too thick"
         return WallFinding(
@@ -386,13 +348,3 @@ def _words(text: str) -> frozenset[str]:
     apart = re.sub(r"([a-z])([A-Z])", r"\1 \2", text)
     words = re.findall(r"[a-z]+", apart.lower())
     return frozenset(words) | frozenset(word.removesuffix("s") for word in words)
-
-
-def _mm(metres: float) -> str:
-    return f"{1e3 * metres:.2g} mm" if metres < 0.1 else f"{1e3 * metres:.0f} mm"
-
-
-def _kg(kilograms: float | None) -> str:
-    if kilograms is None:
-        return "an unknown mass"
-    return f"{kilograms:.2g} kg" if kilograms >= 1 else f"{1e3 * kilograms:.3g} g"

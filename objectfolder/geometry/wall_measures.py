@@ -18,6 +18,7 @@ from objectfolder.store import Product
 Floats = NDArray[np.float64]
 
 RAYS = 2048
+DIGITS = 5
 SIDES = 768
 """Places at which the winding number is asked: it costs more than a ray."""
 
@@ -137,7 +138,7 @@ def measure_walls(surface: Surface, *, cavities: int = 0) -> WallMeasures:
     middles = drawn.points[met] - normals[met] * across[:, None] / 2
     inside = WindingNumber(surface)(drawn.points[:SIDES] - start * normals[:SIDES])
     hull = _hull_volume(surface)
-    return WallMeasures(
+    measures = WallMeasures(
         closed=closed,
         boundary_edges=topology.boundary_edges,
         cavities=cavities,
@@ -155,6 +156,7 @@ def measure_walls(surface: Surface, *, cavities: int = 0) -> WallMeasures:
         filled_share=None if hull is None else min(1.0, volume / hull),
         shape=container_shape(surface) if closed else None,
     )
+    return WallMeasures.from_dict({name: _rounded(value) for name, value in measures.to_dict().items()})
 
 
 def measures_of(product: Product) -> WallMeasures:
@@ -164,6 +166,15 @@ def measures_of(product: Product) -> WallMeasures:
         return WallMeasures.from_dict(stored)
     surface = Surface(product["vertices"], product["faces"])
     return measure_walls(surface, cavities=int(product.attributes["cleaning"]["cavities"]))
+
+
+def _rounded(value: Any) -> Any:
+    """Floats to `DIGITS` digits, wherever they are: the last bits differ between processors."""
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    return {name: _rounded(item) for name, item in value.items()} if isinstance(value, dict) else value
 
 
 def _with_lists(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.errors import InputError
+from objectfolder.geometry.gltf_file import read_gltf_file
 from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
 from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.scene_formats import FORMATS, gltf_header
 from objectfolder.geometry.shell import hollow
 from objectfolder.geometry.thickening import thicken
 from objectfolder.geometry.vessels import WallFinding, wall_findings
@@ -225,9 +225,9 @@ def _attribution(wanted: Wanted, licence: str) -> str:
 
 
 def _copyright(mesh: Path) -> str:
-    if mesh.suffix.lower() not in (".gltf", ".glb") or mesh.suffix.lower() not in FORMATS:
+    if mesh.suffix.lower() not in (".gltf", ".glb"):
         return ""
-    asset = gltf_header(mesh).get("asset")
+    asset = read_gltf_file(mesh).header.get("asset")
     said = asset.get("copyright") if isinstance(asset, dict) else None
     return said if isinstance(said, str) and said.isprintable() else ""
 

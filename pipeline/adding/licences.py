@@ -1,8 +1,7 @@
-"""Licences by their SPDX identifiers, so that programs and people read the same."""
-
-import re
+"""Licences of what is added: by their SPDX identifiers, and with a name where they ask for one."""
 
 from objectfolder.errors import InputError
+from pipeline.checking.licences import guess, spdx
 
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
 """Licences that do not ask for the author to be named."""
@@ -21,10 +20,10 @@ def licence_expression(text: str, where: str = "--licence") -> str:
     InputError
         It is none; the remedy names the likely one.
     """
-    known = _canonical(text)
+    known = spdx(text)
     if known is not None:
         return known
-    near = _likely(text)
+    near = spdx(guess(text))
     hint = f"Did you mean {near}? " if near else ""
     raise InputError(where, f"{text!r} is no licence that SPDX knows", hint + REMEDY)
 
@@ -32,28 +31,3 @@ def licence_expression(text: str, where: str = "--licence") -> str:
 def must_name(licence: str) -> bool:
     """Whether a licence asks for its author to be named, as far as is known here."""
     return licence not in WITHOUT_NAMING
-
-
-def _canonical(text: str) -> str | None:
-    from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
-
-    try:
-        return str(canonicalize_license_expression(text))
-    except InvalidLicenseExpression:
-        return None
-
-
-def _likely(text: str) -> str | None:
-    """Of the common ways to write a licence, what SPDX calls it."""
-    plain = re.sub(r"^creative\s*commons\b", "cc", text.strip().casefold())
-    plain = re.sub(r"\b(licen[cs]e|international|public domain dedication|universal|v(?=\d))", " ", plain)
-    plain = re.sub(r"\battribution\b", "by", plain)
-    plain = re.sub(r"\bshare\s*alike\b", "sa", plain)
-    plain = re.sub(r"\bnon-?\s*commercial\b", "nc", plain)
-    joined = re.sub(r"[\s_/-]+", "-", plain).strip("-")
-    joined = joined.replace("cc-0", "cc0")
-    for candidate in (joined, f"{joined}-1.0", f"{joined}-2.0", f"{joined}-4.0"):
-        known = _canonical(candidate)
-        if known is not None:
-            return known
-    return None

@@ -17,7 +17,9 @@ PIXELS = 300
 MARGIN = 10
 LINE = 17
 COLUMNS = 3
-LETTERS = 128
+LETTERS = 116
+INDENT = 90
+"""Pixels that labels of lines take: words before the first two blanks."""
 RED, PURPLE = np.array([0.9, 0.1, 0.1]), np.array([0.6, 0.1, 0.8])
 
 
@@ -47,7 +49,7 @@ def write_preview(
     side = side_m(mesh, views)
     tint = None if least_wall_m is None else walls_marked(mesh, least_wall_m)
     rows = -(-len(views) // COLUMNS)
-    text = [part for line in lines for part in textwrap.wrap(line, LETTERS, subsequent_indent="    ")]
+    text = [part for line in lines for part in _wrapped(line)]
     width = COLUMNS * PIXELS + 2 * MARGIN
     height = rows * (PIXELS + LINE) + (len(text) + 2) * LINE + 3 * MARGIN
     sheet = Image.new("RGB", (width, height), "white")
@@ -64,12 +66,23 @@ def write_preview(
     for x in (MARGIN, end):
         pen.line([(x, below - 4), (x, below + 4)], "black", 2)
     pen.text((end + 8, below - 8), f"{bar:g} m, all views alike", "black", font)
-    for index, line in enumerate(text):
-        pen.text((MARGIN, below + LINE + index * LINE), line, "black", font)
+    for index, (label, part) in enumerate(text):
+        pen.text((MARGIN, below + LINE + index * LINE), label, "dimgray", font)
+        pen.text((MARGIN + INDENT, below + LINE + index * LINE), part, "black", font)
     data = io.BytesIO()
     sheet.save(data, "PNG")
     with atomic_write(path) as file:
         file.write(data.getvalue())
+
+
+def _wrapped(line: str) -> list[tuple[str, str]]:
+    """Labels and texts of the lines that one is broken into."""
+    label, blanks, rest = line.partition("  ")
+    if not blanks:
+        label, rest = "", line
+    return [
+        (label if not index else "", part) for index, part in enumerate(textwrap.wrap(rest.strip(), LETTERS))
+    ]
 
 
 def scale_bar_m(side_m: float) -> float:

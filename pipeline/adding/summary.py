@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from objectfolder.geometry.mass_evidence import millimetres
 from objectfolder.geometry.wall_measures import LEVELS
 from pipeline.adding.addition import AS_IN_FILE, Checked
 
@@ -16,11 +17,11 @@ def lines_about(checked: Checked) -> list[str]:
         "closed" if walls.closed else f"open ({walls.boundary_edges} boundary edges): filled as it sounds"
     )
     lines = [
-        f"{checked.row['name']} ({checked.object_id}), {checked.material.name}, {checked.row['licence']}",
+        f"object       {checked.row['name']} ({checked.object_id}), {checked.row['licence']}",
         f"size         {' x '.join(f'{side:.4g}' for side in extents)} m, longest side {origin}",
         f"surface      {len(checked.product['faces'])} triangles, {closed}, "
         f"pieces {walls.pieces}, cavities {walls.cavities}",
-        f"volume       {1e6 * walls.volume_m3:.4g} cm3, {density * walls.volume_m3:.4g} kg of "
+        f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
         f"{checked.material.name} ({density:g} kg/m3)",
         _walls(checked),
     ]
@@ -31,12 +32,16 @@ def lines_about(checked: Checked) -> list[str]:
 
 def _walls(checked: Checked) -> str:
     walls = checked.walls
-    solid = f"2V/A {1e3 * walls.effective_m:.2g} mm, thickest {1e3 * walls.bulk_m:.2g} mm"
+    solid = f"2V/A {millimetres(walls.effective_m)}, thickest {millimetres(walls.bulk_m)}"
     median = walls.usual_wall_m()
     if median is None:
         return f"walls        none; {solid}"
     thin = float(np.interp(0.05, LEVELS, walls.wall_m))
     return (
-        f"walls        {100 * walls.wall_share:.0f} % of the area, median {1e3 * median:.2g} mm, "
-        f"a twentieth of them below {1e3 * thin:.2g} mm; {solid}"
+        f"walls        {100 * walls.wall_share:.0f} % of the area, median {millimetres(median)}, "
+        f"a twentieth of them below {millimetres(thin)}; {solid}"
     )
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value >= 1000 else f"{value:.4g}"
