@@ -25,8 +25,8 @@ from pipeline.checking.entry import Entry
 from pipeline.checking.finding import SEVERITIES, Finding
 from pipeline.checking.shape import measure
 
-BY_ROW = (readable, licences, provenance, lengths, masses, walls, surfaces, looks)
-RULES = (*(module.RULE for module in BY_ROW), materials.RULE, duplicates.RULE, ACCEPTED)
+BY_ROW = (readable, licences, provenance, lengths, walls, surfaces, looks)
+RULES = (*(module.RULE for module in BY_ROW), masses.RULE, materials.RULE, duplicates.RULE, ACCEPTED)
 
 
 @dataclass(frozen=True)
@@ -132,4 +132,5 @@ def measured(entry: Entry) -> Entry:
 def _of_row(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
     for module in BY_ROW:
         yield from module.check(entry)
+    yield from masses.check(entry, known)
     yield from materials.check(entry, known.keys())

@@ -1,6 +1,6 @@
 """Masses: density times volume against what is published, and against what a thing can weigh."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from objectfolder.audio.materials import Material
 from pipeline.checking.entry import Entry
@@ -13,6 +13,9 @@ DOUBTFUL_FACTOR = 2.0
 
 ABSURD_FACTOR = 20.0
 
+NEAR = 1.35
+"""Factor within which a density is near that of a material."""
+
 HELD_M = 0.5
 HELD_KG = 5.0
 """A solid block of wood of that length weighs as much; what is held does not."""
@@ -20,8 +23,14 @@ HELD_KG = 5.0
 HEAVIEST_KG = 200.0
 
 
-def check(entry: Entry) -> Iterator[Finding]:
-    """Find masses that contradict the published one, or that no such thing has."""
+def check(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
+    """Find masses that contradict the published one, or that no such thing has.
+
+    Parameters
+    ----------
+    known
+        The table of materials, to say which would fit.
+    """
     published = entry.number("mass_kg")
     if published is not None and not entry.cell("mass_source"):
         yield entry.found(RULE, NOTE, "mass_source", "is empty beside mass_kg", "Say who published the mass")
@@ -29,7 +38,9 @@ def check(entry: Entry) -> Iterator[Finding]:
     if mass is None or entry.shape is None or entry.material is None:
         return
     if published is not None:
-        yield from _against_published(entry, entry.material, mass, published, entry.shape.length_m)
+        yield from _against_published(
+            entry, entry.material, mass, published, entry.shape.length_m, known.values()
+        )
     else:
         yield from _against_size(entry, mass, entry.shape.length_m)
 
@@ -44,17 +55,25 @@ def mass_as_made(entry: Entry) -> float | None:
 
 
 def _against_published(
-    entry: Entry, material: Material, mass: float, published: float, length_m: float
+    entry: Entry,
+    material: Material,
+    mass: float,
+    published: float,
+    length_m: float,
+    known: Iterable[Material],
 ) -> Iterator[Finding]:
     factor = mass / published
     if 1 / DOUBTFUL_FACTOR <= factor <= DOUBTFUL_FACTOR:
         return
     fitting = material.density_kg_m3 / factor
+    near = [one.name for one in known if 1 / NEAR <= fitting / one.density_kg_m3 <= NEAR]
     found = (
-        f"density times volume is {kilograms(mass)}, {factor:.2g} times the published {kilograms(published)}"
-        f" (a density of {fitting:.0f} kg/m3 would fit; {material.name} has "
-        f"{material.density_kg_m3:.0f})"
+        f"density times volume is {kilograms(mass)}, {factor:.2g} times the "
+        f"published {kilograms(published)}; {material.name} has {material.density_kg_m3:.0f} kg/m3, "
+        f"{fitting:.0f} would fit"
     )
+    if near:
+        found += f", near {' and '.join(near)}"
     if factor > 1:
         remedy = "It is hollow or scanned too thick (shell_m), or not of this material"
     else:

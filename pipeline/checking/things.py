@@ -58,15 +58,23 @@ THINGS = (
 _SMALL = ("toy", "dollhouse", "miniature", "mini", "doll", "model", "minifigure")
 """Words of things that may have any size and be of anything."""
 
+_FOR_IT = (
+    "holder", "case", "opener", "rack", "stand", "block", "brush", "lid", "rest", "cover", "mat", "box", "bag",
+    "tray", "set", "cutter", "sharpener", "sorter", "drainer",
+)  # fmt: skip
+"""Words after that of a thing, that name something else: a knife block, a can opener."""
+
 
 def thing_named(words: Sequence[str]) -> tuple[str, Thing] | None:
     """Return the thing that a name ends in, with the word that says so; None for unknown things and for toys.
 
-    The last word counts: a coffee mug is a mug, a table fork a fork.
+    The last word counts: a coffee mug is a mug, a table fork a fork, and a spoon rest is no spoon.
     """
     if any(is_word(word, small) for word in words for small in _SMALL):
         return None
     for word in reversed(words):
+        if any(is_word(word, other) for other in _FOR_IT):
+            return None
         for thing in THINGS:
             if any(is_word(word, name) for name in thing.words):
                 return word, thing

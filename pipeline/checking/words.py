@@ -8,7 +8,7 @@ _PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _PHRASES = re.compile(
     r"\b(magnifying|looking|hour)[ _-]?glass(es)?\b"
     r"|\biron[ _-]?man\b|\b(clothes|curling|waffle|soldering|steam|flat)[ _-]?irons?\b"
-    r"|\bsteel[ _-]?(blue|gr[ae]y)\b|\bplastic[ _-]?free\b",
+    r"|\bsteel[ _-]?(blue|gr[ae]y)\b|\bplastic[ _-]?free\b|\b(dust|drip|bed)[ _-]?pan\b",
     re.IGNORECASE,
 )
 _DENIED = re.compile(

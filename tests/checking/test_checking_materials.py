@@ -58,6 +58,9 @@ def test_contradictions(object_id, material, notes, found, remedy):
         ("Television_01", "steel", "a rare one of steel"),  # said so
         ("Toy_Television", "steel", ""),
         ("Hollywood_Sign", "steel", ""),
+        ("Snap_On_Dust_Pan", "plastic", ""),
+        ("Frying_Pan_Lid", "plastic", ""),
+        ("Phone_Case", "wood", ""),
         ("mug", "glass", ""),
         ("Steel_Blue_Mug", "ceramic", ""),
     ],
