@@ -59,8 +59,8 @@ _SMALL = ("toy", "dollhouse", "miniature", "mini", "doll", "model", "minifigure"
 """Words of things that may have any size and be of anything."""
 
 _FOR_IT = (
-    "holder", "case", "opener", "rack", "stand", "block", "brush", "lid", "rest", "cover", "mat", "box", "bag",
-    "tray", "set", "cutter", "sharpener", "sorter", "drainer",
+    "holder", "case", "opener", "rack", "stand", "block", "brush", "lid", "rest", "cover", "mat", "box",
+    "bag", "tray", "set", "cutter", "sharpener", "sorter", "drainer",
 )  # fmt: skip
 """Words after that of a thing, that name something else: a knife block, a can opener."""
 
