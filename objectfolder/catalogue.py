@@ -216,10 +216,6 @@ def _record(
     mesh_name = row["mesh"] if "mesh" in columns else "model.obj"
     if not mesh_name:
         raise InputError(f"{where}, field mesh", "is empty", "Name the mesh file")
-    source_id = row.get("source_id", "")
-    mesh = _existing(folder / mesh_name, f"{where}, field mesh", source_id)
-    texture_name = row.get("texture", "")
-    texture = _existing(folder / texture_name, f"{where}, field texture", source_id) if texture_name else None
     wall_m = _thickness(row.get("wall_m", ""), f"{where}, field wall_m")
     shell_m = _thickness(row.get("shell_m", ""), f"{where}, field shell_m")
     if wall_m is not None and shell_m is not None:
@@ -228,11 +224,12 @@ def _record(
             "is stated together with wall_m",
             "State wall_m for an open vessel with thin walls, shell_m for one that is scanned solid",
         )
-    return ObjectRecord(
+    texture_name, source_id = row.get("texture", ""), row.get("source_id", "")
+    record = ObjectRecord(
         id=object_id,
         name=row.get("name") or object_id,
-        mesh=mesh,
-        texture=texture,
+        mesh=folder / mesh_name,
+        texture=folder / texture_name if texture_name else None,
         material=_material(row["material"], materials, where),
         length_m=_length(row.get("length_m", ""), where),
         source=row.get("source", ""),
@@ -244,9 +241,14 @@ def _record(
         shell_m=shell_m,
         source_id=source_id,
     )
+    # Last: a row that only waits for its files has no other fault.
+    _check_exists(record.mesh, f"{where}, field mesh", source_id)
+    if record.texture is not None:
+        _check_exists(record.texture, f"{where}, field texture", source_id)
+    return record
 
 
-def _existing(path: Path, where: str, source_id: str) -> Path:
+def _check_exists(path: Path, where: str, source_id: str) -> None:
     if not path.is_file():
         remedy = (
             f"objectfolder fetch {shlex.quote(source_id)}"
@@ -254,7 +256,6 @@ def _existing(path: Path, where: str, source_id: str) -> Path:
             else "Correct the path or add the file"
         )
         raise InputError(where, f"the file {path} does not exist", remedy)
-    return path
 
 
 def _material(name: str, materials: tuple[str, ...], where: str) -> str:

@@ -30,7 +30,7 @@ def text(check: Check, table: Path, width: int) -> str:
     )
     accepted = sum(one.accepted for one in check.findings)
     lines.append(
-        f"{check.objects} objects, {check.measured} measured: {counts}"
+        f"{check.objects} object{'' if check.objects == 1 else 's'}, {check.measured} measured: {counts}"
         + (f" ({accepted} accepted)" if accepted else "")
     )
     return "\n".join(lines)

@@ -93,7 +93,7 @@ def test_what_is_not_fetched_is_said_and_the_rest_is_checked(folder, capsys):
 
 def test_the_table_alone_is_looked_at_without_its_meshes(folder, capsys):
     assert main(["check", write(folder, BLOCK.replace(",1.5,", ",0.3,")), "--no-meshes", "--strict"]) == 0
-    assert "1 objects, 0 measured" in capsys.readouterr().out
+    assert "1 object, 0 measured" in capsys.readouterr().out
 
 
 def test_ids_that_differ_by_case_are_errors(folder, capsys):

@@ -142,6 +142,11 @@ def test_what_is_not_fetched_names_the_command_that_fetches_it(folder):
     assert errors["own"].remedy == "Correct the path or add the file"
 
 
+def test_a_row_that_waits_for_its_files_has_no_other_fault(folder):
+    text = "id,mesh,material,length_m,source_id\nmug,ycb/mug.obj,stel,0.1,ycb:025_mug\n"
+    assert "Did you mean 'steel'" in read_catalogue(write(folder, text), MATERIALS).errors["mug"].remedy
+
+
 def test_a_source_is_kept_and_means_nothing_to_what_is_made(folder):
     text = "id,mesh,material,source_id,notes\ncube,cube/model.obj,steel,ycb:000_cube,any\n"
     (record,) = read_catalogue(write(folder, text), MATERIALS).records
