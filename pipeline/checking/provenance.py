@@ -4,22 +4,20 @@ import difflib
 from collections.abc import Iterator
 
 from pipeline.checking.entry import Entry
-from pipeline.checking.finding import ERROR, WARNING, Finding
+from pipeline.checking.finding import ERROR, NOTE, WARNING, Finding
 from pipeline.checking.sources import SOURCES, source_of
 
 RULE = "provenance"
 
-REMEDIES = {
-    "source": "Say where the mesh is from",
-    "attribution": "Say whom to name",
-}
-
 
 def check(entry: Entry) -> Iterator[Finding]:
     """Find rows that do not say where they are from, or say so in two ways."""
-    for column, remedy in REMEDIES.items():
-        if not entry.cell(column):
-            yield entry.found(RULE, WARNING, column, "is empty", remedy)
+    if not entry.cell("source"):
+        yield entry.found(RULE, WARNING, "source", "is empty", "Say where the mesh is from")
+    if not entry.cell("attribution"):
+        # The public domain asks for no name.
+        severity = NOTE if entry.cell("licence").upper().startswith("CC0") else WARNING
+        yield entry.found(RULE, severity, "attribution", "is empty", "Say whom to name")
     yield from _source_id(entry)
     source, address = source_of(entry), entry.cell("source_url")
     if source is None or not address:
