@@ -51,9 +51,9 @@ def unpack(
     Raises
     ------
     FormatError
-        A damaged archive, or one with a member that is no plain file or folder, lies outside the folder,
-        is encrypted or strangely compressed, is there twice, or differs from another by case alone; or one
-        that unpacks to too much.
+        A damaged or empty archive, or one with a member that is no plain file or folder, lies outside the
+        folder, is encrypted or strangely compressed, is there twice, or differs from another by case alone;
+        or one that unpacks to too much.
     InputError
         The archive cannot be read, or the folder not written, or it is in use.
     """
@@ -92,6 +92,7 @@ def _fill(
     """Unpack into a folder of one's own; return the files."""
     files: list[str] = []
     names = Names()
+    empty = True
     try:
         packed_bytes = archive.stat().st_size
         budget = _Budget(limit_bytes, packed_bytes)
@@ -102,9 +103,12 @@ def _fill(
                 if number >= limit_files:
                     raise Unreadable(f"it has more than {limit_files} members")
                 name = _checked_name(member, names)
+                empty = empty and member.is_folder
                 if not member.is_folder and wanted(name):
                     _write(member, folder / name, budget)
                     files.append(name)
+            if empty:
+                raise Unreadable("it holds no file")
     except Unreadable as error:
         raise FormatError(str(archive), f"not to be unpacked: {error}", REMEDY) from error
     except OSError as error:

@@ -4,6 +4,7 @@ import gzip
 import io
 import struct
 import tarfile
+import warnings
 import zipfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -19,7 +20,9 @@ def zipped(members: Iterable[tuple[str, bytes]], compression: int = zipfile.ZIP_
             entry = zipfile.ZipInfo("x", (2020, 1, 1, 0, 0, 0))
             entry.filename = entry.orig_filename = name  # which the constructor would mend
             entry.compress_type = compression
-            archive.writestr(entry, content)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of names that are there already
+                archive.writestr(entry, content)
     return stream.getvalue()
 
 

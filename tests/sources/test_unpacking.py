@@ -135,7 +135,6 @@ def test_a_name_of_no_encoding(tmp_path):
         (["\u00e4", "a\u0308"], "where case"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")
 def test_names_that_clash(tmp_path, kind, names, said):
     members = [(name, b"" if name.endswith("/") else b"1") for name in names]
     assert said in refused(tmp_path, MAKERS[kind](members))
@@ -308,6 +307,7 @@ def test_every_flipped_bit_is_seen_or_changes_nothing(tmp_path, kind):
         (b"MZ" + zipped([("a", b"1")]), "no archive"),
         (gzip.compress(b"no tar"), "not to be unpacked"),
         (gzip.compress(b""), "not to be unpacked"),
+        *((MAKERS[kind]([("a/", b"")]), "holds no file") for kind in KINDS),
     ],
 )
 def test_what_is_no_archive(tmp_path, content, said):
