@@ -48,15 +48,15 @@ class Whole:
 
     Parameters
     ----------
-    address
-        That was asked, a mirror's where there is one.
+    asked
+        Hash of the address that was asked, a mirror's where there is one.
     validator
         Strong ``ETag`` or else ``Last-Modified``; empty where the server gives neither.
     total
         Bytes of the whole; None where the server does not say.
     """
 
-    address: str
+    asked: str
     validator: str
     total: int | None
 
@@ -104,7 +104,7 @@ class CachedFile:
         """Return how many bytes are there of what; 0 of nothing where they cannot be gone on from."""
         said = _read(self._whole)
         try:
-            whole = Whole(str(said["address"]), str(said["validator"]), said["total"])
+            whole = Whole(str(said["asked"]), str(said["validator"]), said["total"])
             count = self.partial.stat().st_size
         except (KeyError, OSError):
             return 0, None

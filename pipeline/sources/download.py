@@ -1,5 +1,6 @@
 """Files from servers into a cache: resumed, verified, and never half there."""
 
+import hashlib
 import io
 import json
 import re
@@ -21,6 +22,7 @@ LIMIT_BYTES = 2 << 30
 LIMIT_JSON_BYTES = 32 << 20
 LEAST_AGE = timedelta(seconds=60)  # of a file that Last-Modified tells from its other versions
 Progress = Callable[[str, int, int | None], None]
+_STRONG_TAG = re.compile(r'"[!#-~]*"')
 _CONTENT_RANGE = re.compile(r"bytes (\d+)-\d+/(\d+|\*)")
 
 
@@ -193,8 +195,9 @@ class Downloader:
     def _attempt(self, url: str, cached: CachedFile, expected: _Expected, patience: Patience) -> bool:
         """Append what is missing; return whether some was there before."""
         count, whole = cached.come()
-        address = self._web.address(url)
-        if whole is None or whole.address != address or not (whole.validator or expected.hashed):
+        # A mirror's address may have a password in it, which is not for the disk.
+        asked = hashlib.sha256(self._web.address(url).encode("utf-8", "surrogatepass")).hexdigest()
+        if whole is None or whole.asked != asked or not (whole.validator or expected.hashed):
             count, whole = 0, None
         if whole is not None and count == whole.total:
             return True
@@ -215,11 +218,12 @@ class Downloader:
                     total = expected.size
                 if total is not None:
                     _check_size(url, total, expected)
-                    cached.check_space(total)
-                cached.begin(Whole(address, _validator(response), total))
+                cached.begin(Whole(asked, _validator(response), total))
             else:
                 cached.discard()
                 raise Transient(f"its server sends another part than asked for ({response.status_code})")
+            if total is not None:
+                cached.check_space(total - count)
             with writing(cached.partial):
                 file = cached.partial.open("ab")
             with file:
@@ -245,6 +249,7 @@ class Downloader:
         """Write a body as it comes."""
         count = start
         self._progress(url, count, total)
+        patience.answered()
         for block in blocks(response, decoded):
             count += len(block)
             _check_limit(url, count, limit_bytes)
@@ -274,7 +279,7 @@ def _chunked(response: requests.Response) -> bool:
 def _validator(response: requests.Response) -> str:
     """Return what tells this version of a file from others, byte by byte."""
     tag = response.headers.get("ETag", "")
-    if tag and not tag.startswith("W/"):
+    if _STRONG_TAG.fullmatch(tag):
         return tag
     modified = response.headers.get("Last-Modified", "")
     try:

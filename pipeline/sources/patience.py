@@ -32,7 +32,11 @@ class Patience:
         self._fresh = Retry(total=None, backoff_factor=backoff_s / 2, backoff_max=MOST_WAIT_S)
         self._retry = self._fresh
         self._furthest = 0
-        self._since = time.monotonic()
+        self._since = self._answered = time.monotonic()
+
+    def answered(self) -> None:
+        """Take note that a server begins to send: it has as long again for it."""
+        self._answered = time.monotonic()
 
     def came(self, position: int) -> None:
         """Take note of having so many bytes.
@@ -45,7 +49,7 @@ class Patience:
         now = time.monotonic()
         if position - self._furthest >= LEAST_BYTES:
             self._furthest, self._since, self._retry = position, now, self._fresh
-        elif now - self._since > self._seconds:
+        elif now - max(self._since, self._answered) > self._seconds:
             raise InputError(
                 self._url,
                 f"too slow: less than {LEAST_BYTES} new bytes came in {self._seconds:g} s",

@@ -5,6 +5,7 @@ What may pass when asked again is a `Transient`; everything else is an error for
 
 import contextlib
 import itertools
+import re
 import ssl
 import threading
 import time
@@ -251,6 +252,11 @@ def _failure(url: str, error: Exception) -> Exception:
                 f"its certificate is not to be trusted ({cause.verify_message})",
                 "Check the clock and the address; for a proxy that opens connections, name its authority's "
                 "certificate in REQUESTS_CA_BUNDLE.",
+            )
+        # A proxy's answer to a request for a tunnel comes as a text alone.
+        if tunnel := re.search(r"Tunnel connection failed: (4\d\d)", str(cause)):
+            return RefusedError(
+                url, f"refused by its proxy ({tunnel[1]})", "Check the proxy and its password."
             )
     names = {type(cause).__name__ for cause in causes}
     if any("ProxyError" in name for name in names):

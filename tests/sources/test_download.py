@@ -75,6 +75,7 @@ def test_what_has_come_does_not_come_again(file_server, address, cache_folder, k
     [
         ({"ETag": ""}, None, True),  # Last-Modified of long ago
         ({"ETag": 'W/"1"'}, None, True),
+        ({"ETag": "no tag", "Last-Modified": ""}, None, False),
         ({"ETag": "", "Last-Modified": ""}, None, False),
         ({"ETag": "", "Last-Modified": "yesterday"}, None, False),
         ({"ETag": "", "Last-Modified": ""}, SHA256, True),  # the hash tells in the end

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from http.server import BaseHTTPRequestHandler
 
 import pytest
 import requests
@@ -9,6 +10,7 @@ import requests
 from objectfolder.errors import FormatError, InputError
 from pipeline.sources import patience, web
 from pipeline.sources.download import Downloader
+from tests.pipeline.http_faults import serving
 from tests.sources.file_server import scripted
 from tests.sources.served_file import AMPLE, CONTENT, SHORT
 
@@ -104,6 +106,33 @@ def test_proxies_by_option_and_by_environment(file_server, address, cache_folder
     monkeypatch.setenv("no_proxy", "source.invalid")
     with pytest.raises(InputError, match="name is not known"):
         Downloader(cache_folder / "4", **SHORT).file(url)
+
+
+def test_a_proxy_that_refuses_tunnels_is_told_at_once(cache_folder):
+    class Refusing(BaseHTTPRequestHandler):
+        def do_CONNECT(self) -> None:
+            self.send_error(407)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with serving(Refusing) as proxy:
+        proxies = {"https": proxy.replace("//", "//name:secret@")}
+        with pytest.raises(web.RefusedError, match=r"refused by its proxy \(407") as refused:
+            Downloader(cache_folder, proxies=proxies, **AMPLE).file("https://source.invalid/a")
+    assert "secret" not in str(refused.value)
+
+
+def test_passwords_of_mirrors_are_neither_told_nor_kept(file_server, address, cache_folder):
+    mirrors = {"https://source.invalid/": address.replace("//", "//name:secret@") + "/"}
+    file_server.plan = scripted(*["short"] * 1000)
+    with pytest.raises(InputError) as refused:
+        Downloader(cache_folder, mirrors=mirrors, **SHORT).file("https://source.invalid/a.bin")
+    file_server.plan = scripted()
+    Downloader(cache_folder, mirrors=mirrors, **AMPLE).file("https://source.invalid/a.bin")
+    assert file_server.requests[-1][2]["authorization"].startswith("Basic ")
+    assert "secret" not in str(refused.value)
+    assert not any(b"secret" in path.read_bytes() for path in cache_folder.rglob("*") if path.is_file())
 
 
 def test_hosts_are_asked_at_a_polite_rate(monkeypatch):
