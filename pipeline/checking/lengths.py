@@ -14,7 +14,13 @@ RULE = "length"
 SAME = 0.03
 """Relative difference within which two lengths of a scan are the same."""
 
-UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 1000.0: "kilometres"}
+UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
+
+LIKELY_METRES = (0.03, 3.0)
+"""Longest sides of meshes in metres; the same thing in centimetres or millimetres is longer."""
+
+NORMALISED = (1.0, 2.0)
+"""Longest sides of meshes that were scaled into a box."""
 
 
 def check(entry: Entry) -> Iterator[Finding]:
@@ -43,6 +49,11 @@ def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding
             return
     if not is_metric(entry):
         # A mesh may come in any unit: the stated length is what gives it one.
+        if LIKELY_METRES[0] <= side <= LIKELY_METRES[1] and not any(
+            is_close(side, one) for one in NORMALISED
+        ):
+            remedy = "Right if its own unit is not the metre; else write 'as in file'"
+            yield entry.found(RULE, NOTE, "length_m", what, remedy)
         return
     unit = next((name for size, name in UNITS.items() if is_close(factor * size, 1)), None)
     if unit is not None:

@@ -60,6 +60,12 @@ def test_a_source_in_metres_is_not_to_be_scaled(length, severity, finding):
     assert finding in found.found
 
 
+def test_a_mesh_of_ones_own_that_seems_to_be_in_metres_already():
+    found = only(entry("object", of=shape((1.2, 1.0, 0.2), file_extents=(0.19, 0.167, 0.04)), length_m="1.2"))
+    assert (found.severity, found.field) == (NOTE, "length_m")
+    assert "6.32 times the longest side" in found.found
+
+
 def test_millimetres_taken_for_metres_of_a_source_in_metres():
     found = only(entry("object", of=shape((0.1, 0.1, 0.1), file_extents=MUG), length_m="117", **YCB))
     assert found.severity == ERROR
