@@ -13,6 +13,7 @@ import hashlib
 import mimetypes
 import random
 import re
+import ssl
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -90,6 +91,8 @@ class FileServer:
         What a 429 says.
     drip_s
         Wait between the pieces of a slow body.
+    tls
+        With which it speaks https.
     """
 
     folder: Path
@@ -99,6 +102,7 @@ class FileServer:
     headers: dict[str, str] = field(default_factory=dict)
     retry_after: str = "0"
     drip_s: float = 0.002
+    tls: ssl.SSLContext | None = None
     requests: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)  # method, target, headers
     faults: Counter[str] = field(default_factory=Counter)
     bytes_sent: int = 0  # of bodies with content
@@ -115,7 +119,7 @@ class FileServer:
         self.closing.clear()
         with serving(type("Handler", (_Handler,), {"files": self})) as address:
             try:
-                yield address
+                yield address if self.tls is None else address.replace("http:", "https:")
             finally:
                 self.closing.set()
 
@@ -156,6 +160,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *_: object) -> None:
         pass
+
+    def setup(self) -> None:
+        if self.files.tls is not None:
+            self.request = self.files.tls.wrap_socket(self.request, server_side=True)
+        super().setup()
 
     def do_GET(self) -> None:
         kind = self.files.fault(self.command, self.path, {k.lower(): v for k, v in self.headers.items()})

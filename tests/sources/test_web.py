@@ -2,16 +2,22 @@
 
 import gzip
 import json
+import ssl
+from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler
+from ipaddress import IPv4Address
+from pathlib import Path
 
 import pytest
-import requests
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
 
 from objectfolder.errors import FormatError, InputError
 from pipeline.sources import patience, web
 from pipeline.sources.download import Downloader
 from tests.pipeline.http_faults import serving
-from tests.sources.file_server import scripted
+from tests.sources.file_server import FileServer, scripted
 from tests.sources.served_file import AMPLE, CONTENT, SHORT
 
 
@@ -67,14 +73,50 @@ def test_redirections_stay_in_the_web(file_server, address, cache_folder, target
         Downloader(cache_folder, **SHORT).file(f"{address}/a.bin")
 
 
-def test_a_redirection_does_not_leave_tls():
-    steps = []
-    for url in ("https://a/", "http://b/"):
-        steps.append(requests.Response())
-        steps[-1].url = url
-    steps[-1].history = steps[:-1]
-    with pytest.raises(InputError, match="from https to http"):
-        web._check_redirects("https://a/", steps[-1])
+@pytest.fixture
+def certificate(tmp_path) -> Path:
+    """Of a server at 127.0.0.1, and its key, in one file."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "127.0.0.1")])
+    now = datetime.now(UTC)
+    made = (
+        x509.CertificateBuilder(
+            name, name, key.public_key(), x509.random_serial_number(), now, now + timedelta(1)
+        )
+        .add_extension(
+            x509.SubjectAlternativeName([x509.IPAddress(IPv4Address("127.0.0.1"))]), critical=False
+        )
+        .add_extension(x509.BasicConstraints(ca=True, path_length=None), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+    path = tmp_path / "certificate.pem"
+    plain = (serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    pem = serialization.Encoding.PEM
+    path.write_bytes(made.public_bytes(pem) + key.private_bytes(pem, *plain))
+    return path
+
+
+def test_certificates_are_checked_and_redirections_do_not_leave_tls(
+    file_server, certificate, cache_folder, monkeypatch
+):
+    file_server.tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    file_server.tls.load_cert_chain(certificate)
+    with file_server.listening() as address:
+        assert address.startswith("https:")
+        with pytest.raises(InputError, match="certificate is not to be trusted") as refused:
+            Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin")
+        assert "REQUESTS_CA_BUNDLE" in refused.value.remedy
+        assert not file_server.requests
+        monkeypatch.setenv("REQUESTS_CA_BUNDLE", str(certificate))
+        assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
+        plain = FileServer(file_server.folder)
+        with plain.listening() as open_address:
+            monkeypatch.setattr(
+                "tests.sources.file_server.redirection", lambda path, kind: f"{open_address}/a.bin"
+            )
+            file_server.plan = scripted("moved")
+            with pytest.raises(InputError, match="redirected from https to http"):
+                Downloader(cache_folder / "2", **AMPLE).file(f"{address}/a.bin")
 
 
 def test_mirrors_stand_in(file_server, address, cache_folder):
