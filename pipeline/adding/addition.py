@@ -21,7 +21,7 @@ from pipeline.adding.copying import Layout, copied, folder_digest, layout_of
 from pipeline.adding.licences import licence_expression, must_name
 from pipeline.adding.naming import checked_id, object_id_of, words_of
 from pipeline.adding.table import Table, locked, read_table, with_row, write_table
-from pipeline.adding.units import length_doubts, unit_problem
+from pipeline.adding.units import is_doubtful, length_doubts, unit_problem
 
 AS_IN_FILE = "as in file"
 
@@ -122,7 +122,7 @@ def check_object(wanted: Wanted) -> Checked:
     by_geometry = {str(finding) for finding in wall_findings(walls)}
     warnings = [text for text in product.attributes["warnings"] if text not in by_geometry]
     if wanted.length_m is None:
-        warnings += length_doubts(float(mesh.extents.max()))
+        warnings += length_doubts(float(mesh.extents.max()), walls.volume_m3 * material.density_kg_m3)
     row = {
         "id": object_id,
         "name": name,
@@ -203,13 +203,11 @@ def up_axis(mesh: Path) -> int:
 
 
 def _ingested(wanted: Wanted, object_id: str) -> Product:
-    try:
-        return ingest_object(wanted.mesh, wanted.texture, wanted.length_m, object_id)
-    except InputError as problem:
-        if wanted.length_m is not None or not problem.where.endswith("field length_m"):
-            raise
+    if wanted.length_m is None:
         side = float(load_mesh(wanted.mesh, with_textures=False).extents.max())
-        raise unit_problem(f"{object_id} ({wanted.mesh})", side) from problem
+        if is_doubtful(side):
+            raise unit_problem(f"{object_id} ({wanted.mesh})", side)
+    return ingest_object(wanted.mesh, wanted.texture, wanted.length_m, object_id)
 
 
 def _attribution(wanted: Wanted, licence: str) -> str:

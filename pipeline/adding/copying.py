@@ -117,20 +117,16 @@ def folder_digest(folder: Path) -> str:
 
 def _check(layout: Layout, folder: Path, before: str) -> None:
     mesh = folder / layout.mesh
+    where = str(layout.files[layout.mesh])
     read = source_files(mesh, None if layout.texture is None else folder / layout.texture)
-    outside = [file for file in read if not _within(file, folder)]
-    if outside:
+    if {Path(os.path.normpath(file)) for file in read} != {folder / place for place in layout.files}:
         raise InputError(
-            str(layout.files[layout.mesh]),
-            f"names {outside[0]} by a path that holds on this machine alone",
-            "Name the texture with --texture, or write its path relative to the mesh",
+            where,
+            "its copy would read other files than it does",
+            "Put all files that it names in its folder, or name the texture with --texture",
         )
     if folder_digest(folder) != before:
-        raise InputError(str(layout.files[layout.mesh]), "changed while it was copied", "Run it again")
-
-
-def _within(file: Path, folder: Path) -> bool:
-    return Path(os.path.normpath(file.absolute())).is_relative_to(folder.absolute())
+        raise InputError(where, "changed while it was copied", "Run it again")
 
 
 def _free(wanted: Path, taken: dict[Path, Path]) -> Path:

@@ -3,12 +3,14 @@
 from collections.abc import Iterable
 
 from objectfolder.errors import InputError
+from objectfolder.geometry.length import LONGEST_M, SHORTEST_M, UNUSUAL_M
 
 UNITS_M = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 PLAUSIBLE_M = (0.01, 2.5)
 """Longest sides of things that are held, struck and looked at."""
 
 NORMALISED = (1.0, 2.0)
+HEAVIEST_KG = 500.0
 
 
 def possible_lengths(side: float) -> dict[str, float]:
@@ -20,15 +22,30 @@ def possible_lengths(side: float) -> dict[str, float]:
 def unit_problem(where: str, side: float) -> InputError:
     """Say why a longest side cannot be in metres, and what to write for each unit it may be in."""
     lengths = possible_lengths(side)
+    if side < SHORTEST_M:
+        lengths = {}
     if lengths:
         told = "; ".join(f"if it is in {name}: --length {length:.6g}" for name, length in lengths.items())
         remedy = told[0].upper() + told[1:]
     else:
         remedy = "State the longest side in metres with --length"
-    return InputError(where, f"its longest side is {side:.6g}, which is no size in metres", remedy)
+    if side <= LONGEST_M:
+        remedy += f"; if it really is {side:.6g} m long: --length {side:.6g}"
+    return InputError(
+        where, f"its longest side is {side:.6g}, which is hardly in metres, and no unit is stated", remedy
+    )
 
 
-def length_doubts(side: float) -> Iterable[str]:
-    """Sentences about a longest side that was taken to be in metres."""
+def is_doubtful(side: float) -> bool:
+    """Whether a longest side is no size that may be taken to be in metres untold."""
+    return not SHORTEST_M <= side <= UNUSUAL_M
+
+
+def length_doubts(side: float, mass_kg: float) -> Iterable[str]:
+    """Sentences about a longest side that was taken to be in metres, and the mass that follows from it."""
+    if mass_kg > HEAVIEST_KG:
+        lengths = possible_lengths(side)
+        units = "; ".join(f"in {name} it is --length {length:.6g}" for name, length in lengths.items())
+        yield f"it would have {mass_kg:.0f} kg: is it in metres?" + (f" If {units}" if units else "")
     if any(abs(side - number) <= 1e-6 * number for number in NORMALISED):
         yield f"its longest side is exactly {side:.0f}: was the mesh normalised? State --length if so"

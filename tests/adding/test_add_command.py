@@ -1,0 +1,247 @@
+"""`objectfolder add`: one's own meshes into a table, refused with a remedy or whole."""
+
+import multiprocessing
+import os
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from objectfolder.audio.materials import read_materials
+from objectfolder.catalogue import read_catalogue
+from pipeline.adding.addition import Wanted, check_object, put_object
+from pipeline.adding.table import read_table
+from pipeline.command_line import main
+
+REPOSITORY = Path(__file__).parents[2]
+MATERIALS = REPOSITORY / "data" / "materials.csv"
+
+
+def cup(path: Path, *, scale: float = 1.0, wall: float = 0.004) -> Path:
+    """An open cup of 80 mm, its wall 4 mm, in metres where scale is 1."""
+    outline = [(0, 0), (0.04, 0), (0.04, 0.07), (0.04 - wall, 0.07), (0.04 - wall, wall), (0, wall)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    mesh = trimesh.creation.revolve(np.array(outline), sections=32)
+    mesh.apply_scale(scale)
+    mesh.export(path)
+    return path
+
+
+def add(mesh: Path, table: Path, *options: str) -> int:
+    required = ["--material", "ceramic", "--licence", "CC0-1.0", "--table", str(table)]
+    return main(["add", str(mesh), *required, *options])
+
+
+def records(table: Path) -> dict:
+    catalogue = read_catalogue(table, read_materials(MATERIALS))
+    assert catalogue.errors == {}
+    return {record.id: record for record in catalogue.records}
+
+
+def wanted(mesh: Path, **more: object) -> Wanted:
+    return Wanted(mesh=mesh, material="ceramic", licence="CC0-1.0", materials=MATERIALS, **more)
+
+
+def test_an_object_is_checked_copied_pictured_and_listed(tmp_path, capsys):
+    mesh, table = cup(tmp_path / "in" / "My cup.ply"), tmp_path / "data" / "my_objects.csv"
+    assert add(mesh, table, "--source", "turned by hand", "--roughness", "0.2") == 0
+    record = records(table)["My_cup"]
+    assert record.mesh == tmp_path / "data" / "my_objects" / "My_cup" / "My_cup.ply"
+    assert record.mesh.read_bytes() == mesh.read_bytes()
+    assert (record.name, record.material, record.length_m) == ("My cup", "ceramic", None)
+    assert (record.source, record.roughness, record.metallic) == ("turned by hand", 0.2, None)
+    said = capsys.readouterr().out
+    # 2 pi of a wheel of 32 chords less than a circle's.
+    solid = trimesh.load(mesh).volume
+    for part in (
+        "0.08 x 0.08 x 0.07 m",
+        f"{1e6 * solid:.4g} cm3",
+        f"{2700 * solid:.4g} kg",
+        "closed",
+        "4 mm",
+    ):
+        assert part in said
+    assert "walls?" not in said
+    assert f"make dataset OBJECTS={table} ONLY=My_cup" in said
+    with Image.open(tmp_path / "data" / "my_objects" / "My_cup.png") as picture:
+        assert picture.size[0] > 600
+
+
+def test_adding_again_changes_nothing(tmp_path, capsys):
+    mesh, table = cup(tmp_path / "cup.stl"), tmp_path / "t.csv"
+    assert add(mesh, table, "--no-preview") == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert add(mesh, table, "--no-preview") == 0
+    assert "cup is in" in capsys.readouterr().out
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_an_id_that_is_there_is_replaced_on_demand_only(tmp_path, capsys):
+    table = tmp_path / "t.csv"
+    assert add(cup(tmp_path / "a" / "cup.stl"), table, "--no-preview") == 0
+    other = cup(tmp_path / "b" / "cup.stl", wall=0.005)
+    before = table.read_bytes()
+    for options in ((), ("--id", "CUP")):
+        assert add(other, table, "--no-preview", *options) == 1
+        assert "--replace" in capsys.readouterr().err
+        assert table.read_bytes() == before
+    assert add(other, table, "--no-preview", "--replace") == 0
+    record = records(table)["cup"]
+    assert record.mesh.read_bytes() == other.read_bytes()
+    assert len([path for path in (tmp_path / "t").iterdir() if path.is_dir()]) == 1
+
+
+def test_a_dry_run_writes_nothing(tmp_path, capsys):
+    mesh, table = cup(tmp_path / "cup.stl"), tmp_path / "t.csv"
+    assert add(mesh, table, "--dry-run") == 0
+    assert "closed" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["cup.stl"]
+    assert add(mesh, table, "--dry-run", "--preview", str(tmp_path / "look.png")) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cup.stl", "look.png"]
+
+
+@pytest.mark.parametrize(
+    ("options", "remedy"),
+    [
+        (("--material", "ceramics"), "Did you mean ceramic?"),
+        (("--licence", "CC BY 4.0"), "Did you mean CC-BY-4.0?"),
+        (("--licence", "CC-BY-4.0"), "--attribution"),
+        (("--length", "-1"), "--length"),
+        (("--length", "0.08", "--roughness", "2"), "--roughness"),
+        (("--wall", "0.003", "--shell", "0.003"), "--shell for one that is scanned solid"),
+        (("--shell", "0.05"), "shell_m"),
+        (("--wall", "0.05"), "wall_m"),
+        (("--id", "../up"), "such as up"),
+        (("--texture", "absent.png"), "absent.png"),
+        (("--name", "a\nb"), "do not print"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_before_anything_is_written(tmp_path, capsys, options, remedy):
+    mesh, table = cup(tmp_path / "cup.stl"), tmp_path / "t.csv"
+    assert add(mesh, table, "--no-preview", *options) == 1
+    assert remedy in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["cup.stl"]
+
+
+@pytest.mark.parametrize(
+    ("scale", "remedy"), [(1000.0, "--length 0.08"), (1000 / 25.4, "--length 0.08")], ids=["mm", "inches"]
+)
+def test_a_mesh_in_another_unit_gets_the_length_to_state(tmp_path, capsys, scale, remedy):
+    mesh, table = cup(tmp_path / "cup.stl", scale=scale), tmp_path / "t.csv"
+    assert add(mesh, table, "--no-preview") == 1
+    assert remedy in capsys.readouterr().err
+    assert add(mesh, table, "--no-preview", "--length", "0.08") == 0
+    assert records(table)["cup"].length_m == 0.08
+
+
+def test_a_normalised_mesh_is_asked_about(tmp_path, capsys):
+    assert add(cup(tmp_path / "cup.stl", scale=12.5), tmp_path / "t.csv", "--no-preview") == 0
+    assert "normalised" in capsys.readouterr().out
+
+
+def test_walls_that_cannot_be_are_said_with_the_option(tmp_path, capsys):
+    box = trimesh.creation.cylinder(0.05, 0.14, sections=64)
+    box.export(tmp_path / "jar.stl")
+    options = ("--no-preview", "--mass", "0.4")
+    assert add(tmp_path / "jar.stl", tmp_path / "t.csv", *options) == 0
+    said = capsys.readouterr().out
+    assert "scanned solid (certain)" in said
+    assert "shell_m" in said
+    row = next(iter(read_table(tmp_path / "t.csv").rows()))[1]
+    assert row["mass_kg"] == "0.4"
+    assert add(tmp_path / "jar.stl", tmp_path / "t.csv", *options, "--shell", "0.004", "--replace") == 0
+    assert "walls?" not in capsys.readouterr().out
+    assert records(tmp_path / "t.csv")["jar"].shell_m == 0.004
+
+
+@pytest.mark.parametrize(
+    "first_word", [b"\x00\x01", b"solid nothing\n", b"ply\nformat ascii 1.0\nend_header\n"]
+)
+def test_files_that_hold_no_mesh_are_refused(tmp_path, capsys, first_word):
+    for suffix in (".stl", ".ply", ".glb", ".gltf", ".obj", ".txt"):
+        path = tmp_path / f"cup{suffix}"
+        path.write_bytes(first_word)
+        assert add(path, tmp_path / "t.csv", "--no-preview") == 1
+        assert "objectfolder: " in capsys.readouterr().err
+    assert not (tmp_path / "t.csv").exists()
+
+
+STEPS = ("copy", "lock", "rename", "row", "clean")
+
+
+def killed_before(step: str, mesh: Path, table: Path, replace: bool) -> None:
+    def die(reached: str) -> None:
+        if reached == step:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    put_object(check_object(wanted(mesh)), table, replace=replace, at_step=die)
+    sys.exit(7)
+
+
+@pytest.mark.parametrize("replace", [False, True])
+@pytest.mark.parametrize("step", STEPS)
+def test_a_kill_leaves_no_row_without_its_files(tmp_path, step, replace):
+    table = tmp_path / "t.csv"
+    first = cup(tmp_path / "a" / "cup.stl")
+    if replace:
+        put_object(check_object(wanted(first)), table, replace=False)
+    mesh = cup(tmp_path / "b" / "cup.stl", wall=0.005)
+    process = multiprocessing.get_context("fork").Process(
+        target=killed_before, args=(step, mesh, table, replace)
+    )
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    if table.exists():
+        content = records(table)["cup"].mesh.read_bytes()
+        assert content == (mesh if step == "clean" else first).read_bytes()
+    else:
+        assert step != "clean"
+        assert not replace
+    put_object(check_object(wanted(mesh)), table, replace=True)
+    assert records(table)["cup"].mesh.read_bytes() == mesh.read_bytes()
+
+
+def put(mesh: Path, table: Path) -> None:
+    put_object(check_object(wanted(mesh)), table, replace=False)
+
+
+def test_objects_added_at_the_same_time_are_all_there(tmp_path):
+    table = tmp_path / "t.csv"
+    meshes = [cup(tmp_path / f"cup{number}.stl", wall=0.003 + number / 1000) for number in range(4)]
+    context = multiprocessing.get_context("fork")
+    writers = [context.Process(target=put, args=(mesh, table)) for mesh in meshes]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+        assert writer.exitcode == 0
+    found = records(table)
+    assert {name: record.mesh.read_bytes() for name, record in found.items()} == {
+        mesh.stem: mesh.read_bytes() for mesh in meshes
+    }
+
+
+def test_a_folder_in_the_way_is_left(tmp_path):
+    mesh, table = cup(tmp_path / "cup.stl"), tmp_path / "t.csv"
+    (tmp_path / "t" / "cup").mkdir(parents=True)
+    (tmp_path / "t" / "cup" / "precious.txt").write_text("mine")
+    added = put_object(check_object(wanted(mesh)), table, replace=False)
+    assert added.folder.name.startswith("cup-")
+    assert (tmp_path / "t" / "cup" / "precious.txt").read_text() == "mine"
+    assert records(table)["cup"].mesh.read_bytes() == mesh.read_bytes()
+
+
+@pytest.mark.parametrize("object_id", ["025_mug", "Room_Essentials_Mug_White_Yellow"])
+def test_scans_are_added_as_they_lie(shared_objects: Path, tmp_path, object_id):
+    folder, table = shared_objects / object_id, tmp_path / "t.csv"
+    options = ("--licence", "CC-BY-4.0", "--attribution", "as in the catalogue", "--no-preview")
+    assert add(folder / "model.obj", table, *options) == 0
+    record = records(table)[object_id]
+    for path in record.mesh.parent.iterdir():
+        assert path.read_bytes() == (folder / path.name).read_bytes()
+    assert {path.suffix for path in record.mesh.parent.iterdir()} >= {".obj", ".mtl"}
