@@ -8,12 +8,14 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Callable
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from objectfolder.errors import FormatError, InputError
 from pipeline.products import verify
 from pipeline.publishing.repository import Stores
+from pipeline.stores.storage import NO_SPACE
 
 BLOCK = 2 << 20  # bytes of a request; a cut connection loses at most one
 ATTEMPTS = 4
@@ -42,7 +44,8 @@ def download(stores: Stores, md5: str, path: Path, progress: Progress = lambda c
         return KEPT
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".partial-{md5}-{path.name}")
-    with partial.open("ab") as file:
+    # Without a buffer, which a full disk would make fail once more when it is closed.
+    with partial.open("ab", buffering=0) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -57,7 +60,7 @@ def download(stores: Stores, md5: str, path: Path, progress: Progress = lambda c
     return FETCHED
 
 
-def _fill(stores: Stores, md5: str, path: Path, file: BinaryIO, progress: Progress) -> None:
+def _fill(stores: Stores, md5: str, path: Path, file: FileIO, progress: Progress) -> None:
     """Append what is missing to `file`, from the first store that has it."""
     errors: list[str] = []
     found = False
@@ -67,6 +70,8 @@ def _fill(stores: Stores, md5: str, path: Path, file: BinaryIO, progress: Progre
                 _append(odb.fs, odb.oid_to_path(md5), file, progress)
             except FileNotFoundError:
                 break
+            except InputError:
+                raise
             except Exception as error:  # each kind of store has its own
                 found = True
                 errors.append(f"{name}: {type(error).__name__}: {error}".strip())
@@ -87,7 +92,7 @@ def _fill(stores: Stores, md5: str, path: Path, file: BinaryIO, progress: Progre
     raise FormatError(str(path), f"cannot be fetched ({errors[-1]})", "Try again: what has come is kept.")
 
 
-def _append(fs: Any, source: str, file: BinaryIO, progress: Progress) -> None:
+def _append(fs: Any, source: str, file: FileIO, progress: Progress) -> None:
     """Append the bytes of `source` after those that `file` has, a range at a time."""
     size = fs.info(source)["size"]
     if size is None:
@@ -102,12 +107,23 @@ def _append(fs: Any, source: str, file: BinaryIO, progress: Progress) -> None:
             place = file.truncate(0)
         elif len(block) != wanted:
             raise ConnectionError(f"{len(block)} bytes came of {wanted} asked for")
-        place += file.write(block)
-        file.flush()
-        progress(len(block))
+        written = _written(block, file)
+        place += written
+        progress(written)
 
 
-def _discard_if_empty(file: BinaryIO) -> None:
+def _written(block: bytes, file: FileIO) -> int:
+    """Write what fits of a block; a full disk is no fault of the store."""
+    try:
+        return file.write(block)
+    except OSError as error:
+        if error.errno not in NO_SPACE:
+            raise
+        where = str(Path(file.name).parent)
+        raise InputError(where, "no space is left", "Make room: what has come is kept.") from error
+
+
+def _discard_if_empty(file: FileIO) -> None:
     file.flush()
     path = Path(file.name)
     if path.is_file() and path.stat().st_size == 0:

@@ -315,6 +315,22 @@ def test_a_cut_download_goes_on_where_it_was(by_http, tmp_path, monkeypatch):
     assert server.sent[stored(server.folder, content).name] <= len(content) - kept + 1
 
 
+def test_a_full_disk_is_no_fault_of_the_store(by_http, tmp_path, monkeypatch):
+    server, bare, _ = by_http
+    monkeypatch.setattr(downloading, "BLOCK", 100_000)
+    (tmp_path / "got").mkdir()
+    opened = Path.open
+
+    def full(path, *arguments, **options):
+        return opened(Path("/dev/full") if path.name.startswith(".partial-") else path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "open", full)
+    [got] = get(bare, ["mug"], tmp_path / "got")
+    assert "no space is left" in str(got.error)
+    assert "Make room" in str(got.error)
+    assert sum(server.sent.values()) < 1_000_000  # one try, not one after the other
+
+
 def test_a_cut_is_tried_again_at_once(by_http, tmp_path):
     server, bare, content = by_http
     server.cut_at, server.cuts = 800_000, 2
