@@ -7,8 +7,7 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from pipeline.report.archive import Archive
-from pipeline.report.pictures import indexed_uri
-from pipeline.report.surface_picture import CLAY, PIXELS, Surface, picture_showing
+from pipeline.report.surface_picture import PIXELS, Picture, Sides, Surface
 
 # Of the object's diagonal: how far out the arrow that shows the sensor's way begins.
 ARROW = 0.22
@@ -107,10 +106,15 @@ def contacts(fidelity: Archive, touches: Archive, objects: Archive) -> list[Cont
     sensor = touches.attributes().get("sensor")
     if len({len(value) for value in values.values()}) != 1 or not isinstance(sensor, dict):
         raise FormatError(str(touches.path), "its touches do not agree in number, or have no sensor")
-    return [
-        None if index is None else _contact(surface, {k: v[index] for k, v in values.items()}, sensor)
-        for index in found
-    ]
+    sides = Sides(surface)
+    drawn: list[Contact | None] = []
+    for index in found:
+        if index is None:
+            drawn.append(None)
+            continue
+        touch = {name: value[index] for name, value in values.items()}
+        drawn.append(_contact(sides.showing(touch["points"], touch["normals"]), touch, sensor))
+    return drawn
 
 
 def gel_corners(sensor: dict[str, Any]) -> np.ndarray:
@@ -121,11 +125,10 @@ def gel_corners(sensor: dict[str, Any]) -> np.ndarray:
     return apex + np.concatenate([np.zeros((4, 1)), signs * half], axis=1)
 
 
-def _contact(surface: Surface, touch: dict[str, np.ndarray], sensor: dict[str, Any]) -> Contact:
+def _contact(drawn: Picture, touch: dict[str, np.ndarray], sensor: dict[str, Any]) -> Contact:
     point, normal, pose = touch["points"], touch["normals"], touch["sensor_to_object"]
-    drawn = picture_showing(surface, point, normal)
     corners = gel_corners(sensor) @ pose[:3, :3].T + pose[:3, 3]
-    start = point + ARROW * surface.size_m * normal
+    start = point + ARROW * drawn.surface.size_m * normal
     pixels, _ = drawn.project(np.stack([point, start, *corners]))
     (x, y), (from_x, from_y) = pixels[:2].round(1).tolist()
     labels = [
@@ -137,7 +140,7 @@ def _contact(surface: Surface, touch: dict[str, np.ndarray], sensor: dict[str, A
         ("contact area", 1e6 * touch["contact_area_m2"], "mm²"),
     ]
     return Contact(
-        indexed_uri(drawn.shades(), CLAY, transparent=0),
+        drawn.uri,
         drawn.shows(point),
         x,
         y,

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from objectfolder.vision.compiled.rasteriser import edge_functions, rasterise
+from pipeline.report.pictures import indexed_uri
 
 PIXELS = 200
 FIELD_OF_VIEW_DEG = 32.0
@@ -17,6 +18,8 @@ ELEVATIONS_DEG = (25.0, 55.0, -25.0, 80.0, -60.0)
 AZIMUTHS_DEG = tuple(range(15, 375, 30))
 # Cosine between the surface's normal and the direction to the camera: oblique enough to show relief.
 WANTED_COSINE, LEAST_COSINE = 0.75, 0.3
+# A picture that is there serves another point as well, where its cosine is between these.
+SHARED_COSINES = 0.45, 0.95
 MOST_TRIES = 8
 # A point counts as seen where the surface in its pixel, or in one beside it, is this near, in pixels.
 NEAR_PIXELS = 2.0
@@ -90,8 +93,14 @@ class Picture:
         around = self.depth_m[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
         return bool(around.size) and bool(np.abs(around - depth).min() <= NEAR_PIXELS * depth / FOCAL)
 
+    @cached_property
+    def uri(self) -> str:
+        """The picture as a data URI, see-through beside the object."""
+        return indexed_uri(self.shades, CLAY, transparent=0)
+
+    @cached_property
     def shades(self) -> np.ndarray:
-        """Return (PIXELS, PIXELS) uint8: grey from 1 up, lit from the upper left; 0 beside the object."""
+        """(PIXELS, PIXELS) uint8: grey from 1 up, lit from the upper left; 0 beside the object."""
         right, up, back = _axes(self.direction)
         light = (-0.45 * right + 0.55 * up + 0.9 * back) / np.linalg.norm([0.45, 0.55, 0.9])
         normals = self.surface.face_normals
@@ -114,20 +123,36 @@ def picture(surface: Surface, direction: np.ndarray) -> Picture:
     return Picture(surface, direction, seen.reshape(PIXELS, PIXELS), depth)
 
 
-def picture_showing(surface: Surface, point: np.ndarray, normal: np.ndarray) -> Picture:
-    """Draw a surface from a side that shows a point of it, obliquely where that is possible.
+class Sides:
+    """Pictures of one surface from a few sides, each drawn once and only when it is wanted.
 
-    Where a few sides do not show it (deep in a vessel), the picture looks along the normal; ask `shows`.
+    Parameters
+    ----------
+    surface
+        What is drawn.
     """
-    directions = _directions()
-    cosines = directions @ normal
-    order = np.argsort(np.abs(cosines - WANTED_COSINE), kind="stable")
-    tried = [directions[index] for index in order[:MOST_TRIES] if cosines[index] >= LEAST_COSINE]
-    for direction in (*tried, normal):
-        drawn = picture(surface, direction)
-        if drawn.shows(point):
-            return drawn
-    return drawn
+
+    def __init__(self, surface: Surface) -> None:
+        self._surface = surface
+        self._directions = _directions()
+        self._drawn: dict[int, Picture] = {}
+
+    def showing(self, point: np.ndarray, normal: np.ndarray) -> Picture:
+        """Return a picture from a side that shows a point, obliquely where that is possible.
+
+        Sides that are drawn already come first. Where a few sides do not show it (deep in a vessel), the
+        picture looks along the normal; ask `shows`.
+        """
+        cosines = self._directions @ normal
+        least, most = SHARED_COSINES
+        shared = [index for index in self._drawn if least <= cosines[index] <= most]
+        order = np.argsort(np.abs(cosines - WANTED_COSINE), kind="stable")[:MOST_TRIES]
+        for index in (*shared, *(int(index) for index in order if cosines[index] >= LEAST_COSINE)):
+            if index not in self._drawn:
+                self._drawn[index] = picture(self._surface, self._directions[index])
+            if self._drawn[index].shows(point):
+                return self._drawn[index]
+        return picture(self._surface, normal)
 
 
 def _directions() -> np.ndarray:
