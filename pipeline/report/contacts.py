@@ -7,7 +7,7 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from pipeline.report.archive import Archive
-from pipeline.report.surface_picture import PIXELS, Picture, Sides, Surface
+from pipeline.report.surface_picture import PIXELS, Picture, Surface, pictures_showing
 
 # Of the object's diagonal: how far out the arrow that shows the sensor's way begins.
 ARROW = 0.22
@@ -106,15 +106,12 @@ def contacts(fidelity: Archive, touches: Archive, objects: Archive) -> list[Cont
     sensor = touches.attributes().get("sensor")
     if len({len(value) for value in values.values()}) != 1 or not isinstance(sensor, dict):
         raise FormatError(str(touches.path), "its touches do not agree in number, or have no sensor")
-    sides = Sides(surface)
-    drawn: list[Contact | None] = []
-    for index in found:
-        if index is None:
-            drawn.append(None)
-            continue
-        touch = {name: value[index] for name, value in values.items()}
-        drawn.append(_contact(sides.showing(touch["points"], touch["normals"]), touch, sensor))
-    return drawn
+    rows = [index for index in found if index is not None]
+    drawn = iter(pictures_showing(surface, values["points"][rows], values["normals"][rows]))
+    return [
+        None if index is None else _contact(next(drawn), {k: v[index] for k, v in values.items()}, sensor)
+        for index in found
+    ]
 
 
 def gel_corners(sensor: dict[str, Any]) -> np.ndarray:

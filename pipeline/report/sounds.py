@@ -77,9 +77,7 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
     )
     energy = float(np.sum(np.square(pair[0], dtype=np.float64)))
     error = float(np.sum(np.square(pair[1] - pair[0], dtype=np.float64)))
-    pictures = [
-        indexed_uri(picture, PALETTE) for picture in spectrograms(np.stack([*sounds, sounds[1] - sounds[0]]))
-    ]
+    pictures = [indexed_uri(picture, PALETTE) for picture in spectrograms(sounds)]
     return SoundPair(
         factor,
         length / SAMPLE_RATE_HZ,
@@ -104,14 +102,15 @@ def wave_uri(levels: np.ndarray) -> str:
 
 
 def spectrograms(sounds: np.ndarray) -> np.ndarray:
-    """Return (n, rows, columns) uint8 levels of the first half second: frequency up on a log scale.
+    """Return (3, rows, columns) uint8 levels of the first half second of two sounds and their difference.
 
-    The loudest place of all n sounds has the highest level, `SHADES` - 1; `RANGE_DB` below it and less has 0.
+    Frequency goes up on a log scale. The loudest place of all three has the highest level, `SHADES` - 1;
+    `RANGE_DB` below it and less has 0.
 
     Parameters
     ----------
     sounds
-        (n, samples) at 44100 Hz.
+        (2, samples) at 44100 Hz.
     """
     from scipy.fft import rfft
 
@@ -122,8 +121,8 @@ def spectrograms(sounds: np.ndarray) -> np.ndarray:
     chosen = np.linspace(0, frames.shape[1] - 1, SPECTROGRAM_SIZE[1]).round().astype(int)
     edges = np.geomspace(LOWEST_HZ, HIGHEST_HZ, SPECTROGRAM_SIZE[0] + 1) * WINDOW / SAMPLE_RATE_HZ
     spectrum = rfft(frames[:, chosen] * HANN, axis=-1)
-    kept_bins = spectrum[..., : int(np.ceil(edges[-1])) + 1]
-    magnitudes = np.ascontiguousarray(np.moveaxis(np.abs(kept_bins), -1, 0))
+    first, second = spectrum[..., : int(np.ceil(edges[-1])) + 1]
+    magnitudes = np.ascontiguousarray(np.moveaxis(np.abs([first, second, second - first]), -1, 0))
     # A row takes the strongest bin it spans, so that a narrow partial stays visible between rows.
     low = edges[:-1].astype(int)
     high = np.maximum(np.ceil(edges[1:]).astype(int), low + 1)

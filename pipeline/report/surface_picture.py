@@ -17,9 +17,8 @@ FOCAL = PIXELS / 2 / np.tan(np.radians(FIELD_OF_VIEW_DEG / 2))
 ELEVATIONS_DEG = (25.0, 55.0, -25.0, 80.0, -60.0)
 AZIMUTHS_DEG = tuple(range(15, 375, 30))
 # Cosine between the surface's normal and the direction to the camera: oblique enough to show relief.
-WANTED_COSINE, LEAST_COSINE = 0.75, 0.3
-# A picture that is there serves another point as well, where its cosine is between these.
-SHARED_COSINES = 0.45, 0.95
+WANTED_COSINE = 0.75
+SHOWING_COSINES = 0.4, 0.97
 MOST_TRIES = 8
 # A point counts as seen where the surface in its pixel, or in one beside it, is this near, in pixels.
 NEAR_PIXELS = 2.0
@@ -123,36 +122,31 @@ def picture(surface: Surface, direction: np.ndarray) -> Picture:
     return Picture(surface, direction, seen.reshape(PIXELS, PIXELS), depth)
 
 
-class Sides:
-    """Pictures of one surface from a few sides, each drawn once and only when it is wanted.
+def pictures_showing(surface: Surface, points: np.ndarray, normals: np.ndarray) -> list[Picture]:
+    """Return for each of (n, 3) points a picture that shows it, obliquely where that is possible.
 
-    Parameters
-    ----------
-    surface
-        What is drawn.
+    As few sides as will do are drawn: at each turn the one that promises to show most of the points left.
+    A point that a few sides do not show (deep in a vessel) has the picture along its normal; ask `shows`.
     """
-
-    def __init__(self, surface: Surface) -> None:
-        self._surface = surface
-        self._directions = _directions()
-        self._drawn: dict[int, Picture] = {}
-
-    def showing(self, point: np.ndarray, normal: np.ndarray) -> Picture:
-        """Return a picture from a side that shows a point, obliquely where that is possible.
-
-        Sides that are drawn already come first. Where a few sides do not show it (deep in a vessel), the
-        picture looks along the normal; ask `shows`.
-        """
-        cosines = self._directions @ normal
-        least, most = SHARED_COSINES
-        shared = [index for index in self._drawn if least <= cosines[index] <= most]
-        order = np.argsort(np.abs(cosines - WANTED_COSINE), kind="stable")[:MOST_TRIES]
-        for index in (*shared, *(int(index) for index in order if cosines[index] >= LEAST_COSINE)):
-            if index not in self._drawn:
-                self._drawn[index] = picture(self._surface, self._directions[index])
-            if self._drawn[index].shows(point):
-                return self._drawn[index]
-        return picture(self._surface, normal)
+    found: list[Picture | None] = [None] * len(points)
+    directions = _directions()
+    cosines = directions @ np.asarray(normals, dtype=np.float64).T
+    least, most = SHOWING_COSINES
+    promises = np.where((least <= cosines) & (cosines <= most), 1 - np.abs(cosines - WANTED_COSINE), 0.0)
+    for _ in range(MOST_TRIES + len(points)):
+        index = int(np.argmax(promises.sum(axis=1)))
+        if not promises[index].any():
+            break
+        drawn = picture(surface, directions[index])
+        for place in np.flatnonzero(promises[index]):
+            if drawn.shows(points[place]):
+                found[place] = drawn
+                promises[:, place] = 0.0
+        promises[index] = 0.0
+    return [
+        drawn if drawn is not None else picture(surface, normal)
+        for drawn, normal in zip(found, normals, strict=True)
+    ]
 
 
 def _directions() -> np.ndarray:

@@ -17,7 +17,7 @@ from pipeline.report.contacts import contacts, find_touches, gel_corners
 from pipeline.report.modal_table import modal_table
 from pipeline.report.products import OpenProducts, Shelf
 from pipeline.report.queries import queries
-from pipeline.report.surface_picture import PIXELS, SHARED_COSINES, Sides, Surface, picture
+from pipeline.report.surface_picture import PIXELS, SHOWING_COSINES, Surface, picture, pictures_showing
 
 # Larger than what is stored in one chunk for all items.
 LARGE = 72
@@ -142,13 +142,12 @@ def test_a_contact_is_marked_where_it_is(tmp_path: Path) -> None:
     ):
         found = contacts(shown, truth, objects)
     surface = Surface(vertices, faces)
-    sides = Sides(surface)
-    for index, contact in enumerate(found, start=3):
+    pictures = pictures_showing(surface, points[3:], normals[3:])
+    for index, (contact, drawn) in enumerate(zip(found, pictures, strict=True), start=3):
         assert contact is not None
         assert contact.visible
         millimetres = [value for _, value, unit in contact.labels if unit == "mm"]
         assert millimetres[:3] == pytest.approx(1e3 * points[index])
-        drawn = sides.showing(points[index], normals[index])
         # The surface under the marked pixel is the touched face, and lies as deep as the point.
         face = drawn.seen[int(contact.y), int(contact.x)]
         assert surface.face_normals[face] @ normals[index] == pytest.approx(1.0)
@@ -189,21 +188,24 @@ def test_a_hidden_point_is_said_to_be_hidden() -> None:
     front = picture(surface, np.array([1.0, 0.0, 0.0]))
     assert front.shows(np.array([SIDE_M / 2, 0.01, 0.0]))
     assert not front.shows(np.array([-SIDE_M / 2, 0.01, 0.0]))
-    inside = Sides(surface).showing(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    up = np.array([[0.0, 0.0, 1.0]])
+    (inside,) = pictures_showing(surface, np.zeros((1, 3)), up)
+    assert np.array_equal(inside.direction, up[0])
     assert not inside.shows(np.zeros(3))
 
 
 def test_points_that_one_side_shows_share_its_picture() -> None:
     vertices, faces = cube()
-    sides = Sides(Surface(vertices, faces))
-    normal = np.array([1.0, 0.0, 0.0])
-    first, second = (sides.showing(np.array([SIDE_M / 2, y, 0.0]), normal) for y in (0.01, -0.01))
-    assert first is second
-    other = sides.showing(np.array([-SIDE_M / 2, 0.0, 0.0]), -normal)
-    assert other is not first
-    assert other.shows(np.array([-SIDE_M / 2, 0.0, 0.0]))
-    least, most = SHARED_COSINES
-    assert least <= first.direction @ normal <= most
+    half = SIDE_M / 2
+    points = np.array([[half, 0.01, 0.0], [half, -0.01, 0.0], [0.0, half, 0.0], [-half, 0.0, 0.0]])
+    normals = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    pictures = pictures_showing(Surface(vertices, faces), points, normals)
+    assert len({id(drawn) for drawn in pictures}) == 2
+    assert pictures[0] is pictures[1]
+    least, most = SHOWING_COSINES
+    for drawn, point, normal in zip(pictures, points, normals, strict=True):
+        assert drawn.shows(point)
+        assert least <= drawn.direction @ normal <= most
 
 
 def test_corners_of_the_gel_lie_in_its_plane() -> None:
