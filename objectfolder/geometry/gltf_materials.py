@@ -18,6 +18,7 @@ from objectfolder.geometry.gltf_file import (
     whole,
 )
 from objectfolder.geometry.material_library import DEFAULT_COLOUR
+from objectfolder.geometry.text_files import shortened
 from objectfolder.geometry.texture_reader import TextureReader
 from objectfolder.geometry.textures import opaque, scaled_map, tint, uniform_map, uniform_texture
 
@@ -99,7 +100,7 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
         The material is not as glTF has it.
     """
     material = file.entry("materials", index)
-    name = material.get("name")
+    name = shortened(str(material.get("name", index)))
     glossy = extensions(material).get(GLOSSINESS)
     parts = material.get("pbrMetallicRoughness", {}) if glossy is None else glossy
     keys = _GLOSSY_KEYS if glossy is not None else _METALLIC_KEYS
@@ -108,7 +109,7 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     if base is not None and layers is not None and placement != layers_placement:
         raise InputError(
             str(file.path),
-            f"{keys.layers} of material {name!r} lies otherwise than {keys.base}: on a second set of texture "
+            f"{keys.layers} of material {name} lies otherwise than {keys.base}: on a second set of texture "
             "coordinates, or shifted",
             "Bake both to one set",
         )
@@ -161,7 +162,7 @@ def _roughness_of_glossiness(layers: np.ndarray | None, factor: Any) -> np.ndarr
 
 
 def _image(
-    file: Gltf, parts: Json, key: str, name: Any, reader: TextureReader
+    file: Gltf, parts: Json, key: str, name: str, reader: TextureReader
 ) -> tuple[np.ndarray | None, Placement]:
     """RGBA of one of a material's textures and where it lies; None where it has none."""
     if key not in parts:
@@ -182,7 +183,8 @@ def _image(
             kind = {"baseColorTexture": "base colour texture"}.get(key, key)
             raise InputError(
                 str(file.path),
-                f"its {kind} {image['uri']!r} of material {name!r} is missing or lies outside of its folder",
+                f"its {kind} {shortened(str(image['uri']))} of material {name} is missing or lies outside of its "
+                "folder",
                 "Put it where the file says, or name a texture for the object",
             )
         rgba = reader.data(("image", source), data, where)

@@ -7,6 +7,7 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.gltf_file import Gltf, Json, extensions, number, numbers, whole
+from objectfolder.geometry.text_files import shortened
 
 _INSTANCES = "EXT_mesh_gpu_instancing"
 
@@ -94,6 +95,6 @@ def _refuse_pose(file: Gltf, node: Json, mesh: Json) -> None:
     if changed is not None:
         raise InputError(
             str(file.path),
-            f"mesh {mesh.get('name', node['mesh'])!r} {changed[0]}, which is not supported",
+            f"mesh {shortened(str(mesh.get('name', node['mesh'])))} {changed[0]}, which is not supported",
             changed[1],
         )

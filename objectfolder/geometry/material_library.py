@@ -94,16 +94,17 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
         current = ObjMaterial()
         for number, line in enumerate(read_text(path).split("\n"), start=1):
             keyword, *values = line.split("#", 1)[0].split() or [""]
+            names_a_file = len(line.split()) > 1
             where = f"{path} line {number}"
             if keyword.lower() == "newmtl":
                 current = materials.setdefault(" ".join(line.split()[1:]), ObjMaterial())
             elif keyword.lower() == "kd":
                 current.colour = _colour(values, where)
-            elif keyword.lower() == "map_kd" and values:
+            elif keyword.lower() == "map_kd" and names_a_file:
                 current.texture = _texture_file(mesh, path, line, where)
             elif keyword.lower() in _SCALARS:
                 setattr(current, _SCALARS[keyword.lower()], _fraction(keyword, values, where))
-            elif keyword.lower().removeprefix("map_") in _SCALARS and values:
+            elif keyword.lower().removeprefix("map_") in _SCALARS and names_a_file:
                 name = _SCALARS[keyword.lower().removeprefix("map_")]
                 setattr(
                     current,

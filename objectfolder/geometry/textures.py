@@ -16,7 +16,10 @@ from objectfolder.geometry.named_files import is_file
 from objectfolder.geometry.text_files import read_bytes
 
 LARGEST_SIDE = 16384
-"""Texels; a larger image would not fit the memory of one task."""
+"""Texels along a side."""
+
+MOST_TEXELS = 2**27
+"""Of one image, 8192 by 16384; a larger one would not fit the memory of one task while it is decoded."""
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "PPM", "DDS", "JPEG2000")
 """What is decoded, a JPEG with several pictures included; others of Pillow's would start programs."""
@@ -61,11 +64,11 @@ def rgba_of(image: Image.Image, where: str) -> np.ndarray:
     Grey is repeated into the three colours, 16-bit values are divided by 257, palettes are expanded, CMYK and
     YCbCr are converted without a colour profile; without an alpha channel alpha is 255.
     """
-    if max(image.size) > LARGEST_SIDE or min(image.size) < 1:
+    if max(image.size) > LARGEST_SIDE or min(image.size) < 1 or image.width * image.height > MOST_TEXELS:
         raise InputError(
             where,
             f"the texture has {image.width} x {image.height} texels",
-            f"Resize it to at most {LARGEST_SIDE} a side",
+            f"Resize it to at most {LARGEST_SIDE} a side and {MOST_TEXELS} in all",
         )
     if image.mode == "F":
         raise InputError(
