@@ -6,7 +6,20 @@ from collections.abc import Sequence
 
 from objectfolder.errors import ObjectFolderError
 from pipeline import data_set_commands
-from pipeline.command_line import add, audit, build, cards, check, export, get, listen, query, solve, view
+from pipeline.command_line import (
+    add,
+    audit,
+    build,
+    cards,
+    check,
+    export,
+    fetch,
+    get,
+    listen,
+    query,
+    solve,
+    view,
+)
 from pipeline.command_line.intermixed import IntermixedParser
 
 EPILOG = """examples:
@@ -33,7 +46,7 @@ def parser(chosen: Sequence[str] = ()) -> argparse.ArgumentParser:
     commands = main_parser.add_subparsers(
         title="commands", required=True, metavar="COMMAND", parser_class=IntermixedParser
     )
-    for module in (build, add, solve, query, export, audit, cards, check, get, listen, view):
+    for module in (build, add, solve, query, export, audit, cards, check, fetch, get, listen, view):
         module.add_commands(commands)
     data_set_commands.add_commands(commands, chosen)
     return main_parser
