@@ -8,7 +8,7 @@ export DVC_NO_ANALYTICS := 1
 unexport PYTHONPATH
 
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset test lint lock
+.PHONY: help environment dataset hundred test lint lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -24,6 +24,10 @@ dataset: $(STAMP) ## Make the data set, doing only what is left to do, and say w
 	@python -m pipeline select $(if $(OBJECTS),--objects "$(OBJECTS)") \
 		$(if $(filter undefined,$(origin ONLY)),,--only "$(ONLY)")
 	@python -m pipeline dataset
+
+hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the data set of them
+	objectfolder fetch --table data/objects.csv
+	$(MAKE) --no-print-directory dataset OBJECTS=data/objects.csv
 
 test: $(STAMP) ## Check style and types, and run all tests
 	$(MAKE) --no-print-directory lint
