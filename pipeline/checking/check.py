@@ -130,7 +130,11 @@ def measured(entry: Entry) -> Entry:
 
 
 def _of_row(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
-    for module in BY_ROW:
-        yield from module.check(entry)
-    yield from masses.check(entry, known)
+    found = [one for module in BY_ROW for one in module.check(entry)]
+    yield from found
+    shells = any(one.rule == walls.RULE and one.field == masses.SHELL for one in found)
+    for one in masses.check(entry, known):
+        # What the walls say already is not said again of the mass that follows from them.
+        if not (shells and one.field == masses.SHELL):
+            yield one
     yield from materials.check(entry, known.keys())

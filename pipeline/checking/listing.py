@@ -2,7 +2,7 @@
 
 import json
 import textwrap
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,22 +56,30 @@ def _is_unfetched(one: Finding, check: Check) -> bool:
 def _rows(findings: list[Finding], width: int) -> list[str]:
     if not findings:
         return []
-    names = min(28, max(len("object"), *(len(one.object_id) for one in findings)))
+    names = min(28, max(len("object"), *(len(ids) for ids, _ in _together(findings))))
     fields = max(len("field"), *(len(one.field) for one in findings))
     rest = max(NARROWEST, (width - names - fields - FIRST - 8) // 2)
     widths = (FIRST, names, fields, rest, rest)
     lines = [_line(("", "object", "field", "found", "remedy"), widths)]
-    for one in findings:
+    for ids, one in _together(findings):
         severity = ACCEPTED if one.accepted else one.severity
         cells = [
             textwrap.wrap(cell, size) or [""]
-            for cell, size in zip(
-                (severity, one.object_id, one.field, one.found, one.remedy), widths, strict=True
-            )
+            for cell, size in zip((severity, ids, one.field, one.found, one.remedy), widths, strict=True)
         ]
         for row in range(max(map(len, cells))):
             lines.append(_line([cell[row] if row < len(cell) else "" for cell in cells], widths))
     return lines
+
+
+def _together(findings: list[Finding]) -> list[tuple[str, Finding]]:
+    """Findings with whom they are about: those that say the same of many objects once, where the first is."""
+    alike: dict[Finding, list[str]] = {}
+    for one in findings:
+        alike.setdefault(replace(one, object_id=""), []).append(one.object_id)
+    return [
+        (ids[0] if len(ids) == 1 else f"{ids[0]} and {len(ids) - 1} more", one) for one, ids in alike.items()
+    ]
 
 
 def _line(cells: list[str] | tuple[str, ...], widths: tuple[int, ...]) -> str:

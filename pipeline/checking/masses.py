@@ -22,6 +22,9 @@ HELD_KG = 5.0
 
 HEAVIEST_KG = 200.0
 
+SHELL = "shell_m"
+"""Column that makes a solid hollow."""
+
 
 def check(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
     """Find masses that contradict the published one, or that no such thing has.
@@ -90,7 +93,7 @@ def _against_size(entry: Entry, mass: float, length_m: float) -> Iterator[Findin
     if held or mass > HEAVIEST_KG:
         found = f"density times volume is {kilograms(mass)} at a length of {length_m:.3g} m"
         remedy = "If it is hollow, set shell_m; if not, check the length and the material"
-        yield entry.found(RULE, WARNING, "shell_m" if held else "length_m", found, remedy)
+        yield entry.found(RULE, WARNING, SHELL if held else "length_m", found, remedy)
 
 
 def kilograms(mass_kg: float) -> str:

@@ -1,69 +1,62 @@
-"""What is known of public sources of meshes: licence, unit, addresses."""
+"""What a row says of the public source it is from."""
 
 from dataclasses import dataclass
 
 from pipeline.checking.entry import Entry
+from pipeline.sources.source import Source
+from pipeline.sources.sources import SOURCES
 
 
 @dataclass(frozen=True)
-class PublicSource:
-    """A collection that publishes meshes in metres.
+class Address:
+    """Where people say a source is.
 
     Parameters
     ----------
-    prefix
-        Of its `source_id`.
-    title
-        As the column `source` should say.
     words
         Any of which, in small letters, names it in the column `source`.
-    licence
-        SPDX identifier of its terms.
-    address
-        What its addresses contain today.
+    today
+        What its addresses contain.
     dead
         Addresses that no longer answer.
     """
 
-    prefix: str
-    title: str
     words: tuple[str, ...]
-    licence: str
-    address: str
+    today: str
     dead: tuple[str, ...] = ()
 
 
-SOURCES = (
-    PublicSource("ycb", "YCB Object and Model Set", ("ycb",), "CC-BY-4.0", "ycb-benchmarks.s3"),
-    PublicSource(
-        "gso",
-        "Google Scanned Objects",
+ADDRESSES = {
+    "ycb": Address(("ycb",), "ycb-benchmarks.s3"),
+    "gso": Address(
         ("google scanned", "gso", "scanned objects by google"),
-        "CC-BY-4.0",
         "fuel.gazebosim.org",
         ("fuel.ignitionrobotics.org", "app.ignitionrobotics.org"),
     ),
-    PublicSource(
-        "polyhaven",
-        "Poly Haven",
+    "polyhaven": Address(
         ("poly haven", "polyhaven", "3d model haven", "3dmodelhaven"),
-        "CC0-1.0",
         "polyhaven.com/a/",
         ("3dmodelhaven.com",),
     ),
-)
+}
+"""By the id of a source."""
 
 
-def source_of(entry: Entry) -> PublicSource | None:
+def source_of(entry: Entry) -> Source | None:
     """Return the public source that a row names, by its source_id or in words; None for one's own."""
-    prefix = entry.cell("source_id").partition(":")[0]
-    said = entry.cell("source").lower()
-    for source in SOURCES:
-        if prefix == source.prefix or (not prefix and any(word in said for word in source.words)):
-            return source
-    return None
+    prefix, colon, _ = entry.cell("source_id").partition(":")
+    if colon:
+        return SOURCES.get(prefix)
+    named = sources_named(entry.cell("source"))
+    return named[0] if named else None
+
+
+def sources_named(said: str) -> list[Source]:
+    """Return the public sources that the text of a column `source` may mean."""
+    text = said.lower()
+    return [SOURCES[one] for one, address in ADDRESSES.items() if any(word in text for word in address.words)]
 
 
 def is_metric(entry: Entry) -> bool:
-    """Whether the mesh comes from a source whose meshes are in metres."""
+    """Whether the mesh comes from a public source: the meshes of all of them are in metres."""
     return source_of(entry) is not None

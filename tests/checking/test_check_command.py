@@ -96,6 +96,21 @@ def test_the_table_alone_is_looked_at_without_its_meshes(folder, capsys):
     assert "1 object, 0 measured" in capsys.readouterr().out
 
 
+def test_what_is_the_same_for_many_is_said_once(folder, capsys):
+    ball = BALL.replace("CC0-1.0", "CC0 1.0")
+    rows = [
+        ball.replace("ball,Ball", f"ball_{size},Ball").replace("ball.stl", f"{size}.stl")
+        for size in (5, 6, 7)
+    ]
+    for size in (5, 6, 7):
+        trimesh.creation.icosphere(1, 0.01 * size).export(folder / f"{size}.stl")
+    assert main(["check", write(folder, *rows), "--no-meshes"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("Write CC0-1.0") == 1
+    assert "ball_5 and 2 more" in out
+    assert out.endswith("3 objects, 0 measured: 0 errors, 3 warnings, 0 notes\n")
+
+
 def test_ids_that_differ_by_case_are_errors(folder, capsys):
     status, found = check(folder, capsys, BLOCK, BLOCK.replace("block,", "BLOCK,", 1))
     assert status == 1

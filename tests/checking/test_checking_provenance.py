@@ -35,11 +35,17 @@ def test_what_is_missing(cells, column, severity):
 
 @pytest.mark.parametrize(
     ("source_id", "remedy"),
-    [("yb:025_mug", "Did you mean ycb:025_mug?"), ("025_mug", "ycb:NAME"), ("ycb:", "ycb:NAME")],
+    [
+        ("yb:025_mug", "Did you mean 'ycb'?"),
+        ("025_mug", "ycb:025_mug"),
+        ("ycb:", ""),
+        ("polyhaven:Tele vision", ""),
+    ],
 )
 def test_a_source_that_nothing_fetches(source_id, remedy):
     (found,) = provenance.check(entry(**{**OWN, "source_id": source_id}))
     assert (found.severity, found.field) == (ERROR, "source_id")
+    assert source_id in found.found
     assert remedy in found.remedy
 
 
