@@ -20,7 +20,7 @@ from pipeline.parameters import Parameters, read_parameters
 from pipeline.products import read_description
 from pipeline.records import read_table
 from pipeline.stage import Row, Stage
-from pipeline.stages import STAGES
+from pipeline.stages import OBJECTS, STAGES
 from pipeline.verified import FINGERPRINT, Verified
 
 CURRENT, STALE, MISSING, FAILED, WAITING, UNLISTED = (
@@ -47,6 +47,8 @@ class Status:
         Why, for people.
     differences
         What a stale product was made from and what is wanted.
+    warnings
+        What a product that is current says of its object, such as walls that cannot be so.
     """
 
     object_id: str
@@ -54,6 +56,7 @@ class Status:
     state: str
     reasons: tuple[str, ...] = ()
     differences: tuple[Difference, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def status(
@@ -135,10 +138,22 @@ def _of(
         except FormatError as error:
             return Status(object_id, stage.name, STALE, (f"unreadable: {error.finding}",))
     if all(one == wanted for one in kept):
-        return Status(object_id, stage.name, WAITING if awaited else CURRENT, awaited)
+        state = WAITING if awaited else CURRENT
+        return Status(object_id, stage.name, state, awaited, warnings=_warnings(stage, targets[0], verified))
     changed = next(path for path, one in zip(targets, kept, strict=True) if one != wanted)
     found = _differences(changed, prepared.parts)
     return Status(object_id, stage.name, STALE, tuple(map(str, found)), found)
+
+
+def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:
+    """What a cleaned mesh says of itself; other products repeat it or say nothing."""
+    if OBJECTS not in stage.products:
+        return ()
+    try:
+        said = verified.attributes(path, ("warnings",))["warnings"]
+    except FormatError:
+        return ()
+    return tuple(text for text in said if isinstance(text, str)) if isinstance(said, list) else ()
 
 
 def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Difference, ...]:
@@ -179,6 +194,15 @@ def table(statuses: Sequence[Status]) -> str:
         lines += ["", *reasons[:LINES]]
     if len(reasons) > LINES:
         lines.append(f"... and {len(reasons) - LINES} more reasons (--json has all)")
+    warned: dict[str, list[str]] = defaultdict(list)
+    for one in statuses:
+        for text in one.warnings:
+            warned[text].append(one.object_id)
+    if warned:
+        doubts = [f"warning: {_names(names)}: {text}" for text, names in warned.items()]
+        lines += ["", *doubts[:LINES]]
+        if len(doubts) > LINES:
+            lines.append(f"... and {len(doubts) - LINES} more warnings (--json has all)")
     return "\n".join(lines)
 
 

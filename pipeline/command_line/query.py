@@ -106,6 +106,8 @@ def show(options: argparse.Namespace) -> None:
         mass = body["mass_kg"] if body["mass_kg"] is not None else body["filled_mass_kg"]
         wall = "unknown" if body["wall_median_m"] is None else f"{body['wall_median_m'] * 1e3:.2g} mm"
         print(f"body         {mass:.4g} kg ({closed}), pieces {body['components']}, median wall {wall}")
+        for warning in body.get("warnings") or []:
+            print(f"warning      {warning}")
     sound = f"{len(modes)} modes, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else "no audible mode"
     print(f"sound        {sound}")
     print(f"bytes        {Path(options.file).stat().st_size} ({_pairs(file.bytes_by_part())})")

@@ -130,6 +130,7 @@ def render_object(
         next=around.next,
         failures=around.failures,
         unreadable=unreadable,
+        warnings=_warnings(record),
         headline=[(m, m.of(attributes), m.trivial_of(attributes)) for m in HEADLINE],
         extents_mm=_extents_mm(record),
         mass_kg=number_at(attributes, "body.mass_kg"),
@@ -157,6 +158,11 @@ def _stages(record: Record, costs: Costs) -> list[tuple[str, Any]]:
         (stage, costs.stage(record.object_id, stage, record.fingerprints))
         for stage in costs.stage_names({record.object_id})
     ]
+
+
+def _warnings(record: Record) -> list[str]:
+    said: Any = record.sense("body").get("warnings")
+    return [text for text in said if isinstance(text, str)] if isinstance(said, list) else []
 
 
 def _extents_mm(record: Record) -> list[float]:

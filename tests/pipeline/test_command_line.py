@@ -47,6 +47,18 @@ def test_info_tells_licence_size_and_fidelity(small_file: Path, capsys: pytest.C
     assert json.loads(capsys.readouterr().out)["object"]["id"] == "bar"
 
 
+def test_info_tells_what_is_doubtful(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    body = {
+        "watertight": True, "components": 1, "mass_kg": 0.07, "filled_mass_kg": 0.07, "wall_median_m": None,
+        "warnings": ["its walls are doubtful"],
+    }  # fmt: skip
+    objectfolder.load(small_file).with_description(body=body).save(tmp_path / "bar.safetensors")
+    assert main(["info", str(tmp_path / "bar.safetensors")]) == 0
+    assert "warning      its walls are doubtful\n" in capsys.readouterr().out
+
+
 def test_sampled_queries_feed_render_strike_and_press(
     small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

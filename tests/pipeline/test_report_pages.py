@@ -278,6 +278,18 @@ def whole(path: Path, **arrays: np.ndarray) -> None:
     write_product(path, Product({**product.arrays, **more}, product.attributes))
 
 
+@pytest.mark.parametrize("said", [["walls of <b>one</b> layer", 7], "no list", None])
+def test_warnings_of_an_object_stand_on_its_page(tmp_path: Path, said: object) -> None:
+    write_object(tmp_path / "data", "mug")
+    path = tmp_path / "data" / "fidelity" / "mug.zarr.zip"
+    product = read_product(path)
+    write_product(path, product.with_attributes(body={"warnings": said}))
+    report(tmp_path)
+    text = Page(tmp_path / "reports" / "objects" / "mug.html").text
+    assert ("Warning: walls of <b>one</b> layer" in text) == isinstance(said, list)
+    assert text.count("Warning:") == isinstance(said, list)
+
+
 NO_TRIANGLES = np.array([[0, 1, 2_000_000_000]])
 
 

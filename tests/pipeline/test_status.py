@@ -156,6 +156,20 @@ def test_table_groups_objects_by_reason(workshop):
     assert text.splitlines()[1].split() == ["objects", "1", "1"]
 
 
+def test_what_a_mesh_says_of_itself_is_shown(workshop):
+    assert not any(one.warnings for one in of(workshop))
+    for name in ("cup", "dish"):
+        workshop.write(f"{name}.obj", f"o doubtful {name}\n")
+    workshop.converge()
+    found = of(workshop)
+    assert {(one.object_id, one.stage) for one in found if one.warnings} == {
+        ("cup", "objects"),
+        ("dish", "objects"),
+    }
+    assert {one.state for one in found} == {CURRENT}
+    assert table(found).splitlines()[-1] == "warning: cup, dish: its walls are doubtful"
+
+
 def test_command(workshop, monkeypatch, capsys):
     monkeypatch.chdir(workshop.root)
     monkeypatch.setattr(status_module.status, "__defaults__", (workshop.stages, None, None))

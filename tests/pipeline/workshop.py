@@ -63,6 +63,7 @@ def run(request):
         length={"extents_m": [0.1, 0.1, 0.1]},
         area_m2=0.06,
         wall_thickness={"effective_m": 0.002, "median_m": 0.002, "thin_m": 0.002},
+        warnings=["its walls are doubtful"] if "doubtful" in shape else [],
     )
 ''',
     "views": '''
