@@ -10,9 +10,12 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.edges import edge_table
+from objectfolder.geometry.edges import connected_pieces, edge_table
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.orientation import outward_orientation
+
+MOST_PIECES = 2000
+"""Not connected to one another; what lies in what is asked of every pair. Furniture has up to 1,200."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
     Raises
     ------
     InputError
-        Coordinates that are not finite, or no faces left.
+        Coordinates that are not finite, no faces left, or more than `MOST_PIECES` pieces.
     """
     if not np.isfinite(mesh.vertices).all():
         raise InputError(where, "has vertices that are not finite", "Repair the mesh")
@@ -72,6 +75,13 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
             "Export a surface with an inside and an outside",
         )
     faces, coordinates = faces[kept], mesh.texture_coordinates[kept]
+    pieces = connected_pieces(faces)[0]
+    if pieces > MOST_PIECES:
+        raise InputError(
+            where,
+            f"falls into {pieces} pieces that share no corner, more than {MOST_PIECES}",
+            "Merge vertices by distance before it is exported: faces beside one another should share them",
+        )
     orientation = outward_orientation(positions, faces)
     turned = orientation.reverse[:, None]
     used, packed = np.unique(np.where(turned, faces[:, ::-1], faces), return_inverse=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from objectfolder.geometry.gltf_file import DRACO, Gltf, Json, extensions, whole
 
-MOST_VALUES = 2**26
+MOST_VALUES = 2**23
 """Of an accessor without bytes of its own, whose length nothing else bounds."""
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

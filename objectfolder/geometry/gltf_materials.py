@@ -183,8 +183,7 @@ def _image(
             kind = {"baseColorTexture": "base colour texture"}.get(key, key)
             raise InputError(
                 str(file.path),
-                f"its {kind} {shortened(str(image['uri']))} of material {name} is missing or lies outside of its "
-                "folder",
+                f"its {kind} {shortened(str(image['uri']))} of material {name} is missing in its folder",
                 "Put it where the file says, or name a texture for the object",
             )
         rgba = reader.data(("image", source), data, where)

@@ -15,6 +15,9 @@ from objectfolder.errors import InputError
 from objectfolder.geometry.named_files import find_file, lies_within
 from objectfolder.geometry.text_files import read_text, shortened, without_comment
 
+MOST_LIBRARIES = 100
+"""Named by one mesh: real ones name a few."""
+
 DEFAULT_COLOUR = np.array([0.8, 0.8, 0.8])
 """sRGB-encoded base colour of a mesh that names none."""
 
@@ -141,7 +144,8 @@ def _channel(values: list[str]) -> int | None:
 
 def library_files(mesh: Path, library: str) -> list[Path]:
     """Find the files of an `mtllib` statement, whose name may hold spaces or which may list several."""
-    for names in ([library], [without_comment(library)], without_comment(library).split()):
+    listed = list(dict.fromkeys(without_comment(library).split()))[:MOST_LIBRARIES]
+    for names in ([library], [without_comment(library)], listed):
         paths = [find_file(mesh.parent, [name], within=_outermost(mesh)) for name in names]
         found = [path for path in paths if path is not None]
         if found and len(found) == len(paths):

@@ -11,7 +11,12 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.coordinates import refuse_unusable
-from objectfolder.geometry.material_library import ObjMaterial, ScalarMap, read_material_library
+from objectfolder.geometry.material_library import (
+    MOST_LIBRARIES,
+    ObjMaterial,
+    ScalarMap,
+    read_material_library,
+)
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.polygons import triangulated
 from objectfolder.geometry.text_files import read_text, shortened, without_comment
@@ -108,7 +113,7 @@ def material_libraries(path: Path) -> list[str]:
         words = line.split(maxsplit=1)
         if words[:1] == ["mtllib"] and len(words) == 2:
             found.append(words[1].strip())
-    return found
+    return list(dict.fromkeys(found))
 
 
 def _lines(path: Path) -> list[str]:
@@ -209,7 +214,14 @@ def _resolved(index: int, count: int, kind: str) -> int:
 def _materials(path: Path, statements: _Statements) -> tuple[list[ObjMaterial], np.ndarray]:
     """Materials in order of first use, and the index of each polygon's."""
     known: dict[str, ObjMaterial] = {}
-    for library in dict.fromkeys(statements.libraries):
+    libraries = list(dict.fromkeys(statements.libraries))
+    if len(libraries) > MOST_LIBRARIES:
+        raise InputError(
+            str(path),
+            f"names {len(libraries)} material libraries, more than {MOST_LIBRARIES}",
+            "Join them, or name a texture for the object",
+        )
+    for library in libraries:
         known |= read_material_library(path, library)
     names = list(dict.fromkeys(statements.polygon_materials))
     index_of = {name: index for index, name in enumerate(names)}

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.gltf_file import gltf_files
-from objectfolder.geometry.material_library import library_files, read_material_library
+from objectfolder.geometry.material_library import MOST_LIBRARIES, library_files, read_material_library
 from objectfolder.geometry.named_files import find_file, is_file
 from objectfolder.geometry.obj import material_libraries
 from objectfolder.geometry.ply import ply_texture_name
@@ -38,7 +38,7 @@ def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
 
 def _obj_files(mesh: Path) -> list[Path]:
     files: list[Path] = []
-    for library in dict.fromkeys(material_libraries(mesh)):
+    for library in material_libraries(mesh)[:MOST_LIBRARIES]:
         files += library_files(mesh, library)
         materials = read_material_library(mesh, library).values()
         files += [file for material in materials for file in material.files]

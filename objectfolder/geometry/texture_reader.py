@@ -7,8 +7,8 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.geometry.textures import decode_texture, read_texture
 
-MOST_TEXELS = 2**29
-"""Of all textures and maps of a mesh: 32 of 4096 a side, two gigabytes."""
+MOST_BYTES = 2**30
+"""Of all textures and maps of a mesh: 16 textures of 4096 a side."""
 
 
 class TextureReader:
@@ -24,7 +24,7 @@ class TextureReader:
         self._where = where
         self._known: dict[object, np.ndarray] = {}
         self._counted: dict[int, np.ndarray] = {}
-        self._texels = 0
+        self._bytes = 0
 
     def file(self, path: Path) -> np.ndarray:
         """Read an image file as (h, w, 4) uint8 RGBA; see `textures.read_texture`."""
@@ -48,11 +48,11 @@ class TextureReader:
         """
         if id(image) not in self._counted:
             self._counted[id(image)] = image
-            self._texels += image.shape[0] * image.shape[1]
-            if self._texels > MOST_TEXELS:
+            self._bytes += image.nbytes
+            if self._bytes > MOST_BYTES:
                 raise InputError(
                     self._where,
-                    f"its textures have more than {MOST_TEXELS} texels in all",
+                    f"its textures take more than {MOST_BYTES} bytes in all",
                     "Use fewer or smaller textures",
                 )
         return image

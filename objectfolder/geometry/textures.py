@@ -18,8 +18,8 @@ from objectfolder.geometry.text_files import read_bytes
 LARGEST_SIDE = 16384
 """Texels along a side."""
 
-MOST_TEXELS = 2**27
-"""Of one image, 8192 by 16384; a larger one would not fit the memory of one task while it is decoded."""
+MOST_TEXELS = 2**26
+"""Of one image, 8192 by 8192; a larger one takes more memory and time than one task has for a picture."""
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "PPM", "DDS", "JPEG2000")
 """What is decoded, a JPEG with several pictures included; others of Pillow's would start programs."""

@@ -434,7 +434,7 @@ def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):
 
 
 def test_textures_are_read_once_and_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("objectfolder.geometry.texture_reader.MOST_TEXELS", 32 * 32)
+    monkeypatch.setattr("objectfolder.geometry.texture_reader.MOST_BYTES", 4 * 32 * 32)
     check(*GLTF["GLB"](tmp_path / "one"))
     path = write_obj_box(
         tmp_path / "two", library="newmtl skin\nmap_Kd skin.png\nnewmtl b\nmap_Kd skin.png\n"
@@ -442,4 +442,4 @@ def test_textures_are_read_once_and_bounded(tmp_path, monkeypatch):
     load_mesh(path)
     path.with_name("b.png").write_bytes(encoded(quarters(64)))
     path.with_name("model.mtl").write_text("newmtl skin\nmap_Kd b.png\n")
-    refused(path, "more than 1024 texels")
+    refused(path, "more than 4096 bytes")

@@ -374,6 +374,16 @@ def test_parts_that_share_a_whole_face_are_one_solid(tmp_path):
     assert product.attributes["cleaning"]["folded_faces_dropped"] == 4
 
 
+def test_more_pieces_than_an_object_has_are_refused(tmp_path):
+    """Triangles whose corners differ in the last digit: none shares any with another."""
+    vertices, faces = sphere(0.05, 5)
+    corners = vertices[faces[:2400]].reshape(-1, 3)
+    corners += np.random.default_rng(0).normal(scale=1e-9, size=corners.shape)
+    polygons = np.arange(len(corners)).reshape(-1, 3).tolist()
+    path = write_text(tmp_path / "model.obj", obj_text(corners, polygons, material="", textured=False))
+    refused(path, "falls into 2400 pieces", "Merge vertices by distance")
+
+
 def test_coordinates_that_no_length_explains_are_refused(tmp_path):
     text = obj_text(box(OBJ_SIDES), BOX_QUADS, material="", digits=".2f")
     far = write_text(tmp_path / "far.obj", text.replace("v -0.05", "v -1e300", 1))

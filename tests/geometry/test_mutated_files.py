@@ -1,0 +1,94 @@
+"""Files that are damaged or made to harm: each ends as a mesh or is refused, soon, in bounded memory."""
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hostile_files import HOSTILE
+from mutations import OBJECTS, write_mutated
+from reading_process import read_in_processes
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="bounds of memory are set as Linux has them")
+
+QUICK, ALL = range(64), range(64, 500)
+
+
+def held(objects: list[dict[str, str]]) -> list[dict[str, Any]]:
+    """What became of objects, none of which did harm."""
+    found = read_in_processes(objects)
+    assert len(found) == len(objects)
+    wrong = [
+        one for one in found if one["outcome"] not in ("mesh", "refused") or one["outside"] or one["memory"]
+    ]
+    assert not wrong, "\n\n".join(
+        f"{one['name']}: {one['outcome']} {one['outside']} {one['said']}" for one in wrong[:5]
+    )
+    return found
+
+
+def mutated(folder: Path, seeds: range) -> list[dict[str, str]]:
+    objects = []
+    for seed in seeds:
+        one = write_mutated(folder / str(seed), seed)
+        name = f"seed {seed}, {one['kind']} ({one['done']})"
+        objects.append(one | {"name": name, "folder": str(folder / str(seed) / "object")})
+    return objects
+
+
+def test_some_mutated_files_of_every_kind(tmp_path):
+    found = held(mutated(tmp_path, QUICK))
+    kinds = Counter(one["kind"] for one in found)
+    assert kinds.keys() == OBJECTS.keys()
+    assert min(kinds.values()) == 4
+    # Some mutations do no harm, most do.
+    outcomes = Counter(one["outcome"] for one in found)
+    assert outcomes["mesh"] > 5
+    assert outcomes["refused"] > 20
+
+
+@pytest.mark.slow
+def test_many_mutated_files(tmp_path):
+    found = held(mutated(tmp_path, ALL))
+    assert len(found) + len(QUICK) == 500
+
+
+@pytest.mark.slow
+def test_files_that_ask_for_too_much(tmp_path):
+    objects = []
+    for number, (name, build) in enumerate(HOSTILE.items()):
+        folder = tmp_path / str(number) / "object"
+        mesh = build(folder)
+        objects.append({"name": name, "folder": str(folder), "mesh": str(mesh), "archive": ""})
+    outcomes = {one["name"]: one["outcome"] for one in held(objects)}
+    assert outcomes["deep nodes"] == "mesh"
+    assert outcomes["nodes that double"] == "refused"
+    assert outcomes["many textures"] == "refused"
+    assert outcomes["PNG of 8192 x 8192, black"] == "mesh"
+    assert outcomes["PNG of 12000 x 11000, black"] == "refused"
+
+
+def test_the_process_tells_of_what_goes_wrong(tmp_path, monkeypatch):
+    """A reader that opens what it may not, one that fails, and one that does not end, are all found."""
+    objects = mutated(tmp_path, range(3))
+    traps = tmp_path / "traps"
+    traps.mkdir()
+    (traps / "sitecustomize.py").write_text(
+        "import objectfolder.geometry.ingest as ingest\n"
+        "real, calls = ingest.ingest_object, []\n"
+        "def trap(*arguments, **options):\n"
+        "    calls.append(1)\n"
+        "    if len(calls) == 2: open('/etc/passwd').close()\n"
+        "    if len(calls) == 3: raise ValueError('trap')\n"
+        "    while len(calls) == 4: pass\n"
+        "    return real(*arguments, **options)\n"
+        "ingest.ingest_object = trap\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", f"{traps}:{Path(__file__).parents[2]}")
+    monkeypatch.setattr("reading_process.CPU_S", 0.5)
+    found = read_in_processes(objects)
+    assert found[0]["outside"] == ["open '/etc/passwd'"]
+    assert found[1]["outcome"] == "failed"
+    assert "ValueError: trap" in found[1]["said"]
+    assert found[2]["outcome"] == "ended"
