@@ -30,7 +30,7 @@ ADDRESSES = {
     "ycb": Address(("ycb",), "ycb-benchmarks.s3"),
     "gso": Address(
         ("google scanned", "gso", "scanned objects by google"),
-        "fuel.gazebosim.org",
+        "gazebosim.org",
         ("fuel.ignitionrobotics.org", "app.ignitionrobotics.org"),
     ),
     "polyhaven": Address(

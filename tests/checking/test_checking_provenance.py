@@ -58,7 +58,7 @@ def test_two_sources_in_one_row():
     ("source", "address", "today"),
     [
         ("3D Model Haven", "https://3dmodelhaven.com/model/?m=Barrel_01", "polyhaven.com/a/"),
-        ("GSO", "https://app.ignitionrobotics.org/GoogleResearch/fuel/models/5_HTP", "fuel.gazebosim.org"),
+        ("GSO", "https://app.ignitionrobotics.org/GoogleResearch/fuel/models/5_HTP", "gazebosim.org"),
     ],
 )
 def test_addresses_that_no_longer_answer(source, address, today):
