@@ -16,7 +16,7 @@ from urllib.parse import unquote
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.named_files import find_file
-from objectfolder.geometry.text_files import read_bytes, shortened
+from objectfolder.geometry.text_files import brief, read_bytes, shortened
 
 KINDS = {".gltf": "glTF", ".glb": "binary glTF"}
 
@@ -139,7 +139,7 @@ def read_gltf_file(path: Path) -> Gltf:
             raise ValueError("its list of extensions is none")
     except (ValueError, struct.error, RecursionError) as problem:
         raise InputError(
-            str(path), f"cannot be read as {kind} ({problem})", "Export the mesh again"
+            str(path), f"cannot be read as {kind} ({brief(problem)})", "Export the mesh again"
         ) from problem
     foreign = [name for name in required if name not in _SUPPORTED and not name.startswith(_HARMLESS)]
     if foreign:

@@ -19,7 +19,7 @@ from objectfolder.geometry.material_library import (
 )
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.polygons import triangulated
-from objectfolder.geometry.text_files import read_text, shortened, without_comment
+from objectfolder.geometry.text_files import brief, read_text, shortened, without_comment
 from objectfolder.geometry.texture_reader import TextureReader
 from objectfolder.geometry.textures import (
     corner_colour_atlas,
@@ -175,7 +175,7 @@ def _parse(path: Path) -> _Statements:
         except (ValueError, IndexError) as problem:
             raise InputError(
                 f"{path} line {number}",
-                f"cannot be read as Wavefront OBJ ({problem}): {line[:60]!r}",
+                f"cannot be read as Wavefront OBJ ({brief(problem)}): {line[:60]!r}",
                 "Export the mesh again",
             ) from problem
     return statements

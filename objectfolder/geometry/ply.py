@@ -15,7 +15,7 @@ from objectfolder.geometry.material_library import DEFAULT_COLOUR
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.named_files import find_file
 from objectfolder.geometry.polygons import triangulated
-from objectfolder.geometry.text_files import read_bytes
+from objectfolder.geometry.text_files import brief, read_bytes
 from objectfolder.geometry.textures import corner_colour_atlas, opaque, read_texture, uniform_texture
 
 _TYPES = {
@@ -87,7 +87,7 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         said = f"no {problem}" if isinstance(problem, KeyError) else problem
         raise InputError(
             str(path),
-            f"cannot be read as PLY ({said})",
+            f"cannot be read as PLY ({brief(said)})",
             "Check that the file is complete and what it says",
         ) from problem
     if not loops:
@@ -313,7 +313,9 @@ def _texture_file(path: Path, names: list[str], columns: dict[str, dict[str, Col
     found = find_file(path.parent, names[:1], within=path.parent)
     if found is None:
         raise InputError(
-            str(path.parent / names[0]), "the texture file does not exist", "Correct the path or add the file"
+            str(path.parent / names[0][:100]),
+            "the texture file does not exist",
+            "Correct the path or add the file",
         )
     return found
 

@@ -13,7 +13,7 @@ from objectfolder.errors import InputError
 from objectfolder.geometry.coordinates import refuse_coarse, refuse_unusable, single_precision_step
 from objectfolder.geometry.material_library import DEFAULT_COLOUR
 from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.text_files import read_bytes
+from objectfolder.geometry.text_files import brief, read_bytes
 from objectfolder.geometry.textures import uniform_texture
 
 _HEADER_BYTES = 84
@@ -80,5 +80,5 @@ def _text_corners(path: Path, data: bytes) -> np.ndarray:
         return np.array(found).astype(np.float64).reshape(-1, 3, 3)
     except ValueError as problem:
         raise InputError(
-            str(path), f"cannot be read as STL ({problem})", "Export the mesh again"
+            str(path), f"cannot be read as STL ({brief(problem)})", "Export the mesh again"
         ) from problem

@@ -54,6 +54,12 @@ def without_comment(text: str) -> str:
     return _COMMENT.split(text, maxsplit=1)[0].strip() if "#" in text else text.strip()
 
 
+def brief(problem: object) -> str:
+    """Return what a problem says on one line, not whole where it is long: it may quote the file."""
+    text = " ".join(str(problem).split())
+    return text if len(text) <= 200 else f"{text[:197]}..."
+
+
 def shortened(text: str) -> str:
     """Quote what a file says, as an error may: on one line and not whole where it is long."""
     return repr(text if len(text) <= 80 else f"{text[:77]}...")

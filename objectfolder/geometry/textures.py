@@ -13,7 +13,7 @@ from PIL import Image, UnidentifiedImageError
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.named_files import is_file
-from objectfolder.geometry.text_files import read_bytes
+from objectfolder.geometry.text_files import brief, read_bytes
 
 LARGEST_SIDE = 16384
 """Texels along a side."""
@@ -52,9 +52,8 @@ def decode_texture(data: bytes, where: str) -> np.ndarray:
         raise
     except Exception as problem:  # whatever a decoder may say of bytes of strangers
         said = "its content is of no known kind" if isinstance(problem, UnidentifiedImageError) else problem
-        said = " ".join(str(said).split())
         raise InputError(
-            where, f"not a readable image ({said})", "Use a complete PNG, JPEG, WebP or TIFF image"
+            where, f"not a readable image ({brief(said)})", "Use a complete PNG, JPEG, WebP or TIFF image"
         ) from problem
 
 

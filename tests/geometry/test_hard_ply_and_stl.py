@@ -131,3 +131,20 @@ def test_ply_and_stl_of_every_kind(name, tmp_path):
 )  # fmt: skip
 def test_ply_and_stl_that_are_refused(tmp_path, name, data, said):
     refused(write_text(tmp_path / name, data), said)
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("m.obj", "v 0 0 " + 9000 * "[" + "\n"),
+        ("m.obj", "v 0 0 0\nf " + 9000 * "9" + " 1 1\n"),
+        ("m.stl", TEXT.replace("5.000000000e-02", 9000 * "x")),
+        ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "", comments=["TextureFile " + 9000 * "x"])),
+        ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "").replace(b"\n4 ", b"\n" + 9000 * b"x" + b" ")),
+        ("m.gltf", '{"asset": {"version": "' + 9000 * "9" + '"}}'),
+        ("m.gltf", '{"asset": {"version": "2.0"}, "meshes": [1], "nodes": [{"mesh": "' + 9000 * "9" + '"}]}'),
+    ],
+)
+def test_errors_quote_little_of_a_file(tmp_path, name, data):
+    problem = refused(write_text(tmp_path / name, data))
+    assert len(problem.finding) < 400
