@@ -111,6 +111,21 @@ def test_what_is_the_same_for_many_is_said_once(folder, capsys):
     assert out.endswith("3 objects, 0 measured: 0 errors, 3 warnings, 0 notes\n")
 
 
+@pytest.mark.parametrize(
+    ("row", "remedy"),
+    [
+        (BLOCK.replace("block.stl", "millimetres.stl"), "Were millimetres taken for metres? Then write 0.2"),
+        (BLOCK.replace("as in file", "200"), "Were millimetres taken for metres? Then write 0.2"),
+        (BLOCK.replace("block.stl", "millimetres.stl").replace("as in file", "0.2"), None),
+    ],
+)
+def test_millimetres_taken_for_metres(folder, capsys, row, remedy):
+    trimesh.creation.box((200.0, 100.0, 100.0)).export(folder / "millimetres.stl")
+    status, found = check(folder, capsys, row)
+    assert status == (remedy is not None)
+    assert [one["remedy"].partition(";")[0] for one in found["findings"]] == ([remedy] if remedy else [])
+
+
 def test_ids_that_differ_by_case_are_errors(folder, capsys):
     status, found = check(folder, capsys, BLOCK, BLOCK.replace("block,", "BLOCK,", 1))
     assert status == 1
