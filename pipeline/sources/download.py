@@ -164,7 +164,7 @@ class Downloader:
         count, whole = cached.come()
         # A mirror's address may have a password in it, which is not for the disk.
         asked = hashlib.sha256(self._web.address(url).encode("utf-8", "surrogatepass")).hexdigest()
-        if whole is None or whole.asked != asked or not expected.may_go_on(whole):
+        if whole is None or whole.asked != asked or not (whole.validator or expected.hashed):
             count, whole = 0, None
         if whole is not None and count == whole.total:
             return True

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from objectfolder.errors import FormatError, InputError
-from pipeline.sources.cached_file import Digests, Whole
+from pipeline.sources.cached_file import Digests
 
 REMEDY = (
     "Nothing of it is kept. The source has changed or a proxy stands between: compare with a mirror, and "
@@ -41,12 +41,6 @@ class Expected:
     def hashed(self) -> bool:
         """Whether parts of two versions would be told from one of them."""
         return self.sha256 is not None or self.md5 is not None
-
-    def may_go_on(self, whole: Whole) -> bool:
-        """Return whether a part of `whole` can become this file, and a wrong rest of it would be seen."""
-        return bool(whole.validator or self.hashed) and (
-            self.size is None or whole.total in (None, self.size)
-        )
 
     def differs(self, found: Digests) -> str:
         """Return how a file is another, with both values; empty where it is not."""

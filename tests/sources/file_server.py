@@ -93,6 +93,8 @@ class FileServer:
         Wait between the pieces of a slow body.
     tls
         With which it speaks https.
+    heeds_if_range
+        Whether it sends all of a file of which another version is asked to be gone on from.
     """
 
     folder: Path
@@ -103,6 +105,7 @@ class FileServer:
     retry_after: str = "0"
     drip_s: float = 0.002
     tls: ssl.SSLContext | None = None
+    heeds_if_range: bool = True
     requests: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)  # method, target, headers
     faults: Counter[str] = field(default_factory=Counter)
     bytes_sent: int = 0  # of bodies with content
@@ -147,11 +150,11 @@ class FileServer:
         with self.lock:
             return self.chance.randrange(max(1, length))
 
-    def sent(self, count: int) -> None:
+    def sends(self, count: int) -> int:
+        """Count what is about to be sent: once it is, a client may look at the count."""
         with self.lock:
             self.bytes_sent += count
-            total = self.bytes_sent
-        self.when_sent(total)
+            return self.bytes_sent
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -233,7 +236,7 @@ class _Handler(BaseHTTPRequestHandler):
     def part(self, length: int, headers: dict[str, str]) -> tuple[int, int, int]:
         """Status, start and stop of what is asked for."""
         match = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", "").strip())
-        condition = self.headers.get("If-Range")
+        condition = self.headers.get("If-Range") if self.files.heeds_if_range else None
         current = (headers.get("ETag"), headers.get("Last-Modified"))
         if not match or match[0] == "bytes=-" or (condition is not None and condition not in current):
             return 200, 0, length
@@ -247,9 +250,10 @@ class _Handler(BaseHTTPRequestHandler):
         piece = max(1, len(body) // 8) if kind == "slow" else 64 << 10
         for place in range(0, stop, piece):
             block = body[place : min(stop, place + piece)]
+            total = self.files.sends(len(block))
             self.wfile.write(b"%x\r\n%b\r\n" % (len(block), block) if kind == "chunked" else block)
             self.wfile.flush()
-            self.files.sent(len(block))
+            self.files.when_sent(total)
             if kind == "slow":
                 self.files.closing.wait(self.files.drip_s)
         if kind == "chunked":

@@ -97,7 +97,9 @@ def test_a_file_of_this_second_is_not_told_by_its_time(file_server, address, cac
     assert ranges(file_server) == ["", ""]
 
 
-def test_a_file_that_changes_in_between_is_the_new_one(file_server, address, cache_folder):
+@pytest.mark.parametrize("heeds", [True, False])
+def test_a_file_that_changes_in_between_is_the_new_one(file_server, address, cache_folder, heeds):
+    file_server.heeds_if_range = heeds
     file_server.plan = scripted(*["short"] * 1000)
     file_server.cut = lambda length: 70_000 if length == len(CONTENT) else 0
     with pytest.raises(InputError, match="connection was lost"):
@@ -106,7 +108,7 @@ def test_a_file_that_changes_in_between_is_the_new_one(file_server, address, cac
     new = CONTENT[::-1]
     (file_server.folder / "a.bin").write_bytes(new)
     assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == new
-    assert ranges(file_server)[-1] == "bytes=70000-"
+    assert ranges(file_server)[-1 if heeds else -2] == "bytes=70000-"
 
 
 def test_a_part_that_was_not_asked_for_is_not_used(file_server, address, cache_folder):
@@ -151,12 +153,16 @@ def test_a_damaged_note_of_what_a_part_is_of_begins_again(file_server, address, 
 )
 def test_another_content_is_refused_by_both_values(file_server, address, cache_folder, kind, expected):
     file_server.plan = scripted(kind)
+    told: list[int] = []
     with pytest.raises(FormatError) as refused:
-        Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin", **expected)
+        Downloader(cache_folder, progress=lambda url, count, total: told.append(count), **AMPLE).file(
+            f"{address}/a.bin", **expected
+        )
     ((name, value),) = expected.items()
     assert f"its {name} is " in refused.value.finding
     assert f", not {value}" in refused.value.finding
     assert refused.value.remedy
+    assert bool(told) == (name != "size")  # which is told before anything comes
     assert not whole_files(cache_folder)
     assert not list(cache_folder.rglob(".partial*"))
     if kind:

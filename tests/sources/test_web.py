@@ -192,6 +192,45 @@ def test_hosts_are_asked_at_a_polite_rate(monkeypatch):
     assert waits == [0, 0.25, 0.25, 0, 0.25]
 
 
+def test_redirections_wait_for_their_turn_too(file_server, address, cache_folder, monkeypatch):
+    asked: list[str] = []
+    monkeypatch.setattr(web._Pace, "wait", lambda pace, host: asked.append(host))
+    file_server.plan = scripted("moved")
+    Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin")
+    assert asked == [address.removeprefix("http://")] * 2
+
+
+def test_patience_is_for_what_comes_and_a_server_that_answers_has_as_long_again(monkeypatch):
+    clock = [0.0]
+
+    def wait(seconds: float) -> None:
+        clock[0] += seconds
+
+    monkeypatch.setattr(patience, "time", type("Clock", (), {"monotonic": lambda: clock[0], "sleep": wait}))
+    patient = patience.Patience("http://a", seconds=10, backoff_s=1)
+    lost = web.Transient("the connection was lost")
+    patient.wait(lost)
+    assert clock == [0.0]
+    patient.wait(lost)
+    patient.wait(lost)
+    assert clock == [3.0]
+    clock[0] = 9.5
+    patient.answered()
+    clock[0] = 15.0
+    patient.came(1000)
+    patient.came(patience.LEAST_BYTES)
+    patient.wait(lost)  # the first after something came: at once
+    assert clock == [15.0]
+    clock[0] = 24.0
+    patient.came(patience.LEAST_BYTES)
+    with pytest.raises(InputError, match="cannot be fetched: the connection was lost, asked 2 times"):
+        patient.wait(web.Transient(lost.finding, after_s=2))
+    patient.answered()
+    clock[0] += 11
+    with pytest.raises(InputError, match="too slow"):
+        patient.came(2 * patience.LEAST_BYTES - 1)
+
+
 def test_documents(file_server, address, cache_folder):
     said = {"name": "Käse", "deep": [1, 2.5, None]}
     file_server.documents = {
