@@ -3,10 +3,11 @@
 A shape is no proof. A turned block of wood has the sections of a can.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from objectfolder.geometry.solid_properties import solid_properties
 from objectfolder.geometry.surface import Surface
@@ -24,8 +25,13 @@ NECK = 0.6
 LEAST_NECK = 0.05
 """Of the height: how far a neck or cap goes on with hardly changing sections."""
 
-LEAST_ROUNDNESS, LEAST_ROUNDNESS_BELOW_A_NECK = 0.86, 0.7
+LEAST_ROUNDNESS, LEAST_ROUNDNESS_BELOW_A_NECK, LEAST_ROUNDNESS_OF_A_NECK = 0.86, 0.8, 0.8
 SLENDERNESS = (0.2, 5.0)
+MOST_BEND = 0.25
+"""How far, in radii of the body, the middles of its sections may leave their mean."""
+
+SMALLEST_M = 0.02
+"""Of the diameter of a body: smaller things are dice and beads."""
 
 
 @dataclass(frozen=True)
@@ -40,24 +46,56 @@ class ContainerShape:
         Unit vector from base to top.
     slenderness
         Height over the diameter of a circle as large as the largest section.
+    diameter_m
+        Of that circle, metres.
     base, top
-        Largest section within a twelfth of the height of either end, over the largest.
+        Largest section within a twelfth of the height of either end, over the largest: by its convex hull,
+        for the ends of cans lie deeper than their rims.
     body
         Share of the height, in one run, with at least 0.8 of the largest section.
     neck
         Share of the height, above the body, of hardly changing sections below 0.6 of the largest.
-    roundness
-        Median over the body of 4 pi area / perimeter^2: a circle has 1, a square 0.79.
+    roundness, neck_roundness
+        Median over the body and the neck of 4 pi area / perimeter^2: a circle has 1, a square 0.79.
+    bend
+        Largest distance of the middle of a section of the body from their mean, in radii.
     """
 
     kind: str
     axis: tuple[float, float, float]
     slenderness: float
+    diameter_m: float
     base: float
     top: float
     body: float
     neck: float
     roundness: float
+    neck_roundness: float
+    bend: float
+
+
+@dataclass(frozen=True)
+class Sections:
+    """Sections at even heights along an axis.
+
+    Parameters
+    ----------
+    area, perimeter
+        (n,) metres; the area by the integral along the outline, so that holes and cavities are not counted.
+    middle
+        (n, 3) centroids; zero where there is no section.
+    hull
+        (n,) areas of the convex hulls of the sections within `END` of either end, elsewhere the areas.
+    """
+
+    area: Floats
+    perimeter: Floats
+    middle: Floats
+    hull: Floats
+
+    def reversed(self) -> "Sections":
+        """Return them from the other end."""
+        return Sections(self.area[::-1], self.perimeter[::-1], self.middle[::-1], self.hull[::-1])
 
 
 def container_shape(surface: Surface) -> ContainerShape:
@@ -66,26 +104,22 @@ def container_shape(surface: Surface) -> ContainerShape:
     principal = np.linalg.eigh(inertia)[1].T
     shapes: list[ContainerShape] = []
     for axis in np.concatenate([np.eye(3), principal]):
-        area, perimeter = sections(surface, axis)
+        across = sections(surface, axis)
         height = float(np.ptp(surface.vertices @ axis))
-        shapes += [
-            _of_sections(axis, height, area, perimeter),
-            _of_sections(-axis, height, area[::-1], perimeter[::-1]),
-        ]
+        shapes += [_of_sections(axis, height, across), _of_sections(-axis, height, across.reversed())]
     return max(shapes, key=lambda shape: (shape.kind != "none", shape.base, shape.body))
 
 
-def sections(surface: Surface, axis: Floats, count: int = SECTIONS) -> tuple[Floats, Floats]:
-    """Area and perimeter (count,) of the sections of a closed surface at even heights along a unit vector.
-
-    The area is the integral along the outline, so that holes and cavities are not counted.
-    """
+def sections(surface: Surface, axis: Floats, count: int = SECTIONS) -> Sections:
+    """Cut a closed surface at even heights along a unit vector."""
     heights = surface.vertices @ axis
     low, high = heights.min(), heights.max()
     triangles = surface.vertices[surface.faces]
     levels = heights[surface.faces]
     lowest, highest = levels.min(axis=1), levels.max(axis=1)
-    area, perimeter = np.zeros(count), np.zeros(count)
+    end = _end(count)
+    area, perimeter, hull = np.zeros(count), np.zeros(count), np.zeros(count)
+    middle = np.zeros((count, 3))
     for index in range(count):
         # Never through a vertex of a regular mesh: a level there would cut its edges twice.
         level = low + (high - low) * (index + 0.5 + 1e-4) / count
@@ -96,10 +130,17 @@ def sections(surface: Surface, axis: Floats, count: int = SECTIONS) -> tuple[Flo
         # Outlines run counter-clockwise around the axis: the outside is on the right.
         wanted = np.cross(axis, surface.face_normals[cut])
         turned = np.einsum("ij,ij->i", along, wanted) < 0
-        sign = np.where(turned, -1.0, 1.0)
-        area[index] = float((sign * (np.cross(first, second) @ axis)).sum()) / 2
+        parts = np.where(turned, -0.5, 0.5) * (np.cross(first, second) @ axis)
+        total = float(parts.sum())
         perimeter[index] = float(np.linalg.norm(along, axis=1).sum())
-    return np.maximum(area, 0.0), perimeter
+        if total > 0:
+            area[index] = hull[index] = total
+            middle[index] = parts @ (first + second) / (3 * total)
+        if index < end or index >= count - end:
+            hull[index] = max(hull[index], _hull_area(ends.reshape(-1, 3), axis))
+    # What runs along the axis is no middle of a section.
+    middle -= np.outer(middle @ axis, axis)
+    return Sections(area, perimeter, middle, hull)
 
 
 def _ends(triangles: Floats, levels: Floats) -> Floats:
@@ -116,34 +157,57 @@ def _ends(triangles: Floats, levels: Floats) -> Floats:
     return np.stack(ends, axis=1)
 
 
-def _of_sections(axis: Floats, height: float, area: Floats, perimeter: Floats) -> ContainerShape:
-    largest = float(area.max())
+def _end(count: int) -> int:
+    return max(1, round(END * count))
+
+
+def _hull_area(points: Floats, axis: Floats) -> float:
+    """Area of the convex hull of points of a plane across an axis; 0 for points on a line."""
+    if len(points) < 3:
+        return 0.0
+    basis = np.linalg.svd(axis[None])[2][1:]
+    try:
+        return float(ConvexHull(points @ basis.T).volume)
+    except QhullError:
+        return 0.0
+
+
+def _of_sections(axis: Floats, height: float, across: Sections) -> ContainerShape:
+    largest = float(across.area.max())
     if not largest > 0:
-        return ContainerShape("none", _triple(axis), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    share = area / largest
-    end = max(1, round(END * SECTIONS))
+        return ContainerShape("none", _triple(axis), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    share = across.area / largest
+    end = _end(len(share))
+    diameter = 2 * float(np.sqrt(largest / np.pi))
     first, last = _longest_run(share >= BODY)
-    roundness = 4 * np.pi * area[first:last] / np.maximum(perimeter[first:last], 1e-300) ** 2
+    neck_first, neck_last = _neck(share, last)
+    roundness = 4 * np.pi * across.area / np.maximum(across.perimeter, 1e-300) ** 2
+    middle = across.middle[first:last]
     shape = ContainerShape(
         kind="none",
         axis=_triple(axis),
-        slenderness=height / (2 * np.sqrt(largest / np.pi)),
-        base=float(share[:end].max()),
-        top=float(share[-end:].max()),
-        body=(last - first) / SECTIONS,
-        neck=_neck(share[last:]) / SECTIONS,
-        roundness=float(np.median(roundness)),
+        slenderness=height / diameter,
+        diameter_m=diameter,
+        base=float(across.hull[:end].max()) / largest,
+        top=float(across.hull[-end:].max()) / largest,
+        body=(last - first) / len(share),
+        neck=(neck_last - neck_first) / len(share),
+        roundness=float(np.median(roundness[first:last])),
+        neck_roundness=float(np.median(roundness[neck_first:neck_last])) if neck_last > neck_first else 0.0,
+        bend=float(np.linalg.norm(middle - middle.mean(axis=0), axis=1).max()) / (diameter / 2),
     )
-    return ContainerShape(**{**shape.__dict__, "kind": _kind(shape)})
+    return replace(shape, kind=_kind(shape))
 
 
 def _kind(shape: ContainerShape) -> str:
     least, most = SLENDERNESS
     if shape.base < FLAT_END or shape.body < LEAST_BODY or not least <= shape.slenderness <= most:
         return "none"
+    if shape.diameter_m < SMALLEST_M or shape.bend > MOST_BEND:
+        return "none"
     if shape.top >= FLAT_END:
         return "can" if shape.roundness >= LEAST_ROUNDNESS else "none"
-    has_neck = shape.neck >= LEAST_NECK
+    has_neck = shape.neck >= LEAST_NECK and shape.neck_roundness >= LEAST_ROUNDNESS_OF_A_NECK
     return "bottle" if has_neck and shape.roundness >= LEAST_ROUNDNESS_BELOW_A_NECK else "none"
 
 
@@ -155,14 +219,16 @@ def _longest_run(holds: NDArray[np.bool_]) -> tuple[int, int]:
     return int(first), int(last)
 
 
-def _neck(above: Floats) -> int:
-    """How many sections, in one run above the body, are below `NECK` and change by less than a fifth."""
-    best = 0
-    for start in range(len(above)):
-        if not 0.02 < above[start] < NECK:
+def _neck(share: Floats, body_ends: int) -> tuple[int, int]:
+    """First and last but one of the longest run, above the body, of hardly changing sections below `NECK`."""
+    best = (body_ends, body_ends)
+    for start in range(body_ends, len(share)):
+        if not 0.02 < share[start] < NECK:
             continue
-        near = np.abs(above[start:] - above[start]) <= 0.2 * above[start]
-        best = max(best, len(near) if near.all() else int(np.argmin(near)))
+        near = np.abs(share[start:] - share[start]) <= 0.2 * share[start]
+        length = len(near) if near.all() else int(np.argmin(near))
+        if length > best[1] - best[0]:
+            best = (start, start + length)
     return best
 
 

@@ -19,6 +19,8 @@ from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.mesh_product import mesh_arrays
 from objectfolder.geometry.mesh_product import textured_mesh_of as textured_mesh_of
 from objectfolder.geometry.solid_properties import Topology, solid_properties, topology_of
+from objectfolder.geometry.vessels import wall_findings
+from objectfolder.geometry.wall_measures import measure_walls
 from objectfolder.geometry.wall_thickness import wall_thickness
 from objectfolder.store import Product
 
@@ -52,7 +54,8 @@ def ingest_object(
         `vertices` (vertex, axis) metres, `faces` (face, corner), `texture_coordinates` (face, corner, uv),
         `face_texture` (face) and `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`,
         `roughness_0`, `metallic_0`, ... where the source has them; in its attributes the report:
-        cleaning, topology, solid, wall thickness, warnings, digests of geometry and texture, source files.
+        cleaning, topology, solid, wall thickness, warnings (of walls: what geometry alone tells), digests of
+        geometry and texture, source files, measures of the walls (see `wall_measures.measures_of`).
 
     Raises
     ------
@@ -72,6 +75,8 @@ def ingest_object(
     solid = solid_properties(mesh.vertices, mesh.faces)
     is_solid = topology.watertight and topology.consistent and solid.volume_m3 > 0
     thickness = wall_thickness(mesh.surface, solid.volume_m3 if is_solid else None)
+    walls = measure_walls(mesh.surface, cavities=report.cavities)
+    doubts = [str(finding) for finding in wall_findings(walls)]
     attributes: dict[str, Any] = {
         "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
         "area_m2": mesh.surface.area,
@@ -79,13 +84,14 @@ def ingest_object(
         "topology": asdict(topology),
         "solid": {"meaningful": is_solid, **solid.to_dict()},
         "wall_thickness": thickness.to_dict(),
-        "warnings": warnings + _warnings(report, topology, is_solid),
+        "warnings": warnings + _warnings(report, topology, is_solid) + doubts,
     }
     body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
     source = {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None}
     attributes |= {
         "object_id": object_id,
         "source": source,
+        "walls": walls.to_dict(),
         "digests": {
             "body": body,
             "geometry": _digest(mesh.vertices, mesh.faces),

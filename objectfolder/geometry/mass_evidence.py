@@ -67,6 +67,11 @@ class MassEvidence:
         """Whether it is lighter."""
         return self.ratio is not None and self.ratio < 1 / MASS_FACTOR
 
+    @property
+    def agrees(self) -> bool:
+        """Whether it is known, and neither."""
+        return self.ratio is not None and not (self.too_heavy or self.too_light)
+
     def numbers(self) -> dict[str, float]:
         """Both masses by name."""
         if self.kg is None or self.solid_kg is None:

@@ -32,10 +32,11 @@ WALLED = 0.15
 """Share of the area that is wall from which an object counts as having walls."""
 
 ALL_WALLS = 0.6
-BULK_OF_WALLS = 8.0
-"""Times its usual wall: a part of a vessel thicker than that is filled."""
+BULK_OF_WALLS, BULK_OF_HEAVY_WALLS = 8.0, 3.5
+"""Times its usual wall: a part of a vessel thicker than that is filled; the second where the mass says so,
+too. Handles and knobs of mugs and pots that are right have 2 to 3 times, of thin teapots 6."""
 
-THIN_SHARE = 0.05
+THIN_SHARE = 0.08
 TORN_SHARE = 0.01
 DEEP_SHARE = 0.3
 """Of the area, from which the other side is too far inwards for a solid."""
@@ -155,15 +156,11 @@ def _hollow_in_truth(
     if not measures.closed:
         deep = measures.thicker_than(limits.largest_solid_m)
         return _one_layer(measures, limits, material, deep) if too_thick and deep >= DEEP_SHARE else None
-    wall = measures.usual_wall_m()
     named = words & (CONTAINER_WORDS | VESSEL_WORDS)
-    walled = (
-        wall is not None
-        and measures.wall_share >= WALLED
-        and measures.bulk_m > max(BULK_OF_WALLS * wall, limits.usual_wall_m)
-    )
-    if walled and wall is not None and (too_thick or too_heavy) and (named & VESSEL_WORDS or too_heavy):
-        return _filled_below(measures, limits, material, mass, wall, named)
+    if words & VESSEL_WORDS:
+        filled = _filled_below(measures, limits, mass, words & VESSEL_WORDS, too_thick=too_thick)
+        if filled is not None:
+            return filled
     shape = measures.shape.kind if measures.shape is not None and limits.makes_containers else "none"
     shaped = shape != "none" and compact
     hinted = bool(named) and compact and limits.makes_containers
@@ -183,13 +180,15 @@ def _hollow_in_truth(
         reasons.append(_shape_sentence(measures.shape))
     if hinted:
         reasons.append(f"its name says {', '.join(sorted(named))}")
-    if too_heavy and (too_thick or shaped or hinted):
+    if too_heavy:
         certainty = CERTAIN
     elif (too_thick and limits.seldom_solid) or (shaped + hinted + too_thick) >= 2:
         certainty = LIKELY
+    elif mass.agrees:
+        return None
     else:
         certainty = POSSIBLE
-    suggested, off, how = _shell(limits, mass, container=shaped or hinted)
+    suggested, off, how = _shell(measures, limits, mass, container=shaped or hinted)
     return WallFinding(
         SCANNED_SOLID,
         certainty,
@@ -203,10 +202,12 @@ def _hollow_in_truth(
 
 
 def _shell(
-    limits: WallLimits, mass: MassEvidence, *, container: bool
+    measures: WallMeasures, limits: WallLimits, mass: MassEvidence, *, container: bool
 ) -> tuple[float | None, float | None, str]:
     """A value for shell_m, how far it may be off, and where it is from."""
-    usual = limits.container_wall_m
+    usual, wall = limits.container_wall_m, measures.usual_wall_m()
+    if wall is not None and measures.wall_share >= ALL_WALLS:
+        return wall, wall / 3, f" ({millimetres(wall)} is the median of its walls)"
     if mass.shell_m is None or mass.shell_uncertainty_m is None:
         return usual, usual / 2, f" (about {millimetres(usual)} is usual)"
     if container and mass.shell_m > 1.5 * usual:
@@ -219,26 +220,26 @@ def _shell(
 
 
 def _filled_below(
-    measures: WallMeasures,
-    limits: WallLimits,
-    material: str | None,
-    mass: MassEvidence,
-    wall: float,
-    named: frozenset[str],
-) -> WallFinding:
-    too_heavy = mass.too_heavy
+    measures: WallMeasures, limits: WallLimits, mass: MassEvidence, named: frozenset[str], *, too_thick: bool
+) -> WallFinding | None:
+    """A vessel by its name, with walls, and a part far thicker than they are; or None."""
+    wall = measures.usual_wall_m()
+    factor = BULK_OF_HEAVY_WALLS if mass.too_heavy else BULK_OF_WALLS
+    if wall is None or measures.wall_share < WALLED:
+        return None
+    if measures.bulk_m <= max(factor * wall, limits.usual_wall_m):
+        return None
     reasons = [
         f"{100 * measures.wall_share:.0f} % of its area is wall of {millimetres(wall)}, "
         f"and yet it is up to {millimetres(measures.bulk_m)} thick"
     ]
-    if too_heavy:
+    if mass.too_heavy:
         reasons.append(mass.sentence())
-    if named:
-        reasons.append(f"its name says {', '.join(sorted(named))}")
+    reasons.append(f"its name says {', '.join(sorted(named))}")
     return WallFinding(
         FILLED_BELOW,
-        CERTAIN if too_heavy else LIKELY,
-        "; ".join(reasons) + ": the scan did not reach the bottom of its inside",
+        CERTAIN if mass.too_heavy else LIKELY if too_thick else POSSIBLE,
+        "; ".join(reasons) + ": the scan did not reach all of its inside",
         f"Set shell_m to its wall (about {millimetres(wall)} where it was scanned): what is filled becomes "
         "a closed hollow",
         {"wall_share": measures.wall_share, "wall_m": wall, "bulk_m": measures.bulk_m, **mass.numbers()},

@@ -52,16 +52,21 @@ def test_a_shell_of_known_thickness_is_measured():
 
 
 def test_sections_of_a_can_are_its_circles():
-    area, perimeter = sections(revolved(can(0.05, 0.14)), np.array([0.0, 0.0, 1.0]))
-    np.testing.assert_allclose(area, np.pi * 0.05**2 * CHORDS, rtol=1e-9)
-    np.testing.assert_allclose(perimeter, 2 * SECTORS * 0.05 * np.sin(np.pi / SECTORS), rtol=1e-9)
+    body = revolved(can(0.05, 0.14))
+    across = sections(Surface(body.vertices + np.array([0.3, 0, 7.0]), body.faces), np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(across.area, np.pi * 0.05**2 * CHORDS, rtol=1e-9)
+    np.testing.assert_allclose(across.hull, across.area, rtol=1e-9)
+    np.testing.assert_allclose(across.perimeter, 2 * SECTORS * 0.05 * np.sin(np.pi / SECTORS), rtol=1e-9)
+    np.testing.assert_allclose(across.middle, np.broadcast_to([0.3, 0, 0], (64, 3)), atol=1e-9)
 
 
 def test_sections_leave_out_what_is_hollow():
-    area, _ = sections(revolved(cup(0.004)), np.array([0.0, 0.0, 1.0]), 90)
+    across = sections(revolved(cup(0.004)), np.array([0.0, 0.0, 1.0]), 90)
+    area = across.area
     ring = np.pi * (0.04**2 - 0.036**2) * CHORDS
     np.testing.assert_allclose(area[10:], ring, rtol=1e-9)
     np.testing.assert_allclose(area[:3], np.pi * 0.04**2 * CHORDS, rtol=1e-9)
+    np.testing.assert_allclose(across.hull[-3:], np.pi * 0.04**2 * CHORDS, rtol=1e-9)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7])
@@ -74,6 +79,34 @@ def test_shapes_of_containers(outline, kind, turn):
     if kind != "none":
         assert np.dot(shape.axis, matrix[:, 2]) == pytest.approx(1.0, abs=1e-6) or kind == "can"
         assert shape.roundness > 0.99
+
+
+def test_a_can_may_have_deep_ends():
+    recessed = [
+        (0, 0.006),
+        (0.04, 0.006),
+        (0.041, 0),
+        (0.042, 0),
+        (0.042, 0.033),
+        (0.041, 0.033),
+        (0.04, 0.028),
+        (0, 0.028),
+    ]
+    assert container_shape(revolved(recessed)).kind == "can"
+
+
+def test_bent_bodies_beads_and_flat_bonnets_are_no_containers():
+    bottle_of = revolved(bottle())
+    bent = bottle_of.vertices.copy()
+    bent[:, 0] += 8 * (bent[:, 2] - 0.05) ** 2
+    assert container_shape(Surface(bent, bottle_of.faces)).kind == "none"
+    assert container_shape(revolved(can(0.008, 0.02))).kind == "none"
+    body = trimesh.creation.cylinder(0.03, 0.1)
+    flat, round_one = trimesh.creation.box((0.05, 0.012, 0.03)), trimesh.creation.cylinder(0.014, 0.03)
+    for top, kind in ((flat, "none"), (round_one, "bottle")):
+        top.apply_translation((0, 0, 0.065))
+        both = trimesh.util.concatenate([body, top])
+        assert container_shape(Surface(np.asarray(both.vertices), np.asarray(both.faces))).kind == kind
 
 
 @pytest.mark.parametrize(
@@ -168,13 +201,32 @@ def test_walls_that_passed_through_one_another_are_torn():
     assert (TORN, CERTAIN) in kinds(measures, material="ceramic", shell_m=0.003)
 
 
-def test_a_mug_filled_from_below_takes_its_name_or_its_mass():
+def test_a_mug_filled_from_below_takes_its_name():
     measures = measure_walls(revolved(cup(0.002, base=0.045)))
     assert FILLED_BELOW not in [kind for kind, _ in kinds(measures)]
     (finding,) = wall_findings(measures, material="ceramic", words="blue mug")
     assert (finding.kind, finding.certainty, finding.column) == (FILLED_BELOW, LIKELY, "shell_m")
     assert finding.suggested_m == pytest.approx(0.002, rel=0.05)
-    assert kinds(measures, material="steel", density_kg_m3=7850, mass_kg=0.2) == [(FILLED_BELOW, CERTAIN)]
+    known = {"material": "steel", "density_kg_m3": 7850, "mass_kg": 0.2}
+    assert kinds(measures, words="mug", **known) == [(FILLED_BELOW, CERTAIN)]
+    assert kinds(measures, words="thing", **known) == [(HEAVIER, CERTAIN)]
+
+
+def test_handles_and_feet_are_no_filling():
+    thick_foot = measure_walls(revolved(cup(0.004, base=0.012)))
+    assert kinds(thick_foot, material="ceramic", words="mug") == []
+
+
+def test_a_mass_that_agrees_silences_hints_alone():
+    measures = measure_walls(revolved(ball(0.02)))
+    known = {"material": "plastic", "density_kg_m3": 1070.0}
+    solid = 1070 * measures.volume_m3
+    assert kinds(measures, **known) == [(SCANNED_SOLID, POSSIBLE)]
+    assert kinds(measures, **known, mass_kg=1.1 * solid) == []
+    # What a bottle holds may weigh as much as the plastic that is not there.
+    full = measure_walls(revolved(bottle()))
+    known["mass_kg"] = 1070 * full.volume_m3
+    assert kinds(full, words="bottle", **known) == [(SCANNED_SOLID, LIKELY)]
 
 
 def open_box(side: float, wall: float | None) -> Surface:
