@@ -25,7 +25,7 @@ STAGES = {
             (OBJECTS,),
             sources=sources,
             fields=("length_m", "file_names"),
-            packages=("DracoPy", "numpy", "Pillow", "trimesh", "zarr"),
+            packages=("DracoPy", "embreex", "numpy", "Pillow", "scipy", "zarr"),
             tolerances=TOLERANCES["objects"],
         ),
         Stage(
