@@ -181,7 +181,8 @@ def _of_sections(axis: Floats, height: float, across: Sections) -> ContainerShap
     diameter = 2 * float(np.sqrt(largest / np.pi))
     first, last = _longest_run(share >= BODY)
     neck_first, neck_last = _neck(share, last)
-    roundness = 4 * np.pi * across.area / np.maximum(across.perimeter, 1e-300) ** 2
+    # Between pieces there is no section, and none is round.
+    roundness = 4 * np.pi * across.area / np.where(across.perimeter > 0, across.perimeter, np.inf) ** 2
     middle = across.middle[first:last]
     shape = ContainerShape(
         kind="none",

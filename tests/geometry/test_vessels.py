@@ -109,6 +109,17 @@ def test_bent_bodies_beads_and_flat_bonnets_are_no_containers():
         assert container_shape(Surface(np.asarray(both.vertices), np.asarray(both.faces))).kind == kind
 
 
+def test_gaps_between_pieces_have_no_section():
+    stack = [revolved(raised(can(0.03, 0.02), level)) for level in (0.0, 0.05)]
+    both = Surface(
+        np.concatenate([body.vertices for body in stack]),
+        np.concatenate([stack[0].faces, stack[1].faces + len(stack[0].vertices)]),
+    )
+    across = sections(both, np.array([0.0, 0.0, 1.0]))
+    assert (across.area == 0).sum() == (across.perimeter == 0).sum() > 20
+    assert container_shape(both).kind == "none"
+
+
 @pytest.mark.parametrize(
     "extents", [(0.06, 0.06, 0.06), (0.2, 0.08, 0.08), (0.3, 0.2, 0.02)], ids=["cube", "block", "board"]
 )
