@@ -36,6 +36,7 @@ class Thing:
 THINGS = (
     Thing(("die", "dice"), 0.004, 0.12),
     Thing(("coin",), 0.008, 0.06),
+    Thing(("can",), 0.03, 1.2, METALS | PLASTICS),
     Thing(("mug", "cup", "ramekin", "teacup", "tumbler"), 0.03, 0.5),
     Thing(("bowl", "saucer", "plate", "dish"), 0.05, 0.6),
     Thing(("spoon", "fork", "knife", "spatula", "ladle", "whisk"), 0.06, 0.6),
