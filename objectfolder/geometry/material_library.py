@@ -13,7 +13,7 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.named_files import find_file, lies_within
-from objectfolder.geometry.text_files import read_text, shortened, without_comment
+from objectfolder.geometry.text_files import brief, read_text, shortened, without_comment
 
 MOST_LIBRARIES = 100
 """Named by one mesh: real ones name a few."""
@@ -191,7 +191,7 @@ def _file_name(line: str, where: str) -> str:
         if moved is not None and any(float(value) != moved for value in numbers):
             raise InputError(
                 where,
-                f"the texture option {option} {' '.join(numbers)} is not supported",
+                f"the texture option {option} {brief(' '.join(numbers))} is not supported",
                 "Apply the scale or offset to the texture coordinates",
             )
         after = rest.split(maxsplit=1 + len(numbers))[1 + len(numbers) :]

@@ -246,7 +246,9 @@ def tree_changed(data: bytes, random: Random) -> bytes:
         return bits_flipped(data, random)
     odd = [None, -1, 0, 1, 2**40, 1.5, 1e300, True, "", "x", [], {}, [0], [[]], {"a": 1}, "0", 10**30]
     for _ in range(int(random.integers(1, 4))):
-        spots = list(_spots(tree))
+        spots = list(_spots(tree)) if isinstance(tree, dict | list) else []
+        if not spots:
+            return bits_flipped(data, random)
         holder, key = spots[int(random.integers(len(spots)))]
         choice = random.random()
         if choice < 0.25 and isinstance(holder, dict):
@@ -257,8 +259,6 @@ def tree_changed(data: bytes, random: Random) -> bytes:
                 holder[key] = json.loads(json.dumps(other[name]))
         else:
             holder[key] = odd[int(random.integers(len(odd)))]
-        if not isinstance(tree, dict) or not tree:
-            break
     return json.dumps(tree).encode()
 
 
@@ -279,6 +279,8 @@ def chunks_changed(data: bytes, random: Random) -> bytes:
         (length,) = struct.unpack(">I", data[position : position + 4])
         chunks.append((data[position + 4 : position + 8], data[position + 8 : position + 8 + length]))
         position += 12 + length
+    if not chunks:
+        return bits_flipped(data, random)
     target = int(random.integers(len(chunks)))
     for index, (kind, content) in enumerate(chunks):
         if index == target:
