@@ -5,8 +5,8 @@
 The rows of ``data/objects.csv`` get the published list's materials and lengths and lose what is ours (notes,
 shells, looks), and are checked on the meshes that are there: those fetched, or ``SCANS/ID/model.obj``. Wrong
 is a material that our table does not keep or for which it says there is no class, and a length that is off
-the mesh's longest side by more than 3 %. Then faults are put into our own rows, one at a time, and those found
-are counted. Writes ``bench/results/annotation.json``.
+the mesh's longest side by more than 3 %. Then faults are put into our own rows, one at a time, and those
+found are counted. Writes ``bench/results/annotation.json``.
 """
 
 import argparse
