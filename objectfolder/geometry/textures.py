@@ -21,8 +21,8 @@ LARGEST_SIDE = 16384
 MOST_TEXELS = 2**26
 """Of one image, 8192 by 8192; a larger one takes more memory and time than one task has for a picture."""
 
-_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "PPM", "DDS", "JPEG2000")
-"""What is decoded, a JPEG with several pictures included; others of Pillow's would start programs."""
+_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "PPM", "DDS")
+"""What is decoded. Of Pillow's others some start programs, and most are no textures."""
 
 _SIXTEEN_BIT_MODES = ("I", "I;16", "I;16B", "I;16L", "I;16N")
 

@@ -135,6 +135,8 @@ OBJECTS: dict[str, Callable[[Path], Built]] = {
     "JPEG": _picture("JPEG"),
     "webp": _picture("WEBP", lossless=True),
     "TIFF": _picture("TIFF", compression="tiff_lzw"),
+    "TGA": _picture("TGA", compression="tga_rle"),
+    "GIF": _picture("GIF"),
     "glTF": _gltf,
     "bin": _buffer,
     "GLB": _glb,
@@ -242,7 +244,7 @@ def tree_changed(data: bytes, random: Random) -> bytes:
     """JSON with some values replaced by others, by parts of itself, or left out."""
     try:
         tree = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return bits_flipped(data, random)
     odd = [None, -1, 0, 1, 2**40, 1.5, 1e300, True, "", "x", [], {}, [0], [[]], {"a": 1}, "0", 10**30]
     for _ in range(int(random.integers(1, 4))):

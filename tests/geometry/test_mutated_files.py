@@ -12,7 +12,7 @@ from reading_process import read_in_processes
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="bounds of memory are set as Linux has them")
 
-QUICK, ALL = range(64), range(64, 500)
+QUICK, ALL = range(72), range(72, 500)
 
 
 def held(objects: list[dict[str, str]]) -> list[dict[str, Any]]:
