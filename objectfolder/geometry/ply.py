@@ -94,7 +94,7 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         strips = " (triangle strips are not read)" if "tristrips" in columns else ""
         raise InputError(str(path), f"holds no faces{strips}", "Use a PLY file with triangles")
     refuse_unusable(path, vertices)
-    if positions[0].dtype.itemsize == 4:
+    if positions[0].dtype.kind == "f" and positions[0].dtype.itemsize == 4:
         refuse_coarse(path, vertices, single_precision_step(vertices))
     try:
         corners, polygon = triangulated(vertices, loops)

@@ -4,6 +4,7 @@ Read here and not with trimesh, which passes over the rest of a text in silence 
 and refuses binary files with bytes behind the last triangle.
 """
 
+import codecs
 import re
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     InputError
         Neither kind of STL, cut short, no triangles, or positions that show no shape.
     """
-    data = read_bytes(path)
+    data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
     count = int.from_bytes(data[80:84], "little") if len(data) >= _HEADER_BYTES else -1
     end = _HEADER_BYTES + count * _TRIANGLE.itemsize
     is_text = data[:512].lstrip()[:5].lower() == b"solid" and b"\0" not in data

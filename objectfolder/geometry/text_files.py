@@ -6,14 +6,17 @@ from pathlib import Path
 
 from objectfolder.errors import InputError
 
-LARGEST_FILE_BYTES = 2**30
-"""A larger mesh file would not fit the memory of one task once it is read."""
+LARGEST_FILE_BYTES = 2**29
+"""Of a mesh or an image; a larger one would not fit the memory of one task once it is read."""
+
+LARGEST_TEXT_BYTES = 2**28
+"""Of a mesh as text, some six million triangles; numbers take ten times their text while they are read."""
 
 _COMMENT = re.compile(r"(?:^|\s)#")
 
 
-def read_bytes(path: Path) -> bytes:
-    """Read a file whole.
+def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
+    """Read a file whole, of at most so many bytes.
 
     Raises
     ------
@@ -22,10 +25,10 @@ def read_bytes(path: Path) -> bytes:
     """
     try:
         size = path.stat().st_size
-        if size > LARGEST_FILE_BYTES:
+        if size > most:
             raise InputError(
                 str(path),
-                f"has {size} bytes, more than the {LARGEST_FILE_BYTES} that are read",
+                f"has {size} bytes, more than the {most} that are read",
                 "Reduce its number of triangles or texels",
             )
         return path.read_bytes()
@@ -38,7 +41,7 @@ def read_text(path: Path) -> str:
 
     A byte order mark is left out. Latin-1 gives every byte a letter, so that names stay distinct.
     """
-    data = read_bytes(path)
+    data = read_bytes(path, LARGEST_TEXT_BYTES)
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         text = data.decode("utf-16", errors="replace")
     else:

@@ -384,6 +384,14 @@ def test_more_pieces_than_an_object_has_are_refused(tmp_path):
     refused(path, "falls into 2400 pieces", "Merge vertices by distance")
 
 
+def test_a_file_larger_than_memory_is_refused_unread(tmp_path, monkeypatch):
+    path = write_obj_box(tmp_path)
+    monkeypatch.setattr(Path, "read_bytes", lambda path: pytest.fail(f"read {path}"))
+    with path.open("ab") as file:
+        file.truncate(2**28 + 1)
+    refused(path, "has 268435457 bytes, more than the 268435456 that are read")
+
+
 def test_coordinates_that_no_length_explains_are_refused(tmp_path):
     text = obj_text(box(OBJ_SIDES), BOX_QUADS, material="", digits=".2f")
     far = write_text(tmp_path / "far.obj", text.replace("v -0.05", "v -1e300", 1))

@@ -95,6 +95,7 @@ STL: dict[str, Make] = {
     "text": as_stl(TEXT, "m.STL"),
     "text with lone CR": as_stl(TEXT.replace("\n", "\r")),
     "text in capitals": as_stl(TEXT.upper()),
+    "text with a byte order mark": as_stl("\ufeff" + TEXT),
     "text that is called like its words": as_stl(
         stl_text(box(OBJ_SIDES), FACES, "facet vertex a b c endfacet")
     ),
