@@ -210,7 +210,7 @@ class _Handler(BaseHTTPRequestHandler):
         if status == 416:
             return self.say(416, {"Content-Range": f"bytes */{len(content)}"})
         if kind == "other range" and start:
-            start -= 1
+            start, stop = start - 1, stop - 1
         if status == 206:
             headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(content)}"
         body = content[start:stop]

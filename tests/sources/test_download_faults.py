@@ -155,6 +155,7 @@ def test_a_killed_fetch_goes_on_where_it_was(tmp_path):
                         while partial.stat().st_size < sent:
                             assert process.poll() is None
                         process.kill()
+                        process.wait()  # or it sees the connection end, and asks again
                         raise ConnectionResetError
 
                 server.when_sent = kill
