@@ -171,7 +171,7 @@ def _fetch(
 def _told(fetched: "Fetched") -> str:
     source = fetched.asked.source
     size = f"{len(fetched.form.files)} files, {fetched.bytes / 1e6:.2f} MB"
-    new = f", {fetched.recorded} hashes recorded" if fetched.recorded else ""
+    new = f", hashes recorded: {fetched.recorded}" if fetched.recorded else ""
     return (
         f"{fetched.asked.id}  {fetched.outcome}, {size}{new}\n"
         f"  mesh     {fetched.mesh}\n"

@@ -421,6 +421,7 @@ def test_what_was_being_replaced_when_killed_is_put_back(place):
     got = place.fetch(IDS[0])
     got.folder.rename(got.folder.with_name(f".old-{YCB}"))
     (got.folder.with_name(f".partial-{YCB}") / "half").mkdir(parents=True)
+    got.folder.with_name(f".lock-{YCB}").touch()
     place.targets()
     assert place.fetch(IDS[0]).outcome == KEPT
     assert place.targets() == []
