@@ -53,6 +53,10 @@ class Record:
     forms: Mapping[str, Form]
     files: Mapping[str, Content]
 
+    def files_of(self, resolution: str) -> dict[str, Content]:
+        """Return what the files of one form were."""
+        return {name: self.files[name] for name in self.forms[resolution].files}
+
 
 def write_record(folder: Path, asked: SourceObject, record: Record) -> None:
     """Write `source.json` of an object's folder."""

@@ -60,7 +60,7 @@ class Fetched:
     @property
     def bytes(self) -> int:
         """Of its files."""
-        return sum(self.record.files[name].bytes for name in self.form.files)
+        return sum(content.bytes for content in self.record.files_of(self.asked.resolution).values())
 
 
 class Fetcher:
@@ -147,10 +147,11 @@ class Fetcher:
         return is_whole(folder, record, asked.resolution)
 
     def _check_known(self, asked: SourceObject, record: Record) -> None:
-        check_known(read_hashes(self._hashes), asked.id, record.files)
+        check_known(read_hashes(self._hashes), asked.id, record.files_of(asked.resolution))
 
     def _recorded(self, asked: SourceObject, record: Record) -> int:
-        return record_hashes(self._hashes, asked.id, record.files, accept_changed=self._accept_changed)
+        files = record.files_of(asked.resolution)
+        return record_hashes(self._hashes, asked.id, files, accept_changed=self._accept_changed)
 
     def _brought(self, asked: SourceObject, folder: Path) -> Record:
         """Fill a folder; what is damaged or changed is brought once more before it is refused."""

@@ -219,6 +219,20 @@ def test_another_resolution_comes_beside_the_first(place):
         assert place.targets() == []
 
 
+def test_what_is_known_otherwise_of_one_resolution_does_not_touch_another(place):
+    place.sources.add_poly_haven(POLY_HAVEN, "2k")
+    place.fetch(IDS[2], "2k")
+    first = place.fetch(IDS[2])
+    known = place.hashes.read_text(encoding="utf-8")
+    place.hashes.write_text(
+        known.replace(f"textures/{POLY_HAVEN}_arm_2k.jpg,", f"textures/{POLY_HAVEN}_arm_2k.jpg,1")
+    )
+    assert place.fetch(IDS[2]).outcome == KEPT
+    with pytest.raises(ChangedError):
+        place.fetch(IDS[2], "2k")
+    assert place.fetch(IDS[2]).mesh == first.mesh
+
+
 @pytest.mark.parametrize(
     ("source_id", "finding", "remedy"),
     [
