@@ -1,6 +1,7 @@
 """A fetch disturbed in any way ends complete, or says what to do; killed, it goes on where it was."""
 
 import hashlib
+import queue
 import random
 import signal
 import subprocess
@@ -146,19 +147,22 @@ def test_a_killed_fetch_goes_on_where_it_was(tmp_path):
     with server.listening() as base:
         url = f"{base}/large"
         partial = CachedFile(cache, url).partial
+        started: queue.SimpleQueue[subprocess.Popen[bytes]] = queue.SimpleQueue()
         for quarter in (1, 2, 3):
+
+            def kill(sent: int, at: int = quarter * len(content) // 4) -> None:
+                """Once all that was sent is written; so sent is what there is to go on from."""
+                if sent >= at:
+                    process = started.get()
+                    while partial.stat().st_size < sent:
+                        assert process.poll() is None
+                    process.kill()
+                    process.wait()  # or it sees the connection end, and asks again
+                    raise ConnectionResetError
+
+            server.when_sent = kill
             with subprocess.Popen([sys.executable, "-c", CODE, str(cache), url], cwd=REPOSITORY) as process:
-
-                def kill(sent: int, process=process, at: int = quarter * len(content) // 4) -> None:
-                    """Once all that was sent is written; so sent is what there is to go on from."""
-                    if sent >= at:
-                        while partial.stat().st_size < sent:
-                            assert process.poll() is None
-                        process.kill()
-                        process.wait()  # or it sees the connection end, and asks again
-                        raise ConnectionResetError
-
-                server.when_sent = kill
+                started.put(process)
             assert process.returncode == -signal.SIGKILL
             assert not whole_files(cache)
             assert partial.read_bytes() == content[: server.bytes_sent]
