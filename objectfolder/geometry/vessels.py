@@ -36,6 +36,9 @@ BULK_OF_WALLS, BULK_OF_HEAVY_WALLS = 8.0, 3.5
 """Times its usual wall: a part of a vessel thicker than that is filled; the second where the mass says so,
 too. Handles and knobs of mugs and pots that are right have 2 to 3 times, of thin teapots 6."""
 
+FINE = 1 / 100
+"""Of the longest side: shells that are thinner were not always resolved by the solver's mesh."""
+
 THIN_SHARE = 0.08
 TORN_SHARE = 0.01
 DEEP_SHARE = 0.3
@@ -193,7 +196,8 @@ def _hollow_in_truth(
         SCANNED_SOLID,
         certainty,
         "; ".join(reasons),
-        f"If it is hollow, set shell_m to its wall{how}; if it is solid, leave it so",
+        f"If it is hollow, set shell_m to its wall{how}{_how_fine(measures, suggested)}; "
+        "if it is solid, leave it so",
         evidence,
         "shell_m",
         suggested,
@@ -217,6 +221,17 @@ def _shell(
         f" ({millimetres(mass.shell_m)} +- {millimetres(mass.shell_uncertainty_m)} gives the published mass)"
     )
     return mass.shell_m, mass.shell_uncertainty_m, how
+
+
+def _how_fine(measures: WallMeasures, shell_m: float | None) -> str:
+    """Say where a shell is so thin that the volume mesh may not hold it."""
+    longest = max(measures.extents_m)
+    if shell_m is None or shell_m >= FINE * longest:
+        return ""
+    return (
+        f" (at 1/{longest / shell_m:.0f} of its length it may not be resolved: volume_error of the modes "
+        "says so; take a thicker one then)"
+    )
 
 
 def _filled_below(
@@ -256,7 +271,8 @@ def _one_layer(measures: WallMeasures, limits: WallLimits, material: str | None,
         f"the surface is open ({measures.boundary_edges} boundary edges), and from {100 * deep:.0f} % of it "
         f"the other side is more than {millimetres(limits.largest_solid_m)} inwards: walls of one layer "
         f"around an empty inside, which sounds as if it were solid {material or ''}".rstrip(),
-        f"Set shell_m to the thickness of its walls (about {millimetres(limits.usual_wall_m)} is usual)",
+        f"Set shell_m to the thickness of its walls (about {millimetres(limits.usual_wall_m)} is usual)"
+        + _how_fine(measures, limits.usual_wall_m),
         {
             "boundary_edges": float(measures.boundary_edges),
             "deep_share": deep,

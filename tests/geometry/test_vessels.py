@@ -303,6 +303,16 @@ def test_measures_survive_json():
         assert WallMeasures.from_dict(json.loads(json.dumps(measures.to_dict()))) == measures
 
 
+def test_shells_that_may_not_be_resolved_are_said_to_be_so():
+    steel, ceramic = (
+        wall_findings(measure_walls(revolved(can())), material=material)[0]
+        for material in ("steel", "ceramic")
+    )
+    assert "1/560 of its length" in steel.remedy
+    assert "resolved" not in ceramic.remedy
+    assert "1/200" in wall_findings(measure_walls(open_box(0.4, None)), material="plastic")[0].remedy
+
+
 def test_findings_say_numbers_units_and_remedy():
     measures = measure_walls(revolved(can()))
     known = {"material": "steel", "density_kg_m3": 7850.0, "mass_kg": 0.349, "words": "soup can"}
