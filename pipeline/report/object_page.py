@@ -119,6 +119,7 @@ def render_object(
         found: list[Origin] = []
         with products.reading("provenance"):
             found = origins(products)
+        filling = _filling(record, products)
         unreadable = list(dict.fromkeys([*products.unreadable, problem] if problem else products.unreadable))
     numbers, citation = material(attributes)
     return environment.get_template("object.html.j2").render(
@@ -131,6 +132,7 @@ def render_object(
         failures=around.failures,
         unreadable=unreadable,
         warnings=_warnings(record),
+        filling=filling,
         headline=[(m, m.of(attributes), m.trivial_of(attributes)) for m in HEADLINE],
         extents_mm=_extents_mm(record),
         mass_kg=number_at(attributes, "body.mass_kg"),
@@ -163,6 +165,26 @@ def _stages(record: Record, costs: Costs) -> list[tuple[str, Any]]:
 def _warnings(record: Record) -> list[str]:
     said: Any = record.sense("body").get("warnings")
     return [text for text in said if isinstance(text, str)] if isinstance(said, list) else []
+
+
+@dataclass(frozen=True)
+class _Filling:
+    """The solid that is heard of an open surface: its volume against what the surface encloses."""
+
+    volume_m3: float
+    change: float
+    uncertainty: float | None
+
+
+def _filling(record: Record, products: OpenProducts) -> _Filling | None:
+    if record.sense("body").get("watertight") is not False:
+        return None
+    volume = number_at(record.attributes, "body.filled_volume_m3")
+    modes = products.attributes("modes")
+    change = number_at(modes, "discretisation.volume_error")
+    if volume is None or change is None:
+        return None
+    return _Filling(volume, change, number_at(modes, "discretisation.volume_uncertainty"))
 
 
 def _extents_mm(record: Record) -> list[float]:

@@ -290,6 +290,29 @@ def test_warnings_of_an_object_stand_on_its_page(tmp_path: Path, said: object) -
     assert text.count("Warning:") == isinstance(said, list)
 
 
+@pytest.mark.parametrize(
+    ("watertight", "change", "said"),
+    [
+        (False, 0.0512, "has 13\u202f568 cm³, 5.1 % more than the open surface encloses (itself known to ± 1.4 %)"),
+        (False, -0.001, "0.1 % less than"),
+        (True, 0.0512, None),
+        (False, "much", None),
+    ],
+)
+def test_an_open_surface_says_how_it_was_filled(tmp_path: Path, watertight, change, said) -> None:
+    write_object(tmp_path / "data", "stool")
+    path = tmp_path / "data" / "fidelity" / "stool.zarr.zip"
+    product = read_product(path)
+    body = {"watertight": watertight, "filled_volume_m3": 0.013568}
+    write_product(path, product.with_attributes(body=body))
+    filled = {"discretisation": {"volume_error": change, "volume_uncertainty": 0.0137}}
+    write_product(tmp_path / "data" / "modes" / "stool.zarr.zip", Product({}, filled))
+    report(tmp_path)
+    text = Page(tmp_path / "reports" / "objects" / "stool.html").text
+    assert ("Filled for sound" in text) == (said is not None)
+    assert said is None or said in text
+
+
 NO_TRIANGLES = np.array([[0, 1, 2_000_000_000]])
 
 
