@@ -293,7 +293,11 @@ def test_warnings_of_an_object_stand_on_its_page(tmp_path: Path, said: object) -
 @pytest.mark.parametrize(
     ("watertight", "change", "said"),
     [
-        (False, 0.0512, "has 13\u202f568 cm³, 5.1 % more than the open surface encloses (itself known to ± 1.4 %)"),
+        (
+            False,
+            0.0512,
+            "has 13\u202f568 cm³, 5.1 % more than the open surface encloses (itself known to ± 1.4 %)",
+        ),
         (False, -0.001, "0.1 % less than"),
         (True, 0.0512, None),
         (False, "much", None),
