@@ -345,7 +345,12 @@ DIRT: dict[str, Make] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", DIRT)
+SLOW = {"1,200 pieces"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in DIRT]
+)
 def test_the_dirt_of_real_scans(name, tmp_path):
     check(*DIRT[name](tmp_path))
 

@@ -92,3 +92,14 @@ def test_the_process_tells_of_what_goes_wrong(tmp_path, monkeypatch):
     assert found[1]["outcome"] == "failed"
     assert "ValueError: trap" in found[1]["said"]
     assert found[2]["outcome"] == "ended"
+
+
+def test_objects_are_read_before_they_are_mutated(tmp_path):
+    """What mutated files are refused for is what was done to them."""
+    objects = []
+    for kind, build in OBJECTS.items():
+        folder = tmp_path / str(len(objects)) / "object"
+        mesh, targets = build(folder)
+        archive = str(targets[0]) if kind == "zip" else ""
+        objects.append({"name": kind, "folder": str(folder), "mesh": str(mesh), "archive": archive})
+    assert {one["outcome"] for one in held(objects)} == {"mesh"}
