@@ -408,8 +408,8 @@ TRIANGLES = (
 )
 
 
-def test_what_an_obj_names_is_read_wherever_it_lies_and_counts_as_its_source(tmp_path):
-    """Scans keep textures in a folder beside the mesh's; so a mesh may name any image its user can read."""
+def test_an_obj_may_name_what_lies_in_the_folder_around_its_own_and_no_further(tmp_path):
+    """Scans keep textures in a folder beside the mesh's; what they name counts as their source."""
     folder = tmp_path / "mesh"
     folder.mkdir()
     from PIL import Image
@@ -419,6 +419,13 @@ def test_what_an_obj_names_is_read_wherever_it_lies_and_counts_as_its_source(tmp
     (folder / "m.mtl").write_text("newmtl a\nmap_Kd ../outside.png\n")
     assert tmp_path / "outside.png" in {path.resolve() for path in source_files(folder / "m.obj")}
     assert tuple(load_mesh(folder / "m.obj").textures[0][0, 0, :3]) == (200, 10, 10)
+    deeper = folder / "deeper" / "still"
+    deeper.mkdir(parents=True)
+    for name in ("m.obj", "m.mtl"):
+        (deeper / name).write_text((folder / name).read_text().replace("../outside", "../../../outside"))
+    with pytest.raises(InputError):
+        load_mesh(deeper / "m.obj")
+    assert tmp_path / "outside.png" not in {path.resolve() for path in source_files(deeper / "m.obj")}
     (tmp_path / "outside.png").write_text("root:x:0:0: no image, and nothing of it is told\n")
     with pytest.raises(InputError) as refused:
         load_mesh(folder / "m.obj")
