@@ -111,35 +111,35 @@ def container_shape(surface: Surface) -> ContainerShape:
 
 
 def sections(surface: Surface, axis: Floats, count: int = SECTIONS) -> Sections:
-    """Cut a closed surface at even heights along a unit vector."""
+    """Cut a closed surface, of some extent along a unit vector, at even heights along it."""
     heights = surface.vertices @ axis
-    low, high = heights.min(), heights.max()
-    triangles = surface.vertices[surface.faces]
+    low, step = heights.min(), np.ptp(heights) / count
     levels = heights[surface.faces]
-    lowest, highest = levels.min(axis=1), levels.max(axis=1)
-    end = _end(count)
-    area, perimeter, hull = np.zeros(count), np.zeros(count), np.zeros(count)
-    middle = np.zeros((count, 3))
-    for index in range(count):
-        # Never through a vertex of a regular mesh: a level there would cut its edges twice.
-        level = low + (high - low) * (index + 0.5 + 1e-4) / count
-        cut = (lowest < level) & (highest > level)
-        ends = _ends(triangles[cut], levels[cut] - level)
-        first, second = ends[:, 0], ends[:, 1]
-        along = second - first
-        # Outlines run counter-clockwise around the axis: the outside is on the right.
-        wanted = np.cross(axis, surface.face_normals[cut])
-        turned = np.einsum("ij,ij->i", along, wanted) < 0
-        parts = np.where(turned, -0.5, 0.5) * (np.cross(first, second) @ axis)
-        total = float(parts.sum())
-        perimeter[index] = float(np.linalg.norm(along, axis=1).sum())
-        if total > 0:
-            area[index] = hull[index] = total
-            middle[index] = parts @ (first + second) / (3 * total)
-        if index < end or index >= count - end:
-            hull[index] = max(hull[index], _hull_area(ends.reshape(-1, 3), axis))
+    # Never through a vertex of a regular mesh: a level there would cut its edges twice.
+    offset = 0.5 + 1e-4
+    first = np.floor((levels.min(axis=1) - low) / step - offset).astype(np.int64) + 1
+    last = np.ceil((levels.max(axis=1) - low) / step - offset).astype(np.int64) - 1
+    cuts = np.maximum(np.minimum(last, count - 1) - np.maximum(first, 0) + 1, 0)
+    face = np.repeat(np.arange(len(cuts)), cuts)
+    index = np.arange(len(face)) - np.repeat(np.cumsum(cuts) - cuts, cuts) + np.maximum(first, 0)[face]
+    relative = levels[face] - (low + (index + offset) * step)[:, None]
+    cut = (relative.min(axis=1) < 0) & (relative.max(axis=1) > 0)
+    face, index, relative = face[cut], index[cut], relative[cut]
+    ends = _ends(surface.vertices[surface.faces[face]], relative)
+    along = ends[:, 1] - ends[:, 0]
+    # Outlines run counter-clockwise around the axis: the outside is on the right.
+    turned = np.einsum("ij,ij->i", along, np.cross(axis, surface.face_normals[face])) < 0
+    parts = np.where(turned, -0.5, 0.5) * (np.cross(ends[:, 0], ends[:, 1]) @ axis)
+    perimeter = np.bincount(index, np.linalg.norm(along, axis=1), count)
+    area = np.maximum(np.bincount(index, parts, count), 0.0)
+    weighted = parts[:, None] * ends.sum(axis=1) / 3
+    moment = np.stack([np.bincount(index, weighted[:, k], count) for k in range(3)], axis=1)
+    middle = np.where(area[:, None] > 0, moment / np.where(area > 0, area, 1.0)[:, None], 0.0)
     # What runs along the axis is no middle of a section.
     middle -= np.outer(middle @ axis, axis)
+    hull = area.copy()
+    for level in (*range(_end(count)), *range(count - _end(count), count)):
+        hull[level] = max(hull[level], _hull_area(ends[index == level].reshape(-1, 3), axis))
     return Sections(area, perimeter, middle, hull)
 
 
