@@ -130,7 +130,7 @@ def sections(surface: Surface, axis: Floats, count: int = SECTIONS) -> Sections:
     # Outlines run counter-clockwise around the axis: the outside is on the right.
     turned = np.einsum("ij,ij->i", along, np.cross(axis, surface.face_normals[face])) < 0
     parts = np.where(turned, -0.5, 0.5) * (np.cross(ends[:, 0], ends[:, 1]) @ axis)
-    perimeter = np.bincount(index, np.linalg.norm(along, axis=1), count)
+    perimeter: Floats = np.bincount(index, np.linalg.norm(along, axis=1), count).astype(np.float64)
     area = np.maximum(np.bincount(index, parts, count), 0.0)
     weighted = parts[:, None] * ends.sum(axis=1) / 3
     moment = np.stack([np.bincount(index, weighted[:, k], count) for k in range(3)], axis=1)
