@@ -153,8 +153,8 @@ def test_a_killed_fetch_goes_on_where_it_was(tmp_path):
             def kill(sent: int, at: int = quarter * len(content) // 4) -> None:
                 """Once all that was sent is written; so sent is what there is to go on from."""
                 if sent >= at:
-                    process = started.get()
-                    while partial.stat().st_size < sent:
+                    process = started.get(timeout=60)
+                    while not partial.exists() or partial.stat().st_size < sent:
                         assert process.poll() is None
                     process.kill()
                     process.wait()  # or it sees the connection end, and asks again
