@@ -230,6 +230,22 @@ def test_bombs(tmp_path, kind):
     assert "more than 100 members" in refused(tmp_path, many, limit_files=100)
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (MAKERS["tgz"]([("a", bytes(70 * MEGABYTE))]), "unpacks to more than"),
+        (patched_zip(zipped([("a", b"1")]), 8, 1), "encrypted"),
+        (zipped([("a/", b"1")]), "a folder and a file"),
+        (tarred([("a", b"")], tarfile.SYMTYPE, linkname="/etc/passwd"), "link, device"),
+        (zipped([("../a", b"1")]), "out of its folder"),
+    ],
+)
+def test_what_is_not_wanted_is_refused_all_the_same(tmp_path, content, said):
+    with pytest.raises(FormatError, match=said):
+        unpack(put(tmp_path, content), tmp_path / "target", wanted=lambda name: False)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
 def test_a_bomb_that_says_it_is_small(tmp_path):
     content = patched_zip(zipped([("a", bytes(70 * MEGABYTE))]), 24, 10, "<L")
     assert "CRC" in refused(tmp_path, content)
