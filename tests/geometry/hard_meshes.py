@@ -98,7 +98,8 @@ def outline_area(outline: np.ndarray) -> float:
 def prism_truth(outline: np.ndarray, height: float, **more: Any) -> Truth:
     around = float(np.linalg.norm(outline - np.roll(outline, -1, axis=0), axis=1).sum())
     area = outline_area(outline)
-    return Truth(area * height, 2 * area + around * height, (*np.ptp(outline, axis=0), height), **more)  # type: ignore[arg-type]  # two sides and a height are three numbers
+    width, depth = np.ptp(outline, axis=0)
+    return Truth(area * height, 2 * area + around * height, (width, depth, height), **more)
 
 
 L_OUTLINE = 0.1 * np.array([[1, 1], [1, 2], [0, 2], [0, 0], [2, 0], [2, 1]], dtype=np.float64)
