@@ -101,20 +101,21 @@ def test_a_fetch_that_is_killed_leaves_nothing_half_and_goes_on(tmp_path):
         ]  # fmt: skip
         for mirror in sources.mirrors(base):
             command += ["--mirror", mirror]
-        process = subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.DEVNULL)
+        started: list[subprocess.Popen[bytes]] = []
 
         def kill_half_way(count: int) -> None:
             """Go on as the other side does: what is on its way when it is killed is lost."""
             for _ in range(6000):
                 come = [path.stat().st_size for path in (tmp_path / "fetched").rglob(".partial")]
-                if process.poll() is not None or sum(come) > count - 300_000:
+                if started[0].poll() is not None or sum(come) > count - 300_000:
                     break
                 server.closing.wait(0.01)
             if count > 2_000_000:
-                process.send_signal(signal.SIGKILL)
+                started[0].send_signal(signal.SIGKILL)
 
         server.when_sent = kill_half_way
-        assert process.wait() == -signal.SIGKILL
+        started.append(subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.DEVNULL))
+        assert started[0].wait() == -signal.SIGKILL
         assert not (tmp_path / "fetched" / "ycb" / YCB).exists()
         assert not (tmp_path / "hashes.csv").exists()
         server.when_sent = lambda count: None
