@@ -33,6 +33,9 @@ MOST_BEND = 0.25
 SMALLEST_M = 0.02
 """Of the diameter of a body: smaller things are dice and beads."""
 
+DECIMALS = 6
+"""Of what is said and compared: axes of symmetric bodies tie but for rounding, which differs by processor."""
+
 
 @dataclass(frozen=True)
 class ContainerShape:
@@ -187,15 +190,17 @@ def _of_sections(axis: Floats, height: float, across: Sections) -> ContainerShap
     shape = ContainerShape(
         kind="none",
         axis=_triple(axis),
-        slenderness=height / diameter,
-        diameter_m=diameter,
-        base=float(across.hull[:end].max()) / largest,
-        top=float(across.hull[-end:].max()) / largest,
+        slenderness=_rounded(height / diameter),
+        diameter_m=_rounded(diameter),
+        base=_rounded(across.hull[:end].max() / largest),
+        top=_rounded(across.hull[-end:].max() / largest),
         body=(last - first) / len(share),
         neck=(neck_last - neck_first) / len(share),
-        roundness=float(np.median(roundness[first:last])),
-        neck_roundness=float(np.median(roundness[neck_first:neck_last])) if neck_last > neck_first else 0.0,
-        bend=float(np.linalg.norm(middle - middle.mean(axis=0), axis=1).max()) / (diameter / 2),
+        roundness=_rounded(np.median(roundness[first:last])),
+        neck_roundness=_rounded(np.median(roundness[neck_first:neck_last]))
+        if neck_last > neck_first
+        else 0.0,
+        bend=_rounded(np.linalg.norm(middle - middle.mean(axis=0), axis=1).max() / (diameter / 2)),
     )
     return replace(shape, kind=_kind(shape))
 
@@ -234,4 +239,8 @@ def _neck(share: Floats, body_ends: int) -> tuple[int, int]:
 
 
 def _triple(vector: Floats) -> tuple[float, float, float]:
-    return (float(vector[0]), float(vector[1]), float(vector[2]))
+    return (_rounded(vector[0]), _rounded(vector[1]), _rounded(vector[2]))
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), DECIMALS) + 0.0  # zero has no sign

@@ -177,7 +177,7 @@ def test_records_are_capped_in_number_and_in_size(tmp_path, monkeypatch):
         pass
     assert [path.name[:8] for path in records(tmp_path)][:2] == ["20260105", "20260106"]
     assert records(tmp_path)[-1] == record.path
-    monkeypatch.setattr(run_record, "MOST_BYTES", 1500)
+    monkeypatch.setattr(run_record, "MOST_BYTES", 1500 + record.path.stat().st_size)
     run_record.prune(tmp_path)
     assert [path.name[:8] for path in records(tmp_path)][:-1] == ["20260106"]
     monkeypatch.setattr(run_record, "MOST_BYTES", 1)

@@ -251,7 +251,7 @@ def install(tmp_path_factory, monkeypatch):
         ("bpy", SIGHT),
         ("numba", ("touches", "encode", "fidelity")),
         ("torch", ("encode", "fidelity")),
-        ("trimesh", ("objects",)),  # what it makes is the same, so that nothing behind it is made
+        ("DracoPy", ("objects",)),  # what it makes is the same, so that nothing behind it is made
         ("dask", ()),
     ],
 )
