@@ -201,8 +201,8 @@ class Child:
             folder = str(self._scratch.path)
             path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
             environment = {
-                **GLIBC,
                 **os.environ,
+                **GLIBC,  # Dask's workers are told to keep nothing, for they keep data; tasks do not
                 **instructions.settings(),
                 "OMP_WAIT_POLICY": "PASSIVE",
                 "PYTHONHASHSEED": "0",

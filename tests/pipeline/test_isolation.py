@@ -220,7 +220,9 @@ def _with(pid, pids):
 )
 def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
     script = (
-        "import sys\n"
+        "import signal, sys\n"
+        # Whoever started the tests may have had them ignore it, as `nohup` does.
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
         f"sys.path.insert(0, {str(os.path.dirname(__file__))!r})\n"
         "from pathlib import Path\n"
         "from test_isolation import HANG, calls_of\n"
@@ -331,7 +333,8 @@ raise OSError(f"{first} {pages_of(10)}")
 RESIDENT = "raise OSError(open('/proc/self/statm').read().split()[1])"
 
 
-def test_arrays_of_a_task_take_the_same_memory_again_and_leave_it_at_the_end(toys):
+def test_arrays_of_a_task_take_the_same_memory_again_and_leave_it_at_the_end(toys, monkeypatch):
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")  # as Dask tells its workers
     poison = {"fills": f"exec({FILL!r}, {{}})", "rests": RESIDENT}
     with Child(toys.root, ChildSettings()) as child:
         fills, rests = (child.run(call).failure.error for call in calls_of(toys, poison, poison))
