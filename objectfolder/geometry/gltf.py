@@ -13,7 +13,7 @@ from objectfolder.geometry.gltf_file import KINDS, Json, extensions, read_gltf_f
 from objectfolder.geometry.gltf_materials import PLAIN, Material, read_material
 from objectfolder.geometry.gltf_nodes import placed_meshes
 from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.text_files import brief
+from objectfolder.geometry.text_files import unreadable
 from objectfolder.geometry.texture_reader import TextureReader
 from objectfolder.geometry.textures import corner_colour_atlas, opaque, srgb_encode
 
@@ -82,12 +82,7 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         OverflowError,
         MemoryError,
     ) as problem:
-        said = f"it has no {problem}" if isinstance(problem, KeyError) else problem
-        raise InputError(
-            str(path),
-            f"cannot be read as {KINDS[path.suffix.lower()]} ({brief(said)})",
-            "Check that the file is complete and what it says",
-        ) from problem
+        raise unreadable(path, KINDS[path.suffix.lower()], problem) from problem
     if not parts:
         raise InputError(str(path), "holds no faces", "Use a glTF file with triangles in its scene")
     joined = _joined(parts)

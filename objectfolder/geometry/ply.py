@@ -15,7 +15,7 @@ from objectfolder.geometry.material_library import DEFAULT_COLOUR
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.named_files import find_file
 from objectfolder.geometry.polygons import triangulated
-from objectfolder.geometry.text_files import brief, read_bytes
+from objectfolder.geometry.text_files import read_bytes, unreadable
 from objectfolder.geometry.textures import corner_colour_atlas, opaque, read_texture, uniform_texture
 
 _TYPES = {
@@ -84,12 +84,7 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         if any(len(loop) < 3 or min(loop) < 0 or max(loop) >= len(vertices) for loop in loops):
             raise ValueError("a face has fewer than three corners, or names a vertex that is not there")
     except (ValueError, KeyError, IndexError, OverflowError, MemoryError) as problem:
-        said = f"no {problem}" if isinstance(problem, KeyError) else problem
-        raise InputError(
-            str(path),
-            f"cannot be read as PLY ({brief(said)})",
-            "Check that the file is complete and what it says",
-        ) from problem
+        raise unreadable(path, "PLY", problem) from problem
     if not loops:
         strips = " (triangle strips are not read)" if "tristrips" in columns else ""
         raise InputError(str(path), f"holds no faces{strips}", "Use a PLY file with triangles")

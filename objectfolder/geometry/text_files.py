@@ -57,6 +57,16 @@ def without_comment(text: str) -> str:
     return _COMMENT.split(text, maxsplit=1)[0].strip() if "#" in text else text.strip()
 
 
+def unreadable(path: Path, kind: str, problem: Exception) -> InputError:
+    """What is said of a mesh file that is not of its kind, or is not whole."""
+    said = f"it has no {problem}" if isinstance(problem, KeyError) else problem
+    return InputError(
+        str(path),
+        f"cannot be read as {kind} ({brief(said)})",
+        "Check that the file is complete and what it says",
+    )
+
+
 def brief(problem: object) -> str:
     """Return what a problem says on one line, not whole where it is long: it may quote the file."""
     text = " ".join(str(problem).split())

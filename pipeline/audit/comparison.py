@@ -153,7 +153,7 @@ class Comparison:
             for side, one in enumerate((before, after)):
                 prints[side] = prints[side] or (one.fingerprint if one else "")
             if kind.name == FIDELITY.name:
-                said = tuple(one.attributes if one else None for one in (before, after))  # type: ignore[assignment]  # two
+                said = (before.attributes if before else None, after.attributes if after else None)
                 if self._hides_fidelity(old, before) or self._hides_fidelity(new, after):
                     said = None
             if old is None or new is None or before is None or after is None:

@@ -109,7 +109,7 @@ def test_remote_that_is_not_there(far):
     config = far.root / ".dvc" / "config"
     text = config.read_text()
     config.write_text(text.replace("/store\n", "/elsewhere\n"))
-    shutil.rmtree(far.root / ".objectfolder")
+    shutil.rmtree(far.root / ".objectfolder", ignore_errors=True)
     try:
         found = far.audit("HEAD~1", "HEAD")
         assert any("not readable here" in one.finding for one in found.problems)

@@ -324,7 +324,7 @@ def test_lists_that_are_none_are_refused(place, answer):
 
 HOSTILE = {
     "a path that leads out": {"../../out.jpg": {}},
-    "an absolute path": {"/tmp/out.jpg": {}},
+    "an absolute path": {"/elsewhere/out.jpg": {}},
     "a path of another system": {"textures\\out.jpg": {}},
     "a path that is not plain": {"textures//out.jpg": {}},
     "another host": {"a.jpg": {"url": "https://example.org/a.jpg"}},
