@@ -14,15 +14,26 @@ NEARLY_WHITE = 250
 def picture_uri(image: np.ndarray) -> str:
     """Return an (h, w, 3) uint8 image as a lossless data URI.
 
-    By PNG with run lengths: a third of the time of WebP's fastest way on renders, for as many bytes; WebP's
-    slowest takes a hundred times as long for half of them.
+    By OpenCV's PNG, which has one filter: half the time of PIL's, which tries all, or of WebP's fastest way,
+    for a fifth and a third more bytes on renders. WebP's slowest takes a hundred times as long for half.
     """
-    return _png(np.ascontiguousarray(image), "RGB")
+    import cv2
+
+    # With a level of compression set, OpenCV would try all filters too.
+    _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    return _uri(encoded.tobytes())
 
 
 def indexed_uri(levels: np.ndarray, palette: np.ndarray, transparent: int | None = None) -> str:
     """Return an (h, w) uint8 image of places in an (n, 3) palette as a data URI; one may be see-through."""
-    return _png(np.ascontiguousarray(levels), "P", palette.astype(np.uint8).tobytes(), transparent)
+    from PIL import Image
+
+    picture = Image.fromarray(np.ascontiguousarray(levels), "P")
+    picture.putpalette(palette.astype(np.uint8).tobytes())
+    options = {} if transparent is None else {"transparency": transparent}
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, **options)
+    return _uri(buffer.getvalue())
 
 
 def thumbnail(views: np.ndarray | None) -> bytes:
@@ -40,16 +51,8 @@ def thumbnail(views: np.ndarray | None) -> bytes:
     return buffer.getvalue()
 
 
-def _png(image: np.ndarray, mode: str, palette: bytes = b"", transparent: int | None = None) -> str:
-    from PIL import Image
-
-    picture = Image.fromarray(image, mode)
-    if palette:
-        picture.putpalette(palette)
-    options = {} if transparent is None else {"transparency": transparent}
-    buffer = io.BytesIO()
-    picture.save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, **options)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+def _uri(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def _brightness(view: np.ndarray) -> float:

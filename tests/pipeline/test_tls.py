@@ -73,10 +73,11 @@ async def _attempts(own, stranger):
     ) as scheduler:
         for name, (protocol, arguments) in who.items():
             address = f"{protocol}://{scheduler.address.partition('://')[2]}"
+            seconds = 60 if name == "ours" else 5  # who is refused may never be answered
             try:
-                comm = await connect(address, timeout=5, **arguments)
+                comm = await connect(address, timeout=seconds, **arguments)
                 await comm.write({"op": "identity", "reply": True})
-                answer = await asyncio.wait_for(comm.read(), 5)
+                answer = await asyncio.wait_for(comm.read(), seconds)
                 found[name] = "identity" if answer["type"] == "Scheduler" else "another answer"
             except (OSError, TimeoutError):
                 found[name] = "refused"
