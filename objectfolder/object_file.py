@@ -154,7 +154,7 @@ class ObjectFile(SightQueries, SoundQueries):
             return cls.of_tensors(content.tensors, description)
         except FormatError as error:
             raise FormatError(where, str(error), "Fetch or build it again.") from error
-        except (KeyError, ValueError, TypeError, IndexError) as error:
+        except (KeyError, ValueError, TypeError, IndexError, RecursionError) as error:
             raise FormatError(
                 where, f"incomplete ({type(error).__name__}: {error})", "Fetch or build it again."
             ) from error

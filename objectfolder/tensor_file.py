@@ -141,7 +141,7 @@ def _read_header(where: str, file: BinaryIO) -> tuple[dict[str, Any], int]:
         raise FormatError(where, f"not a safetensors file, or truncated ({size} bytes)", REMEDY)
     try:
         header = json.loads(file.read(length))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError(where, f"its header is not JSON ({error})", REMEDY) from error
     if not isinstance(header, dict):
         raise FormatError(where, "its header is no JSON object", REMEDY)

@@ -22,6 +22,7 @@ from objectfolder.audio.surface_kernel import KernelParameters, SurfaceKernel
 from objectfolder.errors import FormatError
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
+from objectfolder.unpacking import unpack_lzma
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -33,6 +34,10 @@ MODE_TENSORS = ("eigenvalues", "dampings_per_s", "radiation_weights")
 # which a product adds up may depend on its shape: every product has this one.
 ROWS = 16
 LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9}]
+# Several times what any object has needed; a larger number in a file is no reason to set memory aside.
+LARGEST_DIMENSIONS = 16
+LARGEST_POINTS = 1 << 14
+LARGEST_COEFFICIENTS = 1 << 24
 
 
 class AudioNet:
@@ -85,6 +90,12 @@ class AudioNet:
             modes, points = int(metadata["modes"]), int(metadata["control_points"])
             dimensions = int(metadata["detour_dimensions"])
             KernelParameters(**metadata["kernel"])
+            if (
+                not 0 <= dimensions <= LARGEST_DIMENSIONS
+                or points > LARGEST_POINTS
+                or 3 * modes * points > LARGEST_COEFFICIENTS
+            ):
+                raise ValueError(f"{modes} modes, {points} control points, {dimensions} detour dimensions")
         except (KeyError, TypeError, ValueError) as error:
             raise FormatError(
                 "Object File", f"audio metadata: {type(error).__name__} {error}", "Make it again."
@@ -216,10 +227,10 @@ def decode_detours(stream: np.ndarray, vertices: int, dimensions: int, size: flo
         A stream that is damaged or of another length.
     """
     try:
-        unpacked = lzma.decompress(stream.tobytes(), lzma.FORMAT_RAW, filters=LZMA_FILTERS)
+        unpacked = unpack_lzma(stream.tobytes(), LZMA_FILTERS, 2 * dimensions * vertices)
         high_and_low = np.frombuffer(unpacked, dtype=np.uint8).reshape(2, -1).T
         change = np.ascontiguousarray(high_and_low).view("<i2").reshape(dimensions, vertices).T
-    except (lzma.LZMAError, EOFError, ValueError) as error:
+    except ValueError as error:
         raise FormatError("Object File", f"audio.detours: damaged ({error})", "Make it again.") from error
     return np.cumsum(change.astype(np.int64), axis=0) * (DETOUR_STEP * size)
 

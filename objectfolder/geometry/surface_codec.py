@@ -12,10 +12,13 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.geometry.surface import Surface
+from objectfolder.unpacking import unpack_lzma
 
 QUANTISATION_STEP_M = 1e-6
 STEPS_ALONG_LONGEST_SIDE = 1 << 14
 LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 1, "pb": 0}]
+LARGEST_COUNT = 1 << 22  # of vertices or faces; a larger number in a file is no reason to set memory aside
+LARGEST_PLANES = 8
 
 
 def quantisation_step(surface: Surface) -> float:
@@ -71,10 +74,12 @@ def decode_surface(tensors: dict[str, np.ndarray]) -> Surface:
     Raises
     ------
     FormatError
-        Streams that are damaged or do not fit together.
+        Streams that are damaged or do not fit together, or more than `LARGEST_COUNT` vertices or faces.
     """
     try:
         vertex_count, face_count = (int(value) for value in tensors["surface.counts"])
+        if not (0 < vertex_count <= LARGEST_COUNT and 0 < face_count <= LARGEST_COUNT):
+            raise ValueError(f"{vertex_count} vertices and {face_count} faces")
         age = _unpack(tensors["surface.connectivity"], 3 * face_count).reshape(3, -1).T.ravel()
         offsets = _unzigzag(_unpack(tensors["surface.positions"], 3 * vertex_count).reshape(3, -1).T)
         is_new = age == 0
@@ -84,7 +89,7 @@ def decode_surface(tensors: dict[str, np.ndarray]) -> Surface:
         positions = _integrate(corners, is_new, offsets)
         vertices = tensors["surface.origin"] + positions * float(tensors["surface.step"][0])
         return Surface(vertices, corners.reshape(-1, 3))
-    except (lzma.LZMAError, ValueError, KeyError, IndexError) as error:
+    except (ValueError, KeyError, IndexError) as error:
         raise FormatError("surface", f"damaged ({error})") from error
 
 
@@ -185,8 +190,8 @@ def _pack(values: np.ndarray) -> np.ndarray:
 def _unpack(stream: np.ndarray, count: int) -> np.ndarray:
     data = stream.tobytes()
     planes = data[0]
-    raw = lzma.decompress(data[1:], format=lzma.FORMAT_RAW, filters=LZMA_FILTERS)
-    if len(raw) != planes * count:
-        raise ValueError(f"a stream of {len(raw)} bytes where {planes * count} were expected")
+    if planes > LARGEST_PLANES:
+        raise ValueError(f"numbers of {planes} bytes")
+    raw = unpack_lzma(data[1:], LZMA_FILTERS, planes * count)
     parts = np.frombuffer(raw, dtype=np.uint8).reshape(planes, count).astype(np.int64)
     return np.sum(parts << (8 * np.arange(planes))[:, None], axis=0)

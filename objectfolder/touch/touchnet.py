@@ -22,6 +22,7 @@ from objectfolder.touch.press import Touches, press
 from objectfolder.touch.sensor import Sensor
 
 CONTACTS = ("rigid", "elastic")
+MOST_SAMPLES = 16  # that a file may ask for where a query says nothing
 
 
 class TouchNet:
@@ -136,9 +137,11 @@ class TouchNet:
         Raises
         ------
         FormatError
-            A sensor with unknown or missing fields, or an unknown contact model.
+            A sensor with unknown or missing fields, an unknown contact model, or samples that nobody stores.
         """
-        contact = metadata["contact"]
+        contact, samples = metadata["contact"], int(metadata["samples"])
         if contact not in CONTACTS:
             raise FormatError("touch.contact", f"{contact!r}", f"Known: {', '.join(CONTACTS)}.")
-        return cls(surface, Sensor.from_dict(metadata["sensor"]), int(metadata["samples"]), contact)
+        if not 1 <= samples <= MOST_SAMPLES:
+            raise FormatError("touch.samples", f"{samples}, not within 1 to {MOST_SAMPLES}")
+        return cls(surface, Sensor.from_dict(metadata["sensor"]), samples, contact)

@@ -11,10 +11,12 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.geometry.surface import Surface
+from objectfolder.unpacking import unpack_deflate
 
 # The grid reaches a little past the unit box: a compressed surface may.
 HALF_WIDTH = 0.51
 LEVELS = 4
+LARGEST_RESOLUTION = 256  # cells a side, of which the lookups take 150 MB
 CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 
 
@@ -41,7 +43,15 @@ class SparseGrid:
 
     @classmethod
     def within_budget(cls, points: np.ndarray, corners: int, finest: int) -> "SparseGrid":
-        """Return the finest grid, of at most `finest` cells a side and `corners` finest corners."""
+        """Return the finest grid, of at most `finest` cells a side and `corners` finest corners.
+
+        Raises
+        ------
+        ValueError
+            `finest` is above `LARGEST_RESOLUTION`.
+        """
+        if finest > LARGEST_RESOLUTION:
+            raise ValueError(f"a grid of {finest} cells a side, of {LARGEST_RESOLUTION} at most")
         resolution = finest
         while True:
             grid = cls.of_points(points, resolution)
@@ -61,11 +71,11 @@ class SparseGrid:
             Bytes that do not hold a grid of this resolution.
         """
         try:
-            bits = np.frombuffer(zlib.decompress(data.tobytes()), dtype=np.uint8)
-            if len(bits) != (resolution**3 + 7) // 8 or resolution % 8:
-                raise ValueError(f"{len(bits)} bytes")
+            if not 0 < resolution <= LARGEST_RESOLUTION or resolution % 8:
+                raise ValueError("a resolution that no grid has")
+            bits = np.frombuffer(unpack_deflate(data.tobytes(), resolution**3 // 8), dtype=np.uint8)
             return cls(np.unpackbits(bits, count=resolution**3).astype(bool).reshape((resolution,) * 3))
-        except (zlib.error, ValueError) as error:
+        except ValueError as error:
             raise FormatError("vision.grid", f"not a grid of {resolution} cells a side ({error})") from error
 
     def to_bytes(self) -> np.ndarray:

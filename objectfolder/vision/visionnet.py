@@ -22,6 +22,7 @@ from objectfolder.vision.view_query import light_colours, ray_query, view_query
 
 PREFIX = "vision."
 SUB_RAYS = 64
+MOST_SUB_RAYS = 4096  # that a file may ask for where a query says nothing
 # Rays through a training pixel without mirrors.
 FEW_RAYS = 4
 # Shape of a pixel, and type, of what a view can show.
@@ -110,7 +111,7 @@ class VisionNet:
         Raises
         ------
         FormatError
-            A tensor that is missing or of the wrong shape.
+            A tensor that is missing or of the wrong shape, or a number of sub-rays that nobody stores.
         """
         own = {key.removeprefix(PREFIX): value for key, value in tensors.items() if key.startswith(PREFIX)}
         if "grid" not in own:
@@ -121,6 +122,9 @@ class VisionNet:
             found = own[name].shape if name in own else None
             if found != expected.get(name):
                 raise FormatError(PREFIX + name, f"shape {found}, expected {expected.get(name)}")
+        sub_rays = int(metadata["sub_rays"])
+        if not 1 <= sub_rays <= MOST_SUB_RAYS:
+            raise FormatError("vision.sub_rays", f"{sub_rays}, not within 1 to {MOST_SUB_RAYS}")
         return cls(
             surface,
             frame,
@@ -128,7 +132,7 @@ class VisionNet:
             own,
             radiance_scale=float(metadata["radiance_scale"]),
             camera_radius=float(metadata["camera_radius"]),
-            sub_rays=int(metadata["sub_rays"]),
+            sub_rays=sub_rays,
         )
 
     def on(self, device: str = "cpu", backend: str | None = None) -> "VisionNet":
