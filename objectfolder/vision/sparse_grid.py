@@ -16,7 +16,7 @@ from objectfolder.unpacking import unpack_deflate
 # The grid reaches a little past the unit box: a compressed surface may.
 HALF_WIDTH = 0.51
 LEVELS = 4
-LARGEST_RESOLUTION = 256  # cells a side, of which the lookups take 150 MB
+LARGEST_RESOLUTION = 256  # cells a side: 78 MB of lookups, and up to 290 while they are made
 CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 
 
