@@ -167,6 +167,11 @@ def _line_end(records: tuple[str, ...]) -> str:
 
 
 def _written(rows: list[list[str]], end: str) -> str:
+    return "".join(_written_row(row).removesuffix("\r\n") + end for row in rows)
+
+
+def _written_row(row: list[str]) -> str:
     text = io.StringIO(newline="")
-    csv.writer(text, lineterminator=end).writerows(rows)
+    # Only characters of its own line end make it quote a cell: a lone return ends a line, too.
+    csv.writer(text, lineterminator="\r\n").writerow(row)
     return text.getvalue()

@@ -6,7 +6,7 @@ import multiprocessing
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from objectfolder.errors import InputError
@@ -67,6 +67,8 @@ texts = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_siz
 
 
 @settings(max_examples=60, deadline=None)
+@example([], "\n", "\r")
+@example([], "\n", "\r\nz")
 @given(st.lists(st.lists(texts, min_size=4, max_size=4), max_size=4), st.sampled_from(["\n", "\r\n"]), texts)
 def test_any_cells_survive(tmp_path_factory, rows, end, name):
     path = tmp_path_factory.mktemp("table") / "t.csv"

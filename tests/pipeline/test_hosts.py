@@ -5,6 +5,7 @@ Each scenario makes objects of its own, and counts what the tasks themselves say
 """
 
 import contextlib
+import math
 import os
 import shutil
 import signal
@@ -152,20 +153,22 @@ class Run:
 
         wait_for(ready, f"{host} is at work")
 
-    def unfinished(self, *hosts: str) -> set[tuple[str, str]]:
-        """Return what hosts are at: begun last by a process that lives, products not arrived."""
+    def unfinished(self, *hosts: str, since: float = math.inf) -> set[tuple[str, str]]:
+        """Return what hosts are at: begun last by a process that lives or began since, not arrived."""
         alive = set(psutil.pids())
-        last = {one.pid: one.work for one in self.executions(*hosts) if one.pid in alive}
+        found = self.executions(*hosts)
+        last = {one.pid: one.work for one in found if one.pid in alive or one.time >= since}
         return {work for work in last.values() if not self.ground.stands(work)}
 
     @contextlib.contextmanager
     def fault(self, *hosts: str) -> Iterator[None]:
         """Within it something fails: what these hosts are at, or begin with on the way, may be done again."""
+        begun = time.time()
         self.allowed |= self.unfinished(*hosts)
         yield
         deadline = time.monotonic() + SETTLED_S
         while time.monotonic() < deadline:
-            self.allowed |= self.unfinished(*hosts)
+            self.allowed |= self.unfinished(*hosts, since=begun)
             time.sleep(0.05)
 
     def finish(self, runs: int = 1) -> None:
