@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import settings
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.audio.modes import simulate_modes
@@ -21,6 +22,11 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.views import simulate_views
 
 REPOSITORY = Path(__file__).parents[1]
+
+# The same code draws the same examples; to look for others, `HYPOTHESIS_PROFILE=search`.
+settings.register_profile("same", derandomize=True)
+settings.register_profile("search", derandomize=False)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
 def pytest_configure() -> None:
