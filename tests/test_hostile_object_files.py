@@ -1,4 +1,4 @@
-"""Object Files of strangers: what they say and pack takes no memory and no time that the object does not."""
+"""Object Files of strangers: streams longer than they should be, and numbers no object has, are refused."""
 
 import json
 import lzma
