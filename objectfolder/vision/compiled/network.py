@@ -14,7 +14,8 @@ from objectfolder.vision import network_layout
 from objectfolder.vision.network_layout import MIRROR_WIDTH, has_mirrors, weight_shapes
 from objectfolder.vision.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
 
-# Points at a time: a block's matrices stay in the first cache, and are too small for BLAS to use threads.
+# Points at a time: a block's matrices stay in the first cache. Every block is whole, its last point repeated:
+# the vector loop and the loop over what is left after it would round alike points differently.
 BLOCK = 64
 # The inputs that this module computes; a network laid out otherwise is refused.
 ANGLES, SURROUNDINGS = 12, 31
@@ -175,8 +176,38 @@ def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first
 
 
 @relaxed_kernel
+def _product(weight, inputs, out):
+    """Write the (n, BLOCK) product of (n, m) weights and (m, BLOCK) inputs to `out`.
+
+    BLAS may round a column by its place among the others, as OpenBLAS' kernel for Haswell does: a point's
+    radiance would depend on which points are asked with it. Here every column has the same sums in the
+    same order. Eight rows of inputs at a time hide the loads: as fast as OpenBLAS on these small matrices.
+    """
+    rows, terms = weight.shape
+    whole = terms - terms % 8
+    for row in range(rows):
+        w, total = weight[row], out[row]
+        for s in range(BLOCK):
+            total[s] = np.float32(0.0)
+        for k in range(0, whole, 8):
+            w0, w1, w2, w3 = w[k], w[k + 1], w[k + 2], w[k + 3]
+            w4, w5, w6, w7 = w[k + 4], w[k + 5], w[k + 6], w[k + 7]
+            for s in range(BLOCK):
+                total[s] += (
+                    (w0 * inputs[k, s] + w1 * inputs[k + 1, s])
+                    + (w2 * inputs[k + 2, s] + w3 * inputs[k + 3, s])
+                    + (w4 * inputs[k + 4, s] + w5 * inputs[k + 5, s])
+                    + (w6 * inputs[k + 6, s] + w7 * inputs[k + 7, s])
+                )
+        for k in range(whole, terms):
+            last = w[k]
+            for s in range(BLOCK):
+                total[s] += last * inputs[k, s]
+
+
+@relaxed_kernel
 def _hidden(weight, bias, inputs, out):
-    np.dot(weight, inputs, out)
+    _product(weight, inputs, out)
     zero = np.float32(0.0)
     for row in range(out.shape[0]):
         shift = bias[row]
@@ -220,12 +251,11 @@ def _radiance(
     features, coarse = albedo_in.shape[0] - 3, bounced_in.shape[0] - 19
     lx, ly, lz = np.float32(light[0]), np.float32(light[1]), np.float32(light[2])
     for start in range(0, count, BLOCK):
-        size = min(BLOCK, count - start)
         row = 0
         for level in range(4):
             table, lookup, resolution = tables[level], lookups[level], resolutions[level]
-            for s in range(size):
-                i = start + s
+            for s in range(BLOCK):
+                i = min(start + s, count - 1)
                 _interpolate(table, lookup, resolution, half_width,
                              position[i, 0], position[i, 1], position[i, 2], direct_in, row, s)  # fmt: skip
             row += table.shape[1]
@@ -236,8 +266,8 @@ def _radiance(
             for s in range(BLOCK):
                 bounced_in[row, s] = direct_in[row, s]
         a, b = features, coarse
-        for s in range(size):
-            i = start + s
+        for s in range(BLOCK):
+            i = min(start + s, count - 1)
             x, y, z = np.float32(position[i, 0]), np.float32(position[i, 1]), np.float32(position[i, 2])
             nx, ny, nz = np.float32(normal[i, 0]), np.float32(normal[i, 1]), np.float32(normal[i, 2])
             cx, cy, cz = (
@@ -281,16 +311,16 @@ def _radiance(
             bounced_in[b + 18, s] = math.log(max(np.float32(irradiance[i]), np.float32(1e-3)))
         _hidden(direct[0], direct[1], direct_in, first)
         _hidden(direct[2], direct[3], first, second)
-        np.dot(direct[4], second, direct_out)
+        _product(direct[4], second, direct_out)
         if bounces:
             _hidden(bounced[0], bounced_bias, bounced_in, first)
             _hidden(bounced[1], bounced[2], first, second)
-            np.dot(bounced[3], second, bounced_out)
-        np.dot(albedo[0], albedo_in, albedo_out)
+            _product(bounced[3], second, bounced_out)
+        _product(albedo[0], albedo_in, albedo_out)
         if mirrors:
-            np.dot(facing[0], albedo_in, facing_out)
-        for s in range(size):
-            i = start + s
+            _product(facing[0], albedo_in, facing_out)
+        for s in range(BLOCK):
+            i = min(start + s, count - 1)
             at_light = max(direct_in[a + 3, s], least_cosine)
             at_camera = max(direct_in[a + 5, s], least_cosine)
             middle = direct_in[a + 11, s]
