@@ -11,7 +11,9 @@ from typing import Any
 from numba import njit
 
 # Fused and reordered sums; NaN and infinity keep their meaning, and the process its rounding modes.
-RELAXED = frozenset({"contract", "reassoc", "nsz", "arcp"})
+# Without "arcp": LLVM would divide by the processor's approximate reciprocal, which AMD and Intel round
+# differently.
+RELAXED = frozenset({"contract", "reassoc", "nsz"})
 
 
 def kernel(function: Callable[..., Any]) -> Any:
