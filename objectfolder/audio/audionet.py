@@ -150,8 +150,8 @@ class AudioNet:
         Returns
         -------
         ndarray
-            (n, 3, modes) float64, kg^-1/2. Each point is answered on its own, so batches equal single
-            queries.
+            (n, 3, modes) float64, kg^-1/2. Each point is answered on its own: a batch equals single
+            queries but for rounding.
         """
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         modes = len(self.eigenvalues)

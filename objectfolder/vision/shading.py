@@ -24,7 +24,8 @@ from objectfolder.vision.reflectance import (
 from objectfolder.vision.sparse_grid import CORNERS, HALF_WIDTH, SparseGrid
 
 # Rows that the network sees at a time, the last ones filled up: libraries round a matrix product by its
-# number of rows, and a point's radiance must not depend on its company.
+# number of rows. They may also round a row by its place among the others, so a point's radiance depends on
+# the points asked with it by rounding; the compiled way's does not.
 BLOCK = {"cpu": 1 << 10, "cuda": 1 << 14}
 # The nearest that a light is told to be to a point, unit frame; as in its irradiance.
 NEAREST = 1e-3

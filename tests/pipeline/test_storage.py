@@ -337,6 +337,7 @@ import fsspec.implementations.local
 from objectfolder.errors import ObjectFolderError
 from pipeline.stores.storage import Store
 if {as_user} is not None:
+    Store("/")  # imports what it needs: the other user may not read this checkout
     os.setuid({as_user})
 try:
     {act}

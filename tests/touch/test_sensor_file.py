@@ -26,7 +26,15 @@ def test_a_sensor_of_the_package_survives_the_object_file(name: str) -> None:
 
 
 def test_the_packages_table_is_what_its_illumination_gives() -> None:
-    assert make_table("gelsight") == read_sensor("gelsight").photometric_table
+    table = read_sensor("gelsight").photometric_table
+    assert table is not None
+    # Libraries add in different orders on different processors: half precision may round to either side.
+    np.testing.assert_allclose(
+        make_table("gelsight").coefficients.astype(np.float64),
+        table.coefficients.astype(np.float64),
+        rtol=2**-10,
+        atol=1e-7,
+    )
 
 
 def test_a_user_adds_a_sensor_by_a_path(tmp_path: Path) -> None:

@@ -94,7 +94,8 @@ def test_a_seed_gives_the_same_network_and_batches_do_not_matter(touches: Produc
     for index in range(len(points)):
         part = slice(index, index + 1)
         alone = once.render(points[part], depth[part], tilt[part], azimuth[part])
-        assert np.array_equal(alone[0], both[index])
+        # Torch may round a row of a matrix product by its place among others: a grey level at most.
+        np.testing.assert_allclose(alone[0].astype(float), both[index].astype(float), atol=1.0)
 
 
 def test_only_the_second_network_knows_how_the_sensor_is_held(touches: Product) -> None:
