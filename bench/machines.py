@@ -1,34 +1,49 @@
-"""The same tasks on machines of different kind: which arrays are the same bytes, how far apart are others.
+"""The same tasks under other conditions and on another processor: which arrays differ, and by how much.
 
-Run as ``python -m bench.machines --work FOLDER``. Every stage of the factory makes objects of the starter
-set, each time in processes of their own, as `bench.machines_conditions` says. Stages are compared on
-identical inputs first (``own``), then as chains in which each reads what the same machine made before
-(``chain``). Processors are disguised (``machines_disguise.c``): CPUID answers as theirs would, so every
-library takes the path it would take there. Products lie in FOLDER and are kept by a second run.
+Run as ``python -m bench.machines --work FOLDER``. Each stage makes objects of the starter set in a process
+of its own, and again under each of `CONDITIONS`, on inputs that are the same. Another vendor's processor is
+emulated by QEMU (Debian's ``qemu-user``): CPUID answers as an Intel Haswell does, so every library takes
+the path it takes there, and approximate reciprocals are rounded otherwise than by this processor.
+
+``--data FOLDER`` compares the products of a whole data set that was made on another machine, a folder with
+``data/``, with those of this repository. Products in FOLDER are kept by a second run.
 """
 
 import argparse
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from bench.machines_conditions import CONDITIONS, MACHINES, USUAL, Condition
 from bench.record import RESULTS, write
 from objectfolder.geometry.starter.write import write_starter_set
+from pipeline.processes import instructions
 from pipeline.reproducibility import ATTRIBUTE, EQUAL, compare
 from pipeline.stages import STAGES
 
-SIZES, WAYS = ("smallest", "default"), ("own", "chain")
 REPOSITORY = Path(__file__).parents[1]
-DISGUISE = Path(__file__).with_name("machines_disguise.c")
+# As in children of the factory (`pipeline.processes.isolation`).
+USUAL = {
+    **instructions.settings(),
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+    "OMP_WAIT_POLICY": "PASSIVE",
+    "PYTHONHASHSEED": "0",
+}
+TWO = {name: "2" for name in USUAL if name.endswith("THREADS")}
+# QEMU has no such instructions, and says so at every start.
+LACKING = "-pcid,-x2apic,-tsc-deadline,-invpcid,-spec-ctrl"
 SMALLEST: dict[str, dict[str, Any]] = {
     "vision": {"resolution": 32, "training_views": 8, "training_samples": 4, "held_out_views": 2,
                "held_out_samples": 16},
@@ -38,8 +53,46 @@ SMALLEST: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Condition:
+    """How a process differs from the factory's.
+
+    Parameters
+    ----------
+    says
+        What is different, in words.
+    environment
+        Variables added.
+    processor
+        Processor that QEMU emulates, as its option ``-cpu`` names it; none if empty.
+    times
+        Runs in the same process, of which the last counts.
+    elsewhere
+        Work in another current folder, with another temporary one.
+    """
+
+    says: str
+    environment: dict[str, str] = field(default_factory=dict)
+    processor: str = ""
+    times: int = 1
+    elsewhere: bool = False
+
+
+CONDITIONS = {
+    "again": Condition("nothing: a second process"),
+    "recycled": Condition("a child that ran the same tasks before", times=2),
+    "surroundings": Condition(
+        "hash seed, locale, time zone, current and temporary folder",
+        {"PYTHONHASHSEED": "77", "LC_ALL": "C", "LANG": "de_DE.UTF-8", "TZ": "Pacific/Auckland"},
+        elsewhere=True,
+    ),
+    "two threads": Condition("OpenMP, OpenBLAS, MKL, numba and torch with two threads", TWO),
+    "Haswell": Condition("an emulated Intel processor with AVX2", processor=f"Haswell-v4,{LACKING}"),
+}
+
+
 class Workplace:
-    """Where products of all conditions lie.
+    """Where products of all conditions lie: ``usual`` and a folder a condition.
 
     Parameters
     ----------
@@ -51,156 +104,115 @@ class Workplace:
 
     def __init__(self, folder: Path, size: str) -> None:
         self.folder = folder / size
-        self.disguise = folder / "disguise.so"
-        self.compiled = folder / "numba"
-        self.root = self.folder / "usual"
-        (self.root / "data").mkdir(parents=True, exist_ok=True)
-        if not (self.root / "params.yaml").exists():
-            write_starter_set(self.root / "data" / "starter")
+        self.usual = self.folder / "usual"
+        (self.usual / "data").mkdir(parents=True, exist_ok=True)
+        if not (self.usual / "params.yaml").exists():
+            write_starter_set(self.usual / "data" / "starter")
             for name in ("starter.csv", "materials.csv"):
-                (self.root / "data" / name).write_bytes((REPOSITORY / "data" / name).read_bytes())
-            (self.root / "params.yaml").write_text(yaml.safe_dump(parameters(size)))
-        if not self.disguise.exists():
-            subprocess.run(
-                ["cc", "-O1", "-shared", "-fPIC", "-o", str(self.disguise), str(DISGUISE)], check=True
-            )
+                shutil.copy(REPOSITORY / "data" / name, self.usual / "data" / name)
+            (self.usual / "params.yaml").write_text(yaml.safe_dump(parameters(size)))
 
-    def outputs(self, condition: str, way: str) -> Path:
-        """Return the root of what a condition made, ``own`` or ``chain``."""
-        return self.folder / way / condition.replace(" ", "_")
+    def outputs(self, condition: str) -> Path:
+        """Return the root of what a condition made."""
+        return self.folder / condition.replace(" ", "_")
 
-    def make(self, object_id: str, name: str, way: str, stages: list[str]) -> dict[str, dict[str, Any]]:
-        """Make all products of an object under a condition; what each stage cost, or why it failed."""
-        outputs = self.outputs(name, way)
-        log = outputs / f"{object_id}.json"
-        done: dict[str, dict[str, Any]] = json.loads(log.read_text()) if log.exists() else {}
-        stages = [stage for stage in stages if stage not in done]
-        if not stages:
-            return done
-        outputs.mkdir(parents=True, exist_ok=True)
-        inputs = self.root
-        if way == "chain":
-            inputs = outputs
-            for shared in ("params.yaml", "data"):
-                if not (outputs / shared).exists():
-                    self._share(outputs, shared)
-        done |= self._run(CONDITIONS[name], inputs, outputs, object_id, stages)
-        log.write_text(json.dumps(done, indent=1))
-        print(
-            name,
-            way,
-            object_id,
-            {stage: round(entry["cpu_s"], 1) for stage, entry in done.items()},
-            flush=True,
-        )
-        return done
-
-    def make_usual(self, object_id: str) -> dict[str, dict[str, Any]]:
+    def make_usual(self, object_id: str) -> None:
         """Make what all else is compared with: as the factory does, each stage in a process of its own."""
-        log = self.root / f"{object_id}.json"
-        if log.exists():
-            return dict(json.loads(log.read_text()))
-        usual = Condition("nothing")
-        done: dict[str, dict[str, Any]] = {}
-        for stage in STAGES:
-            done |= self._run(usual, self.root, self.root, object_id, [stage])
-        log.write_text(json.dumps(done, indent=1))
-        print(
-            "usual", object_id, {stage: round(entry["cpu_s"], 1) for stage, entry in done.items()}, flush=True
-        )
-        return done
+        log = self.usual / f"{object_id}.json"
+        if not log.exists():
+            done = [self._run(Condition("nothing"), self.usual, object_id, [stage]) for stage in STAGES]
+            log.write_text(json.dumps(done, indent=1))
 
-    def _share(self, outputs: Path, name: str) -> None:
-        if name == "params.yaml":
-            (outputs / name).write_bytes((self.root / name).read_bytes())
-            return
-        (outputs / name).mkdir()
-        for part in ("starter", "starter.csv", "materials.csv"):
-            (outputs / name / part).symlink_to(self.root / name / part)
+    def make(self, object_id: str, name: str, stages: list[str]) -> None:
+        """Make the products of some stages under a condition, on the usual inputs."""
+        outputs = self.outputs(name)
+        outputs.mkdir(parents=True, exist_ok=True)
+        log = outputs / f"{object_id}.json"
+        done: dict[str, Any] = json.loads(log.read_text()) if log.exists() else {}
+        stages = [stage for stage in stages if stage not in done]
+        if stages:
+            done |= self._run(CONDITIONS[name], outputs, object_id, stages)
+            log.write_text(json.dumps(done, indent=1))
+            print(name, object_id, {stage: round(entry["cpu_s"], 1) for stage, entry in done.items()})
 
-    def _run(
-        self, condition: Condition, inputs: Path, outputs: Path, object_id: str, stages: list[str]
-    ) -> dict[str, dict[str, Any]]:
+    def _run(self, condition: Condition, outputs: Path, object_id: str, stages: list[str]) -> dict[str, Any]:
+        """Run stages in one process; what each cost."""
         place = self.folder / "elsewhere"
         place.mkdir(exist_ok=True)
-        kept = {key: value for key, value in os.environ.items() if not key.endswith("THREADS")}
-        environment = {**kept, **USUAL, **condition.variables(self.disguise, self.compiled)}
-        environment["PYTHONPATH"] = str(REPOSITORY)
+        environment = {**os.environ, **USUAL, **condition.environment, "PYTHONPATH": str(REPOSITORY)}
+        python = Path(sys.executable)
+        if condition.processor:
+            python = emulated(self.folder / "emulated", condition.processor)
+            environment["NUMBA_CACHE_DIR"] = str(self.folder / "emulated" / "kernels")
         if condition.elsewhere:
             environment["TMPDIR"] = str(place)
+        named = [str(self.usual), str(outputs), object_id, ",".join(stages), str(condition.times)]
         done = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "bench.machines_run",
-                *map(str, (inputs, outputs, object_id)),
-                ",".join(stages),
-                str(condition.times),
-            ],
+            [str(python), "-m", "bench.machines_run", *named],
             cwd=place if condition.elsewhere else REPOSITORY,
             env=environment,
-            capture_output=True,
+            stdout=subprocess.PIPE,
             text=True,
-            check=False,
+            check=True,
         )
         lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-        if done.returncode or len(lines) != len(stages):
-            raise RuntimeError(f"{condition.says}: {done.returncode}\n{done.stderr[-3000:]}")
         for line in lines:
             if line["failure"]:
                 raise RuntimeError(f"{condition.says}, {line['stage']}: {line['failure']}")
         return {line.pop("stage"): line for line in lines}
 
 
-def compared(place: Workplace, way: str, name: str, object_id: str) -> dict[str, Any]:
-    """Compare what a condition made of an object with the usual: by stage, all that is not the same bytes."""
+def emulated(folder: Path, processor: str) -> Path:
+    """Return a Python that runs, with all that it starts, on an emulated processor.
+
+    Raises
+    ------
+    FileNotFoundError
+        No emulator is installed.
+    """
+    emulator = shutil.which("qemu-x86_64")
+    if emulator is None:
+        raise FileNotFoundError("qemu-x86_64 is not installed: on Debian `apt-get install qemu-user`")
+    python = folder / "bin" / "python"
+    if not python.exists():
+        python.parent.mkdir(parents=True)
+        # What makes a folder a virtual environment: Python names its own place `sys.executable`.
+        shutil.copy(Path(sys.prefix) / "pyvenv.cfg", folder)
+        (folder / "lib").symlink_to(Path(sys.prefix) / "lib")
+        real = os.path.realpath(sys.executable)
+        python.write_text(f'#!/bin/sh\nexec {emulator} -cpu {processor} -0 "$0" {real} "$@"\n')
+        python.chmod(0o755)
+    return python
+
+
+def compared(usual: Path, other: Path, object_id: str) -> dict[str, Any]:
+    """Compare two roots' products of an object: by stage, all that is not the same bytes."""
     found: dict[str, Any] = {}
     for stage in STAGES.values():
-        usual, others = (stage.targets(root, object_id) for root in (place.root, place.outputs(name, way)))
-        pairs = [pair for pair in zip(usual, others, strict=True) if all(path.exists() for path in pair)]
-        if len(pairs) < len(others):
+        pairs = list(zip(stage.targets(usual, object_id), stage.targets(other, object_id), strict=True))
+        if not all(path.exists() for pair in pairs for path in pair):
             continue
         entries = [entry for pair in pairs for entry in compare(*pair, stage.name)]
         apart = {
             entry.name: {
                 "verdict": entry.verdict,
-                "largest": finite(entry.largest),
-                "largest_of_range": finite(entry.relative),
-                "rms_of_range": finite(entry.rms),
+                "largest": _finite(entry.largest),
+                "largest_of_range": _finite(entry.relative),
+                "rms_of_range": _finite(entry.rms),
             }
             for entry in entries
             if entry.verdict != EQUAL
         }
-        found[stage.name] = {
-            "compared": len(entries),
-            "same_bytes": len(entries) - len(apart),
-            "apart": apart,
-        }
+        found[stage.name] = {"compared": len(entries), "apart": apart}
     return found
 
 
-def finite(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     """The number; None for one that is not finite: what cannot be subtracted."""
     return value if math.isfinite(value) else None
 
 
-def gather(folder: Path) -> dict[str, Any]:
-    """Compare all products of all sizes, ways, conditions and objects in a folder."""
-    figures: dict[str, Any] = {}
-    for size in SIZES:
-        if not (folder / size / "usual").is_dir():
-            continue
-        place = Workplace(folder, size)
-        for way in WAYS:
-            for name in CONDITIONS:
-                made = place.outputs(name, way).glob("data/*/*.*")
-                for object_id in sorted({path.name.split(".")[0] for path in made if path.is_file()}):
-                    key = f"{object_id}, {size}, {way}, {name}"
-                    figures[key] = compared(place, way, name, object_id)
-    return {key: value for key, value in figures.items() if value}
-
-
-def plot(figures: dict[str, Any], path: Path) -> None:
+def plot(figures: Mapping[str, Any], path: Path) -> None:
     """Largest difference of an array, as a share of its range, by condition and stage."""
     import matplotlib
 
@@ -238,8 +250,9 @@ def parameters(size: str) -> dict[str, Any]:
     """Return the parameters of the repository, with the smallest size among them."""
     content = yaml.safe_load((REPOSITORY / "params.yaml").read_text())
     default = content["sizes"]["default"]
-    smallest = {section: {**values, **SMALLEST[section]} for section, values in default.items()}
-    content["sizes"]["smallest"] = smallest
+    content["sizes"]["smallest"] = {
+        section: {**values, **SMALLEST[section]} for section, values in default.items()
+    }
     content["size"] = size
     content["objects"]["only"] = []
     return dict(content)
@@ -249,36 +262,49 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--work", type=Path, required=True, help="folder for products; what lies there is compared"
-    )
-    parser.add_argument("--objects", nargs="*", default=["die", "fork", "bell"])
+    parser.add_argument("--work", type=Path, required=True, help="folder for products")
+    parser.add_argument("--objects", nargs="+", default=["die", "fork"])
     parser.add_argument("--size", default="smallest", choices=("smallest", "default"))
     parser.add_argument("--conditions", nargs="*", default=list(CONDITIONS), choices=list(CONDITIONS))
-    parser.add_argument("--chains", nargs="*", default=list(MACHINES), choices=list(CONDITIONS))
     parser.add_argument("--stages", nargs="+", default=list(STAGES), choices=list(STAGES))
+    parser.add_argument("--data", type=Path, help="a data set made on another machine")
+    parser.add_argument("--data-made-on", default="another machine", help="its processor, in words")
     options = parser.parse_args()
     place = Workplace(options.work.resolve(), options.size)
+    figures: dict[str, Any] = {}
     for object_id in options.objects:
         place.make_usual(object_id)
-        for way, names in (("own", options.conditions), ("chain", options.chains)):
-            for name in names:
-                place.make(object_id, name, way, options.stages)
-    figures = gather(options.work.resolve())
+        for name in options.conditions:
+            place.make(object_id, name, options.stages)
+            figures[f"{object_id}, {options.size}, {name}"] = compared(
+                place.usual, place.outputs(name), object_id
+            )
+        if options.data is not None:
+            key = f"{object_id}, default, {options.data_made_on}"
+            figures[key] = compared(REPOSITORY, options.data, object_id)
     settings = {
+        "processor": _processor(),
         "smallest": SMALLEST,
         "conditions": {name: asdict(condition) for name, condition in CONDITIONS.items()},
-        "order": "all stages of a condition in one process, except where it made only some of them",
+        "order": "all stages of a condition in one process",
     }
     write(
         "machines",
         figures,
         settings,
-        "products of the same fingerprint, made under another condition, against those of one process a "
-        "stage: arrays and attributes that are not the same bytes, with the largest and rms difference as a "
-        "share of the range of the array; own: on identical inputs; chain: on what the same condition made",
+        "products made under another condition from the same inputs, or by another machine from the same "
+        "code, against those of one process a stage: arrays and attributes that are not the same bytes, with "
+        "the largest and rms difference as a share of the range of the array",
     )
     plot(figures, RESULTS / "machines.png")
+
+
+def _processor() -> str:
+    """Return vendor, family and model of this processor, as Linux names them."""
+    first = Path("/proc/cpuinfo").read_text().partition("\n\n")[0]
+    pairs = (line.partition(":") for line in first.splitlines())
+    known = {name.strip(): value.strip() for name, _, value in pairs}
+    return f"{known['vendor_id']}, family {known['cpu family']}, model {known['model']}"
 
 
 if __name__ == "__main__":

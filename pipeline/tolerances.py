@@ -1,7 +1,7 @@
 """How far apart products of the same inputs are on different machines, by stage and array.
 
-Measured by ``bench/machines.py`` (see ``docs/reproducibility.md``), and declared with a margin. Names are
-patterns, the first that fits counts; what none fits is the same bytes.
+Measured on processors of two vendors and by ``bench/machines.py`` (see ``docs/reproducibility.md``), and
+declared with a margin. Names are patterns, the first that fits counts; what none fits is the same bytes.
 """
 
 from collections.abc import Mapping
@@ -38,10 +38,14 @@ def as_json(tolerances: Mapping[str, Tolerance]) -> dict[str, Any]:
 
 SAME_BYTES = Tolerance()
 
-_SOLVED = "sums in another order, and tetrahedra that differ for it; 1e-4 of 20 kHz is 0.2 cents there"
-_CYCLES = "Cycles has one kernel for AVX2 and one for SSE4.2; rms 1e-5 of the range is -100 dB"
+_SOLVED = (
+    "MKL adds in another order on AMD than on Intel, and without AVX2 the tetrahedra differ, too; "
+    "1e-4 of 20 kHz is 0.2 cents there"
+)
+_CYCLES = "Cycles takes approximate square roots, which AMD and Intel round differently; rms 1e-5 is -100 dB"
 _FITTED = (
-    "sums and exp of torch and MKL, amplified by the steps of the optimiser; what it means is in fidelity"
+    "MKL's sums and exponential on AMD and on Intel, amplified by the steps of the optimiser: another fit "
+    "as good; what it means is in fidelity"
 )
 _SUMMED = "sums in another order"
 
@@ -74,7 +78,7 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
             "sensor_to_object",
         )
     },
-    "encode": {"vision.*": Tolerance(5e-2, 5e-3, because=_FITTED)},
+    "encode": {"vision.*": Tolerance(1.0, 0.1, because=_FITTED)},
     "fidelity": {
         "strike_*": Tolerance(1e-5, 1e-5, because=_SUMMED),
         "vision_answer": Tolerance(absolute=1.0, because="one grey level of 255, from rounding"),

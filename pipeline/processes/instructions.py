@@ -1,8 +1,9 @@
 """Numerical libraries told to use the same instructions on every processor of a kind.
 
 Each library takes other paths on a newer processor, whose sums differ in the last bits; a fit amplifies
-them. With these settings a processor with AVX-512 makes the bytes of one with AVX2 (measured:
-``docs/reproducibility.md``), for some hundredths of the seconds of the solver of modes.
+them. With these settings a processor with AVX-512 makes the bytes of one with AVX2 of the same vendor, for
+some hundredths of the seconds of the solver of modes. MKL still knows Intel from AMD: what differs between
+them is in ``docs/reproducibility.md``.
 """
 
 import functools
