@@ -120,7 +120,8 @@ class Workplace:
         """Make what all else is compared with: as the factory does, each stage in a process of its own."""
         log = self.usual / f"{object_id}.json"
         if not log.exists():
-            done = [self._run(Condition("nothing"), self.usual, object_id, [stage]) for stage in STAGES]
+            usual = Condition("nothing")
+            done = {stage: self._run(usual, self.usual, object_id, stage) for stage in STAGES}
             log.write_text(json.dumps(done, indent=1))
 
     def make(self, object_id: str, name: str, stages: list[str]) -> None:
@@ -129,14 +130,14 @@ class Workplace:
         outputs.mkdir(parents=True, exist_ok=True)
         log = outputs / f"{object_id}.json"
         done: dict[str, Any] = json.loads(log.read_text()) if log.exists() else {}
-        stages = [stage for stage in stages if stage not in done]
-        if stages:
-            done |= self._run(CONDITIONS[name], outputs, object_id, stages)
-            log.write_text(json.dumps(done, indent=1))
-            print(name, object_id, {stage: round(entry["cpu_s"], 1) for stage, entry in done.items()})
+        for stage in stages:
+            if stage not in done:
+                done[stage] = self._run(CONDITIONS[name], outputs, object_id, stage)
+                log.write_text(json.dumps(done, indent=1))
+        print(name, object_id, {stage: round(entry["cpu_s"], 1) for stage, entry in done.items()}, flush=True)
 
-    def _run(self, condition: Condition, outputs: Path, object_id: str, stages: list[str]) -> dict[str, Any]:
-        """Run stages in one process; what each cost."""
+    def _run(self, condition: Condition, outputs: Path, object_id: str, stage: str) -> dict[str, Any]:
+        """Run one stage in a process of its own; what it cost."""
         place = self.folder / "elsewhere"
         place.mkdir(exist_ok=True)
         environment = {**os.environ, **USUAL, **condition.environment, "PYTHONPATH": str(REPOSITORY)}
@@ -146,7 +147,7 @@ class Workplace:
             environment["NUMBA_CACHE_DIR"] = str(self.folder / "emulated" / "kernels")
         if condition.elsewhere:
             environment["TMPDIR"] = str(place)
-        named = [str(self.usual), str(outputs), object_id, ",".join(stages), str(condition.times)]
+        named = [str(self.usual), str(outputs), object_id, stage, str(condition.times)]
         done = subprocess.run(
             [str(python), "-m", "bench.machines_run", *named],
             cwd=place if condition.elsewhere else REPOSITORY,
@@ -155,11 +156,10 @@ class Workplace:
             text=True,
             check=True,
         )
-        lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-        for line in lines:
-            if line["failure"]:
-                raise RuntimeError(f"{condition.says}, {line['stage']}: {line['failure']}")
-        return {line.pop("stage"): line for line in lines}
+        outcome: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        if outcome["failure"]:
+            raise RuntimeError(f"{condition.says}, {stage}: {outcome['failure']}")
+        return outcome
 
 
 def emulated(folder: Path, processor: str) -> Path:
@@ -286,14 +286,14 @@ def main() -> None:
         "processor": _processor(),
         "smallest": SMALLEST,
         "conditions": {name: asdict(condition) for name, condition in CONDITIONS.items()},
-        "order": "all stages of a condition in one process",
+        "order": "each stage in a process of its own, as the factory does where MKL would change torch",
     }
     write(
         "machines",
         figures,
         settings,
         "products made under another condition from the same inputs, or by another machine from the same "
-        "code, against those of one process a stage: arrays and attributes that are not the same bytes, with "
+        "code, against the usual ones: arrays and attributes that are not the same bytes, with "
         "the largest and rms difference as a share of the range of the array",
     )
     plot(figures, RESULTS / "machines.png")

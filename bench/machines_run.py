@@ -1,8 +1,7 @@
-"""One process of `bench.machines`: stages of one object, run by the factory's own `execute`.
+"""One process of `bench.machines`: a stage of one object, run by the factory's own `execute`.
 
-Run as ``python -m bench.machines_run INPUTS OUTPUTS OBJECT STAGES TIMES``. INPUTS and OUTPUTS are roots of
-data sets: the same one for a chain in which each stage reads what this machine made before. STAGES has
-commas. The last of TIMES runs in the same process counts. Prints a JSON line for each stage.
+Run as ``python -m bench.machines_run INPUTS OUTPUTS OBJECT STAGE TIMES``. INPUTS and OUTPUTS are roots of
+data sets. The last of TIMES runs counts. Prints what it cost, or why it failed, as a line of JSON.
 """
 
 import json
@@ -27,15 +26,14 @@ def run(inputs: Path, outputs: Path, object_id: str, name: str) -> dict[str, obj
     targets = stage.targets(outputs, object_id)
     outcome = execute(Call(name, stage.task, ready.request, targets, fingerprint(ready.parts), ready.parts))
     failure = None if outcome.failure is None else f"{outcome.failure.error}\n{outcome.failure.detail}"
-    return {"stage": name, "cpu_s": outcome.cpu_s, "wall_s": outcome.wall_s, "failure": failure}
+    return {"cpu_s": outcome.cpu_s, "wall_s": outcome.wall_s, "failure": failure}
 
 
 def main() -> None:
     inputs, outputs = Path(sys.argv[1]), Path(sys.argv[2])
     for _ in range(int(sys.argv[5])):
-        done = [run(inputs, outputs, sys.argv[3], name) for name in sys.argv[4].split(",")]
-    for line in done:
-        print(json.dumps(line), flush=True)
+        done = run(inputs, outputs, sys.argv[3], sys.argv[4])
+    print(json.dumps(done), flush=True)
 
 
 if __name__ == "__main__":

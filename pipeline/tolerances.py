@@ -78,10 +78,15 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
             "sensor_to_object",
         )
     },
-    "encode": {"vision.*": Tolerance(1.0, 0.1, because=_FITTED)},
+    "encode": {
+        "vision.*": Tolerance(1.0, 0.1, because=_FITTED),
+        "audio.step": Tolerance(1e-6, 1e-6, because=_SUMMED),
+        "attributes/audio/*": Tolerance(1e-6, 1e-6, because=_SUMMED),
+    },
     "fidelity": {
         "strike_*": Tolerance(1e-5, 1e-5, because=_SUMMED),
         "vision_answer": Tolerance(absolute=1.0, because="one grey level of 255, from rounding"),
+        "attributes/bytes/*": Tolerance(1e-3, 1e-3, because="digits of numbers that are rounded otherwise"),
         "attributes/*": Tolerance(1e-4, 1e-4, 1e-9, because=_SUMMED),
     },
 }
