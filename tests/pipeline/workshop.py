@@ -2,6 +2,7 @@
 
 import csv
 import shutil
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -156,6 +157,7 @@ class Workshop:
         self.root = root
         self.bodies = root / package
         self.bodies.mkdir(parents=True)
+        forget(package)
         for name, text in {"__init__": "", **MODULES, **BODIES}.items():
             (self.bodies / f"{name}.py").write_text(text)
         (root / "data").mkdir()
@@ -237,6 +239,12 @@ class Workshop:
         """Return every product by its path."""
         found = (path for stage in self.stages for kind in stage.products for path in _files(self.root, kind))
         return {str(path.relative_to(self.root)): path.read_bytes() for path in found}
+
+
+def forget(package: str) -> None:
+    """Take modules of a package out of this process: an earlier folder's, where tests run in any order."""
+    for name in [name for name in sys.modules if name == package or name.startswith(f"{package}.")]:
+        del sys.modules[name]
 
 
 def _files(root: Path, kind: object) -> Sequence[Path]:
