@@ -42,7 +42,7 @@ _SOLVED = (
     "MKL adds in another order on AMD than on Intel, and without AVX2 the tetrahedra differ, too; "
     "1e-4 of 20 kHz is 0.2 cents there"
 )
-_CYCLES = "Cycles takes approximate square roots, which AMD and Intel round differently; rms 1e-5 is -100 dB"
+_CYCLES = "Cycles rounds differently on AMD and on Intel; rms 1e-5 of the range is -100 dB"
 _FITTED = (
     "MKL's sums and exponential on AMD and on Intel, amplified by the steps of the optimiser: another fit "
     "as good; what it means is in fidelity"
