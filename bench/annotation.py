@@ -20,10 +20,13 @@ from typing import Any
 from bench.annotation_faults import injected, scaled
 from bench.record import write
 from objectfolder.audio.materials import read_materials
-from pipeline.checking import lengths, masses, materials, walls
-from pipeline.checking.check import Check, check_entries, measured, read_entries
-from pipeline.checking.entry import Entry
-from pipeline.checking.finding import NOTE
+from pipeline.intake.check import length as lengths
+from pipeline.intake.check import mass as masses
+from pipeline.intake.check import material as materials
+from pipeline.intake.check import wall as walls
+from pipeline.intake.check.check import Check, check_entries, measured, read_entries
+from pipeline.intake.check.entry import Entry
+from pipeline.intake.check.finding import NOTE
 
 REPOSITORY = Path(__file__).parents[1]
 TABLE = REPOSITORY / "data" / "objects.csv"

@@ -6,11 +6,16 @@ from dataclasses import replace
 from typing import Any
 
 from objectfolder.audio.materials import Material
-from pipeline.checking import duplicates, lengths, licences, looks, masses, materials, provenance
-from pipeline.checking.check import check_entries
-from pipeline.checking.entry import Entry
-from pipeline.checking.finding import NOTE
-from pipeline.checking.shape import Shape
+from pipeline.intake.check import duplicates, looks
+from pipeline.intake.check import length as lengths
+from pipeline.intake.check import mass as masses
+from pipeline.intake.check import material as materials
+from pipeline.intake.check import stated_licence as licences
+from pipeline.intake.check import stated_provenance as provenance
+from pipeline.intake.check.check import check_entries
+from pipeline.intake.check.entry import Entry
+from pipeline.intake.check.finding import NOTE
+from pipeline.intake.check.shape import Shape
 
 SHORTEST_M, LONGEST_M = 0.003, 30.0
 CLASSES = {"steel": "metal", "iron": "metal", "plastic": "plastic", "polycarbonate": "plastic"}

@@ -25,8 +25,8 @@ from bench.record import RESULTS, write
 from objectfolder.provenance import fingerprint
 from objectfolder.tensor_file import TensorFile, read_tensor_file, to_bytes
 from pipeline.audit.reasons import BESIDE
-from pipeline.products import TENSORS, ProductKind
-from pipeline.stages import STAGES
+from pipeline.dataset.products import TENSORS, ProductKind
+from pipeline.dataset.stages import STAGES
 
 CHANGED = (1, 100, 0)  # objects; 0 for all
 KINDS = [kind for stage in STAGES.values() for kind in stage.products]
@@ -174,7 +174,7 @@ class Template:
 def audited(root: Path, *arguments: str) -> tuple[float, dict[str, int]]:
     """Return the CPU seconds of an audit as a user runs it, children and all, and objects by state."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = "import sys; from pipeline.command_line import main; sys.exit(main(sys.argv[1:]))"
+    command = "import sys; from pipeline.cli import main; sys.exit(main(sys.argv[1:]))"
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "DVC_NO_ANALYTICS": "1"}
     done = subprocess.run(
         [sys.executable, "-c", command, "audit", *arguments],

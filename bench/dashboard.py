@@ -19,7 +19,7 @@ from typing import Any
 from bench.dashboard_browser import behaviour
 from bench.dashboard_plot import plot
 from bench.record import write
-from pipeline.report.writing import write_report
+from pipeline.publish.report.writing import write_report
 
 OBJECTS = 1000
 # Held-out queries a sense; the last is what a report shows by default.
@@ -107,7 +107,7 @@ def repeat_costs(source: Path, target: Path, originals: list[str], count: int) -
 
 def players_alone(root: Path) -> dict[str, Any]:
     """CPU seconds of the data of one player that no cache knows, by original."""
-    from pipeline.viewer.static import write_player
+    from pipeline.publish.viewer.static import write_player
 
     files = sorted((root / "data/object_files").iterdir())
     first = {path.name.rpartition("_")[0]: path for path in reversed(files)}

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 from ground import PACKAGE, Ground
 
-from pipeline.stages import STAGES
+from pipeline.dataset.stages import STAGES
 
 REPOSITORY = Path(__file__).parents[1]
 OBJECTS = ("bowl", "die", "bell")
@@ -52,12 +52,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.clusters.cluster import crew
-from pipeline.converge import converge
-from pipeline.parameters import read_parameters
-from pipeline.clusters.places import read_place
-from pipeline.records import read_table
-from pipeline.stages import STAGES
+from pipeline.cluster.cluster import crew
+from pipeline.run.converge import converge
+from pipeline.dataset.parameters import read_parameters
+from pipeline.cluster.places import read_place
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stages import STAGES
 
 if __name__ == "__main__":
     root = Path.cwd()

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import RESULTS, write
-from pipeline.forecast.known_costs import costs_of, product_bytes
-from pipeline.parameters import read_parameters
-from pipeline.records import read_table
-from pipeline.run_log import read_failures
-from pipeline.stages import STAGES
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stages import STAGES
+from pipeline.run.forecast.known_costs import costs_of, product_bytes
+from pipeline.run.run_log import read_failures
 
 # Column of the table, and whether a larger value is the better one.
 MEASURES = {

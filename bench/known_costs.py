@@ -10,11 +10,11 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.forecast.known_costs import PACKAGED, costs_of, product_bytes, write_costs
-from pipeline.forecast.loads import Loads
-from pipeline.parameters import read_parameters
-from pipeline.records import read_table
-from pipeline.stages import STAGES
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stages import STAGES
+from pipeline.run.forecast.known_costs import PACKAGED, costs_of, product_bytes, write_costs
+from pipeline.run.forecast.loads import Loads
 
 
 def main() -> None:

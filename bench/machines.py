@@ -26,12 +26,12 @@ import yaml
 
 from bench.record import RESULTS, write
 from objectfolder.geometry.starter.write import write_starter_set
-from pipeline.processes import instructions
-from pipeline.reproducibility import ATTRIBUTE, EQUAL, compare
-from pipeline.stages import STAGES
+from pipeline.audit.reproducibility import ATTRIBUTE, EQUAL, compare
+from pipeline.dataset.stages import STAGES
+from pipeline.sandbox import instructions
 
 REPOSITORY = Path(__file__).parents[1]
-# As in children of the factory (`pipeline.processes.isolation`).
+# As in children of the factory (`pipeline.sandbox.isolation`).
 USUAL = {
     **instructions.settings(),
     "OMP_NUM_THREADS": "1",

@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 
 from objectfolder.provenance import fingerprint
-from pipeline.parameters import read_parameters
-from pipeline.processes.child import execute
-from pipeline.records import read_table
-from pipeline.stages import STAGES
-from pipeline.task import Call
-from pipeline.verified import Verified
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stages import STAGES
+from pipeline.dataset.task import Call
+from pipeline.dataset.verified import Verified
+from pipeline.sandbox.child import execute
 
 
 def run(inputs: Path, outputs: Path, object_id: str, name: str) -> dict[str, object]:

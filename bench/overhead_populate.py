@@ -15,12 +15,12 @@ from typing import Any
 
 from objectfolder.store import ZIP_DATE, Product, write_product
 from objectfolder.tensor_file import to_bytes
-from pipeline.converge import converge
-from pipeline.crew import Finished, Job, Lost, Slot
-from pipeline.parameters import read_parameters
-from pipeline.records import read_table, write_records
-from pipeline.stages import STAGES
-from pipeline.task import Outcome
+from pipeline.dataset.crew import Finished, Job, Lost, Slot
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import read_table, write_records
+from pipeline.dataset.stages import STAGES
+from pipeline.dataset.task import Outcome
+from pipeline.run.converge import converge
 
 OFFERS = frozenset().union(*(stage.needs for stage in STAGES.values()))
 GROUP = "zarr.json"

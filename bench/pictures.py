@@ -12,7 +12,7 @@ import numpy as np
 
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.store import Product, read_product
-from pipeline.report.pictures import difference_picture
+from pipeline.publish.report.pictures import difference_picture
 
 matplotlib.use("Agg")
 from matplotlib import pyplot

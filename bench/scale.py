@@ -2,15 +2,15 @@
 
     python -m bench.scale [--tasks 100000] [--crew-tasks 20000] [--objects 20000]
 
-Empty tasks go through plain Dask (`client.submit` of all at once), through `pipeline.dispatch` and the crew
-of Dask workers (each task in a child process, answers as events), and through the dispatch alone, in
-virtual time.
+Empty tasks go through plain Dask (`client.submit` of all at once), through `pipeline.run.dispatch` and the
+crew of Dask workers (each task in a child process, answers as events), and through the dispatch alone,
+in virtual time.
 Scheduler, workers and driver are processes of their own; CPU seconds and resident memory are theirs,
 messages and bytes are those of Dask's streams between them. Objects with nothing to do are planned by
-`pipeline.flow`, first with nothing remembered and then again.
+`pipeline.run.flow`, first with nothing remembered and then again.
 
 Then what many objects take: each is drawn, with all that its tasks took, from the scans of
-``pipeline/forecast/known_costs.csv``, and sent through the real dispatch in virtual time; beyond what is
+``pipeline/run/forecast/known_costs.csv``, and sent through the real dispatch in virtual time; beyond what is
 simulated, figures grow in proportion. Prices are assumptions (`CPU_HOUR`, `GB_MONTH`).
 """
 
@@ -29,21 +29,21 @@ import psutil
 
 from bench.record import write
 from objectfolder.tensor_file import TensorFile
-from pipeline import products
-from pipeline.crew import BLENDER, Job, Lost
-from pipeline.dispatch import Dispatch
-from pipeline.flow import Flow
-from pipeline.forecast.drawn_objects import drawn_objects, known_objects
-from pipeline.forecast.estimates import Estimates, fit
-from pipeline.forecast.known_costs import packaged_costs
-from pipeline.forecast.simulated_flow import Work, lower_bound_s, run_flow
-from pipeline.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
-from pipeline.parameters import read_parameters
-from pipeline.products import TENSORS, ProductKind
-from pipeline.stage import ProductInput, Stage
-from pipeline.stages import STAGES
-from pipeline.task import Call, Request
-from pipeline.verified import Verified
+from pipeline.dataset import products
+from pipeline.dataset.crew import BLENDER, Job, Lost
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.products import TENSORS, ProductKind
+from pipeline.dataset.stage import ProductInput, Stage
+from pipeline.dataset.stages import STAGES
+from pipeline.dataset.task import Call, Request
+from pipeline.dataset.verified import Verified
+from pipeline.run.dispatch import Dispatch
+from pipeline.run.flow import Flow
+from pipeline.run.forecast.drawn_objects import drawn_objects, known_objects
+from pipeline.run.forecast.estimates import Estimates, fit
+from pipeline.run.forecast.known_costs import packaged_costs
+from pipeline.run.forecast.simulated_flow import Work, lower_bound_s, run_flow
+from pipeline.run.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
 
 REPOSITORY = Path(__file__).parents[1]
 WORKERS = 2
@@ -115,7 +115,7 @@ def through_crew(count: int) -> dict[str, Any]:
     from distributed import Client
     from distributed.deploy.subprocess import SubprocessCluster
 
-    from pipeline.clusters.cluster import crew, read_place
+    from pipeline.cluster.cluster import crew, read_place
 
     with (
         tempfile.TemporaryDirectory() as folder,

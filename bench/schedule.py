@@ -3,9 +3,9 @@
     python -m bench.schedule [--costs FILE] [--modes FOLDER]
 
 FILE is the ``.objectfolder/costs.csv`` of a data set, or a table as the default,
-``pipeline/forecast/known_costs.csv``. A task of an object that was never run takes what that of another took,
-one of the package's where the stage has none (how many is in the result); FOLDER with the rows of
-`bench.scans` says what modes took where the costs do not.
+``pipeline/run/forecast/known_costs.csv``. A task of an object that was never run takes what that of
+another took, one of the package's where the stage has none (how many is in the result); FOLDER with the
+rows of `bench.scans` says what modes took where the costs do not.
 
 The bound is max(total / workers, longest chain of an object). Tasks are simulated in virtual time through
 the real dispatch. "Dask's order" is what Dask does at best: tasks in the order in which they were submitted,
@@ -27,13 +27,13 @@ import matplotlib
 import numpy as np
 
 from bench.record import RESULTS, write
-from pipeline.forecast.drawn_objects import Costs, drawn_objects, known_objects
-from pipeline.forecast.estimates import fit
-from pipeline.forecast.known_costs import PACKAGED, KnownCost, costs_of, packaged_costs
-from pipeline.forecast.loads import Loads
-from pipeline.forecast.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
-from pipeline.forecast.simulation import hosts
-from pipeline.stages import STAGES
+from pipeline.dataset.stages import STAGES
+from pipeline.run.forecast.drawn_objects import Costs, drawn_objects, known_objects
+from pipeline.run.forecast.estimates import fit
+from pipeline.run.forecast.known_costs import PACKAGED, KnownCost, costs_of, packaged_costs
+from pipeline.run.forecast.loads import Loads
+from pipeline.run.forecast.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
+from pipeline.run.forecast.simulation import hosts
 
 matplotlib.use("Agg")
 

@@ -22,7 +22,7 @@ import psutil
 import objectfolder
 from bench import record
 from objectfolder.object_file import ObjectFile
-from pipeline.viewer.static import write_player, write_player_assets
+from pipeline.publish.viewer.static import write_player, write_player_assets
 
 IMAGES = 30
 CLICKS = 24
@@ -102,7 +102,7 @@ def main() -> None:
 
 def live(browser: Any, path: Path) -> dict[str, Any]:
     """Measure the live page of one file."""
-    command = [sys.executable, "-c", "from pipeline.command_line import main; main()"]
+    command = [sys.executable, "-c", "from pipeline.cli import main; main()"]
     server = subprocess.Popen(
         [*command, "view", str(path), "--no-browser"], stdout=subprocess.PIPE, text=True
     )

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from objectfolder.errors import ObjectFolderError
-from pipeline.data_set_commands import COMMANDS
+from pipeline.cli.data_set_commands import COMMANDS
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from pipeline.crew import Crew
-    from pipeline.task import Failure
+    from pipeline.dataset.crew import Crew
+    from pipeline.dataset.task import Failure
 
 PARAMETERS = "params.yaml"
 STARTER = "data/starter"
@@ -30,8 +30,8 @@ STAGE_NAMES = ("objects", "views", "modes", "touches", "encode", "fidelity")
 # Commands with options of their own, by the module that has them: `add_arguments` and `main`.
 MODULES = {
     **COMMANDS,
-    "scheduler": ("pipeline.clusters.scheduler", "run a scheduler that workers and drivers come to"),
-    "worker": ("pipeline.clusters.worker", "work for a scheduler"),
+    "scheduler": ("pipeline.cluster.scheduler", "run a scheduler that workers and drivers come to"),
+    "worker": ("pipeline.cluster.worker", "work for a scheduler"),
 }
 
 
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
-        from pipeline.stores.storage import disk_error
+        from pipeline.store.storage import disk_error
 
         print(f"error: {disk_error(error, Path(error.filename or root))}", file=sys.stderr)
         return 1
@@ -68,9 +68,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(root: Path, command: str) -> int:
     """Run what changes the data set, one at a time."""
-    from pipeline.exclusive import exclusive
-    from pipeline.run_log import RUN_ID
-    from pipeline.run_record import new_run_id
+    from pipeline.run.exclusive import exclusive
+    from pipeline.run.run_log import RUN_ID
+    from pipeline.run.run_record import new_run_id
 
     # What this starts is part of the same run: its parts share a record, and try no failure twice.
     os.environ.setdefault(RUN_ID, new_run_id())
@@ -94,11 +94,11 @@ def _interrupted(number: int, frame: object) -> None:
 
 def converge_stages(root: Path, names: Sequence[str]) -> int:
     """Converge stages over all objects; return 1 where one does not stand."""
-    from pipeline.clusters.places import read_place
-    from pipeline.converge import converge
-    from pipeline.parameters import read_parameters
-    from pipeline.records import read_records, read_table, write_records
-    from pipeline.stages import STAGES
+    from pipeline.cluster.places import read_place
+    from pipeline.dataset.parameters import read_parameters
+    from pipeline.dataset.records import read_records, read_table, write_records
+    from pipeline.dataset.stages import STAGES
+    from pipeline.run.converge import converge
 
     parameters = read_parameters(root / PARAMETERS)
     if "objects" in names:
@@ -110,7 +110,7 @@ def converge_stages(root: Path, names: Sequence[str]) -> int:
     stages = [STAGES[name] for name in names]
 
     def crew_for(jobs: int) -> "AbstractContextManager[Crew]":
-        from pipeline.clusters.cluster import crew
+        from pipeline.cluster.cluster import crew
 
         return crew(place, root, jobs, stages)
 
@@ -127,7 +127,7 @@ def converge_stages(root: Path, names: Sequence[str]) -> int:
 
 def select(root: Path, objects: str | None, only: str | None) -> int:
     """Choose objects in ``params.yaml``; say what changed."""
-    from pipeline import selection
+    from pipeline.dataset import selection
 
     print("\n".join(selection.select(root / PARAMETERS, objects, only)))
     return 0
@@ -143,10 +143,10 @@ def make_starter_set(root: Path) -> int:
 
 def make_report(root: Path) -> int:
     """Write the tables, the pages and the cards of the data set."""
-    from pipeline.publishing.cards import write_cards
-    from pipeline.report.writing import write_report
-    from pipeline.run_log import costs_path
-    from pipeline.stages import FIDELITY
+    from pipeline.dataset.stages import FIDELITY
+    from pipeline.publish.cards.all_cards import write_cards
+    from pipeline.publish.report.writing import write_report
+    from pipeline.run.run_log import costs_path
 
     failures = [
         {"object": failure.object_id, "stage": stage, "error": failure.error, "remedy": failure.remedy}
@@ -159,7 +159,7 @@ def make_report(root: Path) -> int:
 
 def make_dataset(root: Path) -> int:
     """Make all products with no barrier between stages, then let DVC see, report and record them."""
-    from pipeline.stages import OBJECT_FILES
+    from pipeline.dataset.stages import OBJECT_FILES
 
     dvc = [sys.executable, "-m", "dvc", "repro"]
     failed_before = bool(all_failures(root))
@@ -178,7 +178,7 @@ def make_dataset(root: Path) -> int:
 
 def show_failures(root: Path) -> int:
     """Print what failed in the last run of each stage; return 1 if anything did."""
-    from pipeline.failure_table import failure_table
+    from pipeline.run.failure_table import failure_table
 
     failures = [replace(failure, error=f"{stage}: {failure.error}") for stage, failure in all_failures(root)]
     if failures:
@@ -188,7 +188,7 @@ def show_failures(root: Path) -> int:
 
 def all_failures(root: Path) -> list[tuple[str, "Failure"]]:
     """Return the first failure of each object in the last runs, with its stage; paths from `root`."""
-    from pipeline.run_log import read_failures
+    from pipeline.run.run_log import read_failures
 
     first: dict[str, tuple[str, Failure]] = {}
     for stage in STAGE_NAMES:

@@ -103,7 +103,7 @@ def test_senses_and_geometry_stand_apart(name):
 def test_tasks_know_nothing_of_the_framework(name):
     for found in imports(PIPELINE[name], package_of(name, PIPELINE)):
         if within(found, "pipeline"):
-            assert within(found, "pipeline.task") or within(found, "pipeline.tasks"), (
+            assert within(found, "pipeline.dataset.task") or within(found, "pipeline.tasks"), (
                 f"{name} imports {found}"
             )
 
@@ -112,7 +112,7 @@ def test_tasks_know_nothing_of_the_framework(name):
 def test_dask_is_imported_by_clusters_alone(name):
     for found in imports(PIPELINE[name], package_of(name, PIPELINE)):
         if found.split(".")[0] in ("dask", "distributed"):
-            assert name.startswith("pipeline.clusters."), f"{name} imports {found}"
+            assert name.startswith("pipeline.cluster."), f"{name} imports {found}"
 
 
 def test_queries_import_numpy_and_torch_alone():

@@ -25,11 +25,10 @@ from objectfolder.store import Array, Product, read_product, write_product
 from objectfolder.tensor_file import read_tensor_file
 from objectfolder.touch.photometric_table import PhotometricTable
 from objectfolder.touch.sensor_file import read_sensor
-from pipeline import products
-from pipeline.parameters import read_parameters
-from pipeline.records import RECORDS, read_records
-from pipeline.stores import archives
-from pipeline.verified import Verified
+from pipeline.dataset import archives, products
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import RECORDS, read_records
+from pipeline.dataset.verified import Verified
 
 REPOSITORY = Path(__file__).parents[1]
 SOURCES = sorted(path for part in ("objectfolder", "pipeline") for path in (REPOSITORY / part).rglob("*.py"))
@@ -37,12 +36,12 @@ MEGABYTE = 1 << 20
 
 # What may run code that data names, and where it is right all the same.
 UNPICKLES = {
-    "pipeline/processes/child.py": "the pipe between a worker and the child process that it started itself",
+    "pipeline/sandbox/child.py": "the pipe between a worker and the child process that it started itself",
 }
 IMPORTS_BY_NAME = {
-    "pipeline/processes/child.py": "the module of a stage's task, named by code in pipeline/stages.py",
+    "pipeline/sandbox/child.py": "the module of a stage's task, named by code in pipeline/dataset/stages.py",
     "pipeline/__main__.py": "a command, one of a list in that file",
-    "pipeline/data_set_commands.py": "a command, one of a list in that file",
+    "pipeline/cli/data_set_commands.py": "a command, one of a list in that file",
 }
 PICKLES = {"pickle", "_pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
 

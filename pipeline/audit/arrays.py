@@ -10,8 +10,8 @@ from typing import Any
 
 from pipeline.audit import layouts
 from pipeline.audit.descriptions import Description
-from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN, Difference, compare, declared
-from pipeline.tolerances import SAME_BYTES, Tolerance
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Difference, compare, declared
+from pipeline.dataset.tolerances import SAME_BYTES, Tolerance
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,10 @@ from pipeline.audit.reasons import Circumstances, Reason
 from pipeline.audit.renaming import renamed
 from pipeline.audit.versions import Version
 from pipeline.audit.whole import Suspects
-from pipeline.products import ZARR, ProductKind
-from pipeline.stage import Stage
-from pipeline.stages import FIDELITY, OBJECTS, STAGES
-from pipeline.task import Failure
+from pipeline.dataset.products import ZARR, ProductKind
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.stages import FIDELITY, OBJECTS, STAGES
+from pipeline.dataset.task import Failure
 
 
 class Comparison:

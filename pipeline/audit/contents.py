@@ -32,7 +32,7 @@ class Content:
     md5
         Of its bytes.
     suffix
-        `pipeline.products.ZARR` or `TENSORS`.
+        `pipeline.dataset.products.ZARR` or `TENSORS`.
     where
         Its path in the version, for messages.
     path

@@ -10,7 +10,7 @@ from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.lock_file import DIRECTORY
 from pipeline.audit.versions import PER_OBJECT, Version
-from pipeline.run_log import costs_path
+from pipeline.run.run_log import costs_path
 
 CPU_COLUMN = "cpu_seconds."
 

@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import Any, BinaryIO
 
 from objectfolder.errors import FormatError
-from pipeline.products import TENSORS
-from pipeline.stores.archives import CENTRAL, CENTRAL_MARK, END, END_MARK, LARGEST_JSON_BYTES, LOCAL
+from pipeline.dataset.archives import CENTRAL, CENTRAL_MARK, END, END_MARK, LARGEST_JSON_BYTES, LOCAL
+from pipeline.dataset.products import TENSORS
 
 REMEDY = "See `objectfolder verify`; fetch it again (`dvc fetch`), or delete it and run `dvc repro`."
 GROUP = "zarr.json"
@@ -38,7 +38,7 @@ class Description:
     Parameters
     ----------
     attributes
-        As `pipeline.products.read_description` returns them, provenance and all.
+        As `pipeline.dataset.products.read_description` returns them, provenance and all.
     listing
         The list of entries of an archive; empty where the format keeps no checksums of single arrays.
     """
@@ -120,7 +120,7 @@ def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
     size
         Its length, bytes.
     suffix
-        `pipeline.products.ZARR` or `TENSORS`.
+        `pipeline.dataset.products.ZARR` or `TENSORS`.
     where
         What to call it in errors.
 

@@ -8,7 +8,7 @@ from pipeline.audit.arrays import Arrays
 from pipeline.audit.costs import Fetch
 from pipeline.audit.fidelity import FidelityChange
 from pipeline.audit.reasons import Reason
-from pipeline.task import Failure
+from pipeline.dataset.task import Failure
 
 ADDED, REMOVED, RENAMED, CHANGED, FAILED, STILL_FAILED, MENDED, UNCHANGED = (
     "added", "removed", "renamed", "changed", "failed", "failed as before", "mended", "unchanged",

@@ -139,6 +139,6 @@ def _stages(one: ObjectChange) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _position(stage: str) -> int:
-    from pipeline.stages import STAGES
+    from pipeline.dataset.stages import STAGES
 
     return list(STAGES).index(stage) if stage in STAGES else len(STAGES)

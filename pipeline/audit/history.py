@@ -14,8 +14,8 @@ from pipeline.audit.groups import sentences
 from pipeline.audit.lock_file import LOCK, Lock, read_lock
 from pipeline.audit.reasons import Circumstances, Reason
 from pipeline.audit.versions import TEXTS, Version
-from pipeline.stage import Stage
-from pipeline.stages import FIDELITY, OBJECTS
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.stages import FIDELITY, OBJECTS
 
 AT_A_TIME = 64  # commits whose lock files are in memory
 SHORT = 8

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from pipeline.audit.versions import Version
-from pipeline.stage import Stage
-from pipeline.task import Failure
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.task import Failure
 
 NOT_KEPT = "no product; versions do not keep why"
 LOOK = "See runs/ where that version was made, or run it again: `dvc repro`."

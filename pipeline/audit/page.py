@@ -9,7 +9,7 @@ from pipeline.audit import table
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import CHANGED, GONE, MADE, STATES, Audit
 from pipeline.audit.groups import StageTotal, groups, names, totals
-from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
 
 TEMPLATES = Path(__file__).parent / "template"
 FIDELITY_ROWS = 1000
@@ -41,7 +41,7 @@ def write_page(
 
 def render_page(audit: Audit, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float]) -> str:
     """Return the page."""
-    from pipeline.report.templates import template_environment
+    from pipeline.publish.report.templates import template_environment
 
     environment = template_environment(TEMPLATES)
     filters: dict[str, Callable[..., object]] = {

@@ -8,8 +8,8 @@ from objectfolder.errors import FormatError
 from objectfolder.provenance import fingerprint
 from pipeline.audit.descriptions import Description
 from pipeline.audit.texts import printable
-from pipeline.differences import ABSENT, SECTIONS, Difference, differences
-from pipeline.stage import Stage
+from pipeline.dataset.differences import ABSENT, SECTIONS, Difference, differences
+from pipeline.dataset.stage import Stage
 
 MESH, TEXTURE, SOURCE, MATERIAL, ROW, RECORD = (
     "mesh", "texture", "source file", "material", "material row", "record",

@@ -12,13 +12,13 @@ from objectfolder.provenance import code_identity, file_digest, package_versions
 from pipeline.audit.arrays import Arrays, by_reading, stored_tolerances
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.descriptions import Description
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
 from pipeline.audit.versions import Version
-from pipeline.parameters import ObjectsParameters
-from pipeline.processes.isolation import Child, ChildSettings, ProcessKilled
-from pipeline.records import MATERIALS, read_table
-from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
-from pipeline.stage import Stage
-from pipeline.task import Call, Request
+from pipeline.dataset.parameters import ObjectsParameters
+from pipeline.dataset.records import MATERIALS, read_table
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.task import Call, Request
+from pipeline.sandbox.isolation import Child, ChildSettings, ProcessKilled
 
 FAILED = "could not be made"
 TABLE = "data/objects.csv"

@@ -9,7 +9,7 @@ from objectfolder.provenance import canonical_json
 from pipeline.audit.contents import Content
 from pipeline.audit.descriptions import Description
 from pipeline.audit.versions import Version
-from pipeline.stages import OBJECTS
+from pipeline.dataset.stages import OBJECTS
 
 Describe = Callable[[Content], Description]
 

@@ -9,8 +9,8 @@ from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import CHANGED, GONE, MADE, STATES, Audit
 from pipeline.audit.groups import StageTotal, groups, names, totals
 from pipeline.audit.reasons import UPSTREAM
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
 from pipeline.audit.texts import printable
-from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
 
 NARROWEST, WIDEST = 72, 120
 GROUPS = 40

@@ -13,13 +13,13 @@ from typing import Any
 
 from objectfolder.errors import FormatError, ObjectFolderError
 from objectfolder.object_file import FORMAT, ObjectFile
-from pipeline import products
 from pipeline.audit.contents import FETCH, Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.reasons import is_labelled_truly
 from pipeline.audit.versions import Version
-from pipeline.products import TENSORS, ProductKind
-from pipeline.stage import Stage
+from pipeline.dataset import products
+from pipeline.dataset.products import TENSORS, ProductKind
+from pipeline.dataset.stage import Stage
 
 AT_ONCE = 4  # files read at the same time: disks and hashes, not processors, are what is waited for
 DAMAGED, OTHER, MISSING, UNLISTED, MISLABELLED, MADE_FROM_ANOTHER = (

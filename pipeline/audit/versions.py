@@ -14,11 +14,11 @@ from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
 from pipeline.audit.lock_file import LOCK, Lock, read_lock
 from pipeline.audit.texts import printable
-from pipeline.products import ProductKind
-from pipeline.records import MATERIALS, RECORDS
-from pipeline.run_log import read_failures
-from pipeline.stage import Stage
-from pipeline.task import Failure
+from pipeline.dataset.products import ProductKind
+from pipeline.dataset.records import MATERIALS, RECORDS
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.task import Failure
+from pipeline.run.run_log import read_failures
 
 WORK_TREE = "work tree"
 PER_OBJECT = "reports/per_object.csv"

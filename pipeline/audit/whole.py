@@ -6,13 +6,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from pipeline import products
 from pipeline.audit.arrays import Arrays, by_reading, stored_tolerances
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.reasons import BYTES, CORRUPTED, UNREADABLE, Reason
-from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN
-from pipeline.stage import Stage
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
+from pipeline.dataset import products
+from pipeline.dataset.stage import Stage
 
 # What is read without being asked to, in all: the few products that contradict themselves.
 MOST_PRODUCTS = 32

@@ -1,9 +1,9 @@
 """Task bodies, one module each, so that a change to one leaves the products of the others alone.
 
-A body is a pure function ``body(request: pipeline.task.Request) -> product`` (a tuple of products where
+A body is a pure function ``body(request: Request) -> product`` (a tuple of products where
 the stage makes several kinds): it sees the input files, parameters, record fields and seed that its
-stage declares in `pipeline.stages`, imports only `objectfolder` and `pipeline.task`, and returns
-`objectfolder.store.Product` for a ``.zarr.zip`` or `objectfolder.tensor_file.TensorFile` for a
+stage declares in `pipeline.dataset.stages`, imports only `objectfolder` and `pipeline.dataset.task`, and
+returns `objectfolder.store.Product` for a ``.zarr.zip`` or `objectfolder.tensor_file.TensorFile` for a
 ``.safetensors``. The framework adds ``fingerprint`` and ``provenance`` and writes the files.
 
 ====================================  ===========================================================

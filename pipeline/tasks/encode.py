@@ -5,7 +5,7 @@ from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.store import read_product
 from objectfolder.tensor_file import TensorFile
 from objectfolder.touch.sensor import Sensor
-from pipeline.task import Request
+from pipeline.dataset.task import Request
 
 
 def encode_object(request: Request) -> TensorFile:

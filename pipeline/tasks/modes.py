@@ -4,7 +4,7 @@ from objectfolder.audio.materials import Material
 from objectfolder.audio.modes import simulate_modes
 from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.store import Product, read_product
-from pipeline.task import Request
+from pipeline.dataset.task import Request
 
 
 def compute_modes(request: Request) -> Product:

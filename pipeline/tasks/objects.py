@@ -4,7 +4,7 @@ from pathlib import Path
 
 from objectfolder.geometry.ingest import ingest_object
 from objectfolder.store import Product
-from pipeline.task import Request
+from pipeline.dataset.task import Request
 
 
 def prepare_object(request: Request) -> Product:

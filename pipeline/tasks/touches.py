@@ -4,7 +4,7 @@ from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.store import Product, read_product
 from objectfolder.touch.sensor import Sensor
 from objectfolder.touch.touches import simulate_touches
-from pipeline.task import Request
+from pipeline.dataset.task import Request
 
 
 def press_sensor(request: Request) -> Product:

@@ -4,7 +4,7 @@ from objectfolder.body import body_of
 from objectfolder.fidelity.verification import verify_object as verify
 from objectfolder.object_file import ObjectFile
 from objectfolder.store import read_attributes, read_product
-from pipeline.task import Request, Timed
+from pipeline.dataset.task import Request, Timed
 
 DESCRIBED = ("name", "source", "licence", "attribution")
 

@@ -4,7 +4,7 @@ from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.store import Product, read_product
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.views import simulate_views
-from pipeline.task import Request
+from pipeline.dataset.task import Request
 
 
 def render_views(request: Request) -> Product:

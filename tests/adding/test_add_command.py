@@ -13,9 +13,9 @@ from PIL import Image
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
-from pipeline.adding.addition import Wanted, check_object, put_object
-from pipeline.adding.table import read_table
-from pipeline.command_line import main
+from pipeline.cli import main
+from pipeline.intake.add.addition import Wanted, check_object, put_object
+from pipeline.intake.add.table_rows import read_table
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = REPOSITORY / "data" / "materials.csv"

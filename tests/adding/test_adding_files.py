@@ -10,9 +10,9 @@ from PIL import Image
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.load import load_mesh
-from pipeline.adding.copying import Layout, copied, folder_digest, layout_of
-from pipeline.adding.naming import checked_id, object_id_of, safe_name
-from pipeline.adding.units import is_doubtful, length_doubts, possible_lengths, unit_problem
+from pipeline.intake.add.naming import checked_id, object_id_of, safe_name
+from pipeline.intake.add.source_copy import Layout, copied, folder_digest, layout_of
+from pipeline.intake.add.units import is_doubtful, length_doubts, possible_lengths, unit_problem
 
 CUBE = trimesh.creation.box((0.1, 0.06, 0.04))
 

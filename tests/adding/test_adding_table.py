@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from objectfolder.errors import InputError
-from pipeline.adding.table import locked, read_table, with_row, write_table
+from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 
 ROW = {"id": "mug", "name": "A mug", "mesh": "mug/model.obj", "material": "ceramic", "licence": "CC0-1.0"}
 

@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from objectfolder.geometry.mesh import TexturedMesh
-from pipeline.adding.preview import MARGIN, PIXELS, RED, scale_bar_m, walls_marked, write_preview
-from pipeline.adding.views import CUT, draw, side_m, standard_views
+from pipeline.intake.add.preview import MARGIN, PIXELS, RED, scale_bar_m, walls_marked, write_preview
+from pipeline.intake.add.preview_views import CUT, draw, side_m, standard_views
 
 WHITE = np.full((1, 1, 4), 255, dtype=np.uint8)
 

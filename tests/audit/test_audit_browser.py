@@ -7,7 +7,8 @@ import html5lib
 import pytest
 from versions_of_workshop import made_versions
 
-from pipeline import command_line, stages
+from pipeline import cli as command_line
+from pipeline.dataset import stages
 
 pytest_plugins = ["tests.browser"]
 AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"

@@ -9,11 +9,12 @@ from versions_of_workshop import made_versions
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.store import read_product, write_product
-from pipeline import command_line, stages
+from pipeline import cli as command_line
 from pipeline.audit.fidelity import MEASURES, changes, exceeded, thresholds, worst_first
 from pipeline.audit.lock_file import read_folder, read_lock
-from pipeline.command_line.audit import ERROR, EXCEEDED, FINE
-from pipeline.stages import FIDELITY, VIEWS
+from pipeline.cli.audit import ERROR, EXCEEDED, FINE
+from pipeline.dataset import stages
+from pipeline.dataset.stages import FIDELITY, VIEWS
 
 
 @pytest.fixture(scope="module")

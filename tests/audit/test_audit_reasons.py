@@ -13,7 +13,7 @@ from objectfolder.provenance import fingerprint
 from objectfolder.store import Array, Product, read_product, write_product
 from pipeline.audit import reasons
 from pipeline.audit.fidelity import exceeded
-from pipeline.audit.findings import (
+from pipeline.audit.findings import (  # fmt: skip
     ADDED,
     CHANGED,
     FAILED,
@@ -22,9 +22,9 @@ from pipeline.audit.findings import (
     RENAMED,
     STILL_FAILED,
     UNCHANGED,
-)  # fmt: skip
+)
 from pipeline.audit.groups import groups
-from pipeline.audit.reasons import (
+from pipeline.audit.reasons import (  # fmt: skip
     BYTES,
     CODE,
     CORRUPTED,
@@ -39,9 +39,9 @@ from pipeline.audit.reasons import (
     TEXTURE,
     TOLERANCE,
     UPSTREAM,
-)  # fmt: skip
-from pipeline.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
-from pipeline.tolerances import as_json
+)
+from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
+from pipeline.dataset.tolerances import as_json
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from versions_of_workshop import made_versions, only, states
 from pipeline.audit.contents import Contents
 from pipeline.audit.findings import CHANGED, UNCHANGED
 from pipeline.audit.verification import MISSING, verify
-from pipeline.stages import VIEWS
+from pipeline.dataset.stages import VIEWS
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from pipeline.audit.contents import Contents
 from pipeline.audit.reasons import CORRUPTED
 from pipeline.audit.reasons import MISLABELLED as SAYS_ANOTHER
 from pipeline.audit.recomputation import FAILED, recompute
-from pipeline.audit.verification import (
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL
+from pipeline.audit.verification import (  # fmt: skip
     DAMAGED,
     MADE_FROM_ANOTHER,
     MISLABELLED,
@@ -23,9 +24,8 @@ from pipeline.audit.verification import (
     OTHER,
     UNLISTED,
     verify,
-)  # fmt: skip
-from pipeline.reproducibility import DIFFERENT, EQUAL
-from pipeline.stages import FIDELITY, MODES, OBJECT_FILES, TOUCHES, VIEWS
+)
+from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, TOUCHES, VIEWS
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from pipeline.audit.contents import Contents
 from pipeline.audit.findings import Audit, ObjectChange
 from pipeline.audit.git import GitRepository
 from pipeline.audit.versions import Version, commit_version, work_tree_version
-from pipeline.records import read_table, write_records
+from pipeline.dataset.records import read_table, write_records
 
 # Fidelity that follows from what the object was made from, for there to be something to compare.
 FIDELITY_BODY = '''

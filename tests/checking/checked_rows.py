@@ -6,8 +6,8 @@ from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import ObjectRecord
 from objectfolder.geometry.solid_properties import Topology
 from objectfolder.geometry.wall_measures import LEVELS, WallMeasures
-from pipeline.checking.entry import Entry
-from pipeline.checking.shape import Shape
+from pipeline.intake.check.entry import Entry
+from pipeline.intake.check.shape import Shape
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = read_materials(REPOSITORY / "data" / "materials.csv")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from pipeline.command_line import main
+from pipeline.cli import main
 
 HEAD = (
     "id,name,mesh,texture,material,length_m,source,licence,attribution,source_id,mass_kg,mass_source,notes,"

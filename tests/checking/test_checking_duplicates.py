@@ -3,8 +3,8 @@
 import pytest
 from checked_rows import entry, shape
 
-from pipeline.checking.duplicates import check
-from pipeline.checking.finding import ERROR, NOTE, WARNING
+from pipeline.intake.check.duplicates import check
+from pipeline.intake.check.finding import ERROR, NOTE, WARNING
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import pytest
 from checked_rows import entry
 
-from pipeline.checking.finding import NOTE, WARNING
-from pipeline.checking.looks import check
+from pipeline.intake.check.finding import NOTE, WARNING
+from pipeline.intake.check.looks import check
 
 
 @pytest.mark.parametrize(

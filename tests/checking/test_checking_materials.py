@@ -3,7 +3,7 @@
 import pytest
 from checked_rows import MATERIALS, entry
 
-from pipeline.checking.materials import check
+from pipeline.intake.check.material import check
 
 KNOWN = MATERIALS.keys()
 

@@ -3,8 +3,9 @@
 import pytest
 from checked_rows import entry
 
-from pipeline.checking import licences, provenance
-from pipeline.checking.finding import ERROR, NOTE, WARNING
+from pipeline.intake.check import stated_licence as licences
+from pipeline.intake.check import stated_provenance as provenance
+from pipeline.intake.check.finding import ERROR, NOTE, WARNING
 
 MUG = {
     "source": "YCB Object and Model Set",

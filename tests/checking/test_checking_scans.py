@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.command_line import main
+from pipeline.cli import main
 
 REPOSITORY = Path(__file__).parents[2]
 

@@ -6,9 +6,10 @@ import pytest
 from checked_rows import entry, shape
 
 from objectfolder.errors import InputError
-from pipeline.checking import readable, surfaces, walls
-from pipeline.checking.acceptance import accept
-from pipeline.checking.finding import ERROR, NOTE, WARNING
+from pipeline.intake.check import readable, surfaces
+from pipeline.intake.check import wall as walls
+from pipeline.intake.check.acceptance import accept
+from pipeline.intake.check.finding import ERROR, NOTE, WARNING
 
 RULES = ("mass", "walls", "licence")
 

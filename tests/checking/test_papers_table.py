@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.sources.sources import source_and_name
+from pipeline.intake.sources.registry import source_and_name
 
 TABLE = Path(__file__).parents[2] / "data" / "objects.csv"
 

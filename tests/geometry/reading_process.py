@@ -78,7 +78,7 @@ def _main() -> None:
 
     objects = [json.loads(line) for line in sys.stdin]
     if objects and any(one["archive"] for one in objects):
-        from pipeline.sources.unpacking import unpack
+        from pipeline.intake.sources.unpacking import unpack
     _warm_up(ingest_object)
     os.chdir(tempfile.mkdtemp())
     touched: list[str] = []

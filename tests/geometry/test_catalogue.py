@@ -10,7 +10,7 @@ from small_meshes import write_textured_cube
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
-from pipeline.records import row_of
+from pipeline.dataset.records import row_of
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")

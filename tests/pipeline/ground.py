@@ -19,7 +19,7 @@ import psutil
 from toys import Toys
 
 from objectfolder.errors import FormatError
-from pipeline import products
+from pipeline.dataset import products
 
 REPOSITORY = Path(__file__).parents[2]
 PACKAGE = "disturbed_toys"

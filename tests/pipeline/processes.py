@@ -12,8 +12,8 @@ from pathlib import Path
 import psutil
 from toys import REPOSITORY, Toys
 
-from pipeline.crew import Job
-from pipeline.task import Call, Request
+from pipeline.dataset.crew import Job
+from pipeline.dataset.task import Call, Request
 
 LIMIT_S = float(os.environ.get("OBJECTFOLDER_TEST_LIMIT_S", "180"))
 

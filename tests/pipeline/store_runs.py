@@ -7,11 +7,11 @@ from pathlib import Path
 from toys import Toys
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from pipeline.converge import CrewFor, Summary, converge
-from pipeline.crew import Finished, Job, Lost, Slot
-from pipeline.processes.child import execute
-from pipeline.stores.shipping import Courier
-from pipeline.task import Call, Outcome, failure_of
+from pipeline.dataset.crew import Finished, Job, Lost, Slot
+from pipeline.dataset.task import Call, Outcome, failure_of
+from pipeline.run.converge import CrewFor, Summary, converge
+from pipeline.sandbox.child import execute
+from pipeline.store.shipping import Courier
 
 
 class Elsewhere:

@@ -20,11 +20,11 @@ from store_runs import elsewhere, flow, made
 from toys import Toys, here
 
 from objectfolder.errors import ObjectFolderError
-from pipeline import products
-from pipeline.processes.child import execute
-from pipeline.stores import memo, shared, shipping
-from pipeline.stores.storage import PATIENCE, STORE, product_name
-from pipeline.task import Call, Outcome
+from pipeline.dataset import products
+from pipeline.dataset.task import Call, Outcome
+from pipeline.sandbox.child import execute
+from pipeline.store import memo, shared, shipping
+from pipeline.store.storage import PATIENCE, STORE, product_name
 
 READ_TIMEOUT_S, LATE_S, PATIENCE_S = 0.5, 0.8, 3.0
 REMOTE, CACHE = "workers elsewhere", "store as a cache"
@@ -156,8 +156,8 @@ class Trials:
         timeouts = {"connect_timeout": 5, "read_timeout": READ_TIMEOUT_S}
         with (
             mock.patch.dict(os.environ, settings),
-            mock.patch("pipeline.stores.storage.TIMEOUTS", timeouts),
-            mock.patch("pipeline.stores.storage.FIRST_PAUSE_S", 0.02),
+            mock.patch("pipeline.store.storage.TIMEOUTS", timeouts),
+            mock.patch("pipeline.store.storage.FIRST_PAUSE_S", 0.02),
         ):
             yield
 
@@ -168,7 +168,7 @@ def unhurried() -> Iterator[None]:
     timeouts = {"connect_timeout": 60, "read_timeout": 60}
     with (
         mock.patch.dict(os.environ, {PATIENCE: "120"}),
-        mock.patch("pipeline.stores.storage.TIMEOUTS", timeouts),
+        mock.patch("pipeline.store.storage.TIMEOUTS", timeouts),
     ):
         yield
 

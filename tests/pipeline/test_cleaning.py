@@ -11,15 +11,16 @@ import yaml
 
 from objectfolder.errors import InputError
 from objectfolder.store import Product
-from pipeline import clean, products, run_record
-from pipeline.processes import scratch
-from pipeline.stages import OBJECT_FILES, VIEWS
-from pipeline.stores import memo
+from pipeline.dataset import products
+from pipeline.dataset.stages import OBJECT_FILES, VIEWS
+from pipeline.run import clean, run_record
+from pipeline.sandbox import scratch
+from pipeline.store import memo
 
 HELD = """
 import sys, time
 from pathlib import Path
-from pipeline.exclusive import exclusive
+from pipeline.run.exclusive import exclusive
 with exclusive(Path.cwd(), "views"):
     print("held", flush=True)
     sys.stdin.read()
@@ -80,7 +81,7 @@ def used(tmp_path, monkeypatch):
         [
             sys.executable,
             "-c",
-            "from pipeline.processes.scratch import Scratch; import os; it = Scratch(); "
+            "from pipeline.sandbox.scratch import Scratch; import os; it = Scratch(); "
             "(it.path / 'big').write_bytes(bytes(10**6)); print(it.path, flush=True); os._exit(0)",
         ],
         env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": str(Path(__file__).parents[2])},

@@ -12,7 +12,7 @@ from scipy.io import wavfile
 
 import objectfolder
 from objectfolder.audio.synthesis import ContactBody
-from pipeline.command_line import main
+from pipeline.cli import main
 from tests.conftest import REPOSITORY
 
 BAR = {

@@ -8,8 +8,8 @@ from toys import FILES, INGESTED, QUALITY, TUNED, Here
 
 from objectfolder.store import read_attributes
 from objectfolder.tensor_file import read_metadata
-from pipeline.crew import Lost
-from pipeline.products import read_fingerprint
+from pipeline.dataset.crew import Lost
+from pipeline.dataset.products import read_fingerprint
 
 ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))
 

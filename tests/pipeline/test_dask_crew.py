@@ -11,10 +11,10 @@ import pytest
 from processes import command, eventually, job, kill, scheduler, until
 
 from objectfolder.errors import SimulationError
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.dask_crew import GONE
-from pipeline.clusters.places import Place
-from pipeline.crew import GPU, Finished, Lost
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.dask_crew import GONE
+from pipeline.cluster.places import Place
+from pipeline.dataset.crew import GPU, Finished, Lost
 
 STILL = "poison import time; time.sleep(600)"
 

@@ -12,10 +12,10 @@ from processes import command, scheduler, until
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
-from pipeline.clusters import cluster
-from pipeline.clusters.environment_check import Environment, differences, environment_here, environment_of
-from pipeline.clusters.places import Place
-from pipeline.stages import STAGES
+from pipeline.cluster import cluster
+from pipeline.cluster.environment_check import Environment, differences, environment_here, environment_of
+from pipeline.cluster.places import Place
+from pipeline.dataset.stages import STAGES
 
 HERE = environment_here(["numpy", "scipy"], ["pipeline.tasks.objects"])
 
@@ -36,10 +36,13 @@ def test_an_equal_environment_has_no_difference():
         (
             {
                 "code": {
-                    "pipeline.tasks.objects": {**HERE.code["pipeline.tasks.objects"], "pipeline.task": "0"}
+                    "pipeline.tasks.objects": {
+                        **HERE.code["pipeline.tasks.objects"],
+                        "pipeline.dataset.task": "0",
+                    }
                 }
             },
-            "other code in pipeline.task",
+            "other code in pipeline.dataset.task",
         ),
     ],
 )
@@ -62,7 +65,7 @@ def test_all_stages_are_covered():
 
 def test_the_answer_of_another_process_is_the_same():
     answer = subprocess.run(
-        [sys.executable, "-m", "pipeline.clusters.environment_check"],
+        [sys.executable, "-m", "pipeline.cluster.environment_check"],
         input=HERE.as_json(),
         capture_output=True,
         text=True,

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from objectfolder.store import Product, write_product
-from pipeline.forecast.estimates import HIGH_QUANTILE, MEMORY_MARGIN, Estimates, fit
-from pipeline.forecast.known_costs import KnownCost, costs_of, packaged_costs
-from pipeline.forecast.loads import bending_modes, picture_share
-from pipeline.parameters import read_parameters
-from pipeline.run_log import COLUMNS, Costs, costs_path
-from pipeline.stages import MODES, OBJECTS, STAGES
-from pipeline.task import Outcome
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.stages import MODES, OBJECTS, STAGES
+from pipeline.dataset.task import Outcome
+from pipeline.run.forecast.estimates import HIGH_QUANTILE, MEMORY_MARGIN, Estimates, fit
+from pipeline.run.forecast.known_costs import KnownCost, costs_of, packaged_costs
+from pipeline.run.forecast.loads import bending_modes, picture_share
+from pipeline.run.run_log import COLUMNS, Costs, costs_path
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -235,6 +235,7 @@ def test_a_thousand_objects_are_estimated_at_once(tmp_path):
 
 
 def test_estimating_loads_neither_dask_nor_dvc():
-    code = "import sys, pipeline.forecast.estimates; print({'dask', 'distributed', 'dvc'} & set(sys.modules))"
+    code = "import sys, pipeline.run.forecast.estimates\n"
+    code += "print({'dask', 'distributed', 'dvc'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=REPOSITORY)
     assert done.stdout.strip() == "set()", done.stderr

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import InputError
-from pipeline.exclusive import WAIT, exclusive, owner
+from pipeline.run.exclusive import WAIT, exclusive, owner
 
 HOLD = """
 import sys
 from pathlib import Path
-from pipeline.exclusive import exclusive
+from pipeline.run.exclusive import exclusive
 
 with exclusive(Path(sys.argv[1]), sys.argv[2]):
     print("held", flush=True)

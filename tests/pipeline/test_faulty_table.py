@@ -9,7 +9,7 @@ from toys import REPOSITORY, python
 from objectfolder.geometry.starter.die import die
 from objectfolder.geometry.starter.write import write_obj
 from pipeline import __main__ as command
-from pipeline.run_log import read_failures
+from pipeline.run.run_log import read_failures
 
 HEAD = "id,name,mesh,texture,material,length_m\n"
 FAULTS = {

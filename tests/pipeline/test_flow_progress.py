@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from pipeline.flow_progress import COMPUTED, FAILED, KEPT, RESTORED, FlowProgress, duration
-from pipeline.forecast.time_to_go import TimeToGo
+from pipeline.run.flow_progress import COMPUTED, FAILED, KEPT, RESTORED, FlowProgress, duration
+from pipeline.run.forecast.time_to_go import TimeToGo
 
 STAGES = {"objects": (), "views": ("objects",), "modes": ("objects",), "encode": ("views", "modes")}
 
@@ -133,8 +133,8 @@ def test_nothing_to_do_is_a_line_a_stage(clock):
 def test_the_line_goes_on_while_nothing_happens(monkeypatch):
     import threading
 
-    monkeypatch.setattr("pipeline.flow_progress.TICK_S", 0.01)
-    monkeypatch.setattr("pipeline.flow_progress.REDRAW_S", 0.0)
+    monkeypatch.setattr("pipeline.run.flow_progress.TICK_S", 0.01)
+    monkeypatch.setattr("pipeline.run.flow_progress.REDRAW_S", 0.0)
     enough = threading.Event()
 
     class Counting(Terminal):

@@ -23,7 +23,7 @@ from chaos import Watcher, redone
 from ground import PACKAGE, STAGES, Execution, Ground, read_executions, wait_for
 from hosts import Cable, Host, Network, why_no_cable, why_not
 
-from pipeline.clusters import tls
+from pipeline.cluster import tls
 
 WORKERS = ("worker-1", "worker-2")
 SCHEDULER_PORT, STORE_PORT = 8786, 9000
@@ -34,7 +34,7 @@ RETURN_S = 600  # a worker that was cut off while it came up gives up after two 
 ALL_HERE = f"""
 import pathlib, sys
 from distributed import Client
-from pipeline.clusters import tls
+from pipeline.cluster import tls
 with Client(sys.argv[1], security=tls.security(pathlib.Path("tls")), timeout=60) as client:
     client.wait_for_workers({len(WORKERS)}, timeout={RETURN_S})
 """

@@ -11,10 +11,10 @@ import psutil
 import pytest
 
 from objectfolder.provenance import code_identity
-from pipeline.processes import host_memory, scratch
-from pipeline.processes.isolation import Child, ChildSettings, Interrupted, ProcessKilled
-from pipeline.processes.process_tree import descendants
-from pipeline.task import Call, Request
+from pipeline.dataset.task import Call, Request
+from pipeline.sandbox import host_memory, scratch
+from pipeline.sandbox.isolation import Child, ChildSettings, Interrupted, ProcessKilled
+from pipeline.sandbox.process_tree import descendants
 
 POISON = {
     "segfault": "import ctypes; print('last words', flush=True); ctypes.string_at(0)",
@@ -134,7 +134,7 @@ def test_what_a_killed_guard_leaves_is_ended_too(toys):
 def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     script = (
-        "import os, subprocess; from pipeline.processes.scratch import Scratch; mine = Scratch(); "
+        "import os, subprocess; from pipeline.sandbox.scratch import Scratch; mine = Scratch(); "
         "left = subprocess.Popen(['sleep', '300'], env={**os.environ, 'TMPDIR': str(mine.path)}, "
         "start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL); "
         "print(left.pid, flush=True); os._exit(0)"
@@ -227,7 +227,7 @@ def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
         "from pathlib import Path\n"
         "from test_isolation import HANG, calls_of\n"
         "from toys import Toys\n"
-        "from pipeline.processes.isolation import Child, ChildSettings\n"
+        "from pipeline.sandbox.isolation import Child, ChildSettings\n"
         f"toys = Toys(Path.cwd(), {toys.package!r})\n"
         "(call,) = calls_of(toys, ['hang'], {'hang': HANG})\n"
         "child = Child(Path.cwd(), ChildSettings())\n"
@@ -260,7 +260,7 @@ def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
 def test_folders_of_dead_owners_are_swept_and_others_left(toys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     script = (
-        "import os; from pipeline.processes.scratch import Scratch; "
+        "import os; from pipeline.sandbox.scratch import Scratch; "
         "mine = Scratch(); print(mine.path, flush=True); os._exit(0)"
     )
     environment = {**os.environ, "TMPDIR": str(tmp_path)}

@@ -13,8 +13,8 @@ from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, u
 from ground import Ground, wait_for
 from toys import FILES, QUALITY, Here
 
-from pipeline import products
-from pipeline.crew import Finished, Lost
+from pipeline.dataset import products
+from pipeline.dataset.crew import Finished, Lost
 
 CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(6)}
 

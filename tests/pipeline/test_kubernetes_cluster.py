@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.clusters.kubernetes_cluster import EVERYWHERE, MOUNTED_AT, resource
-from pipeline.clusters.places import Kubernetes, Place
-from pipeline.clusters.scheduler import add_arguments as scheduler_arguments
-from pipeline.clusters.worker import add_arguments as worker_arguments
+from pipeline.cluster.kubernetes_cluster import EVERYWHERE, MOUNTED_AT, resource
+from pipeline.cluster.places import Kubernetes, Place
+from pipeline.cluster.scheduler import add_arguments as scheduler_arguments
+from pipeline.cluster.worker import add_arguments as worker_arguments
 
 WANTED = Kubernetes(
     image="factory:1",

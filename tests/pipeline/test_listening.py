@@ -6,8 +6,8 @@ import psutil
 import pytest
 from processes import command, eventually, job, scheduler, until
 
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.places import read_place
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.places import read_place
 
 
 def listening(process: psutil.Process) -> dict[int, set[str]]:

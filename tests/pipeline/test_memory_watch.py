@@ -10,10 +10,10 @@ import psutil
 import pytest
 from test_isolation import calls_of
 
-from pipeline.processes import host_memory
-from pipeline.processes.isolation import Child, ChildSettings
-from pipeline.processes.memory_watch import LONGEST_PAUSE_S, SHORTEST_PAUSE_S, MemoryWatch, proportional_bytes
-from pipeline.processes.process_tree import descendants
+from pipeline.sandbox import host_memory
+from pipeline.sandbox.isolation import Child, ChildSettings
+from pipeline.sandbox.memory_watch import LONGEST_PAUSE_S, SHORTEST_PAUSE_S, MemoryWatch, proportional_bytes
+from pipeline.sandbox.process_tree import descendants
 
 LIMIT_BYTES = 400_000_000
 # Each ends by itself where nobody ends it, well above the limit, so that a test that fails harms nobody.
@@ -151,7 +151,7 @@ sys.path.insert(0, {tests!r})
 from pathlib import Path
 from test_isolation import calls_of
 from toys import Toys
-from pipeline.processes.isolation import Child, ChildSettings
+from pipeline.sandbox.isolation import Child, ChildSettings
 
 toys = Toys(Path.cwd(), {package!r})
 (call,) = calls_of(toys, ["grows"], {{"grows": {body!r}}})

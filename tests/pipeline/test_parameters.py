@@ -6,8 +6,8 @@ from toys import REPOSITORY
 from objectfolder.errors import InputError
 from objectfolder.touch.sensor import Sensor
 from objectfolder.touch.sensor_file import FOLDER
-from pipeline.parameters import read_parameters
-from pipeline.selection import select
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.selection import select
 
 TEXT = (REPOSITORY / "params.yaml").read_text()
 

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from pipeline.clusters.performance_report import MOST_REPORTS, excess, performance_report
+from pipeline.cluster.performance_report import MOST_REPORTS, excess, performance_report
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ import sys
 import pytest
 
 from objectfolder.errors import InputError
-from pipeline.clusters import machine_cluster
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.places import KINDS, Place, read_place
+from pipeline.cluster import machine_cluster
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.places import KINDS, Place, read_place
 
 ADDRESS = "tls://10.0.0.1:8786"
 

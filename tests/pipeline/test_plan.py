@@ -10,16 +10,16 @@ import pytest
 from toys import Toys
 
 from objectfolder.errors import InputError
-from pipeline.clusters.places import Place, Slurm, Ssh
-from pipeline.forecast import plan as command
-from pipeline.forecast.estimates import Estimates
-from pipeline.forecast.known_costs import packaged_costs
-from pipeline.forecast.plan import compare, comparison_table, read_plan, table, write_plan
-from pipeline.forecast.planning import Machines, Plan, machines_of, plan, plan_for_count, side_by_side
-from pipeline.parameters import read_parameters
-from pipeline.run_log import Costs
-from pipeline.stages import STAGES
-from pipeline.task import Outcome
+from pipeline.cluster.places import Place, Slurm, Ssh
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.stages import STAGES
+from pipeline.dataset.task import Outcome
+from pipeline.run.forecast import plan as command
+from pipeline.run.forecast.estimates import Estimates
+from pipeline.run.forecast.known_costs import packaged_costs
+from pipeline.run.forecast.plan import compare, comparison_table, read_plan, table, write_plan
+from pipeline.run.forecast.planning import Machines, Plan, machines_of, plan, plan_for_count, side_by_side
+from pipeline.run.run_log import Costs
 
 REPOSITORY = Path(__file__).parents[2]
 MACHINES = Machines(1, 2, 16 * 10**9)

@@ -9,7 +9,7 @@ from PIL import Image
 
 import objectfolder
 from objectfolder.touch.calibrated import synthetic_background
-from pipeline.command_line import main
+from pipeline.cli import main
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import objectfolder
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.environment import environment_lights
-from pipeline.command_line import main
+from pipeline.cli import main
 
 CAMERAS = np.array([[1.2, -1.6, 1.4], [-0.9, 1.0, 2.0]])
 

@@ -13,9 +13,9 @@ from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 
 from objectfolder.errors import InputError
 from objectfolder.store import Product, write_product
-from pipeline.report.charts import setting_medians, speed_error_chart
-from pipeline.report.costs import read_costs
-from pipeline.report.formats import (
+from pipeline.publish.report.charts import setting_medians, speed_error_chart
+from pipeline.publish.report.costs import read_costs
+from pipeline.publish.report.formats import (
     MINUS,
     NOTHING,
     TIMES,
@@ -27,9 +27,9 @@ from pipeline.report.formats import (
     short_bytes,
     web_link,
 )
-from pipeline.report.measures import HEADLINE, number_at
-from pipeline.report.sounds import sound_pair
-from pipeline.report.writing import write_report
+from pipeline.publish.report.measures import HEADLINE, number_at
+from pipeline.publish.report.sounds import sound_pair
+from pipeline.publish.report.writing import write_report
 
 HOSTILE = "<script>alert('x')</script> & \"mug\""
 

@@ -16,7 +16,7 @@ from PIL import Image
 from report_data_sets import HOSTILE, write_object
 
 from objectfolder.store import Product, read_product, write_product
-from pipeline.report.writing import write_report
+from pipeline.publish.report.writing import write_report
 
 pytest_plugins = ["tests.browser"]
 AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"

@@ -12,8 +12,8 @@ from fidelity_products import FAILURE, fidelity, write_costs
 from report_data_sets import HOSTILE, write_object
 
 from objectfolder.store import Array, Product, read_product, write_product
-from pipeline.report.object_page import page_name, shown_fingerprint
-from pipeline.report.writing import write_report
+from pipeline.publish.report.object_page import page_name, shown_fingerprint
+from pipeline.publish.report.writing import write_report
 
 HOSTILE_FAILURE = {"object": "broken", "stage": HOSTILE, "error": HOSTILE, "remedy": HOSTILE}
 UNICODE = "Krug «Größe» 茶碗 🏺 ‮right to left"

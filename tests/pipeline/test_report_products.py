@@ -12,12 +12,18 @@ from report_data_sets import SENSOR, SIDE_M, cube, touched, write_modes, write_o
 from objectfolder.errors import FormatError
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.store import Array, Product, read_product, write_product
-from pipeline.report.archive import Archive, content_digest
-from pipeline.report.contacts import contacts, find_touches, gel_corners
-from pipeline.report.modal_table import modal_table
-from pipeline.report.products import OpenProducts, Shelf
-from pipeline.report.queries import queries
-from pipeline.report.surface_picture import PIXELS, SHOWING_COSINES, Surface, picture, pictures_showing
+from pipeline.publish.report.archive import Archive, content_digest
+from pipeline.publish.report.contacts import contacts, find_touches, gel_corners
+from pipeline.publish.report.modal_table import modal_table
+from pipeline.publish.report.queries import queries
+from pipeline.publish.report.stored_products import OpenProducts, Shelf
+from pipeline.publish.report.surface_picture import (
+    PIXELS,
+    SHOWING_COSINES,
+    Surface,
+    picture,
+    pictures_showing,
+)
 
 # Larger than what is stored in one chunk for all items.
 LARGE = 72

@@ -18,9 +18,9 @@ from objectfolder.provenance import canonical_json
 from objectfolder.store import Array, Product, read_product, write_product
 from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.touch.sensor import Sensor
-from pipeline.records import row_of
-from pipeline.reproducibility import DIFFERENT, EQUAL, WITHIN, compare, declared
-from pipeline.stages import STAGES
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, compare, declared
+from pipeline.dataset.records import row_of
+from pipeline.dataset.stages import STAGES
 
 # As a processor without wide vectors would have it; where these mean nothing, nothing is changed.
 OTHER = {
@@ -34,8 +34,8 @@ OTHER = {
 MODULE = """
 import json, sys
 from pathlib import Path
-from pipeline.processes.child import execute
-from pipeline.task import Call, Request
+from pipeline.sandbox.child import execute
+from pipeline.dataset.task import Call, Request
 for stage, task, targets, inputs, parameters, record in json.loads(sys.argv[1]):
     request = Request("bar", {name: Path(path) for name, path in inputs.items()}, parameters, record, 7)
     outcome = execute(Call(stage, task, request, tuple(map(Path, targets)), "f" * 64, {}))

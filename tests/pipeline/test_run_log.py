@@ -8,10 +8,11 @@ import sys
 import pytest
 
 from objectfolder.errors import SimulationError
-from pipeline import run_log, run_record
-from pipeline.forecast.known_costs import costs_of
-from pipeline.report.costs import read_costs
-from pipeline.run_log import (
+from pipeline.dataset.task import Failure, Outcome
+from pipeline.publish.report.costs import read_costs
+from pipeline.run import run_log, run_record
+from pipeline.run.forecast.known_costs import costs_of
+from pipeline.run.run_log import (
     COLUMNS,
     QUERY,
     RUN_ID,
@@ -22,8 +23,7 @@ from pipeline.run_log import (
     read_failures_by_fingerprint,
     write_run,
 )
-from pipeline.run_record import RunRecord, new_run_id, read_record, records
-from pipeline.task import Failure, Outcome
+from pipeline.run.run_record import RunRecord, new_run_id, read_record, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
 
@@ -91,10 +91,10 @@ def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
 WRITER = """
 import sys
 from pathlib import Path
-from pipeline import run_log
-from pipeline.run_log import Costs, compact
-from pipeline.run_record import RunRecord
-from pipeline.task import Outcome
+from pipeline.run import run_log
+from pipeline.run.run_log import Costs, compact
+from pipeline.run.run_record import RunRecord
+from pipeline.dataset.task import Outcome
 
 run_log.COMPACT_ABOVE_BYTES = 1000
 costs = Costs(Path.cwd(), "views")

@@ -15,7 +15,7 @@ from workshop import made as all_made
 from objectfolder import provenance
 from objectfolder.geometry.starter.utensils import fork, spatula
 from objectfolder.geometry.starter.write import write_obj
-from pipeline.stages import ENCODED, FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
+from pipeline.dataset.stages import ENCODED, FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
 
 IDS = ("cup", "dish", "spoon")  # of steel, wood, wood
 SIGHT = ("views", "encode", "fidelity")

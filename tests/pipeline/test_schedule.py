@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.crew import BLENDER, Job, Slot
-from pipeline.dispatch import Dispatch
-from pipeline.forecast.drawn_objects import known_objects
-from pipeline.forecast.known_costs import packaged_costs
-from pipeline.forecast.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
-from pipeline.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
-from pipeline.schedule import MOST_PASSED, choose, order
-from pipeline.stages import STAGES
+from pipeline.dataset.crew import BLENDER, Job, Slot
+from pipeline.dataset.stages import STAGES
+from pipeline.run.dispatch import Dispatch
+from pipeline.run.forecast.drawn_objects import known_objects
+from pipeline.run.forecast.known_costs import packaged_costs
+from pipeline.run.forecast.simulated_flow import Work, lower_bound_s, run_flow, run_stage_by_stage
+from pipeline.run.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
+from pipeline.run.schedule import MOST_PASSED, choose, order
 
 FOLLOWS = {name: stage.follows for name, stage in STAGES.items()}
 POOL = frozenset({BLENDER})

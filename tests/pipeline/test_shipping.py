@@ -15,16 +15,16 @@ from store_runs import Elsewhere, elsewhere, flow, made
 from toys import REPOSITORY
 
 from objectfolder.errors import FormatError, InputError, SimulationError
-from pipeline import products
-from pipeline.crew import Job
-from pipeline.processes.child import execute
-from pipeline.processes.isolation import Child, ChildSettings
-from pipeline.stages import OBJECTS, STAGES
-from pipeline.stores import memo
-from pipeline.stores.input_cache import InputCache
-from pipeline.stores.shipping import Courier
-from pipeline.stores.storage import STORE, Store, product_name, source_name
-from pipeline.task import Call, Request
+from pipeline.dataset import products
+from pipeline.dataset.crew import Job
+from pipeline.dataset.stages import OBJECTS, STAGES
+from pipeline.dataset.task import Call, Request
+from pipeline.sandbox.child import execute
+from pipeline.sandbox.isolation import Child, ChildSettings
+from pipeline.store import memo
+from pipeline.store.input_cache import InputCache
+from pipeline.store.shipping import Courier
+from pipeline.store.storage import STORE, Store, product_name, source_name
 
 FINGERPRINT = "cd" * 32
 
@@ -287,9 +287,9 @@ import sys
 from pathlib import Path
 from objectfolder.provenance import file_digest
 from objectfolder.errors import FormatError
-from pipeline.stores.input_cache import InputCache
-from pipeline.processes.isolation import Child, ChildSettings
-from pipeline.stores.storage import Store, source_name
+from pipeline.store.input_cache import InputCache
+from pipeline.sandbox.isolation import Child, ChildSettings
+from pipeline.store.storage import Store, source_name
 
 def check(path):
     if file_digest(path) != sys.argv[3]:
@@ -335,7 +335,7 @@ def test_workers_of_one_host_share_the_cache_while_some_are_killed(store, cache,
 def _jobs(toys, stage) -> list[Job]:
     """What a driver would hand to a crew for a stage, whatever is there."""
     from objectfolder.provenance import fingerprint
-    from pipeline.verified import Verified
+    from pipeline.dataset.verified import Verified
 
     jobs = []
     for object_id, row in toys.rows.items():

@@ -15,10 +15,10 @@ from processes import eventually, job, until
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
-from pipeline.clusters import slurm_cluster, tls
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.places import Place, Slurm
-from pipeline.crew import Finished
+from pipeline.cluster import slurm_cluster, tls
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.places import Place, Slurm
+from pipeline.dataset.crew import Finished
 
 pytest.importorskip("dask_jobqueue")
 

@@ -10,10 +10,10 @@ from processes import eventually, job, until
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
-from pipeline.clusters import ssh_cluster, tls
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.places import Place, Ssh
-from pipeline.crew import Finished
+from pipeline.cluster import ssh_cluster, tls
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.places import Place, Ssh
+from pipeline.dataset.crew import Finished
 
 asyncssh = pytest.importorskip("asyncssh")
 

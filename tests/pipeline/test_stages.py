@@ -11,10 +11,10 @@ from objectfolder.catalogue import ObjectRecord
 from objectfolder.provenance import code_identity, fingerprint
 from objectfolder.store import Product, write_product
 from objectfolder.tensor_file import TensorFile, write_tensor_file
-from pipeline.parameters import read_parameters
-from pipeline.records import row_of
-from pipeline.stages import MODES, STAGES
-from pipeline.verified import Verified
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import row_of
+from pipeline.dataset.stages import MODES, STAGES
+from pipeline.dataset.verified import Verified
 
 DVC = yaml.safe_load((REPOSITORY / "dvc.yaml").read_text())["stages"]
 

@@ -7,11 +7,11 @@ import shutil
 import pytest
 from workshop import made as all_made
 
-from pipeline import status as status_module
-from pipeline.differences import Difference, differences
-from pipeline.exclusive import exclusive
-from pipeline.stages import ENCODED, MODES, OBJECTS, STAGES, VIEWS
-from pipeline.status import CURRENT, FAILED, MISSING, STALE, UNLISTED, WAITING, main, status, table
+from pipeline.dataset.differences import Difference, differences
+from pipeline.dataset.stages import ENCODED, MODES, OBJECTS, STAGES, VIEWS
+from pipeline.run import status as status_module
+from pipeline.run.exclusive import exclusive
+from pipeline.run.status import CURRENT, FAILED, MISSING, STALE, UNLISTED, WAITING, main, status, table
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_products_are_not_read_again(workshop, monkeypatch):
     def read(path):
         raise AssertionError(f"read {path}")
 
-    monkeypatch.setattr("pipeline.products.read_description", read)
+    monkeypatch.setattr("pipeline.dataset.products.read_description", read)
     assert {one.state for one in of(workshop)} == {CURRENT}
 
 

@@ -14,9 +14,9 @@ import s3_server
 from toys import FILES, QUALITY, REPOSITORY, TUNED
 
 from objectfolder.errors import InputError, SimulationError
-from pipeline import products
-from pipeline.stores import memo, shared
-from pipeline.stores.storage import PATIENCE, STORE, Store, product_name, source_name
+from pipeline.dataset import products
+from pipeline.store import memo, shared
+from pipeline.store.storage import PATIENCE, STORE, Store, product_name, source_name
 
 FINGERPRINT = "ab" * 32
 NAME = product_name(FINGERPRINT, "views.zarr.zip")
@@ -46,7 +46,7 @@ def bucket(server, faults):
 @pytest.fixture
 def impatient(monkeypatch):
     """A second to answer, and one of tries."""
-    monkeypatch.setattr("pipeline.stores.storage.TIMEOUTS", {"connect_timeout": 2, "read_timeout": 1})
+    monkeypatch.setattr("pipeline.store.storage.TIMEOUTS", {"connect_timeout": 2, "read_timeout": 1})
     monkeypatch.setenv(PATIENCE, "1")
 
 
@@ -335,7 +335,7 @@ import json, os
 from pathlib import Path
 import fsspec.implementations.local
 from objectfolder.errors import ObjectFolderError
-from pipeline.stores.storage import Store
+from pipeline.store.storage import Store
 if {as_user} is not None:
     Store("/")  # imports what it needs: the other user may not read this checkout
     os.setuid({as_user})

@@ -7,10 +7,10 @@ import pytest
 from processes import job, until
 
 from objectfolder.errors import InputError
-from pipeline.clusters import tls
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.places import Place
-from pipeline.crew import Finished
+from pipeline.cluster import tls
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.places import Place
+from pipeline.dataset.crew import Finished
 
 
 @pytest.fixture

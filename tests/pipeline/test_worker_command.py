@@ -10,9 +10,9 @@ import pytest
 from processes import command, eventually, job, kill, scheduler, until
 
 from objectfolder.errors import InputError
-from pipeline.clusters import worker
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.places import Place
+from pipeline.cluster import worker
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.places import Place
 
 
 def parsed(*arguments: str) -> argparse.Namespace:

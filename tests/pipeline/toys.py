@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.converge import CrewFor, Summary, converge
-from pipeline.crew import Finished, Job, Lost, Slot
-from pipeline.parameters import Parameters, read_parameters
-from pipeline.processes.child import execute
-from pipeline.products import TENSORS, ProductKind
-from pipeline.stage import ProductInput, Stage
+from pipeline.dataset.crew import Finished, Job, Lost, Slot
+from pipeline.dataset.parameters import Parameters, read_parameters
+from pipeline.dataset.products import TENSORS, ProductKind
+from pipeline.dataset.stage import ProductInput, Stage
+from pipeline.run.converge import CrewFor, Summary, converge
+from pipeline.sandbox.child import execute
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -68,8 +68,8 @@ from pathlib import Path
 sys.path.insert(0, "@TESTS@")
 from toys import Toys
 
-from pipeline.clusters.cluster import crew, read_place
-from pipeline.converge import converge
+from pipeline.cluster.cluster import crew, read_place
+from pipeline.run.converge import converge
 
 if __name__ == "__main__":
     root = Path.cwd()

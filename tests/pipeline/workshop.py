@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from toys import REPOSITORY, here
 
-from pipeline.converge import Summary, converge
-from pipeline.parameters import Parameters, read_parameters
-from pipeline.records import read_table
-from pipeline.stage import Stage
-from pipeline.stages import STAGES
+from pipeline.dataset.parameters import Parameters, read_parameters
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.stages import STAGES
+from pipeline.run.converge import Summary, converge
 
 SENSES = ("views", "modes", "touches")
 

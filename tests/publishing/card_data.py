@@ -6,10 +6,10 @@ import numpy as np
 
 from objectfolder.store import Array, Product, write_product
 from objectfolder.tensor_file import TensorFile, write_tensor_file
-from pipeline.records import Records, write_records
-from pipeline.report.writing import write_report
-from pipeline.stages import FIDELITY, OBJECT_FILES
-from pipeline.task import Failure
+from pipeline.dataset.records import Records, write_records
+from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
+from pipeline.dataset.task import Failure
+from pipeline.publish.report.writing import write_report
 
 REPOSITORY = Path(__file__).parents[2]
 

@@ -13,8 +13,8 @@ from card_data import REPOSITORY, row, write_data_set
 from objectfolder.errors import InputError
 from objectfolder.provenance import file_digest
 from objectfolder.splits import OBJECT_SPLITS, object_split
-from pipeline.command_line import main
-from pipeline.publishing.cards import CARDS, write_cards
+from pipeline.cli import main
+from pipeline.publish.cards.all_cards import CARDS, write_cards
 
 HOSTILE = '<script>alert(1)</script> | `x` [a](javascript:b) *b* "q" \\ ünïcode 陶'
 

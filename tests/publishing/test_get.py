@@ -14,11 +14,11 @@ from published_set import IDS, Server, command, publish, serving, write_version
 
 from objectfolder.errors import InputError
 from objectfolder.store import read_product
-from pipeline.command_line import main
-from pipeline.publishing import download as downloading
-from pipeline.publishing.get import get
-from pipeline.publishing.repository import Stores, opened, split_revision
-from pipeline.stages import OBJECT_FILES
+from pipeline.cli import main
+from pipeline.dataset.stages import OBJECT_FILES
+from pipeline.publish.cards import data_set_download as downloading
+from pipeline.publish.cards.partial_copy import get
+from pipeline.publish.cards.repository import Stores, opened, split_revision
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +150,7 @@ def test_a_list_comes_from_the_next_store_where_one_fails(made, tmp_path, monkey
         with pytest.raises(InputError, match=r"its cache: what is stored as .* is damaged"):
             published.products(OBJECT_FILES)
         published.stores.sources = [remote]
-        monkeypatch.setattr("pipeline.publishing.repository.LARGEST_LIST_BYTES", 10)
+        monkeypatch.setattr("pipeline.publish.cards.repository.LARGEST_LIST_BYTES", 10)
         with pytest.raises(InputError, match="more than 10 bytes"):
             published.products(OBJECT_FILES)
 
@@ -268,7 +268,7 @@ def test_a_published_file_that_is_no_product_is_refused(made, tmp_path):
 
 
 def test_a_list_of_strangers_leads_nowhere_else():
-    from pipeline.publishing.repository import _safe
+    from pipeline.publish.cards.repository import _safe
 
     md5 = "0" * 32
     names = ("../../evil.safetensors", "a/b.safetensors", ".hidden.safetensors", "ok.safetensors", "x.txt")

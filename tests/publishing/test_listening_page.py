@@ -13,9 +13,9 @@ from scipy.stats import binomtest
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import InputError
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
-from pipeline.command_line import main
-from pipeline.listening.page import page_text
-from pipeline.listening.stimuli import PEAK, Pair, draw_pairs, match
+from pipeline.cli import main
+from pipeline.publish.listening.listening_page import page_text
+from pipeline.publish.listening.stimuli import PEAK, Pair, draw_pairs, match
 
 pytest_plugins = ["tests.browser"]
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipeline.sources.download import Downloader
-from pipeline.sources.sources import mirrored_addresses
+from pipeline.intake.sources.download import Downloader
+from pipeline.intake.sources.registry import mirrored_addresses
 from tests.sources.file_server import FileServer
 from tests.sources.served_file import AMPLE
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import yaml
 
 from objectfolder.object_file import ObjectFile
-from pipeline.clusters.cluster import crew
-from pipeline.clusters.places import Place
-from pipeline.converge import converge
-from pipeline.parameters import read_parameters
-from pipeline.records import read_table
-from pipeline.sources.fetching import Fetched
-from pipeline.sources.proposed_row import proposed_rows
-from pipeline.stages import OBJECT_FILES, STAGES
+from pipeline.cluster.cluster import crew
+from pipeline.cluster.places import Place
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stages import OBJECT_FILES, STAGES
+from pipeline.intake.sources.fetching import Fetched
+from pipeline.intake.sources.proposed_row import proposed_rows
+from pipeline.run.converge import converge
 from tests.conftest import REPOSITORY
 
 

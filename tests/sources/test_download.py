@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
-from pipeline.sources import cached_file
-from pipeline.sources.download import Downloader
+from pipeline.intake.sources import cached_file
+from pipeline.intake.sources.download import Downloader
 from tests.pipeline.http_faults import serving
 from tests.sources.file_server import HARMLESS, scripted
 from tests.sources.served_file import AMPLE, CONTENT, MD5, SHA256, SHORT, ranges, whole_files
@@ -250,7 +250,7 @@ def test_threads_and_processes_fetch_a_file_once(file_server, address, cache_fol
     file_server.plan, file_server.drip_s = scripted("slow"), 0.02
     downloader = Downloader(cache_folder, **AMPLE)
     code = (
-        "import sys; from pathlib import Path; from pipeline.sources.download import Downloader\n"
+        "import sys; from pathlib import Path; from pipeline.intake.sources.download import Downloader\n"
         "print(Downloader(Path(sys.argv[1])).file(sys.argv[2]))"
     )
     command = [sys.executable, "-c", code, str(cache_folder), f"{address}/a.bin"]
@@ -272,7 +272,8 @@ def test_a_full_disk_is_told_before(file_server, address, cache_folder, monkeypa
 
 def test_a_disk_that_fills_up_is_told_and_what_came_is_kept(file_server, address, cache_folder):
     code = (
-        "import resource, sys; from pathlib import Path; from pipeline.sources.download import Downloader\n"
+        "import resource, sys; from pathlib import Path\n"
+        "from pipeline.intake.sources.download import Downloader\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "from objectfolder.errors import InputError\n"
         "try: Downloader(Path(sys.argv[1])).file(sys.argv[2])\n"

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from pipeline.sources.cached_file import CachedFile
-from pipeline.sources.download import Downloader
-from pipeline.sources.unpacking import unpack
+from pipeline.intake.sources.cached_file import CachedFile
+from pipeline.intake.sources.download import Downloader
+from pipeline.intake.sources.unpacking import unpack
 from tests.sources.file_server import FAULTS, HARMLESS, FileServer, at_random, no_faults
 from tests.sources.hostile_archives import KINDS, MAKERS, tree
 from tests.sources.served_file import AMPLE, CONTENT, SHA256, ranges, whole_files
@@ -131,7 +131,7 @@ def test_faults_that_pass_end_complete(tmp_path, seed):
 CODE = """
 import sys
 from pathlib import Path
-from pipeline.sources.download import Downloader
+from pipeline.intake.sources.download import Downloader
 print(Downloader(Path(sys.argv[1]), requests_per_second=1e6).file(sys.argv[2]))
 """
 
@@ -180,7 +180,7 @@ def test_a_process_killed_while_it_unpacks_leaves_nothing_under_the_name(tmp_pat
     archive.write_bytes(MAKERS["zip"]((str(number), CONTENT) for number in range(60)))
     target = tmp_path / "objects" / "one"
     code = (
-        "import sys; from pathlib import Path; from pipeline.sources.unpacking import unpack\n"
+        "import sys; from pathlib import Path; from pipeline.intake.sources.unpacking import unpack\n"
         "unpack(Path(sys.argv[1]), Path(sys.argv[2]), wanted=lambda name: print(name, flush=True) is None)"
     )
     command = [sys.executable, "-c", code, str(archive), str(target)]

@@ -9,10 +9,10 @@ import pytest
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from pipeline.sources.fetching import FETCHED, KEPT, Fetcher
-from pipeline.sources.held_folder import held_folder
-from pipeline.sources.recorded_hashes import ChangedError, read_hashes
-from pipeline.sources.sources import Resolutions
+from pipeline.intake.sources.fetching import FETCHED, KEPT, Fetcher
+from pipeline.intake.sources.held_folder import held_folder
+from pipeline.intake.sources.recorded_hashes import ChangedError, read_hashes
+from pipeline.intake.sources.registry import Resolutions
 from tests.sources.served_sources import (
     GSO,
     IDS,

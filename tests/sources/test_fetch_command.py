@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from objectfolder.catalogue import read_catalogue
-from pipeline.command_line import main
-from pipeline.sources.source_table import read_source_rows
-from pipeline.sources.sources import Resolutions
-from pipeline.sources.web import USER_AGENT
+from pipeline.cli import main
+from pipeline.intake.sources.registry import Resolutions
+from pipeline.intake.sources.source_table import read_source_rows
+from pipeline.intake.sources.web import USER_AGENT
 from tests.conftest import REPOSITORY
 from tests.sources.served_sources import GSO, IDS, POLY_HAVEN, YCB, ServedSources, files_in
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import ObjectFolderError
-from pipeline.sources.fetched import is_whole, read_record
-from pipeline.sources.fetching import FETCHED, KEPT, Fetcher
-from pipeline.sources.recorded_hashes import read_hashes
-from pipeline.sources.sources import Resolutions
+from pipeline.intake.sources.fetched import is_whole, read_record
+from pipeline.intake.sources.fetching import FETCHED, KEPT, Fetcher
+from pipeline.intake.sources.recorded_hashes import read_hashes
+from pipeline.intake.sources.registry import Resolutions
 from tests.conftest import REPOSITORY
 from tests.sources.file_server import FAULTS, at_random
 from tests.sources.served_sources import IDS, YCB, ServedSources, files_in, tgz, ycb_members
@@ -96,7 +96,7 @@ def test_a_fetch_that_is_killed_leaves_nothing_half_and_goes_on(tmp_path):
     server.plan = lambda path: "slow" if path.endswith(".tgz") else ""
     with server.listening() as base:
         command = [
-            sys.executable, "-c", "import sys; from pipeline.command_line import main; sys.exit(main())",
+            sys.executable, "-c", "import sys; from pipeline.cli import main; sys.exit(main())",
             "fetch", IDS[0], "--folder", str(tmp_path / "fetched"), "--hashes", str(tmp_path / "hashes.csv"),
         ]  # fmt: skip
         for mirror in sources.mirrors(base):

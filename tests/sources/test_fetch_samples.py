@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from pipeline.sources.fetching import Fetched, Fetcher
-from pipeline.sources.recorded_hashes import read_hashes
-from pipeline.sources.sources import Resolutions
+from pipeline.intake.sources.fetching import Fetched, Fetcher
+from pipeline.intake.sources.recorded_hashes import read_hashes
+from pipeline.intake.sources.registry import Resolutions
 from tests.conftest import REPOSITORY
 from tests.sources.served_sources import IDS, SIDES_M, ServedSources, files_in
 from tests.sources.small_builds import built

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from objectfolder.errors import InputError
-from pipeline.sources.recorded_hashes import ChangedError, Content, read_hashes, record_hashes
-from pipeline.sources.sources import SOURCES
+from pipeline.intake.sources.recorded_hashes import ChangedError, Content, read_hashes, record_hashes
+from pipeline.intake.sources.registry import SOURCES
 from tests.conftest import REPOSITORY
 
 A, B = Content(3, "a" * 64), Content(4, "b" * 64)
@@ -76,7 +76,7 @@ def test_a_table_in_another_encoding_is_refused(tmp_path):
 MANY = """
 import sys
 from pathlib import Path
-from pipeline.sources.recorded_hashes import Content, record_hashes
+from pipeline.intake.sources.recorded_hashes import Content, record_hashes
 for number in range(20):
     record_hashes(Path(sys.argv[1]), "ycb:" + sys.argv[2], {f"{number:02}": Content(3, "a" * 64)})
 """

@@ -16,8 +16,9 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import FormatError, InputError
-from pipeline.sources import archives, unpacking
-from pipeline.sources.unpacking import unpack
+from pipeline.intake.sources import source_archives as archives
+from pipeline.intake.sources import unpacking
+from pipeline.intake.sources.unpacking import unpack
 from tests.sources.hostile_archives import (
     KINDS,
     MAKERS,
@@ -355,7 +356,8 @@ def test_an_archive_that_is_not_there(tmp_path):
 def test_a_disk_that_fills_up_leaves_nothing(tmp_path, kind):
     archive = put(tmp_path, MAKERS[kind]([("a", os.urandom(300_000)), ("b", b"2")]))
     code = (
-        "import resource, sys; from pathlib import Path; from pipeline.sources.unpacking import unpack\n"
+        "import resource, sys; from pathlib import Path\n"
+        "from pipeline.intake.sources.unpacking import unpack\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "from objectfolder.errors import InputError\n"
         "try: unpack(Path(sys.argv[1]), Path(sys.argv[2]))\n"

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from objectfolder.errors import FormatError
-from pipeline.sources.unpacking import unpack
+from pipeline.intake.sources.unpacking import unpack
 from tests.sources.hostile_archives import KINDS, MAKERS, tree
 
 SURROGATES_AND_CONTROLS = ("Cs", "Cc")

@@ -14,8 +14,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from objectfolder.errors import FormatError, InputError
-from pipeline.sources import patience, web
-from pipeline.sources.download import Downloader
+from pipeline.intake.sources import patience, web
+from pipeline.intake.sources.download import Downloader
 from tests.pipeline.http_faults import serving
 from tests.sources.file_server import FileServer, scripted
 from tests.sources.served_file import AMPLE, CONTENT, SHORT

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.viewer.live import Server
-from pipeline.viewer.live_queries import LiveObject
+from pipeline.publish.viewer.live import Server
+from pipeline.publish.viewer.live_queries import LiveObject
 
 
 @contextmanager

@@ -18,9 +18,9 @@ import pytest
 
 import objectfolder
 from objectfolder.errors import InputError, QueryError
-from pipeline.command_line import main
-from pipeline.viewer.live import Server
-from pipeline.viewer.live_queries import LiveObject
+from pipeline.cli import main
+from pipeline.publish.viewer.live import Server
+from pipeline.publish.viewer.live_queries import LiveObject
 from tests.viewer.live_servers import served
 
 JSON = {"Content-Type": "application/json"}
@@ -226,11 +226,11 @@ def test_what_is_no_object_file_is_an_error_of_one_line(tmp_path, small_file, ca
         assert said.count("\n") == 1
 
 
-MAIN = "import sys; from pipeline.command_line import main; sys.exit(main())"
+MAIN = "import sys; from pipeline.cli import main; sys.exit(main())"
 # What is compiled or computed when the interrupt comes may take minutes more: here it never ends.
 WORKING = r"""
 import os, threading
-from pipeline.viewer.live_queries import LiveObject
+from pipeline.publish.viewer.live_queries import LiveObject
 work = lambda _: (os.write(1, b"at work\n"), threading.Event().wait())
 LiveObject.warm_images = LiveObject.warm_contacts = work
 """

@@ -12,8 +12,14 @@ import objectfolder
 from objectfolder.errors import FormatError, InputError
 from objectfolder.tensor_file import TensorFile, read_metadata, write_tensor_file
 from objectfolder.vision.export.base_colour import network_colour
-from pipeline.viewer.colours import surface_colours
-from pipeline.viewer.static import PAGE, SHARED_SCRIPTS, STATIC_SCRIPTS, write_player, write_player_assets
+from pipeline.publish.viewer.colours import surface_colours
+from pipeline.publish.viewer.static import (
+    PAGE,
+    SHARED_SCRIPTS,
+    STATIC_SCRIPTS,
+    write_player,
+    write_player_assets,
+)
 
 
 def test_a_player_is_written_and_kept_by_what_its_file_holds(small_file, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import objectfolder
-from pipeline.viewer.static import write_player, write_player_assets
+from pipeline.publish.viewer.static import write_player, write_player_assets
 from tests.viewer.players import (
     HOSTILE,
     click,

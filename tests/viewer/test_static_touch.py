@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
 
 import objectfolder
-from pipeline.viewer.static import write_player, write_player_assets
+from pipeline.publish.viewer.static import write_player, write_player_assets
 from tests.viewer.players import evaluated
 from tests.viewer.test_static_player import PAGE
 

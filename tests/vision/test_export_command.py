@@ -13,7 +13,7 @@ from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.mesh_product import mesh_arrays
 from objectfolder.store import Array, Product, write_product
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
-from pipeline.command_line import main
+from pipeline.cli import main
 
 RECORD = {
     "name": "A cube",

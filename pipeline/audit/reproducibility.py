@@ -1,0 +1,187 @@
+"""Which values of a product are the same bytes wherever it is made, and how far apart the others may be.
+
+A fingerprint names everything that a product is made from, and no processor: a product made on another
+machine counts as current. That is right within what is declared here, which is written into each
+product's provenance and held against measurements by ``bench/machines.py`` and the tests. Whatever is not
+declared is the same bytes.
+"""
+
+import fnmatch
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.errors import FormatError, InputError
+from objectfolder.store import read_product
+from objectfolder.tensor_file import read_tensor_file
+from pipeline.dataset import products
+from pipeline.dataset.tolerances import SAME_BYTES, TOLERANCES, Tolerance, as_json
+
+EQUAL, WITHIN, DIFFERENT = "equal", "within tolerance", "different"
+# What a product says of its making, not of the object.
+MAKING = ("fingerprint", "provenance", "content_digest")
+ATTRIBUTE = "attributes/"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How one array or attribute of two products compares.
+
+    Parameters
+    ----------
+    name
+        The array, or the attribute behind `ATTRIBUTE` with slashes between its keys.
+    verdict
+        `EQUAL` (same bytes), `WITHIN` or `DIFFERENT`.
+    largest
+        Largest difference of two values, in the array's unit; infinite where they cannot be subtracted.
+    relative
+        The same as a share of the array's range (of its magnitude, where all its values are one).
+    rms
+        Root mean square of the differences as such a share.
+    where
+        Index of the largest difference.
+    """
+
+    name: str
+    verdict: str
+    largest: float = 0.0
+    relative: float = 0.0
+    rms: float = 0.0
+    where: tuple[int, ...] = ()
+
+
+def declared(stage: str) -> dict[str, Any]:
+    """Return what is promised of a stage's products on another machine, as JSON for their provenance.
+
+    Raises
+    ------
+    InputError
+        A stage for which nothing is declared.
+    """
+    return as_json(_of_stage(stage))
+
+
+def compare(first: Path, second: Path, stage: str) -> list[Difference]:
+    """Compare two products of one object, made from the same inputs on two machines, array by array.
+
+    Parameters
+    ----------
+    first
+        The reference: shares are of its ranges.
+    second
+        The other.
+    stage
+        Which made them; its tolerances apply.
+
+    Returns
+    -------
+    list of Difference
+        One for each array and each attribute of either, by name; those only one of them has are `DIFFERENT`.
+
+    Raises
+    ------
+    FormatError
+        A damaged product.
+    """
+    tolerances = _of_stage(stage)
+    ours, theirs = _values(first), _values(second)
+    found = []
+    for name in sorted(ours.keys() | theirs.keys()):
+        if name in ours and name in theirs:
+            found.append(difference(name, ours[name], theirs[name], _for(name, tolerances)))
+        else:
+            found.append(Difference(name, DIFFERENT, np.inf, np.inf, np.inf))
+    return found
+
+
+def difference(name: str, first: np.ndarray, second: np.ndarray, allowed: Tolerance) -> Difference:
+    """Compare two arrays under a tolerance."""
+    unlike = Difference(name, DIFFERENT, np.inf, np.inf, np.inf)
+    if first.shape != second.shape or first.dtype != second.dtype:
+        return unlike
+    if first.tobytes() == second.tobytes():
+        return Difference(name, EQUAL)
+    if first.dtype.kind not in "biuf":
+        return unlike
+    ours, theirs = first.astype(np.float64), second.astype(np.float64)
+    known = np.isfinite(ours)
+    if not np.array_equal(
+        np.where(known, 0.0, ours), np.where(np.isfinite(theirs), 0.0, theirs), equal_nan=True
+    ):
+        return unlike
+    apart = np.abs(np.subtract(ours, theirs, where=known, out=np.zeros_like(ours)))
+    scale = _scale(ours[known])
+    largest, rms = float(apart.max(initial=0.0)), float(np.sqrt(np.mean(apart**2)))
+    where = tuple(int(index) for index in np.unravel_index(np.argmax(apart), apart.shape))
+    within = allowed != SAME_BYTES and (
+        largest <= allowed.absolute + allowed.relative * scale
+        and rms <= allowed.absolute + allowed.rms * scale
+    )
+    share = 1 / scale if scale else np.inf
+    verdict = WITHIN if within else DIFFERENT
+    return Difference(name, verdict, largest, largest * share, rms * share, where)
+
+
+def _scale(values: np.ndarray) -> float:
+    """Range of the values, or their magnitude where there is only one."""
+    if not values.size:
+        return 0.0
+    span = float(values.max() - values.min())
+    return span or float(np.abs(values).max())
+
+
+def _of_stage(stage: str) -> Mapping[str, Tolerance]:
+    if stage not in TOLERANCES:
+        raise InputError(stage, "no reproducibility is declared for it", "Known: " + ", ".join(TOLERANCES))
+    return TOLERANCES[stage]
+
+
+def _for(name: str, tolerances: Mapping[str, Tolerance]) -> Tolerance:
+    """The tolerance of the first pattern that fits."""
+    return next((value for key, value in tolerances.items() if fnmatch.fnmatchcase(name, key)), SAME_BYTES)
+
+
+def _values(path: Path) -> dict[str, np.ndarray]:
+    """Arrays and attributes of a product by name."""
+    products.verify(path)
+    if path.name.endswith(products.TENSORS):
+        content = read_tensor_file(path)
+        arrays = dict(content.tensors)
+        said: dict[str, Any] = {key: _parsed(text) for key, text in content.metadata.items()}
+    else:
+        product = read_product(path)
+        arrays = {name: array.data for name, array in product.arrays.items()}
+        said = dict(product.attributes)
+    for key in MAKING:
+        said.pop(key, None)
+    try:
+        leaves = {ATTRIBUTE + name: np.asarray(value) for name, value in _leaves(said, "")}
+    except RecursionError as error:
+        raise FormatError(
+            str(path), "its attributes are too deep", "Delete it; a run makes it again."
+        ) from error
+    return {**arrays, **leaves}
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Values inside dictionaries and lists with their paths; a list of numbers is one value."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{name}/{key}" if name else str(key))
+    elif isinstance(value, list) and not all(type(entry) in (int, float) for entry in value):
+        for index, inner in enumerate(value):
+            yield from _leaves(inner, f"{name}/{index}")
+    else:
+        yield name, "none" if value is None else value

@@ -1,0 +1,86 @@
+"""Starting, or joining, the Dask cluster that a place describes."""
+
+import contextlib
+import functools
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pipeline.cluster import machine_cluster, tls
+from pipeline.cluster.dask_crew import DaskCrew, Patience
+from pipeline.cluster.dask_settings import settings
+from pipeline.cluster.environment_check import environment_of
+from pipeline.cluster.performance_report import performance_report
+from pipeline.cluster.places import Place
+from pipeline.run.run_log import RUN_ID
+from pipeline.run.run_record import new_run_id
+from pipeline.sandbox import scratch
+
+HERE = ("local", "cuda")  # kinds whose workers are this installation by construction
+SOON_S = 120.0  # within which workers that are not queued for are there
+
+
+@contextlib.contextmanager
+def start(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any]) -> Iterator[DaskCrew]:
+    """Start or join what a place describes (see `pipeline.cluster.cluster.crew`)."""
+    with contextlib.ExitStack() as stack:
+        scratch.sweep()
+        dask_files = scratch.Scratch("dask")
+        stack.callback(dask_files.close)
+        stack.enter_context(settings({"temporary-directory": str(dask_files.path), **place.dask}))
+        certificates = _certificates(place, root)
+        security = tls.security(certificates) if certificates else None
+        address = stack.enter_context(_started(place, root, jobs_at_most, security, certificates))
+        tls.warn_if_open(address, certificates)
+        workers_s = place.workers_within_s
+        if workers_s is None and place.kind in (*HERE, "ssh"):
+            workers_s = SOON_S
+        running = stack.enter_context(
+            DaskCrew(
+                functools.partial(_connected, address, security),
+                root,
+                place.child,
+                None if place.kind in HERE else environment_of(stages),
+                place.memory_gb,
+                Patience(place.reconnect_s, workers_s, place.pools_within_s),
+            )
+        )
+        run_id = os.environ.get(RUN_ID) or new_run_id()
+        stack.enter_context(performance_report(lambda: running.client, root, run_id))
+        yield running
+
+
+def _certificates(place: Place, root: Path) -> Path | None:
+    """Return the folder of the certificates, made at need by who starts the scheduler; None for no TLS."""
+    folder = tls.folder_of(root, place.tls)
+    if folder is not None and place.kind not in ("address", "kubernetes"):
+        tls.make(folder)
+    return folder
+
+
+def _started(
+    place: Place, root: Path, jobs_at_most: int, security: Any, certificates: Path | None
+) -> contextlib.AbstractContextManager[str]:
+    if place.kind == "address":
+        assert place.address is not None
+        return contextlib.nullcontext(place.address)
+    if place.kind == "ssh":
+        from pipeline.cluster import ssh_cluster
+
+        return ssh_cluster.start(place, root, jobs_at_most, security, certificates)
+    if place.kind == "slurm":
+        from pipeline.cluster import slurm_cluster
+
+        return slurm_cluster.start(place, root, jobs_at_most, security)
+    if place.kind == "kubernetes":
+        from pipeline.cluster import kubernetes_cluster
+
+        return kubernetes_cluster.start(place, jobs_at_most, security)
+    return machine_cluster.start(place, jobs_at_most, security)
+
+
+def _connected(address: str, security: Any, seconds: float) -> Any:
+    from distributed import Client
+
+    return Client(address, timeout=seconds, security=security, set_as_default=False)

@@ -1,0 +1,98 @@
+"""Whether a worker would compute the numbers that the driver asks for: its Python, packages and code.
+
+A product's fingerprint names the code and the package versions of the driver. A worker that has others
+would store its numbers under a name that is not theirs, so it gets no work.
+"""
+
+import json
+import platform
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from objectfolder.errors import InputError
+from objectfolder.provenance import code_identity, package_versions
+
+NAMED = 3  # differing modules that a message names
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What decides numbers.
+
+    Parameters
+    ----------
+    python
+        Version of Python, ``major.minor``.
+    packages
+        Distribution to version.
+    code
+        Task module to the digests of its code, module by module; none where the module is missing.
+    """
+
+    python: str
+    packages: Mapping[str, str] = field(default_factory=dict)
+    code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def as_json(self) -> str:
+        """Return it as one line of JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> "Environment":
+        """Read what `as_json` wrote."""
+        return cls(**json.loads(text))
+
+
+def environment_here(packages: Iterable[str], modules: Iterable[str]) -> Environment:
+    """Return the environment of this process, of the named distributions and task modules."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    code = {}
+    for module in sorted(set(modules)):
+        try:
+            code[module] = code_identity(module)
+        except InputError:
+            code[module] = {}
+    return Environment(python, package_versions(set(packages)), code)
+
+
+def environment_of(stages: Iterable[Any]) -> Environment:
+    """Return the environment that the driver's fingerprints of `stages` name."""
+    stages = tuple(stages)
+    packages = {name for stage in stages for name in stage.packages}
+    return environment_here(packages, (stage.task.partition(":")[0] for stage in stages))
+
+
+def differences(wanted: Environment, found: Environment) -> list[str]:
+    """Return what differs, one sentence part each; empty where the worker may work."""
+    parts = []
+    if found.python != wanted.python:
+        parts.append(f"Python {found.python} instead of {wanted.python}")
+    for name, version in sorted(wanted.packages.items()):
+        theirs = found.packages.get(name, "absent")
+        if theirs != version:
+            parts.append(f"{name} {theirs} instead of {version}")
+    modules: set[str] = set()
+    for task, digests in wanted.code.items():
+        theirs_of_task = found.code.get(task, {})
+        if not theirs_of_task and digests:
+            parts.append(f"no module {task}")
+            continue
+        names = set(digests) | set(theirs_of_task)
+        modules |= {name for name in names if digests.get(name) != theirs_of_task.get(name)}
+    if modules:
+        named = ", ".join(sorted(modules)[:NAMED])
+        more = f" and {len(modules) - NAMED} more" if len(modules) > NAMED else ""
+        parts.append(f"other code in {named}{more}")
+    return parts
+
+
+def main() -> None:
+    """Answer on standard output for the names asked for on standard input, both as JSON."""
+    asked = Environment.from_json(sys.stdin.read())
+    print(environment_here(asked.packages, asked.code).as_json())
+
+
+if __name__ == "__main__":
+    main()

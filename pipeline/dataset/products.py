@@ -1,0 +1,131 @@
+"""Product files: one an object and kind, each carrying the fingerprint of what it was made from."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from objectfolder.atomic import PARTIAL
+from objectfolder.errors import FormatError
+from pipeline.dataset import archives
+
+ZARR = ".zarr.zip"
+TENSORS = ".safetensors"
+
+
+@dataclass(frozen=True)
+class ProductKind:
+    """A folder with one file an object.
+
+    Parameters
+    ----------
+    folder
+        Relative to the root of the data set, such as ``data/views``; its last part names the kind.
+    suffix
+        `ZARR` or `TENSORS`.
+    stage
+        Which stage makes it; empty where the kind's name is the stage's.
+    """
+
+    folder: str
+    suffix: str = ZARR
+    stage: str = ""
+
+    @property
+    def made_by(self) -> str:
+        """Name of the stage that makes it."""
+        return self.stage or self.name
+
+    @property
+    def name(self) -> str:
+        """Last part of the folder."""
+        return self.folder.rpartition("/")[2]
+
+    def path(self, root: Path, object_id: str) -> Path:
+        """Return where the product of an object lies."""
+        return root / self.folder / f"{object_id}{self.suffix}"
+
+    def object_ids(self, root: Path) -> list[str]:
+        """Return the ids that have a file, whole or not."""
+        folder = root / self.folder
+        if not folder.is_dir():
+            return []
+        return sorted(
+            path.name.removesuffix(self.suffix)
+            for path in folder.iterdir()
+            if path.name.endswith(self.suffix) and not path.name.startswith(".")
+        )
+
+    def sweep(self, root: Path) -> None:
+        """Remove what an interrupted run left half-written."""
+        for path in (root / self.folder).glob(f".*{PARTIAL}"):
+            path.unlink(missing_ok=True)
+
+
+def write(path: Path, content: object, fingerprint: str, provenance: dict[str, Any]) -> None:
+    """Write what a task returned, with its provenance, atomically.
+
+    Raises
+    ------
+    TypeError
+        `content` is not what the suffix of `path` asks for.
+    """
+    from objectfolder.store import Product, write_product
+    from objectfolder.tensor_file import TensorFile, write_tensor_file
+
+    if path.name.endswith(ZARR) and isinstance(content, Product):
+        write_product(path, content.with_attributes(fingerprint=fingerprint, provenance=provenance))
+    elif path.name.endswith(TENSORS) and isinstance(content, TensorFile):
+        write_tensor_file(path, content.with_metadata(fingerprint=fingerprint, provenance=provenance))
+    else:
+        raise TypeError(f"{path.name} cannot hold a {type(content).__name__}")
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """Return what a product says of itself, beside its arrays.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no product.
+    FormatError
+        A file that cannot be read.
+    """
+    if not path.name.endswith(TENSORS):
+        return archives.read_attributes(path)
+    from objectfolder.tensor_file import read_metadata
+
+    return dict(read_metadata(path))
+
+
+def read_fingerprint(path: Path) -> str | None:
+    """Return the fingerprint in a product; None where there is no file.
+
+    Raises
+    ------
+    FormatError
+        A file that cannot be read, or has no fingerprint.
+    """
+    try:
+        found = read_description(path).get("fingerprint")
+    except FileNotFoundError:
+        return None
+    if not isinstance(found, str):
+        raise FormatError(str(path), "it carries no fingerprint", "Delete it; a run makes it again.")
+    return found
+
+
+def verify(path: Path) -> None:
+    """Read all of a product and check it against the checksums it carries.
+
+    Raises
+    ------
+    FormatError
+        A damaged file.
+    """
+    if path.name.endswith(TENSORS):
+        from objectfolder.tensor_file import DIGEST, read_tensor_file
+
+        if DIGEST not in read_tensor_file(path).metadata:
+            raise FormatError(str(path), "it carries no content digest", "Delete it; a run makes it again.")
+        return
+    archives.check(path)

@@ -1,0 +1,123 @@
+"""The listed objects as the stages see them, read from the table once and handed on in one file.
+
+``data/records.json`` holds what is known of each object but its shape and texture, so that stages after
+the first depend on neither the table's place nor columns that mean nothing to them.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from objectfolder.atomic import atomic_write
+from objectfolder.errors import InputError
+from pipeline.dataset.parameters import ObjectsParameters
+from pipeline.dataset.task import Failure, failure_of
+
+# Stages after the first need neither tables nor meshes, and start sooner without.
+if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material
+    from objectfolder.catalogue import ObjectRecord
+
+MATERIALS = Path("data/materials.csv")
+RECORDS = Path("data/records.json")
+# As the table's own check: an id names files, and must not lead out of their folder.
+SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
+
+
+@dataclass(frozen=True)
+class Records:
+    """Rows by object id, and why other objects were refused."""
+
+    rows: Mapping[str, Mapping[str, Any]]
+    refused: tuple[Failure, ...] = ()
+
+
+def read_table(root: Path, objects: ObjectsParameters) -> Records:
+    """Read the table of objects and the materials; rows have source files besides what is handed on.
+
+    Raises
+    ------
+    InputError
+        A table that cannot be used, or an id in ``objects.only`` that it does not list.
+    """
+    from objectfolder.audio.materials import read_materials
+    from objectfolder.catalogue import read_catalogue
+
+    materials = read_materials(root / MATERIALS)
+    catalogue = read_catalogue(root / objects.table, materials)
+    if objects.only:
+        catalogue = catalogue.select(objects.only, "objects.only (ONLY=)")
+    rows = {record.id: row_of(record, materials[record.material]) for record in catalogue.records}
+    refused = tuple(failure_of(object_id, error) for object_id, error in catalogue.errors.items())
+    return Records(rows, refused)
+
+
+def sources(row: Mapping[str, Any]) -> dict[str, Path]:
+    """Return the files an object is read from, by role."""
+    from objectfolder.geometry.source_files import source_files
+
+    named = {"mesh": row["mesh"]}
+    if row["texture"] is not None:
+        named["texture"] = row["texture"]
+    referred = [path for path in source_files(row["mesh"], row["texture"]) if path not in named.values()]
+    return {**named, **{f"referred_{index}": path for index, path in enumerate(referred)}}
+
+
+def write_records(root: Path, records: Records) -> None:
+    """Write what later stages read of the objects, atomically."""
+    handed_on = (
+        "name", "material", "material_citation", "appearance", "walls", "source", "licence", "attribution",
+    )  # fmt: skip
+    content = {
+        "objects": {
+            object_id: {field: row[field] for field in handed_on} for object_id, row in records.rows.items()
+        },
+        "refused": [asdict(failure) for failure in records.refused],
+    }
+    with atomic_write(root / RECORDS) as file:
+        file.write(json.dumps(content, indent=1, ensure_ascii=False).encode() + b"\n")
+
+
+def read_records(root: Path) -> Records:
+    """Read ``data/records.json``.
+
+    Raises
+    ------
+    InputError
+        A missing or damaged file.
+    """
+    try:
+        content = json.loads((root / RECORDS).read_text(encoding="utf-8"))
+        rows = content["objects"]
+        for object_id, row in rows.items():
+            if not SAFE_ID.fullmatch(object_id) or not isinstance(row, dict):
+                raise ValueError(f"{object_id!r} is no id, or has no record")
+        return Records(rows, tuple(Failure(**entry) for entry in content["refused"]))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(str(RECORDS), f"cannot be read ({error})", "Run the stage `objects`.") from error
+
+
+def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
+    """Return what the stages read of an object: its record, and all values of its material."""
+    appearance = {
+        "roughness": material.roughness if record.roughness is None else record.roughness,
+        "metallic": material.metallic if record.metallic is None else record.metallic,
+    }
+    physical = {key: value for key, value in asdict(material).items() if key not in (*appearance, "citation")}
+    return {
+        "name": record.name,
+        "mesh": record.mesh,
+        "texture": record.texture,
+        "length_m": record.length_m,
+        "file_names": [record.mesh.name, record.texture.name if record.texture else None],
+        "material": physical,
+        "material_citation": material.citation,
+        "appearance": appearance,
+        "walls": {"wall_m": record.wall_m, "shell_m": record.shell_m},
+        "source": record.source,
+        "licence": record.licence,
+        "attribution": record.attribution,
+    }

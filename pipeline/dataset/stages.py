@@ -1,0 +1,91 @@
+"""The stages that converge, in order; what each makes, and exactly what it reads."""
+
+from pipeline.dataset.crew import BLENDER
+from pipeline.dataset.products import TENSORS, ProductKind
+from pipeline.dataset.records import sources
+from pipeline.dataset.stage import ProductInput, Stage
+from pipeline.dataset.tolerances import TOLERANCES
+
+OBJECTS = ProductKind("data/objects")
+VIEWS = ProductKind("data/views")
+MODES = ProductKind("data/modes")
+TOUCHES = ProductKind("data/touches")
+ENCODED = ProductKind("data/encoded", TENSORS, "encode")
+OBJECT_FILES = ProductKind("data/object_files", TENSORS, "fidelity")
+FIDELITY = ProductKind("data/fidelity")
+
+GEOMETRY = ProductInput(OBJECTS, ("digests.geometry",))
+
+STAGES = {
+    stage.name: stage
+    for stage in (
+        Stage(
+            "objects",
+            "pipeline.tasks.objects:prepare_object",
+            (OBJECTS,),
+            sources=sources,
+            fields=("length_m", "file_names"),
+            packages=("DracoPy", "embreex", "numpy", "Pillow", "scipy", "zarr"),
+            tolerances=TOLERANCES["objects"],
+        ),
+        Stage(
+            "views",
+            "pipeline.tasks.views:render_views",
+            (VIEWS,),
+            inputs=(ProductInput(OBJECTS, ("digests.geometry", "digests.texture")),),
+            parameters=("vision",),
+            fields=("appearance",),
+            packages=("bpy", "embreex", "numpy", "zarr"),
+            needs=frozenset({BLENDER}),
+            tolerances=TOLERANCES["views"],
+        ),
+        Stage(
+            "modes",
+            "pipeline.tasks.modes:compute_modes",
+            (MODES,),
+            inputs=(GEOMETRY,),
+            parameters=("audio",),
+            fields=("material", "walls"),
+            packages=("embreex", "mkl", "numpy", "pytetwild", "scikit-image", "scipy", "zarr"),
+            tolerances=TOLERANCES["modes"],
+        ),
+        Stage(
+            "touches",
+            "pipeline.tasks.touches:press_sensor",
+            (TOUCHES,),
+            inputs=(GEOMETRY,),
+            parameters=("touch",),
+            packages=("numba", "numpy", "scipy", "zarr"),
+            tolerances=TOLERANCES["touches"],
+        ),
+        Stage(
+            "encode",
+            "pipeline.tasks.encode:encode_object",
+            (ENCODED,),
+            inputs=(
+                GEOMETRY,
+                ProductInput(VIEWS),
+                ProductInput(MODES),
+                ProductInput(TOUCHES, ("sensor", "contact")),
+            ),
+            parameters=("encode",),
+            packages=("embreex", "numba", "numpy", "scipy", "torch"),
+            tolerances=TOLERANCES["encode"],
+        ),
+        Stage(
+            "fidelity",
+            "pipeline.tasks.verify:verify_object",
+            (OBJECT_FILES, FIDELITY),
+            inputs=(
+                ProductInput(OBJECTS, ("digests.body",)),
+                ProductInput(ENCODED),
+                ProductInput(VIEWS),
+                ProductInput(MODES),
+                ProductInput(TOUCHES),
+            ),
+            fields=("name", "material", "material_citation", "source", "licence", "attribution"),
+            packages=("embreex", "numba", "numpy", "scikit-image", "scipy", "torch", "zarr"),
+            tolerances=TOLERANCES["fidelity"],
+        ),
+    )
+}

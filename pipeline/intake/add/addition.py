@@ -1,0 +1,326 @@
+"""One object put into a table: everything checked before anything is written."""
+
+import math
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from objectfolder.audio.materials import Material, find_material, read_materials
+from objectfolder.errors import InputError
+from objectfolder.geometry.gltf_file import read_gltf_file
+from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
+from objectfolder.geometry.load import load_mesh
+from objectfolder.geometry.shell import hollow
+from objectfolder.geometry.surface import Surface
+from objectfolder.geometry.thickening import thicken
+from objectfolder.geometry.vessels import WallFinding, wall_findings
+from objectfolder.geometry.wall_measures import WallMeasures, measures_of
+from objectfolder.store import Product
+from pipeline.intake.add.naming import checked_id, object_id_of, words_of
+from pipeline.intake.add.proposed_licence import licence_expression, must_name
+from pipeline.intake.add.source_copy import Layout, copied, folder_digest, layout_of
+from pipeline.intake.add.table_rows import Table, locked, read_table, with_row, write_table
+from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
+
+AS_IN_FILE = "as in file"
+COARSE = 10_000
+"""Nodes of a grid that shows most hollows in a tenth of the time."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be added, as its owner says it; None is what can be known otherwise."""
+
+    mesh: Path
+    material: str
+    licence: str
+    materials: Path
+    attribution: str | None = None
+    length_m: float | None = None
+    object_id: str | None = None
+    name: str | None = None
+    texture: Path | None = None
+    source: str = ""
+    wall_m: float | None = None
+    shell_m: float | None = None
+    roughness: float | None = None
+    metallic: float | None = None
+    mass_kg: float | None = None
+
+
+@dataclass(frozen=True)
+class Checked:
+    """An object that can be added.
+
+    Parameters
+    ----------
+    row
+        Cells by column but for the paths of mesh and texture.
+    layout
+        Its files and where they go.
+    product
+        The cleaned, measured mesh.
+    walls, findings
+        What was measured of its walls, and what is doubtful about them with this material.
+    warnings
+        Other doubts.
+    """
+
+    object_id: str
+    row: Mapping[str, str]
+    layout: Layout
+    product: Product
+    material: Material
+    walls: WallMeasures
+    findings: tuple[WallFinding, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Added:
+    """Where an object is now; `changed` is false where it was there already, the same."""
+
+    table: Path
+    folder: Path
+    mesh: Path
+    changed: bool
+
+
+def check_object(wanted: Wanted) -> Checked:
+    """Check all that can be checked without writing.
+
+    Raises
+    ------
+    InputError
+        Anything that keeps the object from being made, with the option to give or the cell to correct.
+    """
+    material = find_material(read_materials(wanted.materials), wanted.material, "--material")
+    licence = licence_expression(wanted.licence)
+    object_id = checked_id(wanted.object_id) if wanted.object_id else object_id_of(wanted.mesh)
+    _check_numbers(wanted)
+    for path, option in ((wanted.mesh, "MESH"), (wanted.texture, "--texture")):
+        if path is not None and not path.is_file():
+            raise InputError(f"{option} {path}", "no such file", "Correct the path")
+    product = _ingested(wanted, object_id)
+    attribution = _attribution(wanted, licence)
+    mesh = textured_mesh_of(product)
+    where = f"{object_id} ({wanted.mesh})"
+    if wanted.shell_m is not None:
+        _check_shell(mesh.surface, wanted.shell_m, where)
+    if wanted.wall_m is not None:
+        thicken(mesh.surface, wanted.wall_m, where)
+    name = wanted.name or words_of(object_id)
+    walls = measures_of(product)
+    findings = wall_findings(
+        walls,
+        material=material.name,
+        density_kg_m3=material.density_kg_m3,
+        mass_kg=wanted.mass_kg,
+        words=f"{object_id} {name}",
+        wall_m=wanted.wall_m,
+        shell_m=wanted.shell_m,
+    )
+    by_geometry = {str(finding) for finding in wall_findings(walls)}
+    warnings = [text for text in product.attributes["warnings"] if text not in by_geometry]
+    if wanted.length_m is None:
+        warnings += length_doubts(float(mesh.extents.max()), walls.volume_m3 * material.density_kg_m3)
+    row = {
+        "id": object_id,
+        "name": name,
+        "material": material.name,
+        "length_m": AS_IN_FILE if wanted.length_m is None else repr(wanted.length_m),
+        "source": wanted.source,
+        "licence": licence,
+        "attribution": attribution,
+        "roughness": _cell(wanted.roughness),
+        "metallic": _cell(wanted.metallic),
+        "wall_m": _cell(wanted.wall_m),
+        "shell_m": _cell(wanted.shell_m),
+        "mass_kg": _cell(wanted.mass_kg),
+    }
+    for column, text in row.items():
+        if not text.isprintable():
+            raise InputError(f"--{column}", f"{text!r} holds characters that do not print", "Leave them out")
+    return Checked(
+        object_id,
+        row,
+        layout_of(wanted.mesh, wanted.texture),
+        product,
+        material,
+        walls,
+        findings,
+        tuple(warnings),
+    )
+
+
+def put_object(
+    checked: Checked, table_path: Path, *, replace: bool, at_step: Callable[[str], None] = lambda _: None
+) -> Added:
+    """Copy the files beside the table, then add the row: never a row without its files.
+
+    Parameters
+    ----------
+    replace
+        Let the object take the place of one of the same id.
+    at_step
+        Called with the name of each step before it is taken.
+
+    Raises
+    ------
+    InputError
+        The id is in the table with other content, or the table cannot be edited.
+    """
+    folder_of_objects = table_path.parent / (
+        table_path.stem if table_path.suffix else f"{table_path.name}_files"
+    )
+    before = read_table(table_path)
+    same = _same(before, checked)
+    if same is not None:
+        return Added(table_path, same.parent, same, False)
+    _refuse_taken(before, checked, replace)
+    at_step("copy")
+    with copied(checked.layout, folder_of_objects, checked.object_id) as copy:
+        at_step("lock")
+        with locked(table_path):
+            table = read_table(table_path)
+            _refuse_taken(table, checked, replace)
+            at_step("rename")
+            folder = _placed(copy, folder_of_objects, checked)
+            old = table.row_of(checked.object_id)
+            at_step("row")
+            write_table(
+                table_path,
+                with_row(table, _row(checked, table_path, folder), None if old is None else old[0]),
+            )
+            at_step("clean")
+            if old is not None:
+                _remove_unused(table_path, folder_of_objects, old[1].get("mesh", ""))
+    return Added(table_path, folder, folder / checked.layout.mesh, True)
+
+
+def up_axis(mesh: Path) -> int:
+    """Which axis points up in files of this kind: y in glTF, z in scans."""
+    return 1 if mesh.suffix.lower() in (".gltf", ".glb") else 2
+
+
+def _ingested(wanted: Wanted, object_id: str) -> Product:
+    if wanted.length_m is None:
+        side = float(load_mesh(wanted.mesh, with_textures=False).extents.max())
+        if is_doubtful(side):
+            raise unit_problem(f"{object_id} ({wanted.mesh})", side)
+    return ingest_object(wanted.mesh, wanted.texture, wanted.length_m, object_id)
+
+
+def _check_shell(surface: Surface, shell_m: float, where: str) -> None:
+    """Raise `InputError` for a shell that leaves nothing hollow."""
+    try:
+        hollow(surface, shell_m, where, nodes=COARSE)
+    except InputError:
+        # A coarse grid may miss a narrow hollow.
+        hollow(surface, shell_m, where)
+
+
+def _attribution(wanted: Wanted, licence: str) -> str:
+    if wanted.attribution:
+        return wanted.attribution
+    if not must_name(licence):
+        return ""
+    said = _copyright(wanted.mesh)
+    hint = f"The file says {said!r}: " if said else ""
+    raise InputError(
+        "--attribution", f"{licence} asks for the author to be named", f"{hint}Name whom to thank"
+    )
+
+
+def _copyright(mesh: Path) -> str:
+    if mesh.suffix.lower() not in (".gltf", ".glb"):
+        return ""
+    asset = read_gltf_file(mesh).header.get("asset")
+    said = asset.get("copyright") if isinstance(asset, dict) else None
+    return said if isinstance(said, str) and said.isprintable() else ""
+
+
+def _check_numbers(wanted: Wanted) -> None:
+    for option, value in (("--roughness", wanted.roughness), ("--metallic", wanted.metallic)):
+        if value is not None and not 0 <= value <= 1:
+            raise InputError(option, f"{value:g} is not in 0..1", "Correct it, or leave it out")
+    for option, value in (
+        ("--length", wanted.length_m),
+        ("--wall", wanted.wall_m),
+        ("--shell", wanted.shell_m),
+        ("--mass", wanted.mass_kg),
+    ):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(option, f"{value:g} is not a positive number", "Correct it, or leave it out")
+    if wanted.wall_m is not None and wanted.shell_m is not None:
+        raise InputError(
+            "--shell",
+            "is stated together with --wall",
+            "State --wall for an open vessel with thin walls, --shell for one that is scanned solid",
+        )
+
+
+def _row(checked: Checked, table_path: Path, folder: Path) -> dict[str, str]:
+    def cell(place: Path | None) -> str:
+        return "" if place is None else (folder / place).relative_to(table_path.parent).as_posix()
+
+    return {**checked.row, "mesh": cell(checked.layout.mesh), "texture": cell(checked.layout.texture)}
+
+
+def _same(table: Table, checked: Checked) -> Path | None:
+    """The mesh of a row that says the same of the same files; None without one."""
+    found = table.row_of(checked.object_id)
+    if found is None:
+        return None
+    row = found[1]
+    if any(row.get(column, "") != text for column, text in checked.row.items()):
+        return None
+    mesh = table.path.parent / row["mesh"]
+    depth = len(checked.layout.mesh.parts)
+    folder = mesh.parents[depth - 1] if len(mesh.parents) >= depth else mesh.parent
+    same = folder / checked.layout.mesh == mesh and folder.is_dir()
+    return mesh if same and folder_digest(folder) == checked.layout.digest() else None
+
+
+def _refuse_taken(table: Table, checked: Checked, replace: bool) -> None:
+    found = table.row_of(checked.object_id)
+    if found is not None and not replace:
+        raise InputError(
+            f"{table.path}, {found[1]['id']}",
+            "is in the table already, with other content",
+            "Give another --id, or --replace to put this in its place",
+        )
+
+
+def _placed(copy: Path, parent: Path, checked: Checked) -> Path:
+    """Rename the copy to the object's folder; where one is there, leave it and use it if it is the same."""
+    digest = checked.layout.digest()
+    for name in (checked.object_id, f"{checked.object_id}-{digest[:12]}"):
+        folder = parent / name
+        if not folder.exists():
+            os.rename(copy, folder)
+            return folder
+        if folder.is_dir() and folder_digest(folder) == digest:
+            return folder
+    raise InputError(str(folder), "is in the way", "Remove it")
+
+
+def _remove_unused(table_path: Path, folder_of_objects: Path, mesh_cell: str) -> None:
+    """Remove the folder that a replaced row lay in, if it is one made here and no row needs it."""
+    mesh = table_path.parent / mesh_cell
+    if not mesh_cell or not mesh.is_relative_to(folder_of_objects) or ".." in Path(mesh_cell).parts:
+        return
+    folder = folder_of_objects / mesh.relative_to(folder_of_objects).parts[0]
+    if folder == mesh:
+        return
+    for _, row in read_table(table_path).rows():
+        for cell in (row.get("mesh", ""), row.get("texture", "")):
+            if cell and (table_path.parent / cell).is_relative_to(folder):
+                return
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else repr(value)

@@ -1,0 +1,86 @@
+"""Objects that are in a table twice."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+from pipeline.intake.check.entry import Entry
+from pipeline.intake.check.finding import ERROR, NOTE, WARNING, Finding
+from pipeline.intake.check.shape import Shape
+
+RULE = "duplicate"
+
+SAME = 1e-5
+"""Relative difference of measures of one surface: coordinates of 6 decimals, or in single precision."""
+
+Key = Callable[[Entry], str | None]
+
+
+def _source(entry: Entry) -> str | None:
+    return entry.cell("source_id")
+
+
+def _file(entry: Entry) -> str | None:
+    return entry.cell("mesh")
+
+
+def _bytes(entry: Entry) -> str | None:
+    return None if entry.shape is None else entry.shape.mesh_sha256
+
+
+def _texture(entry: Entry) -> str | None:
+    return None if entry.shape is None else entry.shape.texture_sha256
+
+
+SHARED: tuple[tuple[str, str, Key], ...] = (
+    ("the source", "source_id", _source),
+    ("the mesh file", "mesh", _file),
+    ("the bytes of the mesh", "mesh", _bytes),
+)
+
+
+def check(entries: Sequence[Entry]) -> Iterator[Finding]:
+    """Find rows that share a source, a mesh, a surface or a texture; each is told once, at the later row."""
+    told: set[tuple[str, str]] = set()
+    pairs = [(what, column, pair) for what, column, key in SHARED for pair in _sharing(entries, key)] + [
+        ("the cleaned surface", "mesh", pair) for pair in _alike(entries)
+    ]
+    for what, column, (first, second) in pairs:
+        if (first.object_id, second.object_id) in told:
+            continue
+        told.add((first.object_id, second.object_id))
+        same = first.cell("material") == second.cell("material")
+        found = f"shares {what} with {first.object_id}" + (
+            ", and the material" if same else f", which is of {first.cell('material')}"
+        )
+        remedy = "Remove one of them" if same else "Keep both only if both materials are meant"
+        yield second.found(RULE, ERROR if same else WARNING, column, found, remedy)
+    for first, second in _sharing(entries, _texture):
+        if (first.object_id, second.object_id) not in told:
+            found = f"shares the texture with {first.object_id}"
+            yield second.found(RULE, NOTE, "texture", found, "Right for pieces of one set; else correct it")
+
+
+def _sharing(entries: Sequence[Entry], key: Key) -> Iterator[tuple[Entry, Entry]]:
+    firsts: dict[str, Entry] = {}
+    for entry in entries:
+        value = key(entry)
+        if value:
+            first = firsts.setdefault(value, entry)
+            if first is not entry:
+                yield first, entry
+
+
+def _alike(entries: Sequence[Entry]) -> Iterator[tuple[Entry, Entry]]:
+    """Pairs of rows whose surfaces have as many faces and the same measures: copies, re-exported or moved."""
+    of_faces: dict[int, list[tuple[Entry, Shape]]] = {}
+    for entry in entries:
+        if entry.shape is None:
+            continue
+        others = of_faces.setdefault(entry.shape.faces, [])
+        for first, shape in others:
+            pairs = zip(entry.shape.likeness, shape.likeness, strict=True)
+            if all(math.isclose(one, other, rel_tol=SAME) for one, other in pairs):
+                yield first, entry
+                break
+        else:
+            others.append((entry, entry.shape))

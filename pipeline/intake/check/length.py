@@ -1,0 +1,98 @@
+"""Lengths: slips of unit, lengths of another side, and what differs from the paper's."""
+
+from collections.abc import Iterator
+
+from pipeline.intake.check.entry import Entry
+from pipeline.intake.check.finding import ERROR, NOTE, WARNING, Finding
+from pipeline.intake.check.known_source import is_metric
+from pipeline.intake.check.shape import Shape
+from pipeline.intake.check.things import thing_named
+from pipeline.intake.check.words import words_of
+
+RULE = "length"
+
+SAME = 0.03
+"""Relative difference within which two lengths of a scan are the same."""
+
+UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
+
+LIKELY_METRES = (0.03, 3.0)
+"""Longest sides of meshes in metres; the same thing in centimetres or millimetres is longer."""
+
+NORMALISED = (1.0, 2.0)
+"""Longest sides of meshes that were scaled into a box."""
+
+
+def check(entry: Entry) -> Iterator[Finding]:
+    """Find lengths that the mesh, the name or the published list contradicts."""
+    if entry.record is None or entry.shape is None:
+        return
+    stated = entry.record.length_m
+    if stated is not None:
+        yield from _against_mesh(entry, entry.shape, stated)
+    yield from _against_name(entry, entry.shape.length_m)
+    yield from _against_paper(entry, entry.shape.length_m)
+
+
+def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding]:
+    side = shape.file_length
+    factor = stated / side
+    if is_close(factor, 1):
+        return
+    what = f"the stated {stated:.4g} m is {factor:.3g} times the longest side of the mesh, {side:.4g}"
+    for other, axis in sorted(zip(shape.file_extents, "xyz", strict=True), reverse=True)[1:]:
+        if is_close(stated / other, 1) and not is_close(side / other, 1):
+            found = f"{what}; it is the side along {axis} ({other:.4g})"
+            yield entry.found(
+                RULE, WARNING, "length_m", found, f"Give the longest side ({side:.4g}), or 'as in file'"
+            )
+            return
+    if not is_metric(entry):
+        # A mesh may come in any unit: the stated length is what gives it one.
+        if LIKELY_METRES[0] <= side <= LIKELY_METRES[1] and not any(
+            is_close(side, one) for one in NORMALISED
+        ):
+            remedy = "Right if its own unit is not the metre; else write 'as in file'"
+            yield entry.found(RULE, NOTE, "length_m", what, remedy)
+        return
+    unit = next((name for size, name in UNITS.items() if is_close(factor * size, 1)), None)
+    if unit is not None:
+        found = f"{what}: {unit} were taken for metres"
+        yield entry.found(RULE, ERROR, "length_m", found, f"Write {side:.4g}, or 'as in file'")
+    else:
+        severity = ERROR if not 1 / 3 <= factor <= 3 else WARNING
+        remedy = "Write 'as in file': this source is in metres"
+        yield entry.found(RULE, severity, "length_m", f"{what}, which is in metres", remedy)
+
+
+def _against_name(entry: Entry, length_m: float) -> Iterator[Finding]:
+    named = thing_named(words_of(entry.names))
+    if named is None:
+        return
+    word, thing = named
+    if thing.shortest_m <= length_m <= thing.longest_m:
+        return
+    found = f"{length_m:.3g} m is no length of a {word} ({thing.shortest_m:g} to {thing.longest_m:g} m)"
+    fitting = [
+        f"{name} would make it {length_m * size:.3g} m"
+        for size, name in UNITS.items()
+        if thing.shortest_m <= length_m * size <= thing.longest_m
+    ]
+    remedy = f"Check the unit: {', '.join(fitting)}" if fitting else "Check the unit and the name"
+    yield entry.found(RULE, WARNING, "length_m", found, remedy)
+
+
+def _against_paper(entry: Entry, length_m: float) -> Iterator[Finding]:
+    papers = entry.number("paper_length_m")
+    if papers is None or is_close(papers / length_m, 1):
+        return
+    found = f"{length_m:.4g} m, where the paper has {papers:.4g} m ({papers / length_m:.3g} times as long)"
+    if entry.cell("notes"):
+        yield entry.found(RULE, NOTE, "paper_length_m", found, "The notes should say why")
+    else:
+        yield entry.found(RULE, WARNING, "paper_length_m", found, "Say in the notes why")
+
+
+def is_close(ratio: float, one: float) -> bool:
+    """Whether a ratio is another one within what scans of one object differ by."""
+    return abs(ratio / one - 1) <= SAME

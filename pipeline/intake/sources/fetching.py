@@ -1,0 +1,272 @@
+"""One object from its source to its folder: brought, unpacked, compared with what is known, or not there."""
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from objectfolder.errors import FormatError, InputError, ObjectFolderError
+from pipeline.intake.sources.cached_file import writing
+from pipeline.intake.sources.download import Downloader
+from pipeline.intake.sources.fetched import (
+    RECORD,
+    Form,
+    Record,
+    content_of,
+    is_whole,
+    read_record,
+    write_record,
+)
+from pipeline.intake.sources.held_folder import held_folder, put
+from pipeline.intake.sources.recorded_hashes import ChangedError, check_known, read_hashes, record_hashes
+from pipeline.intake.sources.source import Download, Source, SourceObject, near_names
+from pipeline.intake.sources.unpacking import unpack
+from pipeline.intake.sources.web import AbsentError, RefusedError
+
+FETCHED, KEPT = "fetched", "already there"
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """An object in its folder.
+
+    Parameters
+    ----------
+    asked
+        What was asked for.
+    folder
+        Where it is.
+    record
+        What its `source.json` says.
+    outcome
+        `FETCHED` or `KEPT`.
+    recorded
+        Number of hashes that were not known before.
+    """
+
+    asked: SourceObject
+    folder: Path
+    record: Record
+    outcome: str
+    recorded: int
+
+    @property
+    def form(self) -> Form:
+        """The form that was asked for."""
+        return self.record.forms[self.asked.resolution]
+
+    @property
+    def mesh(self) -> Path:
+        """Its mesh."""
+        return self.folder / self.form.mesh
+
+    @property
+    def texture(self) -> Path | None:
+        """Its base colour image; None where the mesh names what it needs."""
+        return None if self.form.texture is None else self.folder / self.form.texture
+
+    @property
+    def bytes(self) -> int:
+        """Of its files."""
+        return sum(content.bytes for content in self.record.files_of(self.asked.resolution).values())
+
+
+class Fetcher:
+    """Brings objects of any source into one folder.
+
+    Parameters
+    ----------
+    folder
+        An object comes to ``<folder>/<source>/<name>``.
+    downloader
+        What brings files and documents.
+    hashes
+        Table of what is known of files, which is added to.
+    refresh
+        Ask the source anew for what is there and whole.
+    accept_changed
+        Likewise, and take and record content that is another than is known.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        downloader: Downloader,
+        hashes: Path,
+        *,
+        refresh: bool = False,
+        accept_changed: bool = False,
+    ) -> None:
+        self._folder = folder
+        self._downloader = downloader
+        self._hashes = hashes
+        self._refresh = refresh or accept_changed
+        self._accept_changed = accept_changed
+        self._names: dict[str, list[str]] = {}
+
+    def names(self, source: Source) -> list[str]:
+        """Return all names that a source lists, asked for once."""
+        if source.id not in self._names:
+            self._names[source.id] = source.names(self._downloader)
+        return self._names[source.id]
+
+    def missing(self, asked: SourceObject) -> list[Download]:
+        """Return what would be brought: nothing where all is there and whole. Errors are those of `fetch`."""
+        target = asked.folder(self._folder)
+        with writing(target):
+            record = read_record(target)
+            if record is not None and self._is_good(asked, target, record):
+                return []
+        return self._listed(asked)
+
+    def fetch(self, asked: SourceObject) -> Fetched:
+        """Bring one object, or find that it is there and whole.
+
+        Raises
+        ------
+        InputError
+            No such object or resolution, its source cannot be reached, or the folder not written.
+        ChangedError
+            A file is another than is recorded of it.
+        FormatError
+            What came is damaged, or laid out as the source does not lay it out.
+        """
+        target = asked.folder(self._folder)
+        with writing(target), held_folder(target) as partial:
+            before = read_record(target)
+            if before is not None and self._is_good(asked, target, before):
+                return Fetched(asked, target, before, KEPT, self._recorded(asked, before))
+            record = self._brought(asked, partial)
+            recorded = self._recorded(asked, record)
+            if before is not None:
+                record = _with_other_forms(target, before, partial, record)
+            write_record(partial, asked, record)
+            put(target)
+        return Fetched(asked, target, record, FETCHED, recorded)
+
+    def _is_good(self, asked: SourceObject, folder: Path, record: Record) -> bool:
+        """Whether what is there is kept: whole, and what is known of it."""
+        if self._refresh or asked.resolution not in record.forms:
+            return False
+        try:
+            self._check_known(asked, record)
+        except ChangedError:
+            return False
+        return is_whole(folder, record, asked.resolution)
+
+    def _check_known(self, asked: SourceObject, record: Record) -> None:
+        check_known(read_hashes(self._hashes), asked.id, record.files_of(asked.resolution))
+
+    def _recorded(self, asked: SourceObject, record: Record) -> int:
+        files = record.files_of(asked.resolution)
+        return record_hashes(self._hashes, asked.id, files, accept_changed=self._accept_changed)
+
+    def _brought(self, asked: SourceObject, folder: Path) -> Record:
+        """Fill a folder; what is damaged or changed is brought once more before it is refused."""
+        try:
+            return self._laid_out(asked, folder, anew=self._refresh)
+        except (FormatError, ChangedError):
+            if self._refresh:
+                raise
+        for left in folder.iterdir():
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+        return self._laid_out(asked, folder, anew=True)
+
+    def _laid_out(self, asked: SourceObject, folder: Path, *, anew: bool) -> Record:
+        """Fill a folder as the source lays it out, and look what is what in it."""
+        listed = self._listed(asked)
+        for entry in listed:
+            if anew:
+                self._downloader.forget(entry.url)
+            file = self._file(asked, entry)
+            if entry.top is None:
+                place = folder / entry.path
+                place.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, place)
+            else:
+                _unpack(asked.source, entry.top, file, folder)
+        paths = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+        if RECORD in paths:
+            raise FormatError(asked.id, f"has a file {RECORD!r} of its own", "Tell its source.")
+        mesh, texture = asked.source.mesh_and_texture(folder, asked.name, asked.resolution)
+        form = Form(mesh, texture, tuple(entry.url for entry in listed), tuple(paths))
+        record = Record(
+            asked.resolution, {asked.resolution: form}, {path: content_of(folder / path) for path in paths}
+        )
+        if not self._accept_changed:
+            self._check_known(asked, record)
+        return record
+
+    def _listed(self, asked: SourceObject) -> list[Download]:
+        try:
+            return asked.downloads(self._downloader)
+        except AbsentError as problem:
+            raise self._absent(asked) from problem
+
+    def _file(self, asked: SourceObject, entry: Download) -> Path:
+        try:
+            return self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
+        except RefusedError as problem:
+            # Where its list cannot be had either, the source refuses everything.
+            if not (asked.source.refuses_absent and self._can_list(asked.source)):
+                raise
+            raise self._absent(asked) from problem
+        except AbsentError as problem:
+            raise self._absent(asked) from problem
+
+    def _can_list(self, source: Source) -> bool:
+        try:
+            self.names(source)
+        except ObjectFolderError:
+            return False
+        return True
+
+    def _absent(self, asked: SourceObject) -> InputError:
+        """Return what to say of an object that the source does not have."""
+        source = asked.source
+        try:
+            names = self.names(source)
+        except ObjectFolderError as problem:
+            finding = f"not there, and the source's list cannot be had ({problem.finding})"
+            return InputError(asked.id, finding, f"Look for its name on {source.page}.")
+        if asked.name in names:
+            remedy = source.absent.replace("NAME", asked.name)
+            return InputError(asked.id, f"{source.title} has no {asked.resolution} of it", remedy)
+        near = [source.source_id(name) for name in near_names(asked.name, names)]
+        remedy = f"Did you mean {' or '.join(near)}? " if near else ""
+        remedy += f"`objectfolder fetch --list {source.id}` prints its {len(names)} names."
+        return InputError(asked.id, f"{source.title} has no such object", remedy)
+
+
+def _unpack(source: Source, top: str, file: Path, folder: Path) -> None:
+    """Unpack what is wanted of an archive, without its top folder."""
+    start = f"{top}/" if top else ""
+    unpacked = folder / ".unpacked"
+    unpack(
+        file,
+        unpacked,
+        wanted=lambda path: path.startswith(start) and source.wanted(path.removeprefix(start)),
+    )
+    within = unpacked / top
+    if not within.is_dir() or not any(within.iterdir()):
+        finding = f"holds nothing that is wanted{f' in {start}' if start else ''}"
+        raise FormatError(file.name, finding, "Its source lays it out differently than it did: look at it.")
+    for member in within.iterdir():
+        os.rename(member, folder / member.name)
+    shutil.rmtree(unpacked)
+
+
+def _with_other_forms(target: Path, before: Record, partial: Path, brought: Record) -> Record:
+    """Copy what an object has at other resolutions, if it is whole, beside what was brought."""
+    forms, files = dict(brought.forms), dict(brought.files)
+    for resolution, form in before.forms.items():
+        same = all(files.get(name, before.files[name]) == before.files[name] for name in form.files)
+        if resolution in forms or not same or not is_whole(target, before, resolution):
+            continue
+        for name in form.files:
+            if name not in files:
+                (partial / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(target / name, partial / name)
+                files[name] = before.files[name]
+        forms[resolution] = form
+    return Record(brought.resolution, forms, files)

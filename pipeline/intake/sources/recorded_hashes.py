@@ -1,0 +1,132 @@
+"""What is known of the files of sources: a table under version control, added to and compared with.
+
+Archives are not in it, for mirrors and sources pack the same files again: what is in them is.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from objectfolder.atomic import atomic_write
+from objectfolder.errors import InputError
+from pipeline.intake.sources.cached_file import writing
+from pipeline.intake.sources.vanishing_lock import vanishing_lock
+
+COLUMNS = ("source_id", "file", "bytes", "sha256")
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+class ChangedError(InputError):
+    """Content that is another than is recorded of a file."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a file's content is."""
+
+    bytes: int
+    sha256: str
+
+
+Known = dict[tuple[str, str], Content]
+
+
+def read_hashes(path: Path) -> Known:
+    """Read the table; an absent one is empty.
+
+    Returns
+    -------
+    dict
+        By source id (``ycb:025_mug``) and file (its path in the object's folder).
+
+    Raises
+    ------
+    InputError
+        It is no such table, with its line.
+    """
+    known: Known = {}
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.reader(file, strict=True)
+            if tuple(next(reader, ())) != COLUMNS:
+                raise InputError(
+                    str(path), f"its columns are not {', '.join(COLUMNS)}", "Restore it from git."
+                )
+            for cells in reader:
+                if not cells:
+                    continue
+                where = f"{path} line {reader.line_num}"
+                if len(cells) != len(COLUMNS) or not cells[2].isdecimal() or not _SHA256.fullmatch(cells[3]):
+                    raise InputError(where, "no id, file, bytes and sha256", "Restore it from git.")
+                if (
+                    known.setdefault((cells[0], cells[1]), content := Content(int(cells[2]), cells[3]))
+                    != content
+                ):
+                    raise InputError(
+                        where, f"says otherwise of {cells[1]} than a line above", "Keep the true one."
+                    )
+    except FileNotFoundError:
+        return {}
+    except (csv.Error, UnicodeDecodeError) as problem:
+        raise InputError(str(path), f"no CSV table in UTF-8 ({problem})", "Restore it from git.") from problem
+    return known
+
+
+def check_known(known: Known, source_id: str, files: Mapping[str, Content]) -> None:
+    """Raise `ChangedError`, naming both hashes, if a file is another than is known of it."""
+    for name, content in sorted(files.items()):
+        before = known.get((source_id, name), content)
+        if before != content:
+            raise ChangedError(
+                f"{source_id} {name}",
+                f"has changed: sha256 {content.sha256} ({content.bytes} bytes), "
+                f"recorded is {before.sha256} ({before.bytes} bytes)",
+                "Nothing of it is used. Compare with a mirror (--mirror); if the new content is right, "
+                f"`objectfolder fetch {source_id} --accept-changed` records it.",
+            )
+
+
+def record_hashes(
+    path: Path, source_id: str, files: Mapping[str, Content], *, accept_changed: bool = False
+) -> int:
+    """Add what is not yet known of an object's files to the table; return the number of new rows.
+
+    Parameters
+    ----------
+    files
+        By their paths in the object's folder.
+    accept_changed
+        Replace what is known of other content instead of refusing it.
+
+    Raises
+    ------
+    ChangedError
+        A file is another than is known of it.
+    InputError
+        The table is damaged or cannot be written.
+    """
+    known = read_hashes(path)
+    new = {(source_id, name): content for name, content in files.items()}
+    if not accept_changed:
+        check_known(known, source_id, files)
+    if all(known.get(key) == content for key, content in new.items()):
+        return 0
+    with writing(path), vanishing_lock(path.with_name(f".{path.name}.lock")):
+        known = read_hashes(path)  # another process may have added to it
+        if not accept_changed:
+            check_known(known, source_id, files)
+        added = sum(known.get(key) != content for key, content in new.items())
+        _write(path, known | new)
+    return added
+
+
+def _write(path: Path, known: Known) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows((*key, content.bytes, content.sha256) for key, content in sorted(known.items()))
+    with atomic_write(path) as file:
+        file.write(text.getvalue().encode())

@@ -1,0 +1,102 @@
+"""The sources that are known. Another one is a module with a `SOURCE`, and its line here."""
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+
+from objectfolder.errors import InputError
+from pipeline.intake.sources import google_scanned_objects, poly_haven, ycb
+from pipeline.intake.sources.source import Source, SourceObject
+
+SOURCES: Mapping[str, Source] = {
+    module.SOURCE.id: module.SOURCE
+    for module in (
+        ycb,
+        google_scanned_objects,
+        poly_haven,
+    )
+}
+
+
+def source_named(name: str) -> Source:
+    """Return a source by its id; InputError with the nearest one for another name."""
+    if name in SOURCES:
+        return SOURCES[name]
+    near = difflib.get_close_matches(name.casefold(), SOURCES, n=1)
+    hint = f"Did you mean {near[0]!r}? " if near else ""
+    raise InputError(name, "no such source", f"{hint}There are {', '.join(SOURCES)}.")
+
+
+def source_and_name(source_id: str) -> tuple[Source, str]:
+    """Return the source of ``ycb:025_mug``, and ``025_mug``.
+
+    Raises
+    ------
+    InputError
+        It does not begin with a source.
+    """
+    start, colon, name = source_id.partition(":")
+    if not colon:
+        raise InputError(
+            source_id,
+            "does not say of which source it is",
+            f"Write it as {SOURCES['ycb'].source_id('025_mug')}; there are {', '.join(SOURCES)}.",
+        )
+    return source_named(start), name
+
+
+def mirrored_addresses(mirrors: Iterable[str]) -> dict[str, str]:
+    """Return starts of addresses and what stands in their place, for a `download.Downloader`.
+
+    Parameters
+    ----------
+    mirrors
+        Each ``ycb=http://host/folder``, under which all of a source is, laid out as there; or
+        ``https://start/of/addresses/=http://host/``.
+
+    Raises
+    ------
+    InputError
+        No ``=``, an unknown source, or what stands in place is no http address.
+    """
+    replaced: dict[str, str] = {}
+    for text in mirrors:
+        of, _, address = text.rpartition("=") if "://" in text.partition("=")[0] else text.partition("=")
+        if not of or not address.startswith(("http://", "https://")):
+            raise InputError(
+                f"mirror {text!r}", "is no SOURCE=http://...", "Write it as ycb=http://localhost:8000/ycb"
+            )
+        starts = (of,) if "://" in of else source_named(of).addresses
+        for start in starts:
+            replaced[start] = address.rstrip("/") + "/" if start.endswith("/") else address
+    return replaced
+
+
+class Resolutions:
+    """What resolution is asked of each source.
+
+    Parameters
+    ----------
+    texts
+        Each ``SOURCE=RESOLUTION``, or a resolution, which is for every source that has it.
+
+    Raises
+    ------
+    InputError
+        No such source, or no source has the resolution.
+    """
+
+    def __init__(self, texts: Sequence[str] = ()) -> None:
+        self._by_source: dict[str, str] = {}
+        for text in texts:
+            of, equals, resolution = text.rpartition("=")
+            sources = [source_named(of)] if equals else list(SOURCES.values())
+            having = [source for source in sources if resolution in source.resolutions]
+            if not having:
+                there = "; ".join(f"{source.id}: {', '.join(source.resolutions)}" for source in sources)
+                raise InputError(f"--resolution {text}", "no such resolution", f"There are {there}.")
+            self._by_source |= {source.id: resolution for source in having}
+
+    def asked(self, source_id: str) -> SourceObject:
+        """Return what an id asks for; InputError for an id that no source can have."""
+        source, name = source_and_name(source_id)
+        return SourceObject.of(source, name, self._by_source.get(source.id))

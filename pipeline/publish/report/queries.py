@@ -1,0 +1,198 @@
+"""What was asked of an Object File and what it answered, as a page shows it: pictures, sounds, contacts."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from objectfolder.errors import FormatError
+from objectfolder.fidelity.images import psnr_db
+from pipeline.publish.report.archive import Archive
+from pipeline.publish.report.contacts import Contact, contacts
+from pipeline.publish.report.measures import number_at
+from pipeline.publish.report.pictures import picture_uri
+from pipeline.publish.report.sounds import SoundPair, sound_pair
+from pipeline.publish.report.stored_products import OpenProducts
+
+# A score computed from the stored pair is the product's own to rounding.
+SAME_DB = 1e-6
+IMPULSE = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A number of a query, with its unit and as many decimals as it is worth."""
+
+    name: str
+    value: float | None
+    unit: str = ""
+    decimals: int = 1
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Truth and answer of a held-out view or touch."""
+
+    place: str
+    truth: str
+    answer: str
+    width: int
+    height: int
+    facts: list[Fact]
+    contact: Contact | None = None
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Truth and answer of a held-out strike."""
+
+    place: str
+    sound: SoundPair
+    facts: list[Fact]
+
+
+@dataclass(frozen=True)
+class Queries:
+    """All that a page shows of an object's senses."""
+
+    views: list[Seen] = field(default_factory=list)
+    strikes: list[Heard] = field(default_factory=list)
+    touches: list[Seen] = field(default_factory=list)
+
+
+def queries(products: OpenProducts, attributes: Mapping[str, Any], pairs: int) -> Queries:
+    """Return up to `pairs` queries a sense, as many as the fidelity product stores at most.
+
+    What cannot be read is left out and noted in ``products.unreadable``.
+
+    Parameters
+    ----------
+    attributes
+        Of the fidelity product.
+    """
+    fidelity = products.get("fidelity")
+    if fidelity is None:
+        return Queries()
+
+    def safely(what: str, read: Callable[[], list[Any]]) -> list[Any]:
+        with products.reading(what):
+            return read()
+        return []
+
+    found = safely("contacts", lambda: _contacts(fidelity, products))
+    return Queries(
+        safely("views", lambda: _views(fidelity, products.get("views"), attributes, pairs)),
+        safely("strikes", lambda: _strikes(fidelity, products.get("modes"), pairs)),
+        safely("touches", lambda: _touches(fidelity, found, pairs)),
+    )
+
+
+def places(count: int) -> list[str]:
+    """Name ranks from the worst to the best."""
+    if count == 1:
+        return ["the only one stored"]
+    return ["worst", *[f"rank {rank} of {count} stored" for rank in range(2, count)], "best"][:count]
+
+
+def _pairs(fidelity: Archive, sense: str, most: int) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    truth_name, answer_name = f"{sense}_truth", f"{sense}_answer"
+    if truth_name not in fidelity or answer_name not in fidelity:
+        return []
+    truth, answer = fidelity.array(truth_name), fidelity.array(answer_name)
+    if truth.shape != answer.shape:
+        raise FormatError(str(fidelity.path), f"{sense}: {truth.shape} of truth, {answer.shape} of answer")
+    chosen = np.unique(np.linspace(0, len(truth) - 1, min(most, len(truth))).round().astype(int))
+    return [(int(index), truth[index], answer[index]) for index in chosen]
+
+
+def _seen(
+    index: int, count: int, truth: np.ndarray, answer: np.ndarray, facts: list[Fact], contact: Contact | None
+) -> Seen:
+    height, width = truth.shape[:2]
+    place = places(count)[index]
+    return Seen(place, picture_uri(truth), picture_uri(answer), width, height, facts, contact)
+
+
+def _views(fidelity: Archive, views: Archive | None, attributes: Mapping[str, Any], most: int) -> list[Seen]:
+    pairs = _pairs(fidelity, "vision", most)
+    vision = attributes.get("vision")
+    rows = vision.get("per_view") or [] if isinstance(vision, Mapping) else []
+    poses = _poses(views) if views else None
+    stored = len(fidelity.array("vision_truth")) if pairs else 0
+    shown = []
+    ranked = _stored_rows(rows, stored)
+    for index, truth, answer in pairs:
+        score = psnr_db(truth, answer)
+        row = ranked[index] if index < len(ranked) else {}
+        if abs((number_at(row, "psnr_db") or 0.0) - score) > SAME_DB:
+            row = {}  # another rule chose what is stored: nothing more is known of this view
+        facts = [
+            Fact("full image", score, "dB"),
+            Fact("foreground", number_at(row, "psnr_foreground_db"), "dB"),
+            Fact("SSIM", number_at(row, "ssim"), "", 4),
+        ]
+        view = number_at(row, "view")
+        if poses is not None and view is not None and view < len(poses[0]):
+            facts += _pose_facts("camera", poses[0][int(view)]) + _pose_facts("light", poses[1][int(view)])
+        shown.append(_seen(index, stored, truth, answer, facts, None))
+    return shown
+
+
+def _stored_rows(rows: Sequence[Mapping[str, Any]], stored: int) -> list[Mapping[str, Any]]:
+    """Return the rows of the views that are stored: `stored` of all by rank, evenly, worst first."""
+    order = np.argsort([number_at(row, "psnr_db") or 0.0 for row in rows], kind="stable")
+    if not stored or not len(order):
+        return []
+    return [
+        rows[order[rank]] for rank in np.unique(np.linspace(0, len(order) - 1, stored).round().astype(int))
+    ]
+
+
+def _poses(views: Archive) -> tuple[np.ndarray, np.ndarray]:
+    """Return where cameras and lights of the held-out views stand, in the unit frame."""
+    held_out = views.array("held_out")
+    return views.array("camera_to_world")[held_out, :3, 3], views.array("light_position")[held_out]
+
+
+def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
+    azimuth = float(np.degrees(np.arctan2(position[1], position[0])))
+    elevation = float(np.degrees(np.arctan2(position[2], np.hypot(position[0], position[1]))))
+    return [Fact(f"{name} azimuth", azimuth, "°", 0), Fact(f"{name} elevation", elevation, "°", 0)]
+
+
+def _strikes(fidelity: Archive, modes: Archive | None, most: int) -> list[Heard]:
+    pairs = _pairs(fidelity, "strike", most)
+    points = modes.array("points")[modes.array("held_out")] if modes and pairs else np.zeros((0, 3))
+    shown = []
+    for index, truth, answer in pairs:
+        sound = sound_pair(truth, answer)
+        facts = [Fact("difference", sound.difference_db, "dB of the truth's energy")]
+        if index < len(points):
+            facts += [
+                Fact(axis, 1e3 * float(value), "mm")
+                for axis, value in zip(IMPULSE, points[index], strict=True)
+            ]
+        place = f"1 N s along {IMPULSE[index % 3]}" if index < len(points) else f"strike {index + 1}"
+        shown.append(Heard(place, sound, facts))
+    return shown
+
+
+def _contacts(fidelity: Archive, products: OpenProducts) -> list[Contact | None]:
+    touches, objects = products.get("touches"), products.get("objects")
+    if touches is None or objects is None or "touch_truth" not in fidelity:
+        return []
+    return contacts(fidelity, touches, objects)
+
+
+def _touches(fidelity: Archive, found: Sequence[Contact | None], most: int) -> list[Seen]:
+    pairs = _pairs(fidelity, "touch", most)
+    stored = len(fidelity.array("touch_truth")) if pairs else 0
+    shown = []
+    for index, truth, answer in pairs:
+        contact = found[index] if index < len(found) else None
+        facts = [Fact("whole image", psnr_db(truth, answer), "dB")]
+        for name, value, unit in contact.labels if contact else []:
+            facts.append(Fact(name, value, unit, 2 if name == "depth" else 1))
+        shown.append(_seen(index, stored, truth, answer, facts, contact))
+    return shown

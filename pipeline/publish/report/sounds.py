@@ -1,0 +1,148 @@
+"""Sounds as data URIs, truth and Object File, with spectrograms of both and of their difference."""
+
+import base64
+import io
+import wave
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
+from pipeline.publish.report.pictures import indexed_uri
+
+LONGEST_S = 1.0
+SHORTEST_S = 0.1
+FADE_S = 0.01
+PEAK = 0.9
+WINDOW, HOP = 1024, 128
+LOWEST_HZ, HIGHEST_HZ = 80.0, 20000.0
+RANGE_DB = 80.0
+SPECTROGRAM_S = 0.5
+HANN = np.hanning(WINDOW).astype(np.float32)
+SPECTROGRAM_SIZE = (96, 96)
+# Dark to bright with even steps of lightness.
+COLOURS = np.array(
+    [
+        (0, 0, 4),
+        (28, 16, 68),
+        (80, 18, 123),
+        (130, 37, 129),
+        (183, 55, 121),
+        (230, 82, 99),
+        (252, 137, 97),
+        (254, 196, 136),
+        (252, 253, 191),
+    ],
+    dtype=np.float64,
+)
+
+# Levels drawn, from `RANGE_DB` below the reference up to it.
+SHADES = 64
+PALETTE = np.stack(
+    [np.interp(np.linspace(0, 1, SHADES), np.linspace(0, 1, len(COLOURS)), channel) for channel in COLOURS.T],
+    1,
+).round()
+
+
+@dataclass(frozen=True)
+class SoundPair:
+    """Two playable sounds of one held-out strike, scaled alike, and pictures of them and their difference."""
+
+    factor: float
+    seconds: float
+    truth: str
+    answer: str
+    truth_spectrogram: str
+    answer_spectrogram: str
+    difference_spectrogram: str
+    difference_db: float | None
+
+
+def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
+    """Return a pair, both sounds scaled by the one factor that brings the louder to nine tenths.
+
+    Parameters
+    ----------
+    truth, answer
+        (samples,) at 44100 Hz, true amplitude.
+    """
+    pair = np.stack([truth, answer]).astype(np.float32)
+    loudest = float(np.abs(pair).max(initial=0))
+    factor = PEAK / loudest if loudest > 0 else 1.0
+    sounds = _faded(pair * np.float32(factor))
+    levels = np.rint(sounds * np.float32(32767)).astype("<i2")
+    heard = np.flatnonzero(levels[0] | levels[1])
+    length = max(
+        int(heard[-1]) + 1 if heard.size else 0, min(int(SHORTEST_S * SAMPLE_RATE_HZ), levels.shape[1])
+    )
+    energy = float(np.sum(np.square(pair[0], dtype=np.float64)))
+    error = float(np.sum(np.square(pair[1] - pair[0], dtype=np.float64)))
+    pictures = [indexed_uri(picture, PALETTE) for picture in spectrograms(sounds)]
+    return SoundPair(
+        factor,
+        length / SAMPLE_RATE_HZ,
+        wave_uri(levels[0, :length]),
+        wave_uri(levels[1, :length]),
+        pictures[0],
+        pictures[1],
+        pictures[2],
+        10 * float(np.log10(error / energy)) if energy > 0 and error > 0 else None,
+    )
+
+
+def wave_uri(levels: np.ndarray) -> str:
+    """Return (samples,) int16 as a mono WAV data URI."""
+    buffer = io.BytesIO()
+    with wave.open(buffer, "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(round(SAMPLE_RATE_HZ))
+        file.writeframes(levels.astype("<i2").tobytes())
+    return "data:audio/wav;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def spectrograms(sounds: np.ndarray) -> np.ndarray:
+    """Return (3, rows, columns) uint8 levels of the first half second of two sounds and their difference.
+
+    Frequency goes up on a log scale. The loudest place of all three has the highest level, `SHADES` - 1;
+    `RANGE_DB` below it and less has 0.
+
+    Parameters
+    ----------
+    sounds
+        (2, samples) at 44100 Hz.
+    """
+    from scipy.fft import rfft
+
+    padded = np.zeros((len(sounds), int(SPECTROGRAM_S * SAMPLE_RATE_HZ) + WINDOW), np.float32)
+    kept = sounds[:, : padded.shape[1]]
+    padded[:, : kept.shape[1]] = kept
+    frames = np.lib.stride_tricks.sliding_window_view(padded, WINDOW, axis=1)[:, ::HOP]
+    chosen = np.linspace(0, frames.shape[1] - 1, SPECTROGRAM_SIZE[1]).round().astype(int)
+    edges = np.geomspace(LOWEST_HZ, HIGHEST_HZ, SPECTROGRAM_SIZE[0] + 1) * WINDOW / SAMPLE_RATE_HZ
+    spectrum = rfft(frames[:, chosen] * HANN, axis=-1)
+    first, second = spectrum[..., : int(np.ceil(edges[-1])) + 1]
+    magnitudes = np.ascontiguousarray(np.moveaxis(np.abs([first, second, second - first]), -1, 0))
+    # A row takes the strongest bin it spans, so that a narrow partial stays visible between rows.
+    low = edges[:-1].astype(int)
+    high = np.maximum(np.ceil(edges[1:]).astype(int), low + 1)
+    picked = np.maximum.reduceat(magnitudes, np.stack([low, high], axis=1).ravel(), axis=0)[::2]
+    reference = float(picked.max(initial=0.0)) or 1.0
+    level = 1 + 20 * np.log10(np.maximum(picked / reference, 10 ** (-RANGE_DB / 20))) / RANGE_DB
+    return np.round(level * (SHADES - 1)).astype(np.uint8).transpose(1, 0, 2)[:, ::-1]
+
+
+def spectrogram_share(frequency_hz: float) -> float:
+    """Return the height of a frequency in a spectrogram, 0 at the bottom and 1 at the top."""
+    return float(np.log(frequency_hz / LOWEST_HZ) / np.log(HIGHEST_HZ / LOWEST_HZ))
+
+
+def _faded(sounds: np.ndarray) -> np.ndarray:
+    """Return (2, samples) cut to one second, with a short fade where something was cut off."""
+    length = int(LONGEST_S * SAMPLE_RATE_HZ)
+    if sounds.shape[1] <= length:
+        return sounds
+    fade = int(FADE_S * SAMPLE_RATE_HZ)
+    cut = sounds[:, :length].copy()
+    cut[:, -fade:] *= np.linspace(1, 0, fade)
+    return cut

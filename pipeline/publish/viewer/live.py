@@ -1,0 +1,227 @@
+"""The page of one Object File, served to this machine alone.
+
+It listens on 127.0.0.1. Requests under any other name of host are refused, so that no page of the web
+reaches it through a name that points here, and so are those that another page's script sends.
+Nothing is read from disk by a path that a request names.
+"""
+
+import asyncio
+import json
+import os
+import signal
+import threading
+import webbrowser
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, RequestHandler
+
+from objectfolder.errors import InputError, ObjectFolderError
+from pipeline.publish.viewer.live_queries import Answer, LiveObject
+from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS
+
+ADDRESS = "127.0.0.1"
+LARGEST_REQUEST = 1 << 16
+SCRIPTS = (*SHARED_SCRIPTS, "live_object.js", "live.js")
+FILES = {"/": "live.html", "/player.css": "player.css", "/live.css": "live.css"} | {
+    f"/{name}": name for name in SCRIPTS
+}
+TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+class Guarded(RequestHandler):
+    """Refuses what does not come from the page itself."""
+
+    def set_default_headers(self) -> None:
+        """Tell the browser to take nothing from elsewhere."""
+        self.set_header("Content-Security-Policy", POLICY)
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cross-Origin-Resource-Policy", "same-origin")
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("Cache-Control", "no-store")
+
+    def prepare(self) -> None:
+        """Check the names under which the request was made and by whom."""
+        hosts = self.settings["hosts"]
+        origin = self.request.headers.get("Origin")
+        site = self.request.headers.get("Sec-Fetch-Site", "none")
+        if self.request.host not in hosts:
+            self._refuse(HTTPStatus.FORBIDDEN, "unknown host")
+        elif (origin is not None and origin not in {f"http://{host}" for host in hosts}) or (
+            site not in ("same-origin", "none")
+        ):
+            self._refuse(HTTPStatus.FORBIDDEN, "another page asks")
+
+    def write_error(self, status_code: int, **_: Any) -> None:
+        """Say nothing of the inside."""
+        self._refuse(HTTPStatus(status_code), HTTPStatus(status_code).phrase)
+
+    def _refuse(self, status: HTTPStatus, reason: str) -> None:
+        self.set_status(status)
+        self.set_header("Content-Type", "application/json")
+        self.finish(json.dumps({"error": reason}))
+
+
+class PageFile(Guarded):
+    """The page, its scripts and styles: a fixed list, read when the server starts."""
+
+    def get(self) -> None:
+        """Answer with one of them."""
+        name, content = self.settings["files"][self.request.path]
+        self.set_header("Content-Type", f"{TYPES[Path(name).suffix]}; charset=utf-8")
+        self.finish(content)
+
+
+class Unknown(Guarded):
+    """Anything else."""
+
+    def get(self) -> None:
+        """Answer that it is not there."""
+        self._refuse(HTTPStatus.NOT_FOUND, "no such page")
+
+    post = get
+
+
+class Query(Guarded):
+    """One question to the Object File, answered in a thread of its own kind."""
+
+    def initialize(self, answer: Callable[[Any], Answer], threads: ThreadPoolExecutor) -> None:
+        """Take what answers, and where."""
+        self._answer, self._threads = answer, threads
+
+    async def post(self) -> None:
+        """Answer JSON: the length of a JSON header in four bytes, the header, the bytes."""
+        if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
+            self._refuse(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json is wanted")
+            return
+        try:
+            asked = json.loads(self.request.body)
+            if not isinstance(asked, dict):
+                raise ValueError("not an object")
+            header, payload = await asyncio.get_running_loop().run_in_executor(
+                self._threads, self._answer, asked
+            )
+        except ObjectFolderError as error:
+            self._refuse(HTTPStatus.BAD_REQUEST, str(error))
+            return
+        except ValueError as error:
+            self._refuse(HTTPStatus.BAD_REQUEST, f"not a JSON object ({error})")
+            return
+        text = json.dumps(header, allow_nan=False).encode()
+        self.set_header("Content-Type", "application/octet-stream")
+        self.write(len(text).to_bytes(4, "little"))
+        self.write(text)
+        self.finish(payload)
+
+
+class Server:
+    """A live object that listens.
+
+    Parameters
+    ----------
+    live
+        What is shown.
+    port
+        Where; 0 takes a free one.
+
+    Attributes
+    ----------
+    address
+        Where the page is, with the port.
+
+    Raises
+    ------
+    InputError
+        A port that is taken or may not be used.
+    """
+
+    def __init__(self, live: LiveObject, port: int = 0) -> None:
+        try:
+            self._sockets = bind_sockets(port, ADDRESS)
+        except (OSError, OverflowError) as error:
+            raise InputError("--port", f"{port}: {error}", "Name another one, or 0 for any.") from error
+        self._port = self._sockets[0].getsockname()[1]
+        self.address = f"http://{ADDRESS}:{self._port}/"
+        # A sound never waits for an image.
+        self._images, self._contacts = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._live = live
+
+    async def serve(self, until: Awaitable[Any]) -> None:
+        """Answer requests until something has happened."""
+        live = self._live
+        queries = {
+            "/object": (lambda _: live.describe(), self._contacts),
+            "/render": (live.render, self._images),
+            "/strike": (live.strike, self._contacts),
+            "/partials": (live.partials, self._contacts),
+            "/press": (live.press, self._contacts),
+        }
+        application = Application(
+            [(path, PageFile) for path in FILES]
+            + [
+                (path, Query, {"answer": answer, "threads": threads})
+                for path, (answer, threads) in queries.items()
+            ],
+            default_handler_class=Unknown,
+            hosts={f"{name}:{self._port}" for name in (ADDRESS, "localhost")},
+            files={path: (name, _content(name)) for path, name in FILES.items()},
+            log_function=lambda _: None,
+        )
+        server = HTTPServer(application, max_body_size=LARGEST_REQUEST, max_buffer_size=2 * LARGEST_REQUEST)
+        server.add_sockets(self._sockets)
+        self._images.submit(live.warm_images)
+        self._contacts.submit(live.warm_contacts)
+        try:
+            await until
+        finally:
+            server.stop()
+            await server.close_all_connections()
+            for threads in (self._images, self._contacts):
+                threads.shutdown(wait=False, cancel_futures=True)
+
+
+def _content(name: str) -> bytes:
+    scripts = "".join(f'<script src="{script}" defer></script>\n' for script in SCRIPTS)
+    return (PAGE / name).read_text(encoding="utf-8").replace("SCRIPTS", scripts).encode()
+
+
+def serve_until_stopped(path: Path | str, port: int, open_browser: bool) -> None:
+    """Serve an Object File until Ctrl-C.
+
+    Raises
+    ------
+    FormatError
+        No Object File, or a damaged one.
+    FileNotFoundError
+        No such file.
+    InputError
+        A port that cannot be had.
+    """
+    # One core: what is computed here is small, and waiting threads would only delay it. Libraries that are
+    # not loaded yet read the variables.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    threadpool_limits(1)
+    server = Server(LiveObject(path), port)
+
+    async def serve() -> None:
+        stopped = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stopped.set)
+        print(f"{path}: {server.address} (Ctrl-C ends it)", flush=True)
+        if open_browser:
+            # Some browsers return when they are closed: nothing waits for them.
+            threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
+        await server.serve(stopped.wait())
+
+    asyncio.run(serve())

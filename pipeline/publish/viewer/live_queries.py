@@ -1,0 +1,195 @@
+"""What the live page asks of an Object File: JSON in, JSON and bytes out."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.audio.synthesis.oscillators import HIGHEST_RATIO
+from objectfolder.errors import QueryError
+from objectfolder.object_file import ObjectFile
+from pipeline.publish.viewer.live_sound import listening_gain
+
+MOST_PIXELS = 1024
+LONGEST_S = 10.0
+RATES_HZ = (8000.0, 192000.0)
+
+Answer = tuple[dict[str, Any], bytes]
+
+
+class LiveObject:
+    """One Object File behind a page.
+
+    Parameters
+    ----------
+    path
+        As it was given on the command line; the page's Python opens it by this name.
+
+    Raises
+    ------
+    FormatError
+        No Object File, or a damaged one.
+    FileNotFoundError
+        No such file.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = str(path)
+        self.file = ObjectFile.load(path)
+
+    def describe(self) -> Answer:
+        """Return what the page shows and needs before the first query."""
+        file, said = self.file, self.file.description
+        facts = {
+            "id": said["object"].get("id"),
+            "file": self.path,
+            "name": said["object"].get("name") or Path(self.path).name,
+            "licence": said["object"].get("licence"),
+            "attribution": said["object"].get("attribution"),
+            "material": (said["material"] or {}).get("name"),
+            "sides_m": np.ptp(file.surface.bounds, axis=0).tolist(),
+            "frame": file.frame.to_dict(),
+            "reach": float(np.linalg.norm(file.frame.to_unit(file.surface.vertices), axis=1).max()),
+            "frequencies": file.modes.frequencies_hz.tolist(),
+            "dampings": file.modes.dampings_per_s.tolist(),
+            "listeningGain": listening_gain(file),
+            "highestRatio": HIGHEST_RATIO,
+            "sensor": file.touch.sensor.name,
+        }
+        return facts, b""
+
+    def render(self, asked: Mapping[str, Any]) -> Answer:
+        """Return an image, (resolution, resolution, 3) bytes.
+
+        Parameters
+        ----------
+        asked
+            ``camera_to_world``, ``light_position``, ``resolution``, and ``sub_rays`` or null.
+        """
+        resolution = int(_number(asked, "resolution", 1, MOST_PIXELS))
+        sub_rays = asked.get("sub_rays")
+        image = self.file.render(
+            _numbers(asked, "camera_to_world", (4, 4)),
+            _numbers(asked, "light_position", (3,)),
+            resolution,
+            sub_rays=None if sub_rays is None else int(_number(asked, "sub_rays", 1, 1024)),
+        )[0]
+        return {"resolution": resolution}, image.tobytes()
+
+    def strike(self, asked: Mapping[str, Any]) -> Answer:
+        """Strike where a ray meets the object; return the sound, float32 m/s.
+
+        Parameters
+        ----------
+        asked
+            ``origin`` and ``direction`` of the ray, ``impulse`` (N s), ``along`` (a direction, or null for
+            that into the surface), ``duration`` and ``sample_rate``.
+
+        Returns
+        -------
+        tuple
+            ``missed``; or point, normal and impulse, and the sound.
+        """
+        impulse = _number(asked, "impulse", 0, 1000)
+        duration = _number(asked, "duration", 1e-3, LONGEST_S)
+        rate = _number(asked, "sample_rate", *RATES_HZ)
+        along = None if asked.get("along") is None else _numbers(asked, "along", (3,))
+        met = self._met(asked)
+        if met is None:
+            return {"missed": True}, b""
+        point, normal = met
+        push = -normal if along is None else along / _length(along, "along")
+        force = impulse * push
+        sound = self.file.strike(point, force, duration, rate)[0]
+        header = {"point": point.tolist(), "normal": normal.tolist(), "impulse": force.tolist()}
+        return header, sound.astype("<f4").tobytes()
+
+    def partials(self, asked: Mapping[str, Any]) -> Answer:
+        """Return the amplitude (m/s) that an ``impulse`` (N s) at a ``point`` gives each mode.
+
+        Apart from `strike`: what is heard does not wait for what is then drawn.
+        """
+        point, impulse = _numbers(asked, "point", (3,)), _numbers(asked, "impulse", (3,))
+        modes = self.file.modes
+        amplitudes = impulse @ modes.gains(self.file.project(point).points)[0] * modes.radiation_weights
+        return {"amplitudes": amplitudes.tolist()}, b""
+
+    def press(self, asked: Mapping[str, Any]) -> Answer:
+        """Press the sensor where a ray meets the object; return its image and how deep it is indented.
+
+        Parameters
+        ----------
+        asked
+            ``origin`` and ``direction`` of the ray, ``depth`` (m), ``tilt`` and ``azimuth`` (degrees).
+
+        Returns
+        -------
+        tuple
+            ``missed``; or point, normal, size and labels, and RGB bytes followed by float32 metres.
+        """
+        depth, tilt, azimuth = (float(_numbers(asked, name, ())) for name in ("depth", "tilt", "azimuth"))
+        met = self._met(asked)
+        if met is None:
+            return {"missed": True}, b""
+        point, normal = met
+        touch = self.file.press(point, depth, tilt, azimuth)
+        height, width = touch.depth.shape[1:]
+        return {
+            "point": point.tolist(),
+            "normal": normal.tolist(),
+            "height": height,
+            "width": width,
+            "reachable": bool(touch.reachable[0]),
+            "penetration_m": float(touch.penetration_m[0]),
+            "first_contact_offset_m": float(touch.first_contact_offset_m[0]),
+            "contact_area_m2": float(touch.contact_area_m2[0]),
+        }, touch.rgb[0].tobytes() + touch.depth[0].astype("<f4").tobytes()
+
+    def warm_images(self) -> None:
+        """Compile, or read from the cache, what images need."""
+        cameras, lights = self.file.sample_views(1, seed=0)
+        self.file.render(cameras, lights, 16)
+
+    def warm_contacts(self) -> None:
+        """Prepare what contacts need, once."""
+        points, normals = self.file.sample_contacts(1, seed=0)
+        self.file.strike(points, -normals, 0.01)
+        self.file.surface.ray_hits(points + normals, -normals)
+        self.file.press(points)
+
+    def _met(self, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return where a ray meets the object, and the normal there on the side it comes from."""
+        origin, direction = _numbers(asked, "origin", (3,)), _numbers(asked, "direction", (3,))
+        _length(direction, "direction")
+        surface = self.file.surface
+        hits = surface.ray_hits(origin[None], direction[None])
+        if hits.face[0] < 0:
+            return None
+        normal = surface.normals_at(hits.face, hits.barycentric)[0]
+        point = surface.points_at(hits.face, hits.barycentric)[0]
+        return point, -normal if normal @ direction > 0 else normal
+
+
+def _numbers(asked: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        values = np.array(asked[name], dtype=np.float64)
+    except (KeyError, TypeError, ValueError):
+        values = np.array([np.nan, np.nan])
+    if values.shape != shape or not np.isfinite(values).all():
+        raise QueryError(name, "missing, of another shape or not finite", f"Give numbers of shape {shape}.")
+    return values
+
+
+def _number(asked: Mapping[str, Any], name: str, low: float, high: float) -> float:
+    value = float(_numbers(asked, name, ()))
+    if not low <= value <= high:
+        raise QueryError(name, f"{value:g} is out of range", f"Give {low:g} to {high:g}.")
+    return value
+
+
+def _length(direction: np.ndarray, name: str) -> float:
+    length = float(np.linalg.norm(direction))
+    if not length > 0:
+        raise QueryError(name, "has no length", "Give a direction.")
+    return length

@@ -1,0 +1,122 @@
+"""Players for pages without a server: a script of data for each object, and one of code for all.
+
+A page has ``<div class="player" data-object="ID" data-script="ID.player.js"></div>`` for an object,
+and once ``<script src="player.js" defer></script>`` and ``<link rel="stylesheet" href="player.css">``.
+Nothing is fetched: everything works in a page opened from disk.
+"""
+
+import base64
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from objectfolder.atomic import atomic_write
+from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
+from pipeline.publish.viewer.bake import FORMAT, bake
+from pipeline.publish.viewer.digest import file_digest
+
+PAGE = Path(__file__).parent / "page"
+SHARED_SCRIPTS = (
+    "algebra.js",
+    "orbit.js",
+    "contact.js",
+    "elements.js",
+    "gestures.js",
+    "python_text.js",
+    "listening.js",
+    "charts.js",
+    "panel.js",
+)
+STATIC_SCRIPTS = (
+    "stored_data.js",
+    "stored_surface.js",
+    "stored_modes.js",
+    "stored_touch.js",
+    "drawing.js",
+    "stored_object.js",
+    "player.js",
+)
+
+
+@dataclass(frozen=True)
+class PlayerFiles:
+    """What was written for one object.
+
+    Attributes
+    ----------
+    script : its data
+    size : bytes of it
+    baked : whether the Object File had to be opened; False where a file of the same bytes was before
+    """
+
+    script: Path
+    size: int
+    baked: bool
+
+
+def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | None = None) -> PlayerFiles:
+    """Write ``<folder>/<object_id>.player.js``.
+
+    Parameters
+    ----------
+    object_file
+        The Object File.
+    folder
+        Made if it is not there.
+    object_id
+        What the page calls the object; a plain file name.
+    cache
+        Folder in which what was made of Object Files is kept, under hashes of the whole files.
+
+    Raises
+    ------
+    InputError
+        An id that is no file name.
+    FormatError
+        A file that is no Object File, or a damaged one.
+    FileNotFoundError
+        No such file.
+    """
+    if object_id in ("", ".", "..") or "/" in object_id or "\\" in object_id or "\0" in object_id:
+        raise InputError(repr(object_id), "no file name", "Give an id without separators.")
+    kept = None if cache is None else cache / f"{file_digest(object_file)}.{FORMAT}"
+    data = kept.read_bytes() if kept is not None and kept.is_file() else None
+    baked = data is None
+    if data is None:
+        data = _data_of(object_file)
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_write(kept) as file:
+                file.write(data)
+    # An object without a prototype: any id is a plain key of it.
+    script = (
+        f"(window.objectfolderPlayers ??= Object.create(null))[{_quoted(object_id)}] = ".encode()
+        + data
+        + b";\n"
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{object_id}.player.js"
+    with atomic_write(target) as file:
+        file.write(script)
+    return PlayerFiles(target, len(script), baked)
+
+
+def write_player_assets(folder: Path) -> None:
+    """Write ``player.js`` and ``player.css``, once for all objects of a page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    code = "".join((PAGE / name).read_text(encoding="utf-8") for name in (*SHARED_SCRIPTS, *STATIC_SCRIPTS))
+    for name, text in (("player.js", code), ("player.css", (PAGE / "player.css").read_text("utf-8"))):
+        with atomic_write(folder / name) as file:
+            file.write(text.encode())
+
+
+def _data_of(object_file: Path) -> bytes:
+    """Return the object as an expression of JavaScript."""
+    header, arrays = bake(ObjectFile.load(object_file))
+    return f'{{"header": {_quoted(header)}, "data": "{base64.b64encode(arrays).decode()}"}}'.encode()
+
+
+def _quoted(value: object) -> str:
+    """Return JSON that is safe within a script, wherever it is put."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

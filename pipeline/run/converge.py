@@ -1,0 +1,217 @@
+"""Bring products to what the inputs ask for, doing only what is left to do.
+
+The result is a pure function of the inputs, whatever was there before and however often it was
+interrupted: a product is kept if it carries the wanted fingerprint, taken from the memo if that has
+it, and computed otherwise, longest expected first; products of objects not listed, and of objects that
+fail, go. Over several stages an object goes on to its next stage as soon as its own inputs are there.
+"""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.dataset.crew import Crew, Job, Lost
+from pipeline.dataset.parameters import Parameters
+from pipeline.dataset.stage import Row, Stage
+from pipeline.dataset.task import Failure
+from pipeline.dataset.verified import Verified
+from pipeline.run.dispatch import Dispatch
+from pipeline.run.failure_table import failure_table
+from pipeline.run.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
+from pipeline.run.flow_progress import FlowProgress
+from pipeline.run.run_log import Costs, read_failures_by_fingerprint, write_run
+from pipeline.run.run_record import RunRecord
+from pipeline.store import memo
+
+if TYPE_CHECKING:
+    from pipeline.run.forecast.estimates import Estimates
+
+# From the number of tasks there are at most to who runs them; entered only where there are any.
+CrewFor = Callable[[int], AbstractContextManager[Crew]]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Object ids of a stage by what happened to them, and the failures."""
+
+    stage: str
+    kept: tuple[str, ...]
+    restored: tuple[str, ...]  # from the memo
+    computed: tuple[str, ...]
+    removed: tuple[str, ...]
+    failures: tuple[Failure, ...]
+
+    def exit_code(self, allow_failures: bool) -> int:
+        """Return 0 if the stage stands: no failure, or failures allowed and at least one object made."""
+        made = self.kept or self.restored or self.computed
+        return 0 if not self.failures or (allow_failures and made) else 1
+
+
+def converge(
+    stages: Sequence[Stage],
+    root: Path,
+    parameters: Parameters,
+    rows: Mapping[str, Row],
+    crew_for: CrewFor,
+    refused: Sequence[Failure] = (),
+) -> list[Summary]:
+    """Make, keep and remove products until those of `stages` are what the inputs ask for.
+
+    Parameters
+    ----------
+    stages
+        What to converge, each after those whose products it reads.
+    root
+        Root of the data set, absolute.
+    parameters
+        Of the whole run; each stage picks what it reads.
+    rows
+        The listed objects.
+    crew_for
+        Who runs the tasks (see `pipeline.cluster.cluster.crew`).
+    refused
+        Objects that were refused before the first stage; they count as its failures.
+
+    Returns
+    -------
+    list of Summary
+        What happened, a stage each; also logged under ``runs/``.
+
+    Raises
+    ------
+    SimulationError
+        The crew is gone. What is finished stays finished.
+    """
+    removed = {stage.name: _tidy(stage, root, rows) for stage in stages}
+    verified = Verified(root)
+    costs = {stage.name: Costs(root, stage.name) for stage in stages}
+    tried = {stage.name: read_failures_by_fingerprint(root, stage.name) for stage in stages}
+    progress = FlowProgress({stage.name: sorted(stage.follows) for stage in stages})
+
+    def estimates() -> "Estimates":
+        from pipeline.run.forecast.estimates import Estimates
+
+        return Estimates(root, parameters)
+
+    flow = Flow(stages, root, parameters, rows, verified, estimates, tried, progress.settle)
+    with RunRecord(root, [stage.name for stage in stages]) as record:
+        try:
+            jobs = flow.begin()
+            verified.code.save()  # children read it, too
+            if jobs:
+                _run(jobs, flow, crew_for, costs, record, progress)
+        finally:
+            progress.close()
+            for stage in stages:
+                _sweep(stage, root)
+            verified.save()
+            memo.prune(root)
+        summaries = []
+        for stage in stages:
+            earlier = tuple(refused) if stage is stages[0] else ()
+            summary = _summary(stage.name, flow, removed[stage.name], earlier)
+            _log(summary, root, flow.fingerprints(stage.name), costs[stage.name])
+            record.stage(
+                stage.name,
+                len(summary.kept),
+                len(summary.restored),
+                len(summary.computed),
+                len(summary.failures),
+                summary.removed,
+            )
+            summaries.append(summary)
+    first: dict[str, Failure] = {}
+    for summary in summaries:
+        for failure in summary.failures:
+            first.setdefault(failure.object_id, failure)
+    if first:
+        print(failure_table(list(first.values())), file=sys.stderr)
+    return summaries
+
+
+def _run(
+    jobs: Sequence[Job],
+    flow: Flow,
+    crew_for: CrewFor,
+    costs: Mapping[str, Costs],
+    record: RunRecord,
+    progress: FlowProgress,
+) -> None:
+    """Run jobs and those that follow from them."""
+    left = list(flow.unsettled())
+    for expected in left:
+        progress.expect(*expected)
+    with crew_for(len(left)) as crew:
+        dispatch = Dispatch(crew, flow.stands, progress.workers)
+        for job in jobs:
+            dispatch.add(job)
+        for event in dispatch.events():
+            stage = event.job.call.stage
+            if isinstance(event, Lost):
+                record.note("lost", task=event.job.key, slot=event.slot, reason=event.reason)
+                continue
+            if event.outcome.failure is None and event.outcome.wall_s > 0:
+                costs[stage].add(event.outcome)
+            record.task(stage, event.outcome, event.slot, event.host, event.tries)
+            for job in flow.done(event):
+                dispatch.add(job)
+
+
+def _tidy(stage: Stage, root: Path, rows: Mapping[str, Row]) -> tuple[str, ...]:
+    """Remove half-written files, and products of objects not listed; return the ids of those."""
+    for kind in stage.products:
+        (root / kind.folder).mkdir(parents=True, exist_ok=True)
+    _sweep(stage, root)
+    present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
+    unlisted = sorted(present - set(rows))
+    for object_id in unlisted:
+        for path in stage.targets(root, object_id):
+            path.unlink(missing_ok=True)
+    return tuple(unlisted)
+
+
+def _sweep(stage: Stage, root: Path) -> None:
+    """Remove what killed processes left half-written."""
+    for kind in stage.products:
+        kind.sweep(root)
+
+
+def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: tuple[Failure, ...]) -> Summary:
+    by_outcome: dict[str, list[str]] = {KEPT: [], RESTORED: [], COMPUTED: [], FAILED: []}
+    for object_id, outcome in flow.outcomes(stage).items():
+        by_outcome[outcome].append(object_id)
+    return Summary(
+        stage,
+        tuple(by_outcome[KEPT]),
+        tuple(by_outcome[RESTORED]),
+        tuple(sorted(by_outcome[COMPUTED])),
+        removed,
+        (*refused, *flow.failures(stage)),
+    )
+
+
+def _log(summary: Summary, root: Path, fingerprints: Mapping[str, str], costs: Costs) -> None:
+    outcomes = {
+        **dict.fromkeys(summary.kept, KEPT),
+        **dict.fromkeys(summary.restored, RESTORED),
+        **dict.fromkeys(summary.computed, COMPUTED),
+        **{failure.object_id: FAILED for failure in summary.failures},
+    }
+    lines = []
+    for object_id, outcome in sorted(outcomes.items()):
+        known = costs.of(fingerprints.get(object_id, "")) if outcome != FAILED else None
+        lines.append(
+            {
+                "object_id": object_id,
+                "stage": summary.stage,
+                "fingerprint": fingerprints.get(object_id),
+                "outcome": outcome,
+                "wall_s": known.wall_s if known else None,
+                "cpu_s": known.cpu_s if known else None,
+                "peak_memory_mb": known.peak_memory_mb if known else None,
+            }
+        )
+    write_run(root, summary.stage, lines, summary.failures)

@@ -1,0 +1,193 @@
+"""What is left to do for each object, stage after stage, as the products it needs come to be."""
+
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from objectfolder.errors import InputError
+from objectfolder.provenance import fingerprint
+from pipeline.dataset.crew import Finished, Job
+from pipeline.dataset.parameters import Parameters
+from pipeline.dataset.stage import Prepared, Row, Stage
+from pipeline.dataset.task import Call, Failure, failure_of
+from pipeline.dataset.tolerances import as_json
+from pipeline.dataset.verified import Verified
+from pipeline.store import memo
+
+if TYPE_CHECKING:
+    from pipeline.run.forecast.estimates import Estimates
+
+OnSettled = Callable[[str, str, str, float], None]
+KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
+
+
+class Flow:
+    """The state of every object in every stage.
+
+    Parameters
+    ----------
+    stages
+        Each after those whose products it reads.
+    root
+        Root of the data set, absolute.
+    parameters
+        Of the whole run.
+    rows
+        The listed objects.
+    verified
+        Which products were checked whole.
+    estimates
+        Returns what tasks are expected to cost; asked only if there are any.
+    tried
+        By stage and fingerprint, what failed earlier in this very run and is not tried again.
+    on_settled
+        Told of each object that is settled in a stage, and the wall seconds of its task, 0 if none ran.
+    """
+
+    def __init__(
+        self,
+        stages: Sequence[Stage],
+        root: Path,
+        parameters: Parameters,
+        rows: Mapping[str, Row],
+        verified: Verified,
+        estimates: Callable[[], "Estimates"],
+        tried: Mapping[str, Mapping[str, Failure]],
+        on_settled: OnSettled = lambda stage, object_id, outcome, seconds: None,
+    ) -> None:
+        self._stages = {stage.name: stage for stage in stages}
+        self._root = root
+        self._parameters = parameters
+        self._rows = rows
+        self._verified = verified
+        self._estimates = functools.cache(estimates)
+        self._tried = tried
+        self._on_settled = on_settled
+        self._outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
+        self._failures: dict[str, dict[str, Failure]] = {name: {} for name in self._stages}
+        self._fingerprints: dict[str, dict[str, str]] = {name: {} for name in self._stages}
+        self._running: set[tuple[str, str]] = set()
+
+    def begin(self) -> list[Job]:
+        """Settle what needs no work, and return the jobs whose inputs are there."""
+        return [job for object_id in self._rows for job in self._advance(object_id)]
+
+    def done(self, finished: Finished) -> list[Job]:
+        """Note how a job ended, and return the jobs whose inputs are there now."""
+        call = finished.job.call
+        object_id = call.request.object_id
+        self._running.discard((call.stage, object_id))
+        if finished.outcome.failure is None:
+            for path in call.targets:
+                self._verified.add(path, call.fingerprint)
+            self._settle(call.stage, object_id, COMPUTED, finished.outcome.wall_s)
+        else:
+            stage = self._stages[call.stage]
+            self._fail(stage, object_id, finished.outcome.failure, finished.outcome.wall_s)
+        return self._advance(object_id)
+
+    def stands(self, job: Job) -> bool:
+        """Whether the products of a job are in place, or were taken from the memo just now."""
+        call = job.call
+        return all(self._verified.holds(path, call.fingerprint) for path in call.targets) or memo.restore(
+            memo.memo_folder(self._root, call.fingerprint), call.fingerprint, call.targets
+        )
+
+    def unsettled(self) -> Iterator[tuple[str, str, float]]:
+        """Yield stage, object and expected wall seconds of what is still to be made or looked at."""
+        for name, outcomes in self._outcomes.items():
+            for object_id in self._rows:
+                if object_id not in outcomes:
+                    yield name, object_id, self._estimates().of(name, object_id, None).wall_s
+
+    def outcomes(self, stage: str) -> Mapping[str, str]:
+        """Return `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` by object, for those settled."""
+        return self._outcomes[stage]
+
+    def failures(self, stage: str) -> list[Failure]:
+        """Return why objects failed in a stage."""
+        return list(self._failures[stage].values())
+
+    def fingerprints(self, stage: str) -> Mapping[str, str]:
+        """Return the wanted fingerprints by object, as far as they are known."""
+        return self._fingerprints[stage]
+
+    def _advance(self, object_id: str) -> list[Job]:
+        jobs = []
+        for name, stage in self._stages.items():
+            if object_id in self._outcomes[name] or (name, object_id) in self._running:
+                continue
+            before = (self._outcomes[other] for other in stage.follows if other in self._stages)
+            if all(object_id in outcomes for outcomes in before):
+                job = self._plan(stage, object_id)
+                if job is not None:
+                    self._running.add((name, object_id))
+                    jobs.append(job)
+        return jobs
+
+    def _plan(self, stage: Stage, object_id: str) -> Job | None:
+        """Settle a stage of an object, or return what has to be computed."""
+        try:
+            prepared = stage.prepare(
+                self._root, self._parameters, object_id, self._rows[object_id], self._verified
+            )
+        except InputError as error:
+            self._fail(stage, object_id, failure_of(object_id, error))
+            return None
+        wanted = self._fingerprints[stage.name][object_id] = fingerprint(prepared.parts)
+        targets = stage.targets(self._root, object_id)
+        folder = memo.memo_folder(self._root, wanted)
+        if all(self._verified.holds(path, wanted) for path in targets):
+            self._settle(stage.name, object_id, KEPT)
+        elif memo.restore(folder, wanted, targets):
+            for path in targets:
+                self._verified.add(path, wanted)
+            self._settle(stage.name, object_id, RESTORED)
+        elif (failure := self._tried[stage.name].get(wanted)) is not None:
+            self._fail(stage, object_id, failure)
+        else:
+            provenance = {
+                **prepared.parts,
+                "fingerprints": {**stage.lineage(prepared.parts), stage.name: wanted},
+                "tolerances": as_json(stage.tolerances),
+            }
+            call = Call(stage.name, stage.task, prepared.request, targets, wanted, provenance, folder)
+            return self._job(stage, call, prepared)
+        return None
+
+    def _job(self, stage: Stage, call: Call, prepared: Prepared) -> Job:
+        object_id = call.request.object_id
+        size = next((path.stat().st_size for path in call.request.inputs.values()), None)
+        own = self._estimates().of(stage.name, object_id, size)
+        return Job(
+            call,
+            own.wall_s,
+            own.high_wall_s + self._chain_seconds(stage, object_id, size if stage.inputs else None),
+            own.memory_bytes,
+            stage.needs,
+            prepared.inputs,
+        )
+
+    def _chain_seconds(self, stage: Stage, object_id: str, size: int | None) -> float:
+        """Return the seconds of the longest chain of stages behind `stage`."""
+        behind = [other for other in self._stages.values() if stage.name in other.follows]
+        return max(
+            (
+                self._estimates().of(other.name, object_id, size).high_wall_s
+                + self._chain_seconds(other, object_id, size)
+                for other in behind
+            ),
+            default=0.0,
+        )
+
+    def _settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
+        self._outcomes[stage][object_id] = outcome
+        self._on_settled(stage, object_id, outcome, seconds)
+
+    def _fail(self, stage: Stage, object_id: str, failure: Failure, seconds: float = 0.0) -> None:
+        """Note a failure; what its former self left goes."""
+        self._settle(stage.name, object_id, FAILED, seconds)
+        self._failures[stage.name][object_id] = failure
+        for path in stage.targets(self._root, object_id):
+            path.unlink(missing_ok=True)

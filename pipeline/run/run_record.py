@@ -1,0 +1,199 @@
+"""The record of every run: ``runs/<time>-<id>.jsonl``, written as the run goes, a JSON object a line.
+
+Every line has ``time`` (UTC), ``event`` and ``run``. Events are ``start`` (what runs, where and of which
+version), ``task`` (one try of a stage and object: outcome, seconds, peak memory, worker, fingerprint and
+why it failed), ``stage`` (how many objects were kept, restored, computed, failed and removed) and ``end``.
+Objects that needed nothing are counted, not listed. A run that was killed has no ``end``, and its last
+line may be cut.
+
+The processes of one run share its file by ``OBJECTFOLDER_RUN_ID``. The last `MOST_RUNS` files stay, as far
+as they fit into `MOST_BYTES`.
+"""
+
+import json
+import os
+import platform
+import secrets
+import socket
+import sys
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from pipeline.dataset.task import Outcome
+from pipeline.run.run_log import RUN_ID, compact, unwritable
+
+PATTERN = "[0-9]*T[0-9]*Z-*.jsonl"
+MOST_RUNS = 200
+MOST_BYTES = 256 << 20
+DETAIL_CHARACTERS = 2000
+
+
+def new_run_id() -> str:
+    """Return an id that sorts by the time of the run: ``20260102T030405Z-0a1b2c3d``."""
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(4)}"
+
+
+class RunRecord:
+    """The open record of a run, or of a part of one.
+
+    Parameters
+    ----------
+    root
+        Root of the data set.
+    stages
+        Names of what runs.
+
+    Raises
+    ------
+    SimulationError
+        The record cannot be written (so does every method).
+    """
+
+    def __init__(self, root: Path, stages: Sequence[str]) -> None:
+        self.run_id = os.environ.get(RUN_ID) or new_run_id()
+        self.path = root / "runs" / f"{self.run_id}.jsonl"
+        self._root = root
+        self._tasks = 0
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            cut = _is_cut(self.path)
+            self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            if cut:
+                os.write(self._file, b"\n")
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+        self._write(
+            "start",
+            stages=list(stages),
+            command=sys.argv,
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            python=platform.python_version(),
+            version=version("objectfolder-factory"),
+        )
+
+    def __enter__(self) -> "RunRecord":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._write(
+            "end", tasks=self._tasks, error=None if error is None else f"{type(error).__name__}: {error}"
+        )
+        os.close(self._file)
+        prune(self._root)
+        if self._tasks:
+            compact(self._root)
+
+    def task(self, stage: str, outcome: Outcome, slot: str = "", host: str = "", tries: int = 1) -> None:
+        """Note how a task ended.
+
+        Parameters
+        ----------
+        stage
+            Its stage.
+        outcome
+            What became of it.
+        slot, host
+            Where it ran.
+        tries
+            How often it was started in this run, this time included.
+        """
+        self._tasks += 1
+        failure = outcome.failure
+        self._write(
+            "task",
+            stage=stage,
+            object=outcome.object_id,
+            outcome="computed" if failure is None else "failed",
+            fingerprint=outcome.fingerprint or None,
+            wall_s=round(outcome.wall_s, 3),
+            cpu_s=round(outcome.cpu_s, 3),
+            peak_memory_mb=round(outcome.peak_bytes / 1e6, 1),
+            slot=slot,
+            host=host,
+            tries=tries,
+            error=failure and failure.error,
+            remedy=failure and failure.remedy,
+            detail=failure and failure.detail[-DETAIL_CHARACTERS:],
+        )
+
+    def stage(
+        self, stage: str, kept: int, restored: int, computed: int, failed: int, removed: Sequence[str]
+    ) -> None:
+        """Note how a stage stands: numbers of objects, and the ids of those whose products were removed."""
+        self._write(
+            "stage",
+            stage=stage,
+            kept=kept,
+            restored=restored,
+            computed=computed,
+            failed=failed,
+            removed=list(removed),
+        )
+
+    def note(self, event: str, **values: Any) -> None:
+        """Note anything else that happened, such as a worker that was lost."""
+        self._write(event, **values)
+
+    def _write(self, event: str, **values: Any) -> None:
+        time = datetime.now(UTC).isoformat(timespec="milliseconds")
+        line = json.dumps({"time": time, "event": event, "run": self.run_id, **values}) + "\n"
+        try:
+            os.write(self._file, line.encode())  # at once and at the end, whoever else writes here
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+
+def records(root: Path) -> list[Path]:
+    """Return the records that there are, the latest run last."""
+    return sorted((root / "runs").glob(PATTERN))
+
+
+def read_record(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a record, without those that a kill cut short."""
+    return list(_lines(path))
+
+
+def prune(root: Path) -> list[Path]:
+    """Remove the oldest records until the rest is few and small enough; return them."""
+    removed = excess(root)
+    for path in removed:
+        path.unlink(missing_ok=True)
+    return removed
+
+
+def excess(root: Path) -> list[Path]:
+    """Return the records that `prune` removes."""
+    room, found = MOST_BYTES, []
+    for index, path in enumerate(reversed(records(root))):
+        room -= path.stat().st_size
+        if index and (index >= MOST_RUNS or room < 0):
+            found.append(path)
+    return found
+
+
+def _lines(path: Path) -> Iterator[dict[str, Any]]:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            try:
+                content = json.loads(line)
+            except ValueError:
+                continue
+            if isinstance(content, dict):
+                yield content
+
+
+def _is_cut(path: Path) -> bool:
+    """Whether a file is there and its last line has no end."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"\n"
+    except OSError:  # no file, or an empty one
+        return False

@@ -1,0 +1,230 @@
+"""``python -m pipeline status``: what of the data set is as the inputs ask for, what is not, and why.
+
+Only attributes of products are read, and those only where a file changed since it was last read. Whether
+a product is whole is for the next run to see, which reads changed ones through.
+"""
+
+import argparse
+import json
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import FormatError, InputError
+from objectfolder.provenance import canonical_json, fingerprint
+from pipeline.dataset.differences import Difference, differences
+from pipeline.dataset.parameters import Parameters, read_parameters
+from pipeline.dataset.products import read_description
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stage import Row, Stage
+from pipeline.dataset.stages import OBJECTS, STAGES
+from pipeline.dataset.verified import FINGERPRINT, Verified
+from pipeline.run.exclusive import owner
+
+CURRENT, STALE, MISSING, FAILED, WAITING, UNLISTED = (
+    "current", "stale", "missing", "failed", "waiting", "unlisted",
+)  # fmt: skip
+STATES = (CURRENT, STALE, MISSING, FAILED, WAITING, UNLISTED)
+NAMED = 4  # objects named in a line of the table before the rest are counted
+LINES = 40  # of reasons in the table
+
+
+@dataclass(frozen=True)
+class Status:
+    """How the products of an object in a stage stand.
+
+    Parameters
+    ----------
+    object_id, stage
+        Which.
+    state
+        ``current``; ``stale`` (made from something else); ``missing``; ``failed`` (in the last run, from
+        what is there now); ``waiting`` (for an input that is none of `current`: what is there may do or
+        not); ``unlisted`` (no longer in the table: the next run removes it).
+    reasons
+        Why, for people.
+    differences
+        What a stale product was made from and what is wanted.
+    warnings
+        What a product that is current says of its object, such as walls that cannot be so.
+    """
+
+    object_id: str
+    stage: str
+    state: str
+    reasons: tuple[str, ...] = ()
+    differences: tuple[Difference, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def status(
+    root: Path,
+    stages: Sequence[Stage] = tuple(STAGES.values()),
+    parameters: Parameters | None = None,
+    rows: Mapping[str, Row] | None = None,
+) -> list[Status]:
+    """Return how every object stands in every stage.
+
+    Parameters
+    ----------
+    root
+        Root of the data set, absolute.
+    stages
+        Each after those whose products it reads.
+    parameters, rows
+        What to compare with; read from ``params.yaml`` and the table it names where they are not given.
+
+    Raises
+    ------
+    InputError
+        ``params.yaml`` or the table of objects cannot be used.
+    """
+    parameters = parameters or read_parameters(root / "params.yaml")
+    refused: dict[str, str] = {}
+    if rows is None:
+        records = read_table(root, parameters.objects)
+        rows = records.rows
+        refused = {failure.object_id: failure.error for failure in records.refused}
+    verified = Verified(root)
+    failures = {stage.name: _failures(root, stage.name) for stage in stages}
+    found = [Status(object_id, stages[0].name, FAILED, (error,)) for object_id, error in refused.items()]
+    for object_id, row in rows.items():
+        behind: set[str] = set()  # stages of this object that are not current
+        for stage in stages:
+            one = _of(stage, root, parameters, object_id, row, verified, behind, failures[stage.name])
+            if one.state != CURRENT:
+                behind.add(stage.name)
+            found.append(one)
+    for stage in stages:
+        present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
+        found += [Status(object_id, stage.name, UNLISTED) for object_id in sorted(present - set(rows))]
+    if owner(root) is None:
+        verified.save()
+    return found
+
+
+def _of(
+    stage: Stage,
+    root: Path,
+    parameters: Parameters,
+    object_id: str,
+    row: Row,
+    verified: Verified,
+    behind: set[str],
+    failures: Mapping[str, tuple[str, str]],
+) -> Status:
+    awaited = tuple(f"waits for {name}" for name in sorted(stage.follows & behind))
+    try:
+        prepared = stage.prepare(root, parameters, object_id, row, verified)
+    except InputError as error:
+        if awaited:
+            return Status(object_id, stage.name, WAITING, awaited)
+        return Status(object_id, stage.name, FAILED, (f"{error.where}: {error.finding}",))
+    wanted = fingerprint(prepared.parts)
+    targets = stage.targets(root, object_id)
+    kept: list[str] = []
+    for path in targets:
+        try:
+            kept.append(verified.attributes(path, (FINGERPRINT,))[FINGERPRINT])
+        except FileNotFoundError:
+            if awaited:
+                return Status(object_id, stage.name, WAITING, awaited)
+            failed, error_text = failures.get(object_id, ("", ""))
+            if failed == wanted:
+                return Status(object_id, stage.name, FAILED, (error_text,))
+            return Status(object_id, stage.name, MISSING)
+        except FormatError as error:
+            return Status(object_id, stage.name, STALE, (f"unreadable: {error.finding}",))
+    if all(one == wanted for one in kept):
+        state = WAITING if awaited else CURRENT
+        return Status(object_id, stage.name, state, awaited, warnings=_warnings(stage, targets[0], verified))
+    changed = next(path for path, one in zip(targets, kept, strict=True) if one != wanted)
+    found = _differences(changed, prepared.parts)
+    return Status(object_id, stage.name, STALE, tuple(map(str, found)), found)
+
+
+def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:
+    """What a cleaned mesh says of itself; other products repeat it or say nothing."""
+    if OBJECTS not in stage.products:
+        return ()
+    try:
+        said = verified.attributes(path, ("warnings",))["warnings"]
+    except FormatError:
+        return ()
+    return tuple(text for text in said if isinstance(text, str)) if isinstance(said, list) else ()
+
+
+def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Difference, ...]:
+    try:
+        old = read_description(path).get("provenance", {})
+    except (FileNotFoundError, FormatError):
+        old = {}
+    old = json.loads(old) if isinstance(old, str) else old
+    return tuple(differences(old, json.loads(canonical_json(parts))))
+
+
+def _failures(root: Path, stage: str) -> dict[str, tuple[str, str]]:
+    """Return fingerprint and error of the objects that failed when the stage last ran."""
+    try:
+        entries = json.loads((root / "runs" / f"{stage}-failures.json").read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return {entry["object_id"]: (entry.get("fingerprint") or "", entry["error"]) for entry in entries}
+
+
+def table(statuses: Sequence[Status]) -> str:
+    """Return counts of every stage, and reasons, objects that share one together."""
+    stages = list(dict.fromkeys(one.stage for one in statuses))
+    shown = [state for state in STATES if any(one.state == state for one in statuses)] or [CURRENT]
+    lines = ["stage".ljust(12) + "".join(state.rjust(10) for state in shown)]
+    for stage in stages:
+        counts = [sum(one.stage == stage and one.state == state for one in statuses) for state in shown]
+        lines.append(stage.ljust(12) + "".join(str(count or "").rjust(10) for count in counts))
+    groups: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+    for one in statuses:
+        if one.state not in (CURRENT, WAITING):
+            groups[one.stage, one.state, "; ".join(one.reasons)].append(one.object_id)
+    reasons = [
+        f"{stage} {state}: {_names(names)}{f' ({why})' if why else ''}"
+        for (stage, state, why), names in groups.items()
+    ]
+    if reasons:
+        lines += ["", *reasons[:LINES]]
+    if len(reasons) > LINES:
+        lines.append(f"... and {len(reasons) - LINES} more reasons (--json has all)")
+    warned: dict[str, list[str]] = defaultdict(list)
+    for one in statuses:
+        for text in one.warnings:
+            warned[text].append(one.object_id)
+    if warned:
+        doubts = [f"warning: {_names(names)}: {text}" for text, names in warned.items()]
+        lines += ["", *doubts[:LINES]]
+        if len(doubts) > LINES:
+            lines.append(f"... and {len(doubts) - LINES} more warnings (--json has all)")
+    return "\n".join(lines)
+
+
+def _names(names: Sequence[str]) -> str:
+    text = ", ".join(names[:NAMED])
+    return text if len(names) <= NAMED else f"{text} and {len(names) - NAMED} more"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.add_argument("--json", action="store_true", help="print every object and stage as JSON")
+
+
+def main(options: argparse.Namespace) -> int:
+    """Print the status of the data set in the current folder; return 1 where a run has something to do."""
+    root = Path.cwd()
+    found = status(root)
+    if options.json:
+        print(json.dumps([asdict(one) for one in found], indent=1))
+    else:
+        running = owner(root)
+        if running is not None:
+            print(f"in use by {running}\n")
+        print(table(found))
+    return 0 if all(one.state == CURRENT for one in found) else 1

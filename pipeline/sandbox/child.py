@@ -1,0 +1,180 @@
+"""The process in which task bodies run; `pipeline.sandbox.guard` starts it and ends what it leaves.
+
+It reads pickled calls from standard input and answers with pickled outcomes on what was standard
+output; the task's own output goes to standard error. It works in a scratch folder, where native code
+may leave what it likes. A call whose code is not the code that is loaded here is refused with `STALE`.
+"""
+
+import contextlib
+import importlib
+import os
+import pickle
+import resource
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NoReturn
+
+from objectfolder.child_process import end_with
+from objectfolder.errors import InputError
+from objectfolder.provenance import code_identity
+from pipeline.dataset import products
+from pipeline.dataset.task import Call, Outcome, Timed, failure_of
+from pipeline.dataset.task_code import known_sources
+from pipeline.sandbox.allocator import give_back
+from pipeline.store import memo
+from pipeline.store.storage import disk_error
+
+if TYPE_CHECKING:  # what it imports is not needed by every child
+    from pipeline.store.shipping import Shipment
+
+LENGTH_BYTES = 8
+STALE = "stale"
+MKL, TORCH = "mkl", "torch"  # as distributions are named
+
+
+def send(stream: IO[bytes], message: Any) -> None:
+    """Write one pickled message with its length before it."""
+    data = pickle.dumps(message)
+    stream.write(len(data).to_bytes(LENGTH_BYTES, "little") + data)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """Read one message; None where the other side is gone."""
+    head = stream.read(LENGTH_BYTES)
+    if len(head) < LENGTH_BYTES:
+        return None
+    length = int.from_bytes(head, "little")
+    data = stream.read(length)
+    return pickle.loads(data) if len(data) == length else None
+
+
+def execute(call: Call) -> Outcome:
+    """Run a task body, write its products with their provenance, and say what it cost."""
+    begin, cpu = time.perf_counter(), _cpu_seconds()
+    offspring = _largest_offspring_bytes()
+    _reset_peak()
+    failure = None
+    query_seconds: Mapping[str, float] = {}
+    try:
+        module, _, function = call.task.partition(":")
+        returned = getattr(importlib.import_module(module), function)(call.request)
+        if isinstance(returned, Timed):
+            returned, query_seconds = returned.products, returned.query_seconds
+        contents = returned if isinstance(returned, tuple) else (returned,)
+        if len(contents) != len(call.targets):
+            raise TypeError(
+                f"{call.task} returned {len(contents)} products where {len(call.targets)} are declared"
+            )
+        for target, content in zip(call.targets, contents, strict=True):
+            try:
+                products.write(target, content, call.fingerprint, dict(call.parts))
+            except OSError as error:
+                raise disk_error(error, target.parent) from error
+            if call.memo is not None:
+                memo.remember(call.memo, target)
+    except (Exception, SystemExit) as error:
+        failure = failure_of(call.request.object_id, error, traceback.format_exc(limit=-12))
+    return Outcome(
+        call.request.object_id,
+        failure,
+        time.perf_counter() - begin,
+        _cpu_seconds() - cpu,
+        max(_peak_bytes(), _largest_offspring_bytes() if _largest_offspring_bytes() > offspring else 0),
+        call.fingerprint,
+        query_seconds,
+    )
+
+
+def serve(guard: int, scratch: str) -> NoReturn:
+    """Serve calls until standard input ends.
+
+    Parameters
+    ----------
+    guard
+        The process that forked this one, with which it ends.
+    scratch
+        Folder to work in.
+    """
+    end_with(guard)
+    code = _LoadedCode(known_sources(Path.cwd()))
+    os.chdir(scratch)
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what native code prints must not mix with the answers
+    calls = sys.stdin.buffer
+    # A clean exit at interruption is the parent's to decide.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while (call := receive(calls)) is not None:
+        answer = _executed(call) if code.serves(call) else STALE
+        sys.stdout.flush()
+        give_back()
+        send(answers, answer)
+    answers.flush()
+    os._exit(0)  # native libraries that crash while they are taken down have nothing left to lose
+
+
+def _executed(call: "Call | Shipment") -> Outcome:
+    return execute(call) if isinstance(call, Call) else call.run(execute)
+
+
+class _LoadedCode:
+    """What is loaded in this process, to compare with what a product would be labelled.
+
+    Digests of modules are from before their import. Once loaded, MKL lends its exponential to a torch that
+    is imported after it, and what tasks yield would depend on what this process did before.
+
+    Parameters
+    ----------
+    known
+        What is known of sources by their content.
+    """
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self._known = known
+        self._digests: dict[str, str] = {}
+        self._mkl_alone = False
+
+    def serves(self, call: "Call | Shipment") -> bool:
+        """Whether a task yields here what it yields in a process of its own and of the code it names.
+
+        Its modules are compared on disk too, because a task may start processes of its own.
+        """
+        packages = call.parts.get("packages", {})
+        if self._mkl_alone and TORCH in packages:
+            return False
+        self._mkl_alone |= MKL in packages and TORCH not in sys.modules
+        wanted = call.parts.get("code")
+        if wanted is None:
+            return True
+        try:
+            found = code_identity(call.task.partition(":")[0], self._known)
+        except InputError:
+            return True  # the import will say what is wrong
+        self._digests = {**found, **self._digests}
+        return found == wanted and all(self._digests[name] == digest for name, digest in wanted.items())
+
+
+def _cpu_seconds() -> float:
+    used = (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
+
+
+def _largest_offspring_bytes() -> int:
+    """Return the peak of the largest process this one ever started and waited for."""
+    return 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+
+
+def _reset_peak() -> None:
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_bytes() -> int:
+    with contextlib.suppress(OSError, StopIteration, ValueError):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -1,0 +1,262 @@
+"""Running calls in a child process that may crash, hang or grow without harm to anything else."""
+
+import contextlib
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from pipeline.dataset.task import Call, Failure, Outcome
+from pipeline.sandbox import host_memory, instructions, scratch
+from pipeline.sandbox.allocator import GLIBC
+from pipeline.sandbox.child import STALE, receive, send
+from pipeline.sandbox.memory_watch import MemoryWatch, resident_bytes
+from pipeline.sandbox.process_tree import descendants, end_with_variable
+
+if TYPE_CHECKING:
+    from pipeline.store.shipping import Shipment
+
+# One thread a task: with as many tasks as cores, more threads only wait for one another.
+THREADS = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+LOG_TAIL_BYTES = 4000
+LOG_LIMIT_BYTES = 16 << 20
+GUARD_ENDS_S = 10.0  # within which a guard has ended all that it guards
+FEWER_WORKERS = "The host ran out of memory: run fewer workers, or lower the settings of this stage."
+DEFECT = "Report this as a defect."
+
+
+class ProcessKilled(Exception):
+    """A child was killed from outside (an operator, the system), which need not be its task's fault."""
+
+
+class Interrupted(Exception):
+    """A call was given up by `Child.interrupt`."""
+
+
+@dataclass(frozen=True)
+class ChildSettings:
+    """How children run.
+
+    Parameters
+    ----------
+    recycle_after
+        Tasks after which a child is replaced, so that leaks of native code end.
+    time_limit_s
+        Wall seconds after which a task counts as hung.
+    threads
+        Threads of numerical libraries in a child.
+    memory_limit_bytes
+        What a task's processes may use together; None for nine tenths of the host's memory.
+    recycle_above_bytes
+        Memory that a child holds between tasks above which it is replaced.
+    """
+
+    recycle_after: int = 50
+    time_limit_s: float = 7200.0
+    threads: int = 1
+    memory_limit_bytes: int | None = None
+    recycle_above_bytes: int = 1 << 30
+
+
+class Child:
+    """A process that runs one call at a time, started at need and replaced when it dies or is old."""
+
+    def __init__(self, root: Path, settings: ChildSettings) -> None:
+        self._root = root
+        self._settings = settings
+        scratch.sweep()
+        self._scratch = scratch.Scratch()
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115  (lives as long as this object)
+        self._process: subprocess.Popen[bytes] | None = None  # the guard of the child
+        self._served = 0
+        self._interrupted = threading.Event()
+
+    def __enter__(self) -> "Child":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+        self._scratch.close()
+
+    def run(self, call: "Call | Shipment", expected_bytes: int = 0) -> Outcome:
+        """Run a call; whatever happens to the child becomes a failure of this call alone.
+
+        Parameters
+        ----------
+        call
+            What to run, on files at hand or with products that travel through a store.
+        expected_bytes
+            Expected peak memory. Where its host runs short, a task far above this ends; 0 if not known.
+
+        Raises
+        ------
+        ProcessKilled
+            The child was killed by somebody else; the call may be tried again.
+        Interrupted
+            `interrupt` was called meanwhile.
+        """
+        if self._is_old():
+            self.close()
+        kills = host_memory.out_of_memory_kills()
+        answer, peak = self._answer(call, expected_bytes)
+        if answer == STALE:
+            self.close()
+            answer, peak = self._answer(call, expected_bytes)
+        object_id = call.request.object_id
+        if isinstance(answer, Outcome):
+            self._served += 1
+            if answer.failure is not None and host_memory.out_of_memory_kills() > kills:
+                answer = replace(answer, failure=replace(answer.failure, remedy=FEWER_WORKERS))
+            return replace(answer, peak_bytes=max(answer.peak_bytes, peak))
+        if isinstance(answer, Failure):
+            self._kill()
+            failure = replace(answer, detail=self._tail())
+        elif answer == STALE:
+            finding = "the code of this stage changed while the run was going on"
+            failure = Failure(object_id, finding, "Run again.")
+        else:
+            failure = self._reason(object_id, host_memory.out_of_memory_kills() > kills)
+        return Outcome(object_id, failure, peak_bytes=peak)
+
+    def interrupt(self) -> None:
+        """Give up the call that runs, from any thread; the one that is in `run` gets `Interrupted`."""
+        self._interrupted.set()
+        process = self._process
+        if process is not None:
+            process.send_signal(signal.SIGTERM)
+
+    def close(self) -> None:
+        """End the child; the next call starts another."""
+        self._kill()
+
+    def _answer(self, call: "Call | Shipment", expected_bytes: int) -> tuple[Any, int]:
+        """Return what a child answers, a `Failure` where it was too slow or too large, None where it died.
+
+        Beside it, the peak memory that was seen.
+        """
+        self._interrupted.clear()
+        process = self._started()
+        self._log.seek(0)
+        self._log.truncate()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        watch = MemoryWatch(process.pid, self._settings.memory_limit_bytes, expected_bytes)
+        try:
+            send(process.stdin, call)
+            failure = self._watched(process.stdout.fileno(), watch, call.request.object_id)
+            answer = failure or receive(process.stdout)
+        except BrokenPipeError:
+            answer = None
+        except BaseException:
+            self._kill()
+            raise
+        if self._interrupted.is_set() and not isinstance(answer, Outcome):
+            self._kill()
+            raise Interrupted(call.request.object_id)
+        return answer, watch.peak_bytes
+
+    def _watched(self, answers: int, watch: MemoryWatch, object_id: str) -> Failure | None:
+        """Wait until a child answers or ends; return why it must end before."""
+        limit_s = self._settings.time_limit_s
+        deadline = time.monotonic() + limit_s
+        poll = select.poll()
+        poll.register(answers, select.POLLIN)
+        while (left := deadline - time.monotonic()) > 0:
+            if poll.poll(1000 * min(left, watch.pause_s)):
+                return None
+            failure = watch.look(object_id)
+            if failure is not None:
+                return failure
+            if os.fstat(self._log.fileno()).st_size > LOG_LIMIT_BYTES:
+                self._log.seek(0)
+                self._log.truncate()
+        return Failure(object_id, f"no answer within {limit_s:g} s", "Raise time_limit_s of the cluster.")
+
+    def _is_old(self) -> bool:
+        if self._process is None:
+            return False
+        resting = resident_bytes(descendants(self._process.pid))
+        return self._served >= self._settings.recycle_after or resting > self._settings.recycle_above_bytes
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        if self._process is None or self._process.poll() is not None:
+            self._kill()
+            self._served = 0
+            folder = str(self._scratch.path)
+            path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
+            environment = {
+                **os.environ,
+                **GLIBC,  # Dask's workers are told to keep nothing, for they keep data; tasks do not
+                **instructions.settings(),
+                "OMP_WAIT_POLICY": "PASSIVE",
+                "PYTHONHASHSEED": "0",
+                "PYTHONPATH": path,  # that processes of a task find the same code as the task
+                "TMPDIR": folder,
+            }
+            environment.update(dict.fromkeys(THREADS, str(self._settings.threads)))
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "pipeline.sandbox.guard", folder],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._log,
+                cwd=self._root,
+                env=environment,
+                start_new_session=True,  # so that signals of a terminal are the starter's alone
+            )
+        return self._process
+
+    def _reason(self, object_id: str, out_of_memory: bool) -> Failure:
+        """Return why a child ended without an answer."""
+        assert self._process is not None
+        code = self._process.wait()
+        self._kill()
+        if code == -signal.SIGKILL and not out_of_memory:
+            raise ProcessKilled("its process was killed (SIGKILL)")
+        if code == -signal.SIGKILL:
+            finding, remedy = (
+                "its process was killed by the system, which had run out of memory",
+                FEWER_WORKERS,
+            )
+        elif code < 0:
+            finding, remedy = f"its process crashed ({signal.Signals(-code).name})", DEFECT
+        else:
+            finding, remedy = f"its process ended (exit {code})", DEFECT
+        return Failure(object_id, finding, remedy, self._tail())
+
+    def _kill(self) -> None:
+        """End the guard and, by it, all that it guards; then what is left if the guard was killed."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.send_signal(signal.SIGTERM)
+            process.wait(GUARD_ENDS_S)
+        if process.poll() is None:
+            process.kill()
+        if process.wait() == -signal.SIGKILL:
+            end_with_variable("TMPDIR", str(self._scratch.path))
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
+
+    def _tail(self) -> str:
+        size = self._log.seek(0, os.SEEK_END)
+        self._log.seek(max(0, size - LOG_TAIL_BYTES))
+        return self._log.read().decode(errors="replace")

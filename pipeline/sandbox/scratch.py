@@ -1,0 +1,89 @@
+"""Folders for what tasks leave while they run, in one place, each named after the process that owns it.
+
+``TMPDIR/objectfolder-UID/HOST~PID~START~RANDOM``: an owner that was killed removes nothing, but its name
+tells that it is dead, and the next run (or ``clean``) does.
+"""
+
+import os
+import shutil
+import socket
+import tempfile
+import weakref
+from pathlib import Path
+
+from objectfolder.errors import InputError
+from pipeline.sandbox.process_tree import end_with_variable
+
+SEPARATOR = "~"
+
+
+class Scratch:
+    """A folder that goes with this object, or with the process at the latest.
+
+    Parameters
+    ----------
+    kind
+        A word of the name, for people who look.
+    """
+
+    def __init__(self, kind: str = "task") -> None:
+        owner = (socket.gethostname(), str(os.getpid()), _start_of(os.getpid()), f"{kind}-")
+        self.path = Path(tempfile.mkdtemp(prefix=SEPARATOR.join(owner), dir=home()))
+        self._remove = weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+
+    def close(self) -> None:
+        """Remove the folder and all in it."""
+        self._remove()
+
+
+def home() -> Path:
+    """Return the folder of all scratch folders of this user, made at need.
+
+    Raises
+    ------
+    InputError
+        It belongs to somebody else.
+    """
+    path = Path(tempfile.gettempdir()) / f"objectfolder-{os.getuid()}"
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    status = path.lstat()
+    if path.is_symlink() or status.st_uid != os.getuid():
+        raise InputError(
+            str(path), "belongs to another user", "Remove it, or set TMPDIR to a folder of yours."
+        )
+    return path
+
+
+def abandoned() -> list[Path]:
+    """Return the scratch folders on this host whose owner is dead."""
+    folders = (path for path in home().iterdir() if path.is_dir() and not path.is_symlink())
+    return sorted(path for path in folders if _owner_is_dead(path.name))
+
+
+def sweep() -> list[Path]:
+    """Remove the folders of dead owners, and return them; processes that still work there end."""
+    folders = abandoned()
+    for path in folders:
+        end_with_variable("TMPDIR", str(path))
+        shutil.rmtree(path, ignore_errors=True)
+    return folders
+
+
+def _owner_is_dead(name: str) -> bool:
+    """Whether a scratch folder's owner was a process of this host and is no more."""
+    host, _, rest = name.partition(SEPARATOR)
+    pid, _, rest = rest.partition(SEPARATOR)
+    start, _, _ = rest.partition(SEPARATOR)
+    if host != socket.gethostname() or not pid.isdecimal():
+        return False
+    return _start_of(int(pid)) != start
+
+
+def _start_of(pid: int) -> str:
+    """Return what tells a process from a later one with the same id; empty where there is none."""
+    import psutil
+
+    try:
+        return f"{psutil.Process(pid).create_time():.2f}"
+    except psutil.NoSuchProcess:
+        return ""

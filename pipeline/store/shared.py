@@ -1,0 +1,150 @@
+"""The shared store behind the memo: a cache, so where it fails a run goes on without it.
+
+It says so once, leaves the store alone for a while and then tries again. Names of products that could
+not be shared wait in ``.objectfolder/outbox``, and the end of a run settles them, be it the next run's.
+"""
+
+import contextlib
+import functools
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from objectfolder.atomic import atomic_write
+from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
+from pipeline.dataset import products
+from pipeline.store.storage import STORE, Store, default_patience_s
+
+PATIENCE_S = 20.0  # for what a run can do without
+REST_S = 60.0
+OUTBOX = "outbox"
+
+T = TypeVar("T")
+
+
+class Cache:
+    """A store that may fail.
+
+    Parameters
+    ----------
+    url
+        Of the store.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._store: Store | None = None
+        self._rests_until = 0.0
+        self._warned = False
+
+    def attempt(self, action: Callable[[Store], T], otherwise: T) -> T:
+        """Return what `action` does with the store, or `otherwise` where it fails.
+
+        Raises
+        ------
+        InputError
+            A store that cannot be used as it is named.
+        """
+        if time.monotonic() < self._rests_until:
+            return otherwise
+        try:
+            store = self._store or self._opened()
+        except SimulationError as error:
+            return self._without(error, otherwise)
+        try:
+            return action(store)
+        except ObjectFolderError as error:
+            return self._without(error, otherwise)
+
+    def _opened(self) -> Store:
+        store = Store(self._url, min(PATIENCE_S, default_patience_s()))
+        store.check()
+        self._store = store
+        return store
+
+    def _without(self, error: ObjectFolderError, otherwise: T) -> T:
+        self._rests_until = time.monotonic() + REST_S
+        if not self._warned:
+            print(f"warning: {error.where}: {error.finding}; the run goes on without it", file=sys.stderr)
+        self._warned = True
+        return otherwise
+
+
+def share(state: Path, name: str, path: Path) -> None:
+    """Put a product into the shared store, if there is one; what fails waits in the outbox under `state`."""
+    if (cache := _cache()) is None:
+        return
+    note = state / OUTBOX / name.replace("/", ".")
+    with contextlib.suppress(OSError), atomic_write(note) as file:
+        file.write(f"{name}\n{path}".encode())
+    with contextlib.suppress(InputError):
+        if cache.attempt(lambda store: _put(store, name, path), False):
+            note.unlink(missing_ok=True)
+
+
+def fetch(names: Sequence[str], targets: Sequence[Path]) -> bool:
+    """Copy products from the shared store; False unless all were there.
+
+    Raises
+    ------
+    InputError
+        A store that cannot be used as it is named.
+    """
+    if (cache := _cache()) is None:
+        return False
+    pairs = list(zip(names, targets, strict=True))
+    return cache.attempt(lambda store: all(store.get(name, target) for name, target in pairs), False)
+
+
+def discard(names: Sequence[str]) -> None:
+    """Remove damaged products from the shared store."""
+    if (cache := _cache()) is not None:
+        for name in names:
+            cache.attempt(functools.partial(Store.remove, name=name), None)
+
+
+def settle(state: Path) -> None:
+    """Put what waits in the outbox under `state` into the shared store."""
+    if (cache := _cache()) is None:
+        return
+    waiting = 0
+    for note in sorted((state / OUTBOX).glob("[0-9a-f]*")):
+        try:
+            name, _, path = note.read_text().partition("\n")
+        except OSError:
+            continue  # another run settled it
+        source = _standing(name.split("/")[1], (state / "memo" / name, Path(path)))
+        if source is None or cache.attempt(functools.partial(_put, name=name, path=source), False):
+            note.unlink(missing_ok=True)
+        else:
+            waiting += 1
+    if waiting:
+        print(f"warning: {waiting} products are not in {os.environ[STORE]} yet; a later run puts them there",
+              file=sys.stderr)  # fmt: skip
+
+
+def _put(store: Store, name: str, path: Path) -> bool:
+    store.put(path, name)
+    return True
+
+
+def _standing(fingerprint: str, candidates: Sequence[Path]) -> Path | None:
+    """Return the first file that is a product with this fingerprint."""
+    for path in candidates:
+        with contextlib.suppress(FormatError):
+            if products.read_fingerprint(path) == fingerprint:
+                return path
+    return None
+
+
+def _cache() -> Cache | None:
+    url = os.environ.get(STORE)
+    return _cache_at(url) if url else None
+
+
+@functools.cache
+def _cache_at(url: str) -> Cache:
+    return Cache(url)

@@ -1,0 +1,285 @@
+"""Jobs for workers that do not share the data folder: inputs and products travel through a store.
+
+The driver's `Courier` publishes a job's inputs and collects its products; the `Shipment` between the two
+runs in the worker's child process. Everything in the store is named by its content (products by
+fingerprint, source files by SHA-256), so what is there already is not sent again, and a second writer
+changes nothing.
+"""
+
+import functools
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
+from objectfolder.geometry.source_files import source_files
+from objectfolder.provenance import file_digest
+from pipeline.dataset import products
+from pipeline.dataset.crew import Job
+from pipeline.dataset.task import Call, Outcome, Request, failure_of
+from pipeline.store import memo
+from pipeline.store.input_cache import InputCache, open_cache
+from pipeline.store.storage import STORE, Store, product_name, source_name
+
+MESH, TEXTURE = "mesh", "texture"
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """An input of a job.
+
+    Parameters
+    ----------
+    place
+        Path below the job's folder, with slashes; source files lie to one another as at home.
+    content
+        Fingerprint of a product, SHA-256 of a source file.
+    is_product
+        Which of the two.
+    """
+
+    place: str
+    content: str
+    is_product: bool
+
+    @property
+    def name(self) -> str:
+        """Its name in the store."""
+        if not self.is_product:
+            return source_name(self.content)
+        return product_name(self.content, memo.memo_name(Path(self.place)))
+
+    def check(self, path: Path) -> None:
+        """Raise FormatError unless the file at `path` is this one, whole."""
+        if self.is_product:
+            _check_product(path, self.content)
+        elif file_digest(path) != self.content:
+            raise FormatError(str(path), "another content than its name says", "Run again.")
+
+
+@dataclass(frozen=True)
+class Shipment:
+    """A call with all its inputs in a store, to be run anywhere.
+
+    Parameters
+    ----------
+    call
+        The call; its paths mean nothing where it runs.
+    parcels
+        Its inputs by name.
+    url
+        The store.
+    """
+
+    call: Call
+    parcels: Mapping[str, Parcel]
+    url: str
+
+    @property
+    def request(self) -> Request:
+        """What the task body gets, but for the paths."""
+        return self.call.request
+
+    @property
+    def stage(self) -> str:
+        """Name of the stage."""
+        return self.call.stage
+
+    @property
+    def task(self) -> str:
+        """``module:function`` of the task body."""
+        return self.call.task
+
+    @property
+    def parts(self) -> Mapping[str, Any]:
+        """Parts of the fingerprint."""
+        return self.call.parts
+
+    def run(self, execute: Callable[[Call], Outcome]) -> Outcome:
+        """Fetch inputs, run the call in this process, and put its products into the store, last of all.
+
+        Products that are there already (or here, from a job that could not send them) are not made
+        again; the outcome then has no cost.
+        """
+        try:
+            store, cache = _store(self.url), open_cache()
+            with tempfile.TemporaryDirectory(prefix="shipment-") as folder:
+                return self._run(execute, store, cache, Path(folder))
+        except ObjectFolderError as error:
+            return self._failed(error)
+        except OSError as error:  # this host's disk
+            where, finding = error.filename or tempfile.gettempdir(), error.strerror or str(error)
+            return self._failed(SimulationError(str(where), finding, "Free space on the worker's disk."))
+
+    def _run(
+        self, execute: Callable[[Call], Outcome], store: Store, cache: InputCache, folder: Path
+    ) -> Outcome:
+        places = [f"made/{target.parent.name}/{target.name}" for target in self.call.targets]
+        targets = tuple(_below(folder, place) for place in places)
+        names = _product_names(self.call)
+        check = functools.partial(_check_product, fingerprint=self.call.fingerprint)
+        outcome = Outcome(self.request.object_id, fingerprint=self.call.fingerprint)
+        if all(store.size(name) for name in names):
+            return outcome
+        if all(cache.find(name, target, check) for name, target in zip(names, targets, strict=True)):
+            _send(store, names, targets)
+            return outcome
+        inputs = self._fetch(store, cache, folder)
+        request = replace(self.request, inputs=inputs)
+        outcome = execute(replace(self.call, request=request, targets=targets, memo=None))
+        if outcome.failure is None:
+            for name, target in zip(names, targets, strict=True):
+                cache.add(name, target)
+            _send(store, names, targets)
+        return outcome
+
+    def _fetch(self, store: Store, cache: InputCache, folder: Path) -> dict[str, Path]:
+        inputs = {name: _below(folder, parcel.place) for name, parcel in self.parcels.items()}
+        for name, parcel in self.parcels.items():
+            try:
+                found = cache.fetch(store, parcel.name, inputs[name], parcel.check)
+            except FormatError as error:
+                raise SimulationError(
+                    store.url, f"its copy of the input {name} was damaged", "Run again: it is sent anew."
+                ) from error
+            if not found:
+                raise SimulationError(store.url, f"the input {name} is gone", "Run again: it is sent anew.")
+        if MESH in inputs:
+            wanted = {os.path.normpath(path) for path in source_files(inputs[MESH], inputs.get(TEXTURE))}
+            if wanted != {str(path) for name, path in inputs.items() if not self.parcels[name].is_product}:
+                raise InputError(
+                    self.request.object_id,
+                    "its mesh refers to files by a path that workers elsewhere do not have",
+                    "Refer to them by paths relative to the mesh.",
+                )
+        return inputs
+
+    def _failed(self, error: ObjectFolderError) -> Outcome:
+        object_id = self.request.object_id
+        return Outcome(object_id, failure_of(object_id, error), fingerprint=self.call.fingerprint)
+
+
+class Courier:
+    """The driver's side; its methods may be called from several threads.
+
+    Parameters
+    ----------
+    root
+        Root of the data set.
+    url
+        The store; None for the one that ``OBJECTFOLDER_STORE`` names.
+
+    Raises
+    ------
+    InputError
+        No store, or one that cannot be used.
+    SimulationError
+        It cannot be reached.
+    """
+
+    def __init__(self, root: Path, url: str | None = None) -> None:
+        url = url or os.environ.get(STORE)
+        if not url:
+            remedy = f"Set {STORE} to a store that they reach, or share the folder."
+            raise InputError("workers", "they do not share the data folder", remedy)
+        self._root = root
+        self._store = Store(url)
+        self._store.check()
+
+    def publish(self, job: Job) -> Shipment:
+        """Put a job's inputs into the store, as far as they are not there.
+
+        Raises
+        ------
+        InputError, SimulationError
+            A file that is gone or changed, or a store that fails.
+        """
+        parcels = _parcels(job)
+        for name, parcel in parcels.items():
+            path = job.call.request.inputs[name]
+            try:
+                if self._store.size(parcel.name) != path.stat().st_size:
+                    self._send(path, parcel)
+            except FileNotFoundError as error:
+                raise InputError(path.name, "an input that was there is gone", "Run again.") from error
+        call = replace(job.call, request=replace(job.call.request, inputs={}), memo=None)
+        return Shipment(call, parcels, self._store.url)
+
+    def collect(self, job: Job) -> None:
+        """Put a finished job's products into place, each verified, and into the memo.
+
+        Raises
+        ------
+        FormatError
+            A product was missing or damaged; what was there is removed, and the job has to run again.
+        InputError, SimulationError
+            The store or the disk fails.
+        """
+        call = job.call
+        folder = call.memo or memo.memo_folder(self._root, call.fingerprint)
+        if memo.take(folder, call.fingerprint, call.targets, self._store):
+            return
+        for name in _product_names(call):
+            self._store.remove(name)
+        raise FormatError(self._store.url, f"the product of {job.key} is missing or damaged", "Run again.")
+
+    def _send(self, path: Path, parcel: Parcel) -> None:
+        try:
+            parcel.check(path)
+        except FormatError as error:
+            raise InputError(path.name, "changed since the run began", "Run again.") from error
+        self._store.put(path, parcel.name)
+
+
+def _parcels(job: Job) -> dict[str, Parcel]:
+    """Return what a job's inputs are and where they belong."""
+    object_id, inputs = job.call.request.object_id, job.call.request.inputs
+    made = {name for name, path in inputs.items() if _is_product(name, path, object_id)}
+    sources = {name: os.path.normpath(path.absolute()) for name, path in inputs.items() if name not in made}
+    common = os.path.commonpath([os.path.dirname(path) for path in sources.values()]) if sources else ""
+    places = {name: f"sources/{Path(path).relative_to(common).as_posix()}" for name, path in sources.items()}
+    places.update({name: f"products/{name}/{inputs[name].name}" for name in made})
+    return {name: Parcel(places[name], job.inputs[name], name in made) for name in inputs}
+
+
+def _is_product(name: str, path: Path, object_id: str) -> bool:
+    return path.parent.name == name and path.name in (object_id + products.ZARR, object_id + products.TENSORS)
+
+
+def _product_names(call: Call) -> list[str]:
+    return [product_name(call.fingerprint, memo.memo_name(target)) for target in call.targets]
+
+
+def _check_product(path: Path, fingerprint: str) -> None:
+    products.verify(path)
+    if products.read_fingerprint(path) != fingerprint:
+        raise FormatError(
+            str(path), "another fingerprint than its name says", "Delete it; a run makes it again."
+        )
+
+
+def _send(store: Store, names: list[str], targets: tuple[Path, ...]) -> None:
+    for name, target in zip(names, targets, strict=True):
+        store.put(target, name)
+
+
+def _below(folder: Path, place: str) -> Path:
+    """Return a path below `folder`.
+
+    Raises
+    ------
+    InputError
+        A place that would lie elsewhere.
+    """
+    parts = PurePosixPath(place)
+    if parts.is_absolute() or ".." in parts.parts:
+        raise InputError(place, "a path outside the job's folder", "Rename the file.")
+    return folder / parts
+
+
+@functools.cache
+def _store(url: str) -> Store:
+    return Store(url)
