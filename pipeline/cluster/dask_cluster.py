@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from objectfolder.errors import SimulationError
 from pipeline.cluster import machine_cluster, tls
 from pipeline.cluster.dask_crew import DaskCrew, Patience
 from pipeline.cluster.dask_settings import settings
@@ -19,6 +20,49 @@ from pipeline.sandbox import scratch
 
 HERE = ("local", "cuda")  # kinds whose workers are this installation by construction
 SOON_S = 120.0  # within which workers that are not queued for are there
+
+
+@contextlib.contextmanager
+def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
+    """Start or join the cluster that a place describes; yield a connected client, and end what was started.
+
+    The client's scheduler may have no worker yet. A started worker has a thread for each core that its tasks
+    may use, and a memory limit that is its part of the host's memory.
+
+    Parameters
+    ----------
+    place
+        Where to run.
+    root
+        The data folder, absolute.
+    tasks_at_most
+        Tasks that there will be: no more threads are asked for.
+
+    Yields
+    ------
+    distributed.Client
+        It is not the default client of this process.
+
+    Raises
+    ------
+    SimulationError
+        The scheduler does not answer.
+    """
+    with contextlib.ExitStack() as stack:
+        scratch.sweep()
+        dask_files = scratch.Scratch("dask")
+        stack.callback(dask_files.close)
+        stack.enter_context(settings({"temporary-directory": str(dask_files.path), **place.dask}))
+        certificates = _certificates(place, root)
+        security = tls.security(certificates) if certificates else None
+        address = stack.enter_context(_started(place, root, tasks_at_most, security, certificates))
+        tls.warn_if_open(address, certificates)
+        try:
+            client = stack.enter_context(_connected(address, security, place.reconnect_s))
+        except OSError as error:
+            finding = f"no scheduler answers ({error})"
+            raise SimulationError("cluster", finding, "Start it, or correct its address.") from error
+        yield client
 
 
 @contextlib.contextmanager
