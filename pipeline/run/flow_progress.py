@@ -1,7 +1,5 @@
-"""What a person sees of running stages: one line that changes on a terminal, a line now and then in a log."""
+"""What a person sees of running stages: bars on a terminal, a line now and then in a log."""
 
-import os
-import shutil
 import sys
 import threading
 import time
@@ -9,17 +7,16 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import TextIO
 
-from pipeline.run.forecast.time_to_go import TimeToGo
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
 
-COMPUTED, KEPT, RESTORED, FAILED = "computed", "kept", "restored", "failed"
-REDRAW_S = 0.2  # at most this often on a terminal
-TICK_S = 1.0  # and this often where nothing happens
-LOG_INTERVAL_S = (15.0, 60.0)  # between lines of a log: growing from the first to the second
-LOG_SHARE = 0.1  # of the time that went by
+LOG_INTERVAL_S = 30.0
 
 
 class FlowProgress:
-    """Objects done, kept, failed and left in each of several stages, workers, rate and time to go.
+    """Objects settled and left in each of several stages, busy workers and time to go.
 
     Parameters
     ----------
@@ -28,9 +25,7 @@ class FlowProgress:
     stream
         Where it shows; standard error by default.
     clock
-        Seconds that pass.
-    ticking
-        Whether the line is renewed while nothing happens.
+        Returns seconds that grow.
     """
 
     def __init__(
@@ -38,151 +33,104 @@ class FlowProgress:
         stages: Mapping[str, Sequence[str]],
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
-        ticking: bool = True,
     ) -> None:
-        self._stream = sys.stderr if stream is None else stream
-        self._terminal = self._stream.isatty() and os.environ.get("TERM") != "dumb"
-        self._clock = clock
-        self._begin = clock()
-        self._said = -float("inf")
-        self._counts: dict[str, Counter[str]] = {stage: Counter() for stage in stages}
-        self._to_go = TimeToGo(stages, clock)
-        self._workers: tuple[int, int] | None = None
-        self._lock = threading.RLock()
+        self._stages, self._stream, self._clock = stages, stream or sys.stderr, clock
+        self._outcomes: dict[str, Counter[str]] = {stage: Counter() for stage in stages}
+        self._left: dict[str, dict[str, float]] = {stage: {} for stage in stages}  # object to seconds
+        self._expected, self._took = dict.fromkeys(stages, 0.0), dict.fromkeys(stages, 0.0)  # ended tasks
+        self._earliest: dict[str, float] = {}  # object to the time before which it cannot be ready
+        self._busy, self._total = 0, 1
+        self._lock = threading.Lock()
         self._closed = threading.Event()
-        self._ticking = ticking
-        self._ticker: threading.Thread | None = None
+        self._thread = threading.Thread(target=self._show, daemon=True)
 
     def expect(self, stage: str, object_id: str, seconds: float) -> None:
         """Count an object as left in a stage; its task is expected to take `seconds`."""
         with self._lock:
-            self._to_go.expect(stage, object_id, seconds)
+            self._left[stage][object_id] = seconds
+            self._earliest[object_id] = self._clock() + self._chain(object_id)
 
     def settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
-        """Count what became of an object: `COMPUTED`, `KEPT`, `RESTORED` or `FAILED`.
-
-        Parameters
-        ----------
-        stage
-            The stage.
-        object_id
-            The object, left until now or never.
-        outcome
-            What became of it.
-        seconds
-            What its task took, 0 where none ran.
-        """
+        """Count the outcome of an object in a stage; its task took `seconds`, 0 where none ran."""
         with self._lock:
-            self._counts[stage][KEPT if outcome == RESTORED else outcome] += 1
-            self._to_go.settle(stage, object_id, seconds)
+            self._outcomes[stage][outcome] += 1
+            expected = self._left[stage].pop(object_id, 0.0)
+            if seconds > 0:
+                self._expected[stage] += expected
+                self._took[stage] += seconds
+            self._earliest[object_id] = self._clock() + self._chain(object_id)
 
     def workers(self, busy: int, total: int) -> None:
-        """Note how many workers there are and how many have something to do; shows the line."""
-        with self._lock:
-            self._workers = busy, total
-            self._to_go.workers(busy, total)
-        self.show()
-
-    def show(self) -> None:
-        """Show the line, if it is time to."""
-        with self._lock:
-            if self._closed.is_set() or not self._to_go.left():
-                return
-            if self._ticking and self._ticker is None:
-                self._ticker = threading.Thread(target=self._tick, daemon=True)
-                self._ticker.start()
-            now = self._clock()
-            first, last = LOG_INTERVAL_S
-            log_interval = min(max(first, LOG_SHARE * (now - self._begin)), last)
-            if now - self._said >= (REDRAW_S if self._terminal else log_interval):
-                self._said = now
-                self._write(self.line(self._columns() - 1 if self._terminal else None))
+        """Note how many workers there are and how many are busy; the first call begins to show."""
+        self._busy, self._total = busy, total
+        if not self._thread.ident and any(self._left.values()):
+            self._thread.start()
 
     def close(self) -> None:
-        """Show how it ended, a line a stage."""
+        """Stop, and write the outcomes of each stage on a line."""
+        self._closed.set()
+        if self._thread.ident:
+            self._thread.join()
+        for stage, counts in self._outcomes.items():
+            print(f"{stage}: {_words(counts)}", file=self._stream, flush=True)
+
+    def seconds_to_go(self) -> float:
+        """Return work left over workers, or the longest chain of one object: no schedule is faster."""
         with self._lock:
-            if self._closed.is_set():
-                return
-            self._closed.set()
-            seconds = self._clock() - self._begin
-            computed = any(counts[COMPUTED] for counts in self._counts.values())
-            lines = [f"{stage}: {_counted(counts, 0, all_of=True)}" for stage, counts in self._counts.items()]
-            if computed:
-                lines[-1] += f" in {duration(seconds)}"
-            self._write("\n".join(lines) + ("\n" if self._terminal else ""))
-        if self._ticker is not None and self._ticker is not threading.current_thread():
-            self._ticker.join()
+            work = sum(self._pace(stage) * sum(left.values()) for stage, left in self._left.items())
+            chain = max(self._earliest.values(), default=0.0) - self._clock()
+        return max(work / max(1, self._total), chain)
 
-    def line(self, width: int | None = None) -> str:
-        """Return the line as it stands, at most `width` characters of it."""
-        left = self._to_go.left_by_stage()
-        head = []
-        seconds = self._to_go.seconds()
-        if seconds is not None:
-            head.append(f"{duration(seconds)} to go")
-        rate = self._rate()
-        if rate:
-            head.append(rate)
-        if self._workers is not None:
-            head.append(f"{self._workers[0]} of {self._workers[1]} workers busy")
-        current = [stage for stage in self._counts if left.get(stage)]
-        full = [f"{stage}: {_counted(self._counts[stage], left[stage])}" for stage in current]
-        short = [f"{stage} {_share(self._counts[stage], left[stage])}" for stage in current]
-        text = ""
-        for parts in (full, short):
-            text = " | ".join(filter(None, [", ".join(head), *parts]))
-            if width is None or len(text) <= width:
-                return text
-        return text[: max(0, width - 1)] + "…" if width is not None else text
-
-    def _rate(self) -> str:
-        computed = sum(counts[COMPUTED] for counts in self._counts.values())
-        elapsed = self._clock() - self._begin
-        if not computed or elapsed <= 0:
-            return ""
-        for unit, length in (("s", 1.0), ("min", 60.0)):
-            if computed / elapsed * length >= 1:
-                return f"{computed / elapsed * length:.3g} tasks/{unit}"
-        return f"{computed / elapsed * 3600:.3g} tasks/h"
-
-    def _columns(self) -> int:
-        try:
-            return os.get_terminal_size(self._stream.fileno()).columns or 80
-        except (OSError, ValueError):
-            return shutil.get_terminal_size((110, 24)).columns
-
-    def _write(self, text: str) -> None:
-        # Text first and then the rest of the old line cleared: the line never shows empty.
-        clear = "\033[K"
-        self._stream.write(
-            f"\r{text.replace(chr(10), clear + chr(10))}{clear}" if self._terminal else f"{text}\n"
+    def line(self) -> str:
+        """Return the state in one line."""
+        return " | ".join(
+            [self._status(), *(f"{stage} {done}/{total}" for stage, done, total in self._counts())]
         )
-        self._stream.flush()
 
-    def _tick(self) -> None:
-        while not self._closed.wait(TICK_S):
-            self.show()
+    def _show(self) -> None:
+        console = Console(file=self._stream, force_terminal=self._stream.isatty(), highlight=False)
+        while not console.is_interactive:
+            print(self.line(), file=self._stream, flush=True)
+            if self._closed.wait(LOG_INTERVAL_S):
+                return
+        screen = sys.stdout.isatty()  # what goes to a file must not land on the terminal
+        with Live(get_renderable=self._bars, console=console, transient=True, redirect_stdout=screen):
+            self._closed.wait()
+
+    def _bars(self) -> Group:
+        bars = Table.grid(padding=(0, 2))
+        for stage, done, total in self._counts():
+            words = _words(self._outcomes[stage])
+            bars.add_row(stage, ProgressBar(total, done, width=24), f"{done}/{total}", words)
+        return Group(bars, self._status())
+
+    def _counts(self) -> list[tuple[str, int, int]]:
+        settled = {stage: counts.total() for stage, counts in self._outcomes.items()}
+        return [(stage, done, done + len(self._left[stage])) for stage, done in settled.items()]
+
+    def _status(self) -> str:
+        return f"{duration(self.seconds_to_go())} to go, {self._busy} of {self._total} workers busy"
+
+    def _pace(self, stage: str) -> float:
+        """Return the ratio of seconds taken to seconds expected."""
+        return self._took[stage] / self._expected[stage] if self._expected[stage] else 1.0
+
+    def _chain(self, object_id: str) -> float:
+        """Return the seconds of the longest chain of tasks left of an object."""
+        ready: dict[str, float] = {}
+        for stage, before in self._stages.items():
+            own = self._pace(stage) * self._left[stage].get(object_id, 0.0)
+            ready[stage] = own + max((ready.get(other, 0.0) for other in before), default=0.0)
+        return max(ready.values(), default=0.0)
 
 
 def duration(seconds: float) -> str:
-    """Return seconds as a person says them."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    minutes = seconds / 60
-    if minutes < 100:
-        return f"{minutes:.0f} min"
-    hours = minutes / 60
-    return f"{hours:.1f} h" if hours < 100 else f"{hours / 24:.1f} days"
+    """Return seconds in the unit that suits them."""
+    for size, unit, decimals in ((1, "s", 0), (60, "min", 0), (3600, "h", 1)):
+        if seconds < 100 * size:
+            return f"{max(0.0, seconds) / size:.{decimals}f} {unit}"
+    return f"{seconds / 86400:.1f} days"
 
 
-def _counted(counts: Counter[str], left: int, all_of: bool = False) -> str:
-    """Return the counts of a stage in words; those that are 0 only if `all_of`."""
-    named = [(counts[COMPUTED], "done"), (counts[KEPT], "kept"), (counts[FAILED], "failed")]
-    words = [f"{number} {word}" for number, word in named if number or all_of]
-    return ", ".join([*words, f"{left} left"] if left else words)
-
-
-def _share(counts: Counter[str], left: int) -> str:
-    settled = sum(counts.values())
-    failed = f" ({counts[FAILED]} failed)" if counts[FAILED] else ""
-    return f"{settled}/{settled + left}{failed}"
+def _words(counts: Counter[str]) -> str:
+    return ", ".join(f"{number} {outcome}" for outcome, number in sorted(counts.items())) or "no object"
