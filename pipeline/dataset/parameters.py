@@ -1,22 +1,33 @@
 """``params.yaml`` as frozen dataclasses: what gives the data its meaning, and nothing else."""
 
-import dataclasses
-import difflib
-import types
-import typing
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal
 
-import yaml
+from pydantic import BeforeValidator, ConfigDict, ValidationInfo
+from pydantic.dataclasses import dataclass
 
 from objectfolder.errors import InputError
+from pipeline.dataset.validation import own_error, read_yaml, validated
 
-Section = TypeVar("Section")
+NO_OTHER_KEYS = ConfigDict(extra="forbid")
 
 
-@dataclass(frozen=True)
+def _sensor(source: object, info: ValidationInfo) -> dict[str, Any]:
+    """Return all of the sensor that a size names, by name or by a path from the folder of the file.
+
+    So its content is what a product is made from, and a change of its file makes products anew.
+    """
+    from objectfolder.touch.sensor_file import read_sensor
+
+    if not isinstance(source, str):
+        raise ValueError("Give a name or the path of a file")
+    try:
+        return read_sensor(source, (info.context or {})["root"]).to_dict()
+    except InputError as error:
+        raise own_error(error) from error
+
+
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class ObjectsParameters:
     """Which objects: a table (path from the root of the data set), and the ids to take (none: all)."""
 
@@ -24,7 +35,7 @@ class ObjectsParameters:
     only: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class VisionParameters:
     """Ground truth of vision; distances in unit-frame lengths, angles in degrees."""
 
@@ -39,7 +50,7 @@ class VisionParameters:
     passes: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class AudioParameters:
     """Ground truth of audio; `accuracy_cents` is the wanted error of the first 50 frequencies."""
 
@@ -50,12 +61,12 @@ class AudioParameters:
     held_out_points: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class TouchParameters:
     """Ground truth of touch; `sensor` is all of the sensor that the file names, `contact` a contact model."""
 
-    sensor: dict[str, Any]
-    contact: typing.Literal["rigid", "elastic"]
+    sensor: Annotated[dict[str, Any], BeforeValidator(_sensor)]
+    contact: Literal["rigid", "elastic"]
     touches: int
     held_out_touches: int
     depth_m: tuple[float, float]
@@ -63,14 +74,14 @@ class TouchParameters:
     at_vertices: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class VisionNetParameters:
     """Effort of fitting VisionNet: steps of its optimiser."""
 
     steps: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class AudioNetParameters:
     """Effort of fitting AudioNet: the gain error to reach, decibels, and the bytes not to exceed."""
 
@@ -78,7 +89,7 @@ class AudioNetParameters:
     most_bytes: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class EncodeParameters:
     """Effort of the encoders; TouchNet has nothing to fit."""
 
@@ -86,21 +97,36 @@ class EncodeParameters:
     audionet: AudioNetParameters
 
 
-@dataclass(frozen=True)
-class Parameters:
-    """All parameters of a run, of the selected size."""
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
+class SizeParameters:
+    """What a size decides."""
 
-    size: str
-    seed: int
-    allow_failures: bool
-    objects: ObjectsParameters
     vision: VisionParameters
     audio: AudioParameters
     touch: TouchParameters
     encode: EncodeParameters
 
 
-COMMON = ("size", "seed", "allow_failures", "objects")
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
+class CommonParameters:
+    """What is the same in all sizes."""
+
+    size: str
+    seed: int
+    allow_failures: bool
+    objects: ObjectsParameters
+
+
+@dataclass(frozen=True)
+class Parameters(SizeParameters, CommonParameters):
+    """All parameters of a run, of the selected size."""
+
+
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
+class ParametersFile(CommonParameters):
+    """``params.yaml`` as it is written: a mistake in a size not selected is a mistake all the same."""
+
+    sizes: dict[str, SizeParameters]
 
 
 def read_parameters(path: Path) -> Parameters:
@@ -111,121 +137,18 @@ def read_parameters(path: Path) -> Parameters:
     InputError
         A missing or unknown key, a value of a wrong type, a size that is not described.
     """
-    where = path.name
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
-    if not isinstance(content, dict):
-        raise InputError(where, "holds no keys", "Restore it from version control.")
-    check_keys(where, "", content, (*COMMON, "sizes"))
-    sizes = content["sizes"]
-    if not isinstance(sizes, dict) or content["size"] not in sizes:
-        known = ", ".join(map(str, sizes)) if isinstance(sizes, dict) else "none"
-        raise InputError(where, f"size: {content['size']!r} is not described", f"Known sizes are {known}.")
-    for name, described in sizes.items():
-        if not isinstance(described, dict):
-            raise InputError(where, f"sizes.{name}: holds no sections", "Restore it from version control.")
-    common = {name: content[name] for name in COMMON}
-    selected = ""
-    for name, described in sizes.items():  # a mistake in a size not selected now is a mistake all the same
-        prefix = f"sizes.{name}."
-        check_keys(where, prefix, described, _sections())
-        described = _with_sensor(where, prefix, described, path.parent)
-        parsed = parse(where, "", Parameters, {**common, **described}, {key: prefix for key in described})
-        if name == content["size"]:
-            selected, result = name, parsed
-    assert selected
-    return result
-
-
-def _with_sensor(where: str, prefix: str, described: Mapping[str, Any], root: Path) -> dict[str, Any]:
-    """Put the sensor that a size names, by name or by a path from `root`, in place of its name.
-
-    So its content is what a product is made from, and a change of its file makes products anew.
-    """
-    touch = described["touch"]
-    if not isinstance(touch, dict) or "sensor" not in touch:
-        return dict(described)
-    source = touch["sensor"]
-    if not isinstance(source, str):
-        raise InputError(where, f"{prefix}touch.sensor is {source!r}", "Give a name or the path of a file.")
-    from objectfolder.touch.sensor_file import read_sensor
-
-    try:
-        sensor = read_sensor(source, root).to_dict()
-    except InputError as error:
-        finding = f"{prefix}touch.sensor: {error.where}: {error.finding}"
-        raise InputError(where, finding, error.remedy) from error
-    return {**described, "touch": {**touch, "sensor": sensor}}
-
-
-def check_keys(where: str, prefix: str, content: Mapping[str, Any], known: typing.Sequence[str]) -> None:
-    """Raise `InputError` for an unknown key, naming the nearest known one, and for a missing key."""
-    for key in content:
-        if key not in known:
-            nearest = difflib.get_close_matches(str(key), known, 1, 0.5)
-            remedy = f"Did you mean {prefix}{nearest[0]}?" if nearest else f"Known are {', '.join(known)}."
-            raise InputError(where, f"unknown key {prefix}{key}", remedy)
-    for key in known:
-        if key not in content:
-            raise InputError(where, f"no key {prefix}{key}", "Add it; version control has the original.")
-
-
-def parse(
-    where: str,
-    prefix: str,
-    section: type[Section],
-    content: Any,
-    origins: Mapping[str, str] = types.MappingProxyType({}),
-) -> Section:
-    """Return `content` as the dataclass `section`, every value of the type it declares.
-
-    Parameters
-    ----------
-    where
-        File name for messages.
-    prefix
-        Dotted name of the section, with a dot at its end.
-    origins
-        Prefix of keys that do not come from `prefix`.
-    """
-    if not isinstance(content, dict):
-        raise InputError(where, f"{prefix.rstrip('.')} is {content!r}", "It must be a section with keys.")
-    kinds = typing.get_type_hints(section)
-    check_keys(where, prefix, content, tuple(kinds))
-    values = {key: _value(where, origins.get(key, prefix) + key, kinds[key], content[key]) for key in kinds}
-    return section(**values)
-
-
-def _value(where: str, name: str, kind: Any, value: Any) -> Any:
-    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-        return parse(where, f"{name}.", kind, value)
-    if typing.get_origin(kind) is tuple:
-        kinds = typing.get_args(kind)
-        repeated = len(kinds) == 2 and kinds[1] is Ellipsis
-        if not isinstance(value, list) or not (repeated or len(value) == len(kinds)):
-            count = "any number of" if repeated else str(len(kinds))
-            raise InputError(where, f"{name} is {value!r}", f"It must be a list of {count} values.")
-        each = [kinds[0]] * len(value) if repeated else kinds
-        return tuple(
-            _value(where, f"{name}[{index}]", one, entry)
-            for index, (one, entry) in enumerate(zip(each, value, strict=True))
-        )
-    if typing.get_origin(kind) is typing.Literal:
-        if value in typing.get_args(kind):
-            return value
-        raise InputError(where, f"{name} is {value!r}", f"It must be {' or '.join(typing.get_args(kind))}.")
-    if typing.get_origin(kind) is dict and isinstance(value, dict):
-        return value
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
-        return value
-    # YAML reads 1e-3 as text: its numbers need a dot before the exponent.
-    hint = " (write 1.0e-3, not 1e-3)" if kind is float and isinstance(value, str) else ""
-    raise InputError(where, f"{name} is {value!r}", f"It must be a {kind.__name__}{hint}.")
-
-
-def _sections() -> tuple[str, ...]:
-    return tuple(entry.name for entry in dataclasses.fields(Parameters) if entry.name not in COMMON)
+    file = validated(path.name, ParametersFile, read_yaml(path), {"root": path.parent})
+    if file.size not in file.sizes:
+        known = ", ".join(file.sizes)
+        raise InputError(path.name, f"size: {file.size!r} is not described", f"Known sizes are {known}.")
+    described = file.sizes[file.size]
+    return Parameters(
+        size=file.size,
+        seed=file.seed,
+        allow_failures=file.allow_failures,
+        objects=file.objects,
+        vision=described.vision,
+        audio=described.audio,
+        touch=described.touch,
+        encode=described.encode,
+    )

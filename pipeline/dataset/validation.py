@@ -1,0 +1,116 @@
+"""What a YAML file says, as typed classes: pydantic's findings with file, field, value and remedy."""
+
+import difflib
+import json
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from objectfolder.errors import InputError
+
+Kind = TypeVar("Kind")
+
+OWN = "input_error"
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+MISSING = ("missing", "missing_argument")
+SECTION = ("dataclass_type", "model_type", "dict_type", "model_attributes_type")
+
+
+def read_yaml(path: Path) -> Any:
+    """Return what a YAML file holds.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read.
+    """
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
+
+
+def validated(where: str, kind: type[Kind], content: Any, context: Mapping[str, Any] | None = None) -> Kind:
+    """Return `content` as `kind`, a dataclass or model of pydantic; no value is converted to another type.
+
+    Parameters
+    ----------
+    where
+        File name for messages.
+    kind
+        Its fields should forbid others (``extra="forbid"``).
+    content
+        As YAML has it. Lists become tuples and integers become floats where `kind` says so.
+    context
+        For validators of `kind`.
+
+    Raises
+    ------
+    InputError
+        The first mistake: field, value and remedy. Of an unknown field, the nearest known one is named.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(
+            json.dumps(content, default=str), strict=True, context=dict(context or {})
+        )
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+        # A misspelt key is also a missing one; its own name says more.
+        first = next((one for one in found if one["type"] in UNKNOWN), found[0])
+        raise _input_error(where, kind, first) from None
+
+
+def own_error(error: InputError) -> PydanticCustomError:
+    """Return what a validator raises for an `InputError`, so that it is told with the field's name."""
+    said = {"finding": f"{error.where}: {error.finding}", "remedy": error.remedy}
+    return PydanticCustomError(OWN, "{finding}", said)
+
+
+def _input_error(where: str, kind: Any, error: ErrorDetails) -> InputError:
+    name, value = _dotted(error["loc"]), error["input"]
+    if error["type"] == OWN:
+        return InputError(where, f"{name}: {error['ctx']['finding']}", error["ctx"]["remedy"])
+    if error["type"] in UNKNOWN:
+        *section, key = error["loc"]
+        known = _fields(kind, section)
+        nearest = difflib.get_close_matches(str(key), known, 1, 0.5)
+        remedy = (
+            f"Did you mean {_dotted([*section, nearest[0]])}?"
+            if nearest
+            else f"Known are {', '.join(known)}."
+        )
+        return InputError(where, f"unknown key {name}", remedy)
+    if error["type"] in MISSING:
+        what = "value" if isinstance(error["loc"][-1], int) else "key"
+        return InputError(where, f"no {what} {name}", "Add it; version control has the original.")
+    if error["type"] in SECTION:
+        finding = f"{name} is {value!r}" if name else "holds no keys"
+        return InputError(where, finding, "It must be a section with keys.")
+    rule = error["msg"].removeprefix("Value error, ").rstrip(".")
+    remedy = f"{rule.replace('Input should be', 'It must be')}."
+    if error["type"] == "float_type" and isinstance(value, str):
+        remedy += " YAML reads 1e-3 as text: write 1.0e-3, not 1e-3."
+    return InputError(where, f"{name} is {value!r}", remedy)
+
+
+def _dotted(parts: Sequence[str | int]) -> str:
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
+    return text.removeprefix(".")
+
+
+def _fields(kind: Any, path: Sequence[str | int]) -> list[str]:
+    """Return the names of the fields of the section at a path within `kind`."""
+    fields = getattr(kind, "__pydantic_fields__", None)
+    if fields is not None:
+        if not path:
+            return list(fields)
+        return _fields(fields[path[0]].annotation, path[1:]) if path[0] in fields else []
+    one_of = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    rest = path if one_of else path[1:]
+    return [name for part in typing.get_args(kind) for name in _fields(part, rest)]
