@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from objectfolder.errors import InputError
-from pipeline.publish.report.measures import BYTES, HEADLINE, Measure
+from pipeline.dataset.measures import BYTES, HEADLINE, Measure
 
 OTHERS = (
     Measure("touch.ssim", "Touch, structural similarity", "", 4, True, ""),

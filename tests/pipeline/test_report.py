@@ -13,6 +13,7 @@ from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 
 from objectfolder.errors import InputError
 from objectfolder.store import Product, write_product
+from pipeline.dataset.measures import HEADLINE, number_at
 from pipeline.publish.report.charts import setting_medians, speed_error_chart
 from pipeline.publish.report.costs import read_costs
 from pipeline.publish.report.formats import (
@@ -27,7 +28,6 @@ from pipeline.publish.report.formats import (
     short_bytes,
     web_link,
 )
-from pipeline.publish.report.measures import HEADLINE, number_at
 from pipeline.publish.report.sounds import sound_pair
 from pipeline.publish.report.writing import write_report
 

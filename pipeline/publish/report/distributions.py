@@ -5,8 +5,8 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pipeline.dataset.measures import Measure
 from pipeline.publish.report import formats
-from pipeline.publish.report.measures import Measure
 from pipeline.publish.report.object_records import Record
 
 WIDTH, HEIGHT = 280.0, 112.0

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from pipeline.dataset.measures import BYTES, HEADLINE, RANKING, SENSES, number_at
 from pipeline.publish.report import formats
 from pipeline.publish.report.charts import Chart, setting_medians, speed_error_chart
 from pipeline.publish.report.costs import Costs
 from pipeline.publish.report.distributions import Distribution, distribution, measure_distribution
-from pipeline.publish.report.measures import BYTES, HEADLINE, RANKING, SENSES, number_at
 from pipeline.publish.report.object_page import SENSE_NAMES, page_name
 from pipeline.publish.report.object_records import Failure, Record, worst_first
 from pipeline.publish.report.rivals import rival_charts

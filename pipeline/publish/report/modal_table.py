@@ -9,7 +9,7 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.fidelity.sounds import cents
-from pipeline.publish.report.measures import number_at
+from pipeline.dataset.measures import number_at
 from pipeline.publish.report.stored_products import OpenProducts
 
 

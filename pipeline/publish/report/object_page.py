@@ -11,9 +11,9 @@ from typing import Any
 import jinja2
 
 from objectfolder.provenance import canonical_json
+from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, number_at
 from pipeline.dataset.records import SAFE_ID
 from pipeline.publish.report.costs import Costs
-from pipeline.publish.report.measures import BYTE_PARTS, HEADLINE, number_at
 from pipeline.publish.report.modal_table import ModeRow, modal_table
 from pipeline.publish.report.object_records import PRODUCT_SUFFIX, Failure, Record
 from pipeline.publish.report.queries import queries

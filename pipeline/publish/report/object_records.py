@@ -7,7 +7,7 @@ from typing import Any
 
 from objectfolder.errors import FormatError
 from objectfolder.store import read_attributes
-from pipeline.publish.report.measures import smallest_margin_db
+from pipeline.dataset.measures import smallest_margin_db
 
 PRODUCT_SUFFIX = ".zarr.zip"
 

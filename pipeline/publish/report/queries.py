@@ -8,9 +8,9 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.fidelity.images import psnr_db
+from pipeline.dataset.measures import number_at
 from pipeline.publish.report.archive import Archive
 from pipeline.publish.report.contacts import Contact, contacts
-from pipeline.publish.report.measures import number_at
 from pipeline.publish.report.pictures import picture_uri
 from pipeline.publish.report.sounds import SoundPair, sound_pair
 from pipeline.publish.report.stored_products import OpenProducts

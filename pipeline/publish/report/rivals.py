@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pipeline.dataset.measures import number_at
 from pipeline.publish.report.charts import (
     BOTTOM,
     HEIGHT,
@@ -19,7 +20,6 @@ from pipeline.publish.report.charts import (
     path_of,
 )
 from pipeline.publish.report.formats import seconds
-from pipeline.publish.report.measures import number_at
 
 # Shapes tell curves apart without their colour.
 SHAPES = ("circle", "square", "triangle", "diamond", "cross", "ring", "box", "plus")

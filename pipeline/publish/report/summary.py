@@ -4,8 +4,8 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pipeline.dataset.measures import HEADLINE, Measure, number_at
 from pipeline.publish.report.costs import Costs
-from pipeline.publish.report.measures import HEADLINE, Measure, number_at
 from pipeline.publish.report.object_records import Record
 
 

@@ -7,8 +7,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pipeline.publish.report.costs import Costs
-from pipeline.publish.report.measures import (
+from pipeline.dataset.measures import (
     BYTE_PARTS,
     BYTES,
     HEADLINE,
@@ -17,6 +16,7 @@ from pipeline.publish.report.measures import (
     Measure,
     number_at,
 )
+from pipeline.publish.report.costs import Costs
 from pipeline.publish.report.object_records import Failure, Record
 
 SPEED_ERROR_COLUMNS = (
