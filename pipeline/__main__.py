@@ -5,21 +5,13 @@ import errno
 import importlib
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from objectfolder.errors import ObjectFolderError
 from pipeline.cli.data_set_commands import COMMANDS
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    from pipeline.dataset.crew import Crew
-    from pipeline.dataset.task import Failure
 
 PARAMETERS = "params.yaml"
 STARTER = "data/starter"
@@ -68,61 +60,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(root: Path, command: str) -> int:
     """Run what changes the data set, one at a time."""
-    from pipeline.run.exclusive import exclusive
-    from pipeline.run.run_log import RUN_ID
-    from pipeline.run.run_record import new_run_id
+    from pipeline.dataset.stages import STAGES
+    from pipeline.publish.data_set import make_dataset, make_report
+    from pipeline.run.stage_run import converge_stages, data_set_run
 
-    # What this starts is part of the same run: its parts share a record, and try no failure twice.
-    os.environ.setdefault(RUN_ID, new_run_id())
     # A terminal that closes, or a batch system that stops a run, ends it as the keyboard does.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupted)
     names = {"products": "all products", "dataset": "the data set"}
-    with exclusive(root, names.get(command, f"stage {command}")):
+    with data_set_run(root, names.get(command, f"stage {command}")):
         if command == "starter":
             return make_starter_set(root)
         if command == "report":
-            return make_report(root)
+            make_report(root)
+            return 0
         if command == "dataset":
-            return make_dataset(root)
-        return converge_stages(root, STAGE_NAMES if command == "products" else [command])
+            code = make_dataset(root)
+            failed = show_failures(root)
+            if code == 0:
+                print(f"Object Files: data/object_files/\nReport:       {REPORTS}/index.html")
+            return code or failed
+        return converge_stages(root, tuple(STAGES) if command == "products" else [command])
 
 
 def _interrupted(number: int, frame: object) -> None:
     raise KeyboardInterrupt
-
-
-def converge_stages(root: Path, names: Sequence[str]) -> int:
-    """Converge stages over all objects; return 1 where one does not stand."""
-    from pipeline.cluster.places import read_place
-    from pipeline.dataset.parameters import read_parameters
-    from pipeline.dataset.records import read_records, read_table, write_records
-    from pipeline.dataset.stages import STAGES
-    from pipeline.run.converge import converge
-
-    parameters = read_parameters(root / PARAMETERS)
-    if "objects" in names:
-        records = read_table(root, parameters.objects)
-        write_records(root, records)
-    else:
-        records = read_records(root)
-    place = read_place(root)
-    stages = [STAGES[name] for name in names]
-
-    def crew_for(jobs: int) -> "AbstractContextManager[Crew]":
-        from pipeline.cluster.cluster import crew
-
-        return crew(place, root, jobs, stages)
-
-    summaries = converge(
-        stages,
-        root,
-        parameters,
-        records.rows,
-        crew_for,
-        records.refused if "objects" in names else (),
-    )
-    return max(summary.exit_code(parameters.allow_failures) for summary in summaries)
 
 
 def select(root: Path, objects: str | None, only: str | None) -> int:
@@ -141,61 +103,15 @@ def make_starter_set(root: Path) -> int:
     return 0
 
 
-def make_report(root: Path) -> int:
-    """Write the tables, the pages and the cards of the data set."""
-    from pipeline.dataset.stages import FIDELITY
-    from pipeline.publish.cards.all_cards import write_cards
-    from pipeline.publish.report.writing import write_report
-    from pipeline.run.run_log import costs_path
-
-    failures = [
-        {"object": failure.object_id, "stage": stage, "error": failure.error, "remedy": failure.remedy}
-        for stage, failure in all_failures(root)
-    ]
-    write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, failures)
-    write_cards(root, root / REPORTS)
-    return 0
-
-
-def make_dataset(root: Path) -> int:
-    """Make all products with no barrier between stages, then let DVC see, report and record them."""
-    from pipeline.dataset.stages import OBJECT_FILES
-
-    dvc = [sys.executable, "-m", "dvc", "repro"]
-    failed_before = bool(all_failures(root))
-    code = subprocess.run([*dvc, "--quiet", "starter"], cwd=root, check=False).returncode
-    if code:
-        return code
-    converge_stages(root, STAGE_NAMES)
-    if failed_before or all_failures(root):
-        dvc.append("--force")  # what is finished is kept all the same
-    code = subprocess.run(dvc, cwd=root, check=False).returncode
-    failed = show_failures(root)
-    if code == 0:
-        print(f"Object Files: {OBJECT_FILES.folder}/\nReport:       {REPORTS}/index.html")
-    return code or failed
-
-
 def show_failures(root: Path) -> int:
     """Print what failed in the last run of each stage; return 1 if anything did."""
     from pipeline.run.failure_table import failure_table
+    from pipeline.run.stage_run import all_failures
 
     failures = [replace(failure, error=f"{stage}: {failure.error}") for stage, failure in all_failures(root)]
     if failures:
         print(failure_table(failures))
     return 1 if failures else 0
-
-
-def all_failures(root: Path) -> list[tuple[str, "Failure"]]:
-    """Return the first failure of each object in the last runs, with its stage; paths from `root`."""
-    from pipeline.run.run_log import read_failures
-
-    first: dict[str, tuple[str, Failure]] = {}
-    for stage in STAGE_NAMES:
-        for failure in read_failures(root, stage):
-            error = failure.error.replace(f"{root}/", "")
-            first.setdefault(failure.object_id, (stage, replace(failure, error=error)))
-    return list(first.values())
 
 
 def _parser(chosen: Sequence[str]) -> argparse.ArgumentParser:

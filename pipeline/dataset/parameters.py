@@ -9,6 +9,7 @@ from pydantic.dataclasses import dataclass
 from objectfolder.errors import InputError
 from pipeline.dataset.validation import own_error, read_yaml, validated
 
+PARAMETERS = "params.yaml"
 NO_OTHER_KEYS = ConfigDict(extra="forbid")
 
 
