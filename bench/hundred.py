@@ -19,7 +19,8 @@ from bench.record import RESULTS, write
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
-from pipeline.run.forecast.known_costs import costs_of, product_bytes
+from pipeline.run.costs import known_costs
+from pipeline.run.forecast.estimates import last_taken
 from pipeline.run.run_log import read_failures
 
 # Column of the table, and whether a larger value is the better one.
@@ -44,7 +45,7 @@ def main() -> None:
     parser.add_argument("root", type=Path, help="a data set with its report")
     root = parser.parse_args().root
     table = root / "reports" / "per_object.csv"
-    finished = {cost.stage for cost in costs_of(root)}
+    finished = {cost.stage for cost in last_taken(known_costs(root))}
     if unfinished := [name for name in STAGES if name not in finished]:
         parser.error(
             f"{root}: nothing is known of the costs of {', '.join(unfinished)}: make the data set first"
@@ -102,9 +103,9 @@ def summary(rows: Sequence[Mapping[str, str]], name: str, larger_is_better: bool
 
 def stage_cost(root: Path, stage: str) -> dict[str, Any]:
     """Return CPU seconds, largest peak of memory and bytes of the products of a stage."""
-    costs = [cost for cost in costs_of(root) if cost.stage == stage]
+    costs = [cost for cost in last_taken(known_costs(root)) if cost.stage == stage]
     cpu = sorted(cost.cpu_s for cost in costs)
-    sizes = [product_bytes(root, STAGES[stage], cost.object_id) or 0 for cost in costs]
+    paths = [path for cost in costs for path in STAGES[stage].targets(root, cost.object_id)]
     return {
         "tasks": len(cpu),
         "cpu_s": {
@@ -114,7 +115,7 @@ def stage_cost(root: Path, stage: str) -> dict[str, Any]:
             "most": cpu[-1],
         },
         "peak_memory_bytes": max(cost.memory_bytes for cost in costs),
-        "product_bytes": sum(sizes),
+        "product_bytes": sum(path.stat().st_size for path in paths if path.is_file()),
     }
 
 

@@ -7,38 +7,44 @@ in them; CPU seconds show it less.
 """
 
 import argparse
-from dataclasses import replace
+import csv
 from pathlib import Path
 
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
-from pipeline.run.forecast.known_costs import PACKAGED, costs_of, product_bytes, write_costs
+from pipeline.run.costs import known_costs
+from pipeline.run.forecast.estimates import PACKAGED, last_taken
 from pipeline.run.forecast.loads import Loads
+
+COLUMNS = ("object", "stage", "load", "cpu_seconds", "wall_seconds", "peak_memory_mb", "product_bytes")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="costs of data sets, for the package")
     parser.add_argument("roots", type=Path, nargs="+", help="data sets")
-    costs = {}
+    rows = {}
     for root in parser.parse_args().roots:
         listed = read_table(root, read_parameters(root / "params.yaml").objects).rows
         loads = Loads(root)
-        for cost in costs_of(root):
-            if cost.object_id not in listed or cost.stage not in STAGES:
-                continue
-            sources = STAGES[cost.stage].sources
-            size = (
-                next(path.stat().st_size for path in sources(listed[cost.object_id]).values())
-                if sources
-                else None
-            )
-            load = loads.of(cost.stage, cost.object_id, size)
-            made = product_bytes(root, STAGES[cost.stage], cost.object_id)
-            costs[cost.object_id, cost.stage] = replace(cost, load=load, product_bytes=made)
+        for one in last_taken(known_costs(root)):
+            if one.object_id in listed and one.stage in STAGES:
+                load = loads.of(one.stage, one.object_id)
+                targets = STAGES[one.stage].targets(root, one.object_id)
+                rows[one.stage, one.object_id] = {
+                    "object": one.object_id,
+                    "stage": one.stage,
+                    "load": "" if load is None else f"{load:.6g}",
+                    "cpu_seconds": round(one.cpu_s, 2),
+                    "wall_seconds": round(one.wall_s, 2),
+                    "peak_memory_mb": round(one.memory_bytes / 1e6, 1),
+                    "product_bytes": sum(path.stat().st_size for path in targets),
+                }
     order = list(STAGES)
-    rows = sorted(costs.values(), key=lambda cost: (order.index(cost.stage), cost.object_id))
-    write_costs(rows, PACKAGED)
+    with PACKAGED.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows[key] for key in sorted(rows, key=lambda key: (order.index(key[0]), key[1])))
     print(f"{len(rows)} rows in {PACKAGED.name}")
 
 

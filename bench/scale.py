@@ -2,22 +2,19 @@
 
     python -m bench.scale [--tasks 100000] [--crew-tasks 20000] [--objects 20000]
 
-Empty tasks go through plain Dask (`client.submit` of all at once), through `pipeline.run.dispatch` and the
-crew of Dask workers (each task in a child process, answers as events), and through the dispatch alone,
-in virtual time.
+Empty tasks go through plain Dask (`client.submit` of all at once), and through `pipeline.run.dispatch` and
+the crew of Dask workers (each task in a child process, answers as events).
 Scheduler, workers and driver are processes of their own; CPU seconds and resident memory are theirs,
 messages and bytes are those of Dask's streams between them. Objects with nothing to do are planned by
 `pipeline.run.flow`, first with nothing remembered and then again.
 
-Then what many objects take: each is drawn, with all that its tasks took, from the scans of
-``pipeline/run/forecast/known_costs.csv``, and sent through the real dispatch in virtual time; beyond what is
-simulated, figures grow in proportion. Prices are assumptions (`CPU_HOUR`, `GB_MONTH`).
+Then what many objects take, in proportion to the scans of ``pipeline/run/forecast/known_costs.csv``.
+Prices are assumptions (`CPU_HOUR`, `GB_MONTH`).
 """
 
 import argparse
 import json
 import os
-import random
 import tempfile
 import time
 from collections.abc import Callable
@@ -30,7 +27,7 @@ import psutil
 from bench.record import write
 from objectfolder.tensor_file import TensorFile
 from pipeline.dataset import products
-from pipeline.dataset.crew import BLENDER, Job, Lost
+from pipeline.dataset.crew import Job, Lost
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.stage import ProductInput, Stage
@@ -39,31 +36,22 @@ from pipeline.dataset.task import Call, Request
 from pipeline.dataset.verified import Verified
 from pipeline.run.dispatch import Dispatch
 from pipeline.run.flow import Flow
-from pipeline.run.forecast.drawn_objects import drawn_objects, known_objects
-from pipeline.run.forecast.estimates import Estimates, fit
-from pipeline.run.forecast.known_costs import packaged_costs
-from pipeline.run.forecast.simulated_flow import Work, lower_bound_s, run_flow
-from pipeline.run.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
+from pipeline.run.forecast.estimates import Estimates, packaged_costs
 
 REPOSITORY = Path(__file__).parents[1]
 WORKERS = 2
-SLOTS = 512
-SIMULATED = ((1000, 8), (1000, 64), (1000, 512), (10_000, 512))  # objects and workers
-AWAY_EVERY_S, AWAY_S = 7200.0, 300.0  # mean time between losses of a worker, and until it is back
 PROJECTED = (1000, 100_000, 10_000_000)
 CPU_HOUR, GB_MONTH = 0.04, 0.023  # US dollars, of the order of list prices on demand in 2025
 COMPARED = (
-    "Empty tasks through plain Dask, through this project's dispatch and crew of Dask workers, and through "
-    "its dispatch alone in virtual time: CPU seconds, messages, bytes and memory a task; planning of objects "
-    "that are as they should be: CPU seconds an object"
+    "Empty tasks through plain Dask and through this project's dispatch and crew of Dask workers: CPU "
+    "seconds, messages, bytes and memory a task; planning of objects that are as they should be: CPU seconds "
+    "an object"
 )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="what a task costs beside its own work")
-    parser.add_argument(
-        "--tasks", type=int, default=100_000, help="through plain Dask and the dispatch alone"
-    )
+    parser.add_argument("--tasks", type=int, default=100_000, help="through plain Dask")
     parser.add_argument("--crew-tasks", type=int, default=20_000, help="through dispatch and workers")
     parser.add_argument("--objects", type=int, default=20_000, help="to plan")
     given = parser.parse_args()
@@ -72,16 +60,13 @@ def main() -> None:
     for name, measure, count in (
         ("plain_dask", plain_dask, given.tasks),
         ("dispatch_and_crew", through_crew, given.crew_tasks),
-        ("dispatch_alone", dispatch_alone, given.tasks),
         ("planning", planning, given.objects),
     ):
         figures[name] = measure(count)
         print(name, json.dumps(figures[name]), flush=True)
-    figures["makespans"] = makespans()
     figures["projection"] = {str(count): projection(count) for count in PROJECTED}
     settings = {
         "workers": WORKERS,
-        "simulated_slots": SLOTS,
         "assumed_price_of_a_cpu_hour": CPU_HOUR,
         "assumed_price_of_a_gb_month": GB_MONTH,
         "load_of_the_machine": os.getloadavg()[0],
@@ -134,25 +119,6 @@ def through_crew(count: int) -> dict[str, Any]:
             return _observed(client, run, count)
 
 
-def dispatch_alone(count: int) -> dict[str, Any]:
-    crew = SimulatedCrew(hosts(SLOTS // 8, 8), seconds=lambda job: 30.0 + len(job.key) % 7)
-    dispatch = Dispatch(crew)
-    jobs = [Job(call_of("s", f"o{index}"), 30.0, float(index % 97), 10**9) for index in range(count)]
-    before = psutil.Process().memory_info().rss
-    begin = time.process_time()
-    for job in jobs:
-        dispatch.add(job)
-    added = time.process_time() - begin
-    ended = sum(not isinstance(event, Lost) for event in dispatch.events())
-    assert ended == count
-    return {
-        "tasks": count,
-        "add_us_a_task": added / count * 1e6,
-        "loop_us_a_task": (time.process_time() - begin - added) / count * 1e6,
-        "bytes_a_task": (psutil.Process().memory_info().rss - before) / count,
-    }
-
-
 def planning(count: int) -> dict[str, Any]:
     """An input and a product for each object, both as they should be."""
     made, wanted = ProductKind("data/made", TENSORS), ProductKind("data/wanted", TENSORS)
@@ -198,56 +164,12 @@ def _plan(root: Path, stage: Stage, parameters: Any, rows: dict[str, dict[str, A
     }
 
 
-def makespans() -> list[dict[str, Any]]:
-    """Of objects drawn from the known ones, without losses and with workers that come and go."""
-    known = known_objects(packaged_costs(), list(STAGES), seed=0)
-    follows = {name: stage.follows for name, stage in STAGES.items()}
-    models = {name: fit([costs[name] for costs in known.values()]) for name in STAGES}
-    found = []
-    for count, workers in SIMULATED:
-        objects = {
-            object_id: {
-                stage: Work(
-                    cost.cpu_s,
-                    guess := models[stage].cpu.of(cost.load),
-                    guess * models[stage].spread,
-                    needs=STAGES[stage].needs,
-                )
-                for stage, cost in costs.items()
-            }
-            for object_id, costs in drawn_objects(known, count, seed=1).items()
-        }
-        slots = hosts(max(1, workers // 8), 8, [BLENDER])
-        bound = lower_bound_s(objects, follows, workers)
-        row = {"objects": count, "workers": workers, "bound_s": bound}
-        row["makespan_s"] = run_flow(objects, follows, slots).makespan_s
-        if count <= 1000:
-            away = _absences([slot.name for slot in slots], 2 * row["makespan_s"])
-            row["makespan_with_losses_s"] = run_flow(objects, follows, slots, absences=away).makespan_s
-        found.append(row)
-    return found
-
-
-def _absences(names: list[str], until_s: float) -> list[Absence]:
-    rng = random.Random(0)
-    found = []
-    for name in names:
-        moment = rng.expovariate(1 / AWAY_EVERY_S)
-        while moment < until_s:
-            found.append(Absence(name, moment, moment + AWAY_S))
-            moment += AWAY_S + rng.expovariate(1 / AWAY_EVERY_S)
-    return found
-
-
 def projection(count: int) -> dict[str, float]:
     """What so many objects take in all."""
-    known = known_objects(packaged_costs(), list(STAGES), seed=0)
-    cpu_h = float(np.mean([sum(cost.cpu_s for cost in costs.values()) for costs in known.values()])) / 3600
-    made = {
-        stage: [costs[stage].product_bytes for costs in known.values() if costs[stage].product_bytes]
-        for stage in STAGES
-    }
-    gigabytes = sum(float(np.mean(sizes)) for sizes in made.values()) / 1e9
+    costs = packaged_costs()
+    objects = len({one.object_id for one in costs})
+    cpu_h = sum(one.cpu_s for one in costs) / objects / 3600
+    gigabytes = sum(one.product_bytes for one in costs) / objects / 1e9
     return {
         "tasks": count * len(STAGES),
         "product_files": count * sum(len(stage.products) for stage in STAGES.values()),

@@ -10,7 +10,7 @@ from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.lock_file import DIRECTORY
 from pipeline.audit.versions import PER_OBJECT, Version
-from pipeline.run.run_log import costs_path
+from pipeline.run.costs import Costs, number
 
 CPU_COLUMN = "cpu_seconds."
 
@@ -27,26 +27,19 @@ class KnownCosts:
     """
 
     def __init__(self, root: Path, version: Version) -> None:
-        self._by_fingerprint: dict[str, float] = {}
-        path = costs_path(root)
-        if path.is_file():
-            with path.open(newline="", encoding="utf-8", errors="replace") as file:
-                for row in csv.DictReader(file):
-                    seconds = _number(row.get("cpu_seconds"))
-                    if seconds is not None and row.get("fingerprint"):
-                        self._by_fingerprint[row["fingerprint"]] = seconds
+        self._measured = Costs(root)
         self._reported: dict[tuple[str, str], float] = {}
         text = version.texts.get(PER_OBJECT, b"").decode(errors="replace")
         for row in csv.DictReader(io.StringIO(text)):
             for column, value in row.items():
-                seconds = _number(value)
+                seconds = number(value)
                 if isinstance(column, str) and column.startswith(CPU_COLUMN) and seconds is not None:
                     self._reported[row.get("id") or "", column.removeprefix(CPU_COLUMN)] = seconds
 
     def of(self, object_id: str, stage: str, fingerprint: str) -> float | None:
         """Return the CPU seconds of a product, None where nobody noted them."""
-        known = self._by_fingerprint.get(fingerprint)
-        return self._reported.get((object_id, stage)) if known is None else known
+        known = self._measured.of(fingerprint)
+        return known.cpu_s if known else self._reported.get((object_id, stage))
 
 
 @dataclass(frozen=True)
@@ -129,11 +122,3 @@ def _sizes(
     far = {md5 for sizes in found.values() for md5, size in sizes.items() if size is None}
     known = contents.sizes_far(far)
     return {path: {md5: known.get(md5, size) for md5, size in sizes.items()} for path, sizes in found.items()}
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if 0 <= value < 1e12 else None

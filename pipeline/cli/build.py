@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
     from pipeline.dataset.records import row_of
     from pipeline.dataset.stages import OBJECT_FILES, STAGES
     from pipeline.run.converge import converge
-    from pipeline.run.run_log import Costs
+    from pipeline.run.costs import costs_path, read_costs
 
     output = Path(options.output)
     if output.suffix != ".safetensors":
@@ -88,9 +88,9 @@ def run(options: argparse.Namespace) -> None:
         output.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(OBJECT_FILES.path(root, object_id), output)
         seconds = {
-            name: cost.cpu_s
-            for name, stage in STAGES.items()
-            if (cost := Costs(root, name).last_of(object_id)) is not None
+            cost.stage: cost.cpu_s
+            for cost in read_costs(costs_path(root))
+            if cost.object_id == object_id and cost.stage in STAGES and cost.cpu_s is not None
         }
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
     for line in fidelity_lines(objectfolder.load(output)):

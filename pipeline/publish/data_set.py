@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from pipeline.dataset.stages import FIDELITY, STAGES
-from pipeline.run.run_log import costs_path
+from pipeline.run.costs import costs_path
 from pipeline.run.stage_run import all_failures, converge_stages
 
 REPORTS = "reports"

@@ -18,11 +18,12 @@ from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.task import Failure
 from pipeline.dataset.verified import Verified
+from pipeline.run.costs import Costs
 from pipeline.run.dispatch import Dispatch
 from pipeline.run.failure_table import failure_table
 from pipeline.run.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
-from pipeline.run.run_log import Costs, read_failures_by_fingerprint, write_run
+from pipeline.run.run_log import read_failures_by_fingerprint, write_run
 from pipeline.run.run_record import RunRecord
 from pipeline.store import memo
 
@@ -87,7 +88,7 @@ def converge(
     """
     removed = {stage.name: _tidy(stage, root, rows) for stage in stages}
     verified = Verified(root)
-    costs = {stage.name: Costs(root, stage.name) for stage in stages}
+    costs = Costs(root)
     tried = {stage.name: read_failures_by_fingerprint(root, stage.name) for stage in stages}
     progress = FlowProgress({stage.name: sorted(stage.follows) for stage in stages})
 
@@ -113,7 +114,7 @@ def converge(
         for stage in stages:
             earlier = tuple(refused) if stage is stages[0] else ()
             summary = _summary(stage.name, flow, removed[stage.name], earlier)
-            _log(summary, root, flow.fingerprints(stage.name), costs[stage.name])
+            _log(summary, root, flow.fingerprints(stage.name), costs)
             record.stage(
                 stage.name,
                 len(summary.kept),
@@ -136,7 +137,7 @@ def _run(
     jobs: Sequence[Job],
     flow: Flow,
     crew_for: CrewFor,
-    costs: Mapping[str, Costs],
+    costs: Costs,
     record: RunRecord,
     progress: FlowProgress,
 ) -> None:
@@ -154,7 +155,7 @@ def _run(
                 record.note("lost", task=event.job.key, slot=event.slot, reason=event.reason)
                 continue
             if event.outcome.failure is None and event.outcome.wall_s > 0:
-                costs[stage].add(event.outcome)
+                costs.add(stage, event.outcome)
             record.task(stage, event.outcome, event.slot, event.host, event.tries)
             for job in flow.done(event):
                 dispatch.add(job)

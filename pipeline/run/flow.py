@@ -163,7 +163,7 @@ class Flow:
         return Job(
             call,
             own.wall_s,
-            own.high_wall_s + self._chain_seconds(stage, object_id, size if stage.inputs else None),
+            own.wall_s + self._chain_seconds(stage, object_id, size if stage.inputs else None),
             own.memory_bytes,
             stage.needs,
             prepared.inputs,
@@ -174,7 +174,7 @@ class Flow:
         behind = [other for other in self._stages.values() if stage.name in other.follows]
         return max(
             (
-                self._estimates().of(other.name, object_id, size).high_wall_s
+                self._estimates().of(other.name, object_id, size).wall_s
                 + self._chain_seconds(other, object_id, size)
                 for other in behind
             ),

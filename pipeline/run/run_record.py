@@ -24,7 +24,8 @@ from types import TracebackType
 from typing import Any
 
 from pipeline.dataset.task import Outcome
-from pipeline.run.run_log import RUN_ID, compact, unwritable
+from pipeline.run.costs import compact
+from pipeline.run.run_log import RUN_ID, unwritable
 
 PATTERN = "[0-9]*T[0-9]*Z-*.jsonl"
 MOST_RUNS = 200

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simulated_crew import Absence, SimulatedCrew, call_of, hosts
 
 from pipeline.dataset.crew import BLENDER, GPU, Finished, Job, Lost, Slot
 from pipeline.run.dispatch import MOST_DEATHS, MOST_LOSSES, Dispatch
-from pipeline.run.forecast.simulation import Absence, SimulatedCrew, call_of, hosts
 
 GB = 10**9
 

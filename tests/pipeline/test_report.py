@@ -15,7 +15,7 @@ from objectfolder.errors import InputError
 from objectfolder.store import Product, write_product
 from pipeline.dataset.measures import HEADLINE, number_at
 from pipeline.publish.report.charts import setting_medians, speed_error_chart
-from pipeline.publish.report.costs import read_costs
+from pipeline.publish.report.costs import costs_by_object
 from pipeline.publish.report.formats import (
     MINUS,
     NOTHING,
@@ -182,14 +182,14 @@ def test_a_cost_table_that_is_none_is_refused(tmp_path: Path, content: bytes, fi
 def test_a_cost_line_cut_short_counts_as_not_measured(tmp_path: Path) -> None:
     rows = "mug,views,a,1.5,2,300,,\nmug,modes,b,7mug,modes,b,7.5,8,300,,\nmug,encode"
     (tmp_path / "costs.csv").write_text(",".join(COST_COLUMNS) + "\n" + rows)
-    costs = read_costs(tmp_path / "costs.csv")
+    costs = costs_by_object(tmp_path / "costs.csv")
     views, modes, encode = (costs.stage("mug", stage, {}) for stage in ("views", "modes", "encode"))
     assert views is not None
-    assert views.cpu_seconds == 1.5
+    assert views.cpu_s == 1.5
     assert modes is not None
-    assert modes.cpu_seconds is None
+    assert modes.cpu_s is None
     assert encode is not None
-    assert encode.cpu_seconds is None
+    assert encode.cpu_s is None
 
 
 def test_settings_are_matched_step_by_step() -> None:

@@ -4,25 +4,18 @@ import csv
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from objectfolder.errors import SimulationError
 from pipeline.dataset.task import Failure, Outcome
-from pipeline.publish.report.costs import read_costs
-from pipeline.run import run_log, run_record
-from pipeline.run.forecast.known_costs import costs_of
-from pipeline.run.run_log import (
-    COLUMNS,
-    QUERY,
-    RUN_ID,
-    Costs,
-    compact,
-    costs_path,
-    read_failures,
-    read_failures_by_fingerprint,
-    write_run,
-)
+from pipeline.publish.report.costs import costs_by_object
+from pipeline.run import costs as table_of_costs
+from pipeline.run import run_record
+from pipeline.run.costs import COLUMNS, QUERY, Costs, compact, costs_path, known_costs
+from pipeline.run.forecast.estimates import last_taken
+from pipeline.run.run_log import RUN_ID, read_failures, read_failures_by_fingerprint, write_run
 from pipeline.run.run_record import RunRecord, new_run_id, read_record, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
@@ -32,47 +25,58 @@ def outcome(name, seconds=1.0, fingerprint=FINGERPRINTS[0], megabytes=100, queri
     return Outcome(name, None, seconds, seconds, megabytes * 10**6, fingerprint, queries or {})
 
 
-def test_costs_are_known_by_fingerprint_and_object_and_kept_for_the_next_run(tmp_path):
-    costs = Costs(tmp_path, "views")
+def last_seconds(root):
+    return {(one.object_id, one.stage): one.wall_s for one in last_taken(known_costs(root))}
+
+
+def test_costs_are_known_by_fingerprint_and_kept_for_the_next_run(tmp_path):
+    costs = Costs(tmp_path)
     for index, seconds in enumerate((3.0, 5.0)):
-        costs.add(outcome("mug", seconds, FINGERPRINTS[index]))
-    for known in (costs, Costs(tmp_path, "views")):
+        costs.add("views", outcome("mug", seconds, FINGERPRINTS[index]))
+    for known in (costs, Costs(tmp_path)):
         assert known.of(FINGERPRINTS[0]).wall_s == 3.0
-        assert known.last_of("mug").wall_s == 5.0
         assert known.of(FINGERPRINTS[2]) is None
-    assert Costs(tmp_path, "modes").last_of("mug") is None
+    assert last_seconds(tmp_path) == {("mug", "views"): 5.0}
 
 
 def test_a_line_that_a_kill_cut_short_costs_no_other_line(tmp_path):
-    Costs(tmp_path, "views").add(outcome("mug", 3.0))
+    Costs(tmp_path).add("views", outcome("mug", 3.0))
     whole = costs_path(tmp_path).read_bytes()
     costs_path(tmp_path).write_bytes(whole + b"dish,views,00ab,1.")
-    Costs(tmp_path, "views").add(outcome("cup", 4.0))
-    known = Costs(tmp_path, "views")
-    assert known.last_of("mug").wall_s == 3.0
-    assert known.last_of("cup").wall_s == 4.0
-    assert known.last_of("dish") is None
-    assert ("dish", "views") in read_costs(costs_path(tmp_path)).stages  # with nothing measured
-    assert read_costs(costs_path(tmp_path)).stages["dish", "views"][0].wall_seconds is None
+    Costs(tmp_path).add("views", outcome("cup", 4.0))
+    assert last_seconds(tmp_path) == {("mug", "views"): 3.0, ("cup", "views"): 4.0}
+    (dish,) = costs_by_object(costs_path(tmp_path)).stages["dish", "views"]
+    assert dish.wall_s is None  # it stands there with nothing measured
+
+
+@pytest.mark.parametrize("seconds", ["nan", "inf", "-1", ""])
+def test_a_cost_that_is_no_number_is_not_there(seconds, tmp_path):
+    Costs(tmp_path).add("views", outcome("mug", 7.5))
+    path = costs_path(tmp_path)
+    path.write_text(path.read_text().replace("7.5", seconds))
+    assert Costs(tmp_path).of(FINGERPRINTS[0]) is None
+    assert last_seconds(tmp_path) == {}
 
 
 def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
     for name in ("mug", "cup"):
         for index, fingerprint in enumerate(FINGERPRINTS):
-            fidelity = Costs(tmp_path, "fidelity")
+            fidelity = Costs(tmp_path)
             peak = 900 if index == 1 else 100
-            fidelity.add(outcome(name, index, fingerprint, peak, {"views": index, "modes": 2 * index}))
-            fidelity.add(outcome(name, index + 0.5, fingerprint))  # the same again
+            fidelity.add(
+                "fidelity", outcome(name, index, fingerprint, peak, {"views": index, "modes": 2 * index})
+            )
+            fidelity.add("fidelity", outcome(name, index + 0.5, fingerprint))  # the same again
     with costs_path(tmp_path).open("a") as file:
         file.write("dish,fidelity,00ab,1.")
-    before, estimates = costs_path(tmp_path).stat().st_size, costs_of(tmp_path)
+    before, estimates = costs_path(tmp_path).stat().st_size, last_taken(known_costs(tmp_path))
     compact(tmp_path)
     assert costs_path(tmp_path).stat().st_size == before  # small enough as it is
-    monkeypatch.setattr(run_log, "COMPACT_ABOVE_BYTES", 1000)
+    monkeypatch.setattr(table_of_costs, "COMPACT_ABOVE_BYTES", 1000)
     compact(tmp_path)
     assert costs_path(tmp_path).stat().st_size < before / 2
-    assert costs_of(tmp_path) == estimates
-    known, table = Costs(tmp_path, "fidelity"), read_costs(costs_path(tmp_path))
+    assert last_taken(known_costs(tmp_path)) == estimates
+    known, table = Costs(tmp_path), costs_by_object(costs_path(tmp_path))
     for fingerprint in FINGERPRINTS[-5:]:
         index = FINGERPRINTS.index(fingerprint)
         assert known.of(fingerprint).wall_s == index + 0.5
@@ -91,17 +95,17 @@ def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
 WRITER = """
 import sys
 from pathlib import Path
-from pipeline.run import run_log
-from pipeline.run.run_log import Costs, compact
+from pipeline.run import costs as table_of_costs
+from pipeline.run.costs import Costs, compact
 from pipeline.run.run_record import RunRecord
 from pipeline.dataset.task import Outcome
 
-run_log.COMPACT_ABOVE_BYTES = 1000
-costs = Costs(Path.cwd(), "views")
+table_of_costs.COMPACT_ABOVE_BYTES = 1000
+costs = Costs(Path.cwd())
 with RunRecord(Path.cwd(), ["views"]) as record:
     for index in range(200):
         done = Outcome(f"{sys.argv[1]}_{index % 20}", None, index, index, 10**6, f"{index:064x}")
-        costs.add(done)
+        costs.add("views", done)
         record.task("views", done, slot=sys.argv[1])
         if index % 25 == 0:
             compact(Path.cwd())
@@ -110,7 +114,7 @@ with RunRecord(Path.cwd(), ["views"]) as record:
 
 def test_two_writers_lose_nothing_of_each_other(tmp_path, monkeypatch):
     monkeypatch.setenv(RUN_ID, new_run_id())
-    monkeypatch.setenv("PYTHONPATH", str(run_log.Path(__file__).parents[2]))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     writers = [
         subprocess.Popen([sys.executable, "-c", WRITER, name], cwd=tmp_path, stderr=subprocess.PIPE)
         for name in ("one", "two")
@@ -118,9 +122,9 @@ def test_two_writers_lose_nothing_of_each_other(tmp_path, monkeypatch):
     for writer in writers:
         assert writer.wait(120) == 0, writer.stderr.read()
         writer.stderr.close()
-    known = Costs(tmp_path, "views")
+    known = last_seconds(tmp_path)
     for name in ("one", "two"):
-        assert [known.last_of(f"{name}_{index}").wall_s for index in range(20)] == list(range(180, 200))
+        assert [known[f"{name}_{index}", "views"] for index in range(20)] == list(range(180, 200))
     (path,) = records(tmp_path)
     lines = read_record(path)
     assert len(lines) == len(path.read_text().splitlines()) == 2 * (200 + 2)
@@ -213,6 +217,6 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(SimulationError, match="cannot be written"):
         RunRecord(tmp_path, ["views"])
     with pytest.raises(SimulationError, match="nothing finished is lost"):
-        Costs(tmp_path, "views").add(outcome("mug"))
+        Costs(tmp_path).add("views", outcome("mug"))
     with pytest.raises(SimulationError, match="cannot be written"):
         write_run(tmp_path, "views", [], [])

@@ -10,11 +10,11 @@ import yaml
 
 from objectfolder.splits import OBJECT_SPLITS
 from pipeline.dataset.measures import HEADLINE
+from pipeline.dataset.stages import STAGES
 from pipeline.publish.cards.credited_sources import licences, sources
 from pipeline.publish.cards.data_set import DataSet
 from pipeline.publish.cards.markdown import escape, table
 from pipeline.publish.cards.statements import LIMITS, citation, counted, description, materials
-from pipeline.publish.report.costs import STAGES
 
 SIZE_CATEGORIES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 

@@ -64,7 +64,7 @@ def stage_rows(records: Sequence[Record], costs: Costs) -> list[StageRow]:
     rows, medians = [], {}
     for stage in costs.stage_names({record.object_id for record in records}):
         found = [costs.stage(record.object_id, stage, record.fingerprints) for record in records]
-        cpu = [cost.cpu_seconds for cost in found if cost and cost.cpu_seconds is not None]
+        cpu = [cost.cpu_s for cost in found if cost and cost.cpu_s is not None]
         memory = [cost.peak_memory_mb for cost in found if cost and cost.peak_memory_mb is not None]
         medians[stage] = statistics.median(cpu) if cpu else None
         rows.append(
@@ -88,7 +88,7 @@ def total_cpu_seconds(record: Record, costs: Costs) -> float | None:
     """Return the CPU seconds of every stage of an object, None unless all were measured."""
     stages = costs.stage_names({record.object_id})
     found = [costs.stage(record.object_id, stage, record.fingerprints) for stage in stages]
-    seconds = [cost.cpu_seconds if cost else None for cost in found]
+    seconds = [cost.cpu_s if cost else None for cost in found]
     known = [value for value in seconds if value is not None]
     return sum(known) if len(known) == len(seconds) else None
 

@@ -69,7 +69,7 @@ def object_rows(records: Sequence[Record], costs: Costs) -> list[dict[str, Any]]
         row |= {f"bytes.{part}": number_at(record.attributes, f"bytes.{part}") for part in BYTE_PARTS}
         for stage in stages:
             cost = costs.stage(record.object_id, stage, record.fingerprints)
-            row[f"cpu_seconds.{stage}"] = cost.cpu_seconds if cost else None
+            row[f"cpu_seconds.{stage}"] = cost.cpu_s if cost else None
         rows.append(row)
     return rows
 

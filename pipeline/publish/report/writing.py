@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.atomic import atomic_write
-from pipeline.publish.report.costs import read_costs
+from pipeline.publish.report.costs import costs_by_object
 from pipeline.publish.report.index_page import OBJECTS, render_index
 from pipeline.publish.report.object_records import Failure, read_failures, read_records
 from pipeline.publish.report.pages import PAIRS, write_pages
@@ -48,7 +48,7 @@ def write_report(
     fidelity_folder
         Fidelity products, ``<id>.zarr.zip``; an unreadable one is reported as a failure.
     costs_csv
-        Table of costs (see `costs.read_costs`); may be absent.
+        Table of costs (see `pipeline.run.costs.read_costs`); may be absent.
     reports_folder
         Made where it is missing.
     failures
@@ -65,7 +65,7 @@ def write_report(
     """
     fidelity_folder, reports_folder = Path(fidelity_folder), Path(reports_folder)
     records, unreadable = read_records(fidelity_folder)
-    costs = read_costs(Path(costs_csv))
+    costs = costs_by_object(Path(costs_csv))
     known = [*read_failures(failures), *unreadable]
     own: dict[str, list[Failure]] = {}
     for failure in known:

@@ -1,1 +1,1 @@
-"""What a run will take, from measured costs and in virtual time."""
+"""What a run will take, from measured costs."""

@@ -1,36 +1,34 @@
-"""What a task will take, before it runs: seconds, memory and bytes, from what is known of others.
+"""What a task will take before it runs: seconds, memory and bytes, from what others took.
 
-In this order: what the same object and stage took last in this data set; a model of what others of this
-stage took here; a model of what it took on the scans the package was tried on (`known_costs.py`). A model
-is the median, times a power of the task's load (`loads.py`) where that explains anything: the Theil-Sen slope
-of the logarithms, if its 95 % interval is clear of zero.
+The cost of an object and stage that ran here before is what it took last. Otherwise it is what the stage
+took on the scans that the package was tried on, times the pace of this data set: the median ratio of what its
+own tasks took to what those scans foretell. ``known_costs.csv`` beside this module has the scans: each object
+and stage at the default size, one thread a task; ``python -m bench.known_costs`` wrote it. A stage without
+packaged costs is estimated from its own tasks.
 
-Of the packaged costs, those of rendering follow views x pixels x samples and those of touching touches x
-pixels; the bytes of both follow views x pixels and touches x pixels. The rest is taken as it was at the
-default size. What is known from this data set is taken as it was, whatever its parameters were then.
+Seconds and memory of modes grow with a power of the load (`pipeline.run.forecast.loads`). Packaged costs of
+rendering are scaled by views x pixels x samples, those of touching by touches x pixels.
 
-Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, else the same margin on a model of
-others, raised until `HIGH_QUANTILE` of them lie below. Cycles renders in a process of its own, whose peak is
-noted only for the first task of a worker, so that no rendering is taken to need less than the usual one.
+Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, or a law that `HIGH_QUANTILE` of the
+other objects lie below, with the same margin.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.dataset.parameters import Parameters
-from pipeline.run.forecast.known_costs import KnownCost, costs_of, packaged_costs
+from pipeline.run.costs import QUERY, Cost, known_costs, read_costs
 from pipeline.run.forecast.loads import Loads
 
+PACKAGED = Path(__file__).with_name("known_costs.csv")
 MEMORY_MARGIN = 1.15
 HIGH_QUANTILE = 0.95
-ENOUGH_ROWS = 10  # of this data set, to leave the packaged costs aside; with a load, to fit a slope
-MOST_ROWS = 400  # that a model is fitted to
+ENOUGH_ROWS = 10  # to fit a power of the load
 RENDERING = "views"
 UNKNOWN_SECONDS_A_BYTE = 1e-6  # of a stage that is known nowhere: only the order counts
 UNKNOWN_MEMORY_BYTES = 500_000_000
@@ -48,10 +46,7 @@ class Estimate:
     Parameters
     ----------
     wall_s, cpu_s
-        Seconds on one core, as many tasks take more as take less.
-    high_wall_s
-        Seconds that few tasks like it exceed. Which task to start first is better judged by these: one whose
-        length is uncertain may turn out to be the longest, and then must not have been started last.
+        Seconds on one core: the mean of tasks like it.
     memory_bytes
         Peak of its process, on the high side.
     product_bytes
@@ -62,25 +57,35 @@ class Estimate:
 
     wall_s: float
     cpu_s: float
-    high_wall_s: float
     memory_bytes: int
     product_bytes: int
     known: bool = False
 
 
 @dataclass(frozen=True)
+class Taken:
+    """What one task took: seconds, peak in bytes, load, bytes of its products."""
+
+    object_id: str
+    stage: str
+    wall_s: float
+    cpu_s: float
+    memory_bytes: int
+    load: float | None = None
+    product_bytes: int = 0
+
+
+@dataclass(frozen=True)
 class PowerLaw:
-    """``level (load / usual_load) ** exponent``."""
+    """``level (load / usual_load) ** exponent``; the level where there is no load."""
 
     level: float
     usual_load: float = 1.0
     exponent: float = 0.0
 
-    def of(self, load: float | None) -> float:
-        """Return the value at a load; the level where it is None."""
-        if not load or not self.exponent:
-            return self.level
-        return self.level * (load / self.usual_load) ** self.exponent
+    def at(self, load: float | None) -> float:
+        """Return the value at a load."""
+        return self.level * (load / self.usual_load) ** self.exponent if load else self.level
 
     def times(self, factor: float) -> "PowerLaw":
         """Return the law that gives `factor` times its values."""
@@ -89,37 +94,17 @@ class PowerLaw:
 
 @dataclass(frozen=True)
 class Model:
-    """What tasks of a stage take, by their load.
-
-    Parameters
-    ----------
-    wall, cpu
-        Seconds: the median.
-    memory
-        Bytes that few exceed.
-    spread, mean, deviation
-        Of the ratio of a task's seconds to the median at its load: what few exceed, mean, and standard
-        deviation.
-    product_bytes
-        The median.
-    rows
-        Tasks it was fitted to.
-    """
+    """What tasks of a stage take, by their load: mean seconds, bytes of memory that few exceed."""
 
     wall: PowerLaw
     cpu: PowerLaw
     memory: PowerLaw
-    spread: float = 1.0
-    mean: float = 1.0
-    deviation: float = 0.0
     product_bytes: int = 0
-    rows: int = 1
 
-    def of(self, load: float | None) -> Estimate:
+    def at(self, load: float | None) -> Estimate:
         """Return what a task with this load is expected to take."""
-        wall_s = self.wall.of(load)
-        memory_bytes = int(self.memory.of(load))
-        return Estimate(wall_s, self.cpu.of(load), self.spread * wall_s, memory_bytes, self.product_bytes)
+        memory_bytes = int(self.memory.at(load))
+        return Estimate(self.wall.at(load), self.cpu.at(load), memory_bytes, self.product_bytes)
 
 
 class Estimates:
@@ -136,11 +121,7 @@ class Estimates:
     def __init__(self, root: Path, parameters: Parameters | None = None) -> None:
         self._parameters = parameters
         self._loads = Loads(root, parameters)
-        self._own: dict[tuple[str, str], KnownCost] = {}
-        self._by_stage: dict[str, list[KnownCost]] = {}
-        for cost in costs_of(root):
-            self._own[cost.object_id, cost.stage] = cost
-            self._by_stage.setdefault(cost.stage, []).append(cost)
+        self._own = {(one.object_id, one.stage): one for one in last_taken(known_costs(root))}
         self._models: dict[str, Model | None] = {}
 
     def of(self, stage: str, object_id: str, size_bytes: int | None = None) -> Estimate:
@@ -153,123 +134,89 @@ class Estimates:
         object_id
             Of an object, known or not.
         size_bytes
-            Bytes of the first file it reads (the mesh for the first stage, else the object's product); None
-            where that does not exist yet.
+            Bytes of the first file it reads: orders the tasks of a stage of which no cost is known.
         """
-        model = self.model(stage)
+        if stage not in self._models:
+            self._models[stage] = self._model(stage)
+        model = self._models[stage]
         if model is None:
             seconds = UNKNOWN_SECONDS_A_BYTE * (size_bytes or 0)
-            return Estimate(seconds, seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
+            return Estimate(seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
         own = self._own.get((object_id, stage))
         if own is None:
-            return model.of(self._loads.of(stage, object_id, size_bytes))
+            return model.at(self._loads.of(stage, object_id))
         memory = int(own.memory_bytes * MEMORY_MARGIN)
-        if stage == RENDERING:
+        if (
+            stage == RENDERING
+        ):  # Cycles is a process of its own, whose peak is noted only if it is a worker's first
             memory = max(memory, int(model.memory.level))
-        return Estimate(own.wall_s, own.cpu_s, own.wall_s, memory, model.product_bytes, known=True)
+        return Estimate(own.wall_s, own.cpu_s, memory, model.product_bytes, known=True)
 
-    def model(self, stage: str) -> Model | None:
-        """Return what is known of the tasks of a stage; None for nothing."""
-        if stage not in self._models:
-            self._models[stage] = self._fitted(stage)
-        return self._models[stage]
-
-    def _fitted(self, stage: str) -> Model | None:
-        packaged = _packaged_model(stage)
-        if packaged is not None and self._parameters is not None:
-            packaged = _scaled(packaged, stage, self._parameters)
-        rows = self._by_stage.get(stage, [])
-        if not rows:
-            return packaged
-        rows = [
-            replace(cost, load=self._loads.of(stage, cost.object_id))
-            for cost in rows[:: math.ceil(len(rows) / MOST_ROWS)]
+    def _model(self, stage: str) -> Model | None:
+        own = [
+            replace(one, load=self._loads.of(stage, one.object_id))
+            for one in self._own.values()
+            if one.stage == stage
         ]
-        own = fit(rows)
-        if packaged is None:
-            return own
-        if len(rows) >= ENOUGH_ROWS:
-            return replace(own, product_bytes=packaged.product_bytes)
-        # Few rows say how fast this machine is, but not how memory spreads, nor what loads mean.
-        over = (cost.memory_bytes * MEMORY_MARGIN / packaged.memory.of(cost.load) for cost in rows)
-        return replace(
-            packaged,
-            wall=packaged.wall.times(_pace(packaged.wall, rows, [cost.wall_s for cost in rows])),
-            cpu=packaged.cpu.times(_pace(packaged.cpu, rows, [cost.cpu_s for cost in rows])),
-            memory=packaged.memory.times(max(1.0, *over)),
+        model = _packaged_model(stage)
+        if model is None:
+            return fit(own) if own else None
+        if self._parameters is not None:
+            seconds, size = scales(stage, self._parameters)
+            size_bytes = int(model.product_bytes * size)
+            model = Model(model.wall.times(seconds), model.cpu.times(seconds), model.memory, size_bytes)
+        if not own:
+            return model
+        peaks = [one.memory_bytes * MEMORY_MARGIN / model.memory.at(one.load) for one in own]
+        return Model(
+            model.wall.times(float(np.median([one.wall_s / model.wall.at(one.load) for one in own]))),
+            model.cpu.times(float(np.median([one.cpu_s / model.cpu.at(one.load) for one in own]))),
+            model.memory.times(max(1.0, _high(peaks))),
+            model.product_bytes,
         )
 
 
-def fit(rows: Sequence[KnownCost]) -> Model:
-    """Return the model of the tasks of a stage; at least one is needed."""
-    loads = [cost.load for cost in rows]
-    peaks = [float(cost.memory_bytes) for cost in rows]
-    # A peak that misses the child says nothing of its load.
-    memory = _law([None] * len(rows) if rows[0].stage == RENDERING else loads, peaks)
-    over = [peak / memory.of(load) for peak, load in zip(peaks, loads, strict=True)]
-    made = [cost.product_bytes for cost in rows if cost.product_bytes is not None]
-    cpu = _law(loads, [cost.cpu_s for cost in rows])
-    # CPU seconds, because what else the machine did meanwhile is no property of the tasks.
-    longer = [cost.cpu_s / cpu.of(cost.load) for cost in rows]
-    return Model(
-        _law(loads, [cost.wall_s for cost in rows]),
-        cpu,
-        memory.times(MEMORY_MARGIN * _high(over)),
-        max(1.0, _high(longer)),
-        float(np.mean(longer)),
-        float(np.std(longer)),
-        int(np.median(made)) if made else 0,
-        len(rows),
-    )
+def last_taken(costs: Iterable[Cost]) -> list[Taken]:
+    """Return what the last task of each object and stage took, with the largest peak of all of them.
 
-
-def _high(values: Sequence[float]) -> float:
-    return float(np.quantile(values, HIGH_QUANTILE, method="higher"))
-
-
-def _law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:
-    positive = [max(value, 1e-3) for value in values]
-    loaded = [(load, value) for load, value in zip(loads, positive, strict=True) if load]
-    if len(loaded) < ENOUGH_ROWS:
-        return PowerLaw(float(np.median(positive)))
-    x, y = np.log(loaded).T
-    exponent, usual = _slope(x, y), float(np.median(x))
-    return PowerLaw(math.exp(float(np.median(y - exponent * (x - usual)))), math.exp(usual), exponent)
-
-
-def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """Return the median slope between pairs, 0 where its 95 % interval (Sen 1968) has zero in it."""
-    first, second = np.triu_indices(len(x), 1)
-    run, rise = x[second] - x[first], y[second] - y[first]
-    slopes = np.sort(rise[run != 0] / run[run != 0])
-    if not len(slopes):
-        return 0.0
-    n = len(x)
-    half = 1.96 * math.sqrt(n * (n - 1) * (2 * n + 5) / 18) / 2
-    low = slopes[max(0, math.floor(len(slopes) / 2 - half))]
-    high = slopes[min(len(slopes) - 1, math.ceil(len(slopes) / 2 + half))]
-    return 0.0 if low <= 0 <= high else float(np.median(slopes))
-
-
-def _pace(law: PowerLaw, rows: Sequence[KnownCost], seconds: Sequence[float]) -> float:
-    return float(np.median([took / law.of(cost.load) for cost, took in zip(rows, seconds, strict=True)]))
+    The largest counts, because a peak of child processes is noted only where it exceeds those of earlier
+    tasks in the same process.
+    """
+    found: dict[tuple[str, str], Taken] = {}
+    for cost in costs:
+        if cost.stage == QUERY or cost.wall_s is None or cost.cpu_s is None or cost.peak_memory_mb is None:
+            continue
+        before = found.get((cost.object_id, cost.stage))
+        found[cost.object_id, cost.stage] = Taken(
+            cost.object_id,
+            cost.stage,
+            cost.wall_s,
+            cost.cpu_s,
+            max(int(cost.peak_memory_mb * 1e6), before.memory_bytes if before else 0),
+            cost.load,
+            int(cost.product_bytes or 0),
+        )
+    return list(found.values())
 
 
 @cache
-def _packaged_model(stage: str) -> Model | None:
-    rows = [cost for cost in packaged_costs() if cost.stage == stage]
+def packaged_costs() -> tuple[Taken, ...]:
+    """Return what the scans took that the package was tried on."""
     # One thread a task: alone on its core, its wall seconds are its CPU seconds.
-    return replace(model := fit(rows), wall=model.cpu) if rows else None
+    return tuple(replace(one, wall_s=one.cpu_s) for one in last_taken(read_costs(PACKAGED)))
 
 
-def _scaled(model: Model, stage: str, parameters: Parameters) -> Model:
-    """Return the packaged model at other parameters than those of the default size."""
-    seconds, size = scales(stage, parameters)
-    return replace(
-        model,
-        wall=model.wall.times(seconds),
-        cpu=model.cpu.times(seconds),
-        product_bytes=int(model.product_bytes * size),
+def fit(tasks: Sequence[Taken]) -> Model:
+    """Return the model of the tasks of a stage; at least one is needed."""
+    loads = [one.load for one in tasks]
+    peaks = [float(one.memory_bytes) for one in tasks]
+    memory = _law(loads, peaks)
+    over = [peak / memory.at(load) for load, peak in zip(loads, peaks, strict=True)]
+    return Model(
+        _mean_law(loads, [one.wall_s for one in tasks]),
+        _mean_law(loads, [one.cpu_s for one in tasks]),
+        memory.times(MEMORY_MARGIN * _high(over)),
+        int(np.mean([one.product_bytes for one in tasks])),
     )
 
 
@@ -279,12 +226,43 @@ def scales(stage: str, parameters: Parameters) -> tuple[float, float]:
     if stage == RENDERING:
         pixels = vision.resolution**2
         views = vision.training_views + vision.held_out_views
-        shots = (
+        rays = pixels * (
             vision.training_views * vision.training_samples + vision.held_out_views * vision.held_out_samples
         )
-        return pixels * shots / PACKAGED_RAYS, pixels * views / PACKAGED_VIEW_PIXELS
+        return rays / PACKAGED_RAYS, pixels * views / PACKAGED_VIEW_PIXELS
     if stage == "touches":
         pixels = touch.sensor["image_height"] * touch.sensor["image_width"]
         factor = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
         return factor, factor
     return 1.0, 1.0
+
+
+@cache
+def _packaged_model(stage: str) -> Model | None:
+    tasks = [one for one in packaged_costs() if one.stage == stage]
+    return fit(tasks) if tasks else None
+
+
+def _high(values: Sequence[float]) -> float:
+    return float(np.quantile(values, HIGH_QUANTILE, method="higher"))
+
+
+def _mean_law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:
+    law = _law(loads, values)
+    return law.times(
+        float(np.mean([value / law.at(load) for load, value in zip(loads, values, strict=True)]))
+    )
+
+
+def _law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:
+    """Return the law that half of the values lie above, with the Theil-Sen slope of the logarithms."""
+    positive = [max(value, 1e-3) for value in values]
+    loaded = [(load, value) for load, value in zip(loads, positive, strict=True) if load]
+    if len(loaded) < ENOUGH_ROWS:
+        return PowerLaw(float(np.median(positive)))
+    from scipy.stats import theilslopes  # only where there is something to compute
+
+    x, y = np.log(loaded).T
+    exponent = float(theilslopes(y, x).slope)
+    usual = float(np.median(x))
+    return PowerLaw(math.exp(float(np.median(y - exponent * (x - usual)))), math.exp(usual), exponent)

@@ -15,12 +15,11 @@ from pipeline.dataset.records import read_table
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.run.flow_progress import duration
-from pipeline.run.forecast.known_costs import product_bytes
 from pipeline.run.forecast.planning import (
     Machines,
     Plan,
-    Range,
     StagePlan,
+    WallTime,
     machines_of,
     plan,
     plan_for_count,
@@ -64,8 +63,10 @@ class Comparison:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
     parser.add_argument("--objects", help="table of objects, a CSV file; that of params.yaml without it")
-    parser.add_argument("--workers", type=int, nargs="*", default=[], help="also with so many workers")
-    parser.add_argument("--count", type=int, help="for so many objects that do not exist yet")
+    parser.add_argument(
+        "--workers", type=int, nargs="*", default=[], help="also with these numbers of workers"
+    )
+    parser.add_argument("--count", type=int, help="for this number of objects that do not exist yet")
     parser.add_argument("--compare", action="store_true", help="the last plan against the runs since then")
     parser.add_argument("--json", action="store_true", help="print all of it as JSON")
 
@@ -100,34 +101,31 @@ def main(options: argparse.Namespace) -> int:
 
 def table(made: Plan) -> str:
     """Return a plan for people."""
-    lines = [f"{made.objects} object{'s' * (made.objects != 1)}, size {made.size}", ""]
-    lines.append(
-        f"{'stage':<10}{'kept':>8}{'restored':>10}{'compute':>9}{'CPU time':>12}{'':>20}"
-        f"{'peak memory':>13}{'at a time':>11}{'products':>11}"
-    )
+    lines = [
+        f"{made.objects} object{'s' * (made.objects != 1)}, size {made.size}",
+        "",
+        f"{'stage':<10}{'kept':>8}{'restored':>10}{'compute':>9}{'CPU time':>12}"
+        f"{'peak memory':>13}{'at a time':>11}{'products':>11}",
+    ]
     for name, one in made.stages.items():
-        spread = f"({duration(one.cpu_s.low)} to {duration(one.cpu_s.high)})" if one.computed else ""
         beside = side_by_side(one.memory_bytes, made.machines) * made.machines.hosts if one.computed else ""
         lines.append(
-            f"{name:<10}{one.kept:>8}{one.restored:>10}{one.computed:>9}{duration(one.cpu_s.middle):>12}"
-            f"{spread:>20}{one.memory_bytes / 1e9:>10.2f} GB{beside:>11}{size(one.product_bytes):>11}"
+            f"{name:<10}{one.kept:>8}{one.restored:>10}{one.computed:>9}{duration(one.cpu_s):>12}"
+            f"{one.memory_bytes / 1e9:>10.2f} GB{beside:>11}{size(one.product_bytes):>11}"
         )
-    total = Range(
-        *(sum(getattr(one.cpu_s, name) for one in made.stages.values()) for name in ("low", "middle", "high"))
-    )
+    total = sum(one.cpu_s for one in made.stages.values())
     made_bytes = sum(one.product_bytes for one in made.stages.values())
-    spread = f"({duration(total.low)} to {duration(total.high)})"
-    lines.append(f"{'all':<10}{'':>27}{duration(total.middle):>12}{spread:>20}{'':>24}{size(made_bytes):>11}")
     lines += [
+        f"{'all':<10}{'':>27}{duration(total):>12}{'':>24}{size(made_bytes):>11}",
         "",
-        f"The memo grows by {size(made.memo_bytes)}. Peak memory and tasks at a time are of one host",
+        f"The memo grows by {size(made.memo_bytes)}. Peak memory and tasks at a time are of one host"
+        f" with {made.machines.memory_bytes / 1e9:.1f} GB for tasks.",
     ]
-    lines[-1] += f" with {made.machines.memory_bytes / 1e9:.1f} GB for tasks."
-    for number, span in made.makespans_s.items():
+    for number, wall in made.wall.items():
         here = " (this place)" if number == made.machines.workers else ""
         lines.append(
-            f"{number} worker{'s' if number > 1 else ''}{here}: {duration(span.middle)}"
-            f" ({duration(span.low)} to {duration(span.high)})"
+            f"{number} worker{'s' * (number > 1)}{here}: about {duration(wall.expected_s)},"
+            f" at least {duration(wall.at_least_s)}"
         )
     lines.append(
         f"No number of workers is faster than {duration(made.chain_s)}, the longest chain of an object."
@@ -151,13 +149,12 @@ def comparison_table(kept: Plan, found: Mapping[str, Comparison], wall_s: float)
             f"{one.memory_bytes / 1e9:>13.2f} GB{one.peak_bytes / 1e9:>7.2f} GB{one.above:>7}"
             f"{size(one.planned_bytes):>15}{size(one.product_bytes):>10}"
         )
-    span = kept.makespans_s.get(kept.machines.workers)
-    if span is not None:
-        lines += [
-            "",
-            f"planned {duration(span.middle)} ({duration(span.low)} to {duration(span.high)}) with"
-            f" {kept.machines.workers} workers; the runs since then took {duration(wall_s)}",
-        ]
+    planned = kept.wall[kept.machines.workers].expected_s
+    lines += [
+        "",
+        f"planned {duration(planned)} with {kept.machines.workers} workers;"
+        f" the runs since then took {duration(wall_s)}",
+    ]
     return "\n".join(lines)
 
 
@@ -189,13 +186,18 @@ def _compared(root: Path, stage: Stage, planned: StagePlan, tasks: Sequence[dict
         planned.computed,
         len(done),
         len(tasks) - len(done),
-        planned.cpu_s.middle,
+        planned.cpu_s,
         sum(task["cpu_s"] for task in done),
         planned.memory_bytes,
         max(peaks, default=0),
         sum(peak > planned.memory_bytes for peak in peaks),
         planned.product_bytes,
-        sum(product_bytes(root, stage, task["object"]) or 0 for task in done),
+        sum(
+            path.stat().st_size
+            for task in done
+            for path in stage.targets(root, task["object"])
+            if path.is_file()
+        ),
     )
 
 
@@ -222,13 +224,10 @@ def read_plan(root: Path) -> Plan:
     """
     try:
         content = json.loads((root / PLAN).read_text())
-        stages = {
-            name: StagePlan(**{**one, "cpu_s": Range(**one["cpu_s"])})
-            for name, one in content["stages"].items()
-        }
-        makespans = {int(number): Range(**span) for number, span in content["makespans_s"].items()}
+        stages = {name: StagePlan(**one) for name, one in content["stages"].items()}
+        wall = {int(number): WallTime(**one) for number, one in content["wall"].items()}
         machines = Machines(**content["machines"])
-        return Plan(**{**content, "stages": stages, "makespans_s": makespans, "machines": machines})
+        return Plan(**{**content, "stages": stages, "wall": wall, "machines": machines})
     except FileNotFoundError as error:
         raise InputError(
             str(PLAN), "there is no plan", "Run `python -m pipeline plan` before a run."

@@ -1,0 +1,244 @@
+"""What tasks took: ``.objectfolder/costs.csv``, beside the data set and outside its versions.
+
+The table has a row for every task that ran here and for every query that was timed (products hold no
+timings). Once it has grown large, it keeps the `KEPT_ROWS` last rows of each object and stage.
+"""
+
+import contextlib
+import csv
+import fcntl
+import io
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from objectfolder.atomic import atomic_write
+from objectfolder.errors import InputError
+from pipeline.dataset.task import Outcome
+from pipeline.run.run_log import unwritable
+
+COLUMNS = (
+    "object",
+    "stage",
+    "fingerprint",
+    "cpu_seconds",
+    "wall_seconds",
+    "peak_memory_mb",
+    "key",
+    "seconds_per_query",
+)
+QUERY = "query"  # stands as the stage of a timed query
+REMEDY = "Delete it; runs note costs anew."
+LARGEST = 1e12  # of any number in the table; what is larger is no measurement
+KEPT_ROWS = 5  # of an object and stage, beside the one with the highest peak
+COMPACT_ABOVE_BYTES = 4 << 20
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A row of a table of costs; a number is None where it was not measured.
+
+    Parameters
+    ----------
+    object_id, stage, fingerprint
+        Whose task it was, and what it made; the stage is `QUERY` for a timed query.
+    cpu_s, wall_s
+        Seconds of the task; CPU seconds include its child processes.
+    peak_memory_mb
+        Peak of its processes in MB.
+    key, seconds_per_query
+        Setting of the fidelity product that a query was timed at, and its seconds.
+    load, product_bytes
+        Of the packaged costs alone: what the cost grows with (`pipeline.run.forecast.loads`) and the bytes of
+        the products.
+    """
+
+    object_id: str
+    stage: str
+    fingerprint: str = ""
+    cpu_s: float | None = None
+    wall_s: float | None = None
+    peak_memory_mb: float | None = None
+    key: str = ""
+    seconds_per_query: float | None = None
+    load: float | None = None
+    product_bytes: float | None = None
+
+
+def costs_path(root: Path) -> Path:
+    """Return where the costs of a data set are kept."""
+    return root / ".objectfolder" / "costs.csv"
+
+
+def read_costs(path: Path) -> list[Cost]:
+    """Return the rows of a table of costs, none where there is no file.
+
+    A number that a kill cut short, or that cannot be, counts as not measured.
+
+    Raises
+    ------
+    InputError
+        The file is no text, or a table without the columns object and stage.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = {"object", "stage"} - set(reader.fieldnames or ())
+            if missing and reader.fieldnames:
+                raise InputError(str(path), f"no column {' and '.join(sorted(missing))}", REMEDY)
+            return [_cost(row) for row in reader]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not a table ({error})", REMEDY) from error
+
+
+def known_costs(root: Path) -> list[Cost]:
+    """Return the costs of a data set; none where the table cannot be read, which must not stop a run."""
+    try:
+        return read_costs(costs_path(root))
+    except InputError:
+        return []
+
+
+class Costs:
+    """What tasks of a data set took, by the fingerprint of what they made.
+
+    Parameters
+    ----------
+    root
+        Root of the data set; its table is read at once, and not again.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._path = costs_path(root)
+        self._by_fingerprint = {
+            cost.fingerprint: cost
+            for cost in known_costs(root)
+            if cost.stage != QUERY and None not in (cost.wall_s, cost.cpu_s, cost.peak_memory_mb)
+        }
+
+    def of(self, fingerprint: str) -> Cost | None:
+        """Return what the task with this fingerprint took when it ran here."""
+        return self._by_fingerprint.get(fingerprint)
+
+    def add(self, stage: str, outcome: Outcome) -> None:
+        """Note, at once and for good, what a task and its queries took.
+
+        Raises
+        ------
+        SimulationError
+            The table cannot be written.
+        """
+        made = outcome.fingerprint
+        cpu_s, wall_s, peak = round(outcome.cpu_s, 3), round(outcome.wall_s, 3), outcome.peak_bytes / 1e6
+        cost = Cost(outcome.object_id, stage, made, cpu_s, wall_s, round(peak, 1))
+        self._by_fingerprint[made] = cost
+        rows: list[tuple[object, ...]] = [
+            (cost.object_id, stage, made, cost.cpu_s, cost.wall_s, cost.peak_memory_mb, "", "")
+        ]
+        for key, seconds in outcome.query_seconds.items():
+            rows.append((cost.object_id, QUERY, made, "", "", "", key, f"{seconds:.3g}"))
+        _append(self._path, _text(rows))
+
+
+def compact(root: Path) -> None:
+    """Keep the last rows of each object and stage, if the table of costs has grown large and would shrink.
+
+    Raises
+    ------
+    SimulationError
+        The table cannot be written.
+    """
+    path = costs_path(root)
+    if not path.is_file() or path.stat().st_size < COMPACT_ABOVE_BYTES:
+        return
+    with _writing(path):
+        with path.open(newline="", encoding="utf-8") as file:
+            header, *rows = csv.reader(file)
+        kept = _newest(rows)
+        if len(kept) > len(rows) // 2:
+            return
+        with atomic_write(path) as whole:
+            whole.write(_text([header, *kept]).encode())
+
+
+def _cost(row: Mapping[str, str | None]) -> Cost:
+    cut_short = None in row.values()
+    numbers = {} if cut_short else row
+    return Cost(
+        row["object"] or "",
+        row["stage"] or "",
+        row.get("fingerprint") or "",
+        number(numbers.get("cpu_seconds")),
+        number(numbers.get("wall_seconds")),
+        number(numbers.get("peak_memory_mb")),
+        row.get("key") or "",
+        number(numbers.get("seconds_per_query")),
+        number(numbers.get("load")),
+        number(numbers.get("product_bytes")),
+    )
+
+
+def number(text: str | None) -> float | None:
+    """Return a number that can have been measured, None for anything else."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if 0 <= value < LARGEST else None
+
+
+def _newest(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
+    """Return, in order, the rows that `compact` keeps, the last one of each fingerprint."""
+    key, stage, fingerprint, peak = (
+        COLUMNS.index(name) for name in ("key", "stage", "fingerprint", "peak_memory_mb")
+    )
+    kept: set[int] = set()
+    seen: dict[tuple[str, str, str], dict[str, int]] = {}
+    highest: dict[tuple[str, str, str], tuple[float, int]] = {}
+    for index in range(len(rows) - 1, -1, -1):
+        row = rows[index]
+        if len(row) != len(COLUMNS):  # a line that a kill cut short
+            continue
+        group = (row[0], row[stage], row[key])
+        last = seen.setdefault(group, {})
+        if row[fingerprint] not in last and len(last) < KEPT_ROWS:
+            last[row[fingerprint]] = index
+            kept.add(index)
+        with contextlib.suppress(ValueError):
+            highest[group] = max(highest.get(group, (0.0, index)), (float(row[peak]), index))
+    return [rows[index] for index in sorted(kept | {index for _, index in highest.values()})]
+
+
+def _text(rows: Sequence[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    return text.getvalue()
+
+
+def _append(path: Path, text: str) -> None:
+    """Append whole lines to the table; one that a kill cut short stays alone on its line."""
+    with _writing(path):
+        new = not path.exists()
+        with path.open("ab+") as file:
+            if new:
+                file.write((",".join(COLUMNS) + "\r\n").encode())
+            elif file.seek(0, os.SEEK_END):
+                file.seek(-1, os.SEEK_END)
+                if file.read(1) != b"\n":
+                    file.write(b"\r\n")
+            file.write(text.encode())
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Hold a table against other processes that write it, and say so clearly where that fails."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.with_suffix(".lock").open("a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+    except OSError as error:
+        raise unwritable(path, error) from error
