@@ -66,11 +66,11 @@ def add_commands(commands: Any) -> None:
     )
     command.add_argument("--proxy", metavar="URL", help="ask through it (default: HTTPS_PROXY and the like)")
     command.add_argument(
-        "--patience",
-        type=float,
-        default=120.0,
-        metavar="S",
-        help="seconds to wait for a source that sends nothing new (default 120)",
+        "--retries",
+        type=int,
+        default=6,
+        metavar="N",
+        help="how often to ask a source again that sends nothing new (default 6)",
     )
     command.add_argument("--refresh", action="store_true", help="ask anew for what is there")
     command.add_argument(
@@ -90,8 +90,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("fetch", "names no objects, or in several ways", "Give ids, or --table, or --list.")
     if options.only and not options.table:
         raise InputError("--only", "chooses from a table", "Give --table too.")
-    if not options.patience > 0:
-        raise InputError("--patience", f"{options.patience} s", "Give seconds, above 0.")
+    if options.retries < 0:
+        raise InputError("--retries", str(options.retries), "Give a number from 0 on.")
     table = Path(options.table or "data/objects.csv")
     folder = Path(options.folder) if options.folder else table.parent / "fetched"
     resolutions = Resolutions(options.resolution)
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
             Path(options.cache) if options.cache else folder / ".downloads",
             proxies={"http": options.proxy, "https": options.proxy} if options.proxy else None,
             mirrors=mirrored_addresses([*os.environ.get(MIRRORS, "").split(), *options.mirror]),
-            patience_s=options.patience,
+            retries=options.retries,
             progress=shown.came,
         ),
         Path(options.hashes) if options.hashes else table.parent / "source_hashes.csv",

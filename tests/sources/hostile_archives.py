@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-KINDS = ("zip", "tar", "tgz")
+KINDS = ("zip", "tgz")
 
 
 def zipped(members: Iterable[tuple[str, bytes]], compression: int = zipfile.ZIP_DEFLATED) -> bytes:
@@ -44,7 +44,7 @@ def tgz(members: Iterable[tuple[str, bytes]]) -> bytes:
     return gzip.compress(tarred(members), mtime=0)
 
 
-MAKERS: dict[str, Callable[[Iterable[tuple[str, bytes]]], bytes]] = {"zip": zipped, "tar": tarred, "tgz": tgz}
+MAKERS: dict[str, Callable[[Iterable[tuple[str, bytes]]], bytes]] = {"zip": zipped, "tgz": tgz}
 
 
 def patched_zip(content: bytes, field: int, value: int, width: str = "<H") -> bytes:

@@ -10,9 +10,9 @@ import pytest
 
 from objectfolder.catalogue import read_catalogue
 from pipeline.cli import main
+from pipeline.intake.sources.http_client import USER_AGENT
 from pipeline.intake.sources.registry import Resolutions
 from pipeline.intake.sources.source_table import read_source_rows
-from pipeline.intake.sources.web import USER_AGENT
 from tests.conftest import REPOSITORY
 from tests.sources.served_sources import GSO, IDS, POLY_HAVEN, YCB, ServedSources, files_in
 
@@ -44,7 +44,7 @@ def fetch(
     monkeypatch.chdir(place)
 
     def run(*words: str) -> tuple[int, str, str]:
-        status = main(["fetch", *words, "--patience", "1"])
+        status = main(["fetch", *words, "--retries", "1"])
         return status, *capsys.readouterr()
 
     with sources.server.listening() as base:
@@ -183,7 +183,7 @@ def test_a_proxy_is_asked_for_everything(fetch, sources):
         (["ycb:a", "--mirror", "yc=http://localhost"], "no such source"),
         (["ycb:a", "--mirror", "ycb=ftp://localhost"], "is no SOURCE=http://..."),
         (["ycb:a", "--resolution", "7k"], "no such resolution"),
-        (["ycb:a", "--patience", "0"], "--patience: 0.0 s"),
+        (["ycb:a", "--retries", "-1"], "--retries: -1"),
     ],
 )  # fmt: skip
 def test_words_that_mean_nothing_are_refused(fetch, sources, words, finding, capsys):
@@ -196,8 +196,8 @@ def test_words_that_mean_nothing_are_refused(fetch, sources, words, finding, cap
 @pytest.mark.parametrize(
     ("text", "only", "finding"),
     [
-        ("id,mesh\na,b\n", [], "has no column 'source_id'"),
-        ("", [], "has no column 'id'"),
+        ("id,mesh,material\na,b,c\n", [], "has no column 'source_id'"),
+        ("mesh,material\na,b\n", [], "has no column 'id'"),
         (TABLE, ["cups"], "there is no object 'cups'. Did you mean 'cup'?"),
         (TABLE, ["own"], "has no source_id"),
         ("id,source_id\n\xff", [], None),

@@ -1,4 +1,4 @@
-"""Objects as downloaded: served where their sources have them, fetched, and made into Object Files."""
+"""Objects as downloaded: served where their sources have them, fetched and ingested."""
 
 import io
 import os
@@ -7,7 +7,6 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
@@ -15,11 +14,10 @@ from pipeline.intake.sources.fetching import Fetched, Fetcher
 from pipeline.intake.sources.recorded_hashes import read_hashes
 from pipeline.intake.sources.registry import Resolutions
 from tests.conftest import REPOSITORY
-from tests.sources.served_sources import IDS, SIDES_M, ServedSources, files_in
-from tests.sources.small_builds import built
+from tests.sources.served_sources import ServedSources, files_in
 
 SPOON, MUG, CHAIR = "031_spoon", "ACE_Coffee_Mug_Kristen_16_oz_cup", "plastic_monobloc_chair_01"
-SAMPLES = {f"ycb:{SPOON}": "steel", f"gso:{MUG}": "ceramic", f"polyhaven:{CHAIR}": "plastic"}
+SAMPLES = (f"ycb:{SPOON}", f"gso:{MUG}", f"polyhaven:{CHAIR}")
 EXTENTS_M = {  # longest sides, measured on copies of the meshes from elsewhere
     f"ycb:{SPOON}": 0.18596,
     f"gso:{MUG}": 0.13494,
@@ -117,26 +115,3 @@ def test_they_are_ingested_in_metres_with_their_colours(fetched_samples, source_
     assert longest == pytest.approx(EXTENTS_M[source_id], abs=1e-5)
     (image, *_) = textured_mesh_of(product).textures
     assert min(image.shape[:2]) >= 1024
-
-
-@pytest.mark.slow
-def test_they_become_object_files(fetched_samples, place):
-    for source_id, made in built(SAMPLES, fetched_samples, place).items():
-        source = fetched_samples[source_id].asked.source
-        said = made.description["object"]
-        assert (said["licence"], said["attribution"]) == (source.licence, source.attribution)
-        assert made.description["fidelity"]["vision"]
-        assert max(np.ptp(made.surface.bounds, axis=0)) == pytest.approx(EXTENTS_M[source_id], abs=1e-5)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(THERE, reason="the samples are made in their place, by the same steps")
-def test_objects_made_by_code_become_object_files_without_the_samples(tmp_path):
-    sources = ServedSources(tmp_path / "served").add_all()
-    with sources.server.listening() as base:
-        downloader = sources.downloader(base, tmp_path / "cache")
-        fetcher = Fetcher(tmp_path / "data" / "fetched", downloader, tmp_path / "data" / "source_hashes.csv")
-        got = {source_id: fetcher.fetch(Resolutions().asked(source_id)) for source_id in IDS}
-    for made in built(dict.fromkeys(IDS, "steel"), got, tmp_path).values():
-        assert max(np.ptp(made.surface.bounds, axis=0)) == pytest.approx(max(SIDES_M), rel=1e-3)
-        assert made.description["fidelity"]["vision"]

@@ -1,24 +1,68 @@
-"""Files from servers into a cache: resumed, verified, and never half there."""
+"""Files from servers into a cache: resumed, verified, and whole or not there."""
 
 import hashlib
 import io
 import json
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import timedelta
+from email.utils import parsedate_to_datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, TypeVar
 
 import requests
+from urllib3.exceptions import MaxRetryError
 
-from objectfolder.errors import FormatError
-from pipeline.intake.sources.answers import continues, length, marks_its_end, validator
-from pipeline.intake.sources.cached_file import CachedFile, Digests, Whole, writing
-from pipeline.intake.sources.expectation import REMEDY, Expected, TooLargeError
-from pipeline.intake.sources.patience import Patience
-from pipeline.intake.sources.web import Transient, Web, blocks, check_address
+from objectfolder.errors import FormatError, InputError
+from pipeline.intake.disk import writing
+from pipeline.intake.sources.cached_file import CachedFile
+from pipeline.intake.sources.http_client import (
+    LEAST_BYTES,
+    RETRY_REMEDY,
+    HttpClient,
+    InterruptedBodyError,
+    UnreachableError,
+    check_address,
+    retry_policy,
+)
 
 LIMIT_BYTES = 2 << 30
 LIMIT_JSON_BYTES = 32 << 20
+LEAST_AGE = timedelta(seconds=60)  # of a Last-Modified that tells versions apart (RFC 9110, 8.8.2.2)
+REMEDY = (
+    "Nothing of it is kept. The source has changed or a proxy stands between: compare with a mirror, and "
+    "record what is new only if it is right."
+)
 Progress = Callable[[str, int, int | None], None]
+_CONTENT_RANGE = re.compile(r"bytes (\d+)-\d+/(\d+|\*)")
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is known of a file before it comes; None for what is not known."""
+
+    url: str
+    md5: str | None
+    size: int | None
+    limit_bytes: int
+
+    def difference(self, path: Path) -> str:
+        """Return in what a file differs, with both values; empty where it does not."""
+        with writing(path), path.open("rb") as file:
+            found = {"size": path.stat().st_size, "md5": hashlib.file_digest(file, "md5").hexdigest()}
+        for name, value in found.items():
+            wanted = getattr(self, name)
+            if wanted is not None and str(wanted).lower() != str(value):
+                return f"not what is known of it: its {name} is {value}, not {wanted}"
+        return ""
+
+    def check_count(self, count: int) -> None:
+        """Raise `InputError` for more bytes than the file may have."""
+        if count > self.limit_bytes:
+            remedy = "Nothing of this kind should be; look at what is there before fetching it."
+            raise InputError(self.url, f"larger than {self.limit_bytes} bytes", remedy)
 
 
 class Downloader:
@@ -28,24 +72,16 @@ class Downloader:
     ----------
     cache
         Folder; a file lies in it under its address.
-    proxies
-        By scheme, ``{"https": "http://proxy:3128"}``; where none is given for a scheme, the usual
-        variables of the environment hold (``HTTPS_PROXY``, ``NO_PROXY``).
-    mirrors
-        Starts of addresses, and what is asked instead of them. The cache keeps files under the
-        addresses as they were given.
-    requests_per_second
-        To one host, at most.
-    patience_s
-        How long to go on trying while nothing new comes, waits included. A server that asks for a longer
-        wait is given up at once.
-    timeout_s
-        Without a byte, after which a connection is given up and another tried.
+    proxies, mirrors, timeout_s
+        As `HttpClient` takes them.
+    retries
+        How often to ask again while nothing new comes. A server that asks for a wait of more than
+        `http_client.LONGEST_WAIT_S` is given up at once.
     backoff_s
-        Wait after a second failure in a row; it doubles from there.
+        Wait before the second retry; it doubles from there.
     progress
-        Called with the address, the bytes there are so far, which become fewer when it has to start
-        again, and those of the whole where they are known.
+        Called with the address, the bytes there are, which become fewer where it begins again, and those
+        of the whole where they are known.
 
     Raises
     ------
@@ -59,38 +95,27 @@ class Downloader:
         *,
         proxies: Mapping[str, str] | None = None,
         mirrors: Mapping[str, str] | None = None,
-        requests_per_second: float = 2.0,
-        patience_s: float = 120.0,
+        retries: int = 6,
         timeout_s: float = 30.0,
         backoff_s: float = 1.0,
         progress: Progress | None = None,
     ) -> None:
         self._cache = Path(cache)
-        self._web = Web(
-            proxies=proxies, mirrors=mirrors, requests_per_second=requests_per_second, timeout_s=timeout_s
-        )
-        self._patience_s = patience_s
-        self._backoff_s = backoff_s
+        self._retry = retry_policy(retries, backoff_s)
+        self._client = HttpClient(proxies=proxies, mirrors=mirrors, retry=self._retry, timeout_s=timeout_s)
         self._progress = progress or (lambda url, count, total: None)
 
     def file(
-        self,
-        url: str,
-        *,
-        sha256: str | None = None,
-        md5: str | None = None,
-        size: int | None = None,
-        limit_bytes: int = LIMIT_BYTES,
+        self, url: str, *, md5: str | None = None, size: int | None = None, limit_bytes: int = LIMIT_BYTES
     ) -> Path:
         """Return a verified file in the cache, fetched where it is not there.
 
         Parameters
         ----------
-        sha256, md5, size
-            Of the content, where they are known. A file in the cache is checked against them, and against
-            what it was when it came.
+        md5, size
+            Of the content, where they are known.
         limit_bytes
-            The most that it may be.
+            The most that it may have.
 
         Raises
         ------
@@ -101,135 +126,153 @@ class Downloader:
         FormatError
             It is another than expected.
         """
-        check_address(url)
-        expected = Expected(url, sha256, md5, size, limit_bytes)
-        cached = CachedFile(self._cache, url)
-        with cached.alone():
-            found = cached.kept()
-            if found is None or expected.differs(found):
-                self._fetch(url, cached, expected)
+        cached, expected = self._cached(url), Expected(url, md5, size, limit_bytes)
+        with cached.locked():
+            if not cached.path.is_file() or expected.difference(cached.path):
+                self._fetch(cached, expected)
         return cached.path
 
     def json(self, url: str, limit_bytes: int = LIMIT_JSON_BYTES) -> Any:
         """Return a small document, which is not kept; see `file` for what is raised."""
-        patience = Patience(url, self._patience_s, self._backoff_s)
-        expected = Expected(url, None, None, None, limit_bytes)
-        while True:
-            content = io.BytesIO()
-            try:
-                with self._web.get(url, {"Accept": "application/json"}) as response:
-                    if response.status_code != 200:
-                        raise Transient(f"its server answers {response.status_code}")
-                    self._pour(expected, response, content, None, patience, decoded=True)
-                break
-            except Transient as problem:
-                patience.wait(problem)
+        expected = Expected(url, None, None, limit_bytes)
+        content = self._retried(url, lambda: self._document(expected), lambda: 0)
         try:
-            return json.loads(content.getvalue())
+            return json.loads(content)
         except (ValueError, RecursionError) as error:
-            raise FormatError(
-                url, "its server answers with no JSON", "Look at it in a browser: a proxy may stand between."
-            ) from error
+            remedy = "Look at it in a browser: a proxy may stand between."
+            raise FormatError(url, "its server answers with no JSON", remedy) from error
 
     def forget(self, url: str) -> None:
         """Remove what the cache has of an address, as when its content turns out to be damaged."""
-        check_address(url)
-        cached = CachedFile(self._cache, url)
-        with cached.alone():
+        cached = self._cached(url)
+        with cached.locked():
             cached.forget()
 
-    def _fetch(self, url: str, cached: CachedFile, expected: Expected) -> None:
+    def _cached(self, url: str) -> CachedFile:
+        check_address(url)
+        return CachedFile(self._cache, url, self._client.address(url))
+
+    def _fetch(self, cached: CachedFile, expected: Expected) -> None:
         """Bring all of a file, verify it, and give it its name."""
-        patience = Patience(url, self._patience_s, self._backoff_s)
-        wrong = False
+        for _ in range(2):  # a part that was there before may be damaged: then once more from the beginning
+            resumed = self._retried(
+                expected.url, lambda: self._append(cached, expected), lambda: cached.resumable()[0]
+            )
+            difference = expected.difference(cached.partial)
+            if not difference:
+                return cached.finish()
+            cached.discard()
+            if not resumed:
+                break
+        raise FormatError(expected.url, difference, REMEDY)
+
+    def _retried(self, url: str, attempt: Callable[[], _Result], position: Callable[[], int]) -> _Result:
+        """Return what `attempt` returns; try it again while its body breaks off.
+
+        Parameters
+        ----------
+        position
+            Returns how many bytes are kept; attempts that add `LEAST_BYTES` to the furthest are not counted.
+        """
+        retry, furthest = self._retry, position()
         while True:
             try:
-                resumed = self._attempt(url, cached, expected, patience)
-            except Transient as problem:
-                patience.wait(problem)
-                continue
-            with writing(cached.partial):
-                found = Digests.of(cached.partial)
-            difference = expected.differs(found)
-            if not difference:
-                cached.finish(found)
-                return
-            cached.discard()
-            if wrong or not resumed:  # what was there before may have been another's
-                raise FormatError(url, difference, REMEDY)
-            wrong = True
+                return attempt()
+            except InterruptedBodyError as problem:
+                if position() >= furthest + LEAST_BYTES:
+                    retry, furthest = self._retry, position()
+                try:
+                    retry = retry.increment("GET", url, error=problem)
+                except MaxRetryError:
+                    raise UnreachableError(url, f"cannot be fetched: {problem}", RETRY_REMEDY) from problem
+                retry.sleep()
 
-    def _attempt(self, url: str, cached: CachedFile, expected: Expected, patience: Patience) -> bool:
+    def _append(self, cached: CachedFile, expected: Expected) -> bool:
         """Append what is missing; return whether some was there before."""
-        count, whole = cached.come()
-        # A mirror's address may have a password in it, which is not for the disk.
-        asked = hashlib.sha256(self._web.address(url).encode("utf-8", "surrogatepass")).hexdigest()
-        if whole is None or whole.asked != asked or not (whole.validator or expected.hashed):
-            count, whole = 0, None
-        if whole is not None and count == whole.total:
-            return True
-        headers = {}
-        if whole is not None and count:
-            headers["Range"] = f"bytes={count}-"
-            if whole.validator:
-                headers["If-Range"] = whole.validator
-        with self._web.get(url, headers) as response:
-            resumed = whole is not None and count > 0 and continues(response, count, whole)
+        count, validator = cached.resumable()
+        headers = {"Range": f"bytes={count}-", "If-Range": validator} if count else {}
+        with self._client.get(expected.url, headers) as response:
+            if response.status_code == 416 and response.headers.get("Content-Range") == f"bytes */{count}":
+                return True  # all of it was there
+            total = _total(response, expected)
+            expected.check_count(total or 0)
+            resumed = bool(count) and _continues(response, count, validator)
             if not resumed:
-                count, whole = 0, _begun(response, asked, cached, expected)
-            total = whole.total if whole is not None else None
+                count = 0
+                cached.begin(_validator(response))
+                if response.status_code != 200:
+                    raise InterruptedBodyError("its server sends another part than asked for")
             if total is not None:
                 cached.check_space(total - count)
             with writing(cached.partial):
                 file = cached.partial.open("ab")
             with file:
-                try:
-                    self._pour(expected, response, file, total, patience, start=count)
-                except TooLargeError:
-                    cached.discard()
-                    raise
+                self._progress(expected.url, count, total)
+                for block in self._client.body(response):
+                    count += len(block)
+                    if count > expected.limit_bytes:
+                        cached.discard()
+                    expected.check_count(count)
+                    with writing(cached.partial):
+                        file.write(block)
+                        file.flush()
+                    self._progress(expected.url, count, total)
+        if total is not None and count < total:
+            raise InterruptedBodyError(f"the connection was lost: {count} bytes came of {total}")
         return resumed
 
-    def _pour(
-        self,
-        expected: Expected,
-        response: requests.Response,
-        file: BinaryIO,
-        total: int | None,
-        patience: Patience,
-        *,
-        start: int = 0,
-        decoded: bool = False,
-    ) -> None:
-        """Write a body as it comes."""
-        count = start
-        self._progress(expected.url, count, total)
-        patience.answered()
-        for block in blocks(response, decoded):
-            count += len(block)
-            expected.check_limit(count)
-            if total is not None and count > total:
-                raise Transient(f"its server sends more than the {total} bytes it told of")
-            with writing(Path(getattr(file, "name", expected.url))):
-                file.write(block)
-                file.flush()
-            patience.came(count)
-            self._progress(expected.url, count, total)
-        if total is not None and count < total:
-            raise Transient(f"{count} bytes came of {total}")
+    def _document(self, expected: Expected) -> bytes:
+        content = io.BytesIO()
+        with self._client.get(expected.url, {"Accept": "application/json"}) as response:
+            for block in self._client.body(response, decoded=True):
+                content.write(block)
+                expected.check_count(content.tell())
+        return content.getvalue()
 
 
-def _begun(response: requests.Response, asked: str, cached: CachedFile, expected: Expected) -> Whole:
-    """Forget what has come before, and return what an answer is that has all of a file."""
-    if response.status_code != 200:
-        cached.discard()
-        raise Transient(f"its server sends another part than asked for ({response.status_code})")
-    total = length(response)
-    if total is None and not marks_its_end(response):
-        expected.check_end()
-        total = expected.size
-    if total is not None:
-        expected.check_size(total)
-    whole = Whole(asked, validator(response), total)
-    cached.begin(whole)
-    return whole
+def _total(response: requests.Response, expected: Expected) -> int | None:
+    """Return the bytes of the whole file; None where the end of its last chunk will tell.
+
+    Raises
+    ------
+    FormatError
+        The server says another size than is known.
+    InputError
+        Nothing tells where the file ends.
+    """
+    if response.headers.get("Transfer-Encoding", "").lower() == "chunked":
+        return None
+    matched = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+    said = matched[2] if matched else response.headers.get("Content-Length", "")
+    if not re.fullmatch(r"[0-9]{1,18}", said):
+        if expected.size is None and expected.md5 is None:
+            raise InputError(
+                expected.url,
+                "its server does not say how long it is, so a cut connection would pass for its end",
+                "Use a mirror.",
+            )
+        return expected.size
+    if expected.size is not None and int(said) != expected.size:
+        finding = f"not what is known of it: its size is {said}, not {expected.size}"
+        raise FormatError(expected.url, finding, REMEDY)
+    return int(said)
+
+
+def _validator(response: requests.Response) -> str:
+    """Return what tells this version of a file from any other, byte by byte; empty where nothing does."""
+    tag = response.headers.get("ETag", "")
+    if re.fullmatch(r'"[!#-~]*"', tag):  # a strong one
+        return tag
+    modified = response.headers.get("Last-Modified", "")
+    try:
+        age = parsedate_to_datetime(response.headers.get("Date", "")) - parsedate_to_datetime(modified)
+    except (ValueError, TypeError, OverflowError):  # absent, no dates, or of which one has no time zone
+        return ""
+    return modified if age >= LEAST_AGE else ""
+
+
+def _continues(response: requests.Response, count: int, validator: str) -> bool:
+    """Whether an answer is the rest of a file after `count` bytes."""
+    matched = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+    is_rest = response.status_code == 206 and matched is not None and int(matched[1]) == count
+    return is_rest and _validator(response) in ("", validator)

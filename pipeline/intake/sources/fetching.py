@@ -1,14 +1,14 @@
-"""One object from its source to its folder: brought, unpacked, compared with what is known, or not there."""
+"""One object from its source to its folder: downloaded, unpacked, compared with what is known."""
 
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
-from pipeline.intake.sources.cached_file import writing
+from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.download import Downloader
-from pipeline.intake.sources.fetched import (
+from pipeline.intake.sources.http_client import AbsentError, RefusedError
+from pipeline.intake.sources.object_record import (
     RECORD,
     Form,
     Record,
@@ -17,11 +17,9 @@ from pipeline.intake.sources.fetched import (
     read_record,
     write_record,
 )
-from pipeline.intake.sources.held_folder import held_folder, put
 from pipeline.intake.sources.recorded_hashes import ChangedError, check_known, read_hashes, record_hashes
 from pipeline.intake.sources.source import Download, Source, SourceObject, near_names
 from pipeline.intake.sources.unpacking import unpack
-from pipeline.intake.sources.web import AbsentError, RefusedError
 
 FETCHED, KEPT = "fetched", "already there"
 
@@ -53,7 +51,7 @@ class Fetched:
     @property
     def form(self) -> Form:
         """The form that was asked for."""
-        return self.record.forms[self.asked.resolution]
+        return self.record.resolutions[self.asked.resolution]
 
     @property
     def mesh(self) -> Path:
@@ -72,14 +70,14 @@ class Fetched:
 
 
 class Fetcher:
-    """Brings objects of any source into one folder.
+    """Fetches objects of any source into one folder.
 
     Parameters
     ----------
     folder
         An object comes to ``<folder>/<source>/<name>``.
     downloader
-        What brings files and documents.
+        Fetches files and documents.
     hashes
         Table of what is known of files, which is added to.
     refresh
@@ -111,16 +109,11 @@ class Fetcher:
         return self._names[source.id]
 
     def missing(self, asked: SourceObject) -> list[Download]:
-        """Return what would be brought: nothing where all is there and whole. Errors are those of `fetch`."""
-        target = asked.folder(self._folder)
-        with writing(target):
-            record = read_record(target)
-            if record is not None and self._is_good(asked, target, record):
-                return []
-        return self._listed(asked)
+        """Return what would be downloaded: nothing where all is there. Errors are those of `fetch`."""
+        return [] if self._kept(asked) else self._listed(asked)
 
     def fetch(self, asked: SourceObject) -> Fetched:
-        """Bring one object, or find that it is there and whole.
+        """Fetch one object, or find that it is there and whole.
 
         Raises
         ------
@@ -129,51 +122,58 @@ class Fetcher:
         ChangedError
             A file is another than is recorded of it.
         FormatError
-            What came is damaged, or laid out as the source does not lay it out.
+            What was downloaded is damaged, or laid out as the source does not lay it out.
         """
         target = asked.folder(self._folder)
-        with writing(target), held_folder(target) as partial:
-            before = read_record(target)
-            if before is not None and self._is_good(asked, target, before):
-                return Fetched(asked, target, before, KEPT, self._recorded(asked, before))
-            record = self._brought(asked, partial)
-            recorded = self._recorded(asked, record)
-            if before is not None:
-                record = _with_other_forms(target, before, partial, record)
-            write_record(partial, asked, record)
-            put(target)
+        partial = target.with_name(f".{target.name}.partial")
+        with locked(target.with_name(f".{target.name}.lock")), writing(target):
+            kept = self._kept(asked)
+            if kept is not None:
+                return Fetched(asked, target, kept, KEPT, self._record_hashes(asked, kept))
+            try:
+                record = self._downloaded(asked, partial)
+                recorded = self._record_hashes(asked, record)
+                before = read_record(target)
+                if before is not None:
+                    record = _with_other_resolutions(target, before, partial, record)
+                write_record(partial, asked, record)
+                _replace_folder(target, partial)
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
         return Fetched(asked, target, record, FETCHED, recorded)
 
-    def _is_good(self, asked: SourceObject, folder: Path, record: Record) -> bool:
-        """Whether what is there is kept: whole, and what is known of it."""
-        if self._refresh or asked.resolution not in record.forms:
-            return False
+    def _kept(self, asked: SourceObject) -> Record | None:
+        """Return the record of what is there, if that is whole and as it is known."""
+        target = asked.folder(self._folder)
+        record = None if self._refresh else read_record(target)
+        if record is None or not is_whole(target, record, asked.resolution):
+            return None
         try:
             self._check_known(asked, record)
         except ChangedError:
-            return False
-        return is_whole(folder, record, asked.resolution)
+            return None
+        return record
 
     def _check_known(self, asked: SourceObject, record: Record) -> None:
         check_known(read_hashes(self._hashes), asked.id, record.files_of(asked.resolution))
 
-    def _recorded(self, asked: SourceObject, record: Record) -> int:
+    def _record_hashes(self, asked: SourceObject, record: Record) -> int:
         files = record.files_of(asked.resolution)
         return record_hashes(self._hashes, asked.id, files, accept_changed=self._accept_changed)
 
-    def _brought(self, asked: SourceObject, folder: Path) -> Record:
-        """Fill a folder; what is damaged or changed is brought once more before it is refused."""
-        try:
-            return self._laid_out(asked, folder, anew=self._refresh)
-        except (FormatError, ChangedError):
-            if self._refresh:
-                raise
-        for left in folder.iterdir():
-            shutil.rmtree(left) if left.is_dir() else left.unlink()
+    def _downloaded(self, asked: SourceObject, folder: Path) -> Record:
+        """Fill a folder; what is damaged or changed is downloaded once more before it is refused."""
+        if not self._refresh:
+            try:
+                return self._laid_out(asked, folder, anew=False)
+            except (FormatError, ChangedError):
+                pass
         return self._laid_out(asked, folder, anew=True)
 
     def _laid_out(self, asked: SourceObject, folder: Path, *, anew: bool) -> Record:
-        """Fill a folder as the source lays it out, and look what is what in it."""
+        """Fill an empty folder as the source lays it out; return which file is what."""
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        folder.mkdir(parents=True)
         listed = self._listed(asked)
         for entry in listed:
             if anew:
@@ -183,16 +183,16 @@ class Fetcher:
                 place = folder / entry.path
                 place.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(file, place)
-            else:
-                _unpack(asked.source, entry.top, file, folder)
+            elif not unpack(file, folder, top=entry.top, wanted=asked.source.wanted):
+                finding = f"holds nothing that is wanted{f' in {entry.top}/' if entry.top else ''}"
+                raise FormatError(file.name, finding, "Its source lays it out differently than it did.")
         paths = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
         if RECORD in paths:
             raise FormatError(asked.id, f"has a file {RECORD!r} of its own", "Tell its source.")
         mesh, texture = asked.source.mesh_and_texture(folder, asked.name, asked.resolution)
         form = Form(mesh, texture, tuple(entry.url for entry in listed), tuple(paths))
-        record = Record(
-            asked.resolution, {asked.resolution: form}, {path: content_of(folder / path) for path in paths}
-        )
+        contents = {path: content_of(folder / path) for path in paths}
+        record = Record(asked.resolution, {asked.resolution: form}, contents)
         if not self._accept_changed:
             self._check_known(asked, record)
         return record
@@ -206,12 +206,12 @@ class Fetcher:
     def _file(self, asked: SourceObject, entry: Download) -> Path:
         try:
             return self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
-        except RefusedError as problem:
-            # Where its list cannot be had either, the source refuses everything.
-            if not (asked.source.refuses_absent and self._can_list(asked.source)):
+        except (AbsentError, RefusedError) as problem:
+            # Some servers refuse what they do not have; one that refuses its list, too, refuses everything.
+            if isinstance(problem, RefusedError) and not (
+                asked.source.refuses_absent and self._can_list(asked.source)
+            ):
                 raise
-            raise self._absent(asked) from problem
-        except AbsentError as problem:
             raise self._absent(asked) from problem
 
     def _can_list(self, source: Source) -> bool:
@@ -238,28 +238,20 @@ class Fetcher:
         return InputError(asked.id, f"{source.title} has no such object", remedy)
 
 
-def _unpack(source: Source, top: str, file: Path, folder: Path) -> None:
-    """Unpack what is wanted of an archive, without its top folder."""
-    start = f"{top}/" if top else ""
-    unpacked = folder / ".unpacked"
-    unpack(
-        file,
-        unpacked,
-        wanted=lambda path: path.startswith(start) and source.wanted(path.removeprefix(start)),
-    )
-    within = unpacked / top
-    if not within.is_dir() or not any(within.iterdir()):
-        finding = f"holds nothing that is wanted{f' in {start}' if start else ''}"
-        raise FormatError(file.name, finding, "Its source lays it out differently than it did: look at it.")
-    for member in within.iterdir():
-        os.rename(member, folder / member.name)
-    shutil.rmtree(unpacked)
+def _replace_folder(target: Path, whole: Path) -> None:
+    """Rename `whole` to `target`, in place of what is there."""
+    old = target.with_name(f".{target.name}.old")
+    shutil.rmtree(old, ignore_errors=True)  # of a process that was killed
+    if target.exists():
+        target.rename(old)
+    whole.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
 
 
-def _with_other_forms(target: Path, before: Record, partial: Path, brought: Record) -> Record:
-    """Copy what an object has at other resolutions, if it is whole, beside what was brought."""
-    forms, files = dict(brought.forms), dict(brought.files)
-    for resolution, form in before.forms.items():
+def _with_other_resolutions(target: Path, before: Record, partial: Path, fetched: Record) -> Record:
+    """Copy what an object has at other resolutions, if it is whole, beside what was fetched."""
+    forms, files = dict(fetched.resolutions), dict(fetched.files)
+    for resolution, form in before.resolutions.items():
         same = all(files.get(name, before.files[name]) == before.files[name] for name in form.files)
         if resolution in forms or not same or not is_whole(target, before, resolution):
             continue
@@ -269,4 +261,4 @@ def _with_other_forms(target: Path, before: Record, partial: Path, brought: Reco
                 shutil.copyfile(target / name, partial / name)
                 files[name] = before.files[name]
         forms[resolution] = form
-    return Record(brought.resolution, forms, files)
+    return Record(fetched.resolution, forms, files)

@@ -1,27 +1,20 @@
 """Many objects, one after another: one that fails does not stop the others."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.intake.sources.fetching import Fetched, Fetcher
+from pipeline.intake.sources.http_client import UnreachableError
 from pipeline.intake.sources.registry import Resolutions
-from pipeline.intake.sources.web import Transient
 
-MOST_UNREACHABLE = 2  # objects of a source in a row, after which the rest of it is not waited for
+MOST_UNREACHABLE = 2  # objects of a source in a row, after which its other objects are not asked for
 
 
 @dataclass(frozen=True)
 class Failed:
-    """An object that was not fetched.
-
-    Parameters
-    ----------
-    source_id
-        As it was asked for.
-    error
-        Why.
-    """
+    """An object that was not fetched, by the id that was asked for, and why."""
 
     source_id: str
     error: ObjectFolderError
@@ -33,7 +26,7 @@ def fetch_all(
     resolutions: Resolutions,
     begin: Callable[[str], None] = lambda source_id: None,
 ) -> Iterator[Fetched | Failed]:
-    """Yield what became of each object, an object at a time.
+    """Yield the outcome of each object.
 
     Parameters
     ----------
@@ -44,24 +37,22 @@ def fetch_all(
     begin
         Called before each.
     """
-    unreachable: dict[str, int] = {}
+    unreachable: Counter[str] = Counter()
     for source_id in dict.fromkeys(source_ids):
         try:
             asked = resolutions.asked(source_id)
-            if unreachable.get(asked.source.id, 0) >= MOST_UNREACHABLE:
-                raise InputError(
-                    source_id,
-                    "not tried, for its source cannot be reached",
-                    "The same command goes on later.",
-                )
+            source = asked.source.id
+            if unreachable[source] >= MOST_UNREACHABLE:
+                finding = "not tried, for its source cannot be reached"
+                raise InputError(source_id, finding, "The same command goes on later.")
             begin(source_id)
             try:
                 fetched = fetcher.fetch(asked)
             except ObjectFolderError as error:
-                is_network = isinstance(error.__cause__, Transient)
-                unreachable[asked.source.id] = unreachable.get(asked.source.id, 0) + 1 if is_network else 0
+                is_unreachable = isinstance(error, UnreachableError)
+                unreachable[source] = unreachable[source] + 1 if is_unreachable else 0
                 raise
-            unreachable[asked.source.id] = 0
+            unreachable[source] = 0
             yield fetched
         except ObjectFolderError as error:
             yield Failed(source_id, error)

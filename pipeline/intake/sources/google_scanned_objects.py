@@ -4,9 +4,9 @@ from pathlib import Path
 from urllib.parse import quote
 
 from objectfolder.errors import FormatError
+from pipeline.intake.sources.http_client import AbsentError
 from pipeline.intake.sources.obj_layout import obj_texture
 from pipeline.intake.sources.source import Documents, Download, Source, check_file_name
-from pipeline.intake.sources.web import AbsentError
 
 FUEL = "https://fuel.gazebosim.org/1.0/GoogleResearch/"
 VERSION = 1  # the first of a model: what is recorded of it stays true when another is published

@@ -1,21 +1,30 @@
 """Poly Haven, formerly 3D Model Haven: a glTF with its files, listed by an API."""
 
-import json
 import re
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated
 from urllib.parse import unquote, urlsplit
 
+from pydantic import BaseModel, Field, StrictInt, ValidationError
+
 from objectfolder.errors import FormatError, InputError
+from objectfolder.geometry.gltf_file import read_gltf_file
 from pipeline.intake.sources.source import Documents, Download, Source
 
 API = "https://api.polyhaven.com/"
 FILES = "https://dl.polyhaven.org/"
 RESOLUTIONS = ("1k", "2k", "4k", "8k")  # side of the textures; the mesh is the same
 MOST_FILES = 1000
-LARGEST_GLTF_BYTES = 64 << 20
 _SLUG = re.compile(r"[A-Za-z0-9_-]{1,50}")
-_MD5 = re.compile(r"[0-9a-fA-F]{32}")
+
+
+class _ListedFile(BaseModel):
+    """A file as the API lists it, with those that it includes by their paths."""
+
+    url: str
+    size: StrictInt | None = None
+    md5: Annotated[str, Field(pattern=r"^[0-9a-fA-F]{32}$")] | None = None
+    include: dict[str, "_ListedFile"] = {}
 
 
 def downloads(name: str, resolution: str, documents: Documents) -> list[Download]:
@@ -36,17 +45,18 @@ def downloads(name: str, resolution: str, documents: Documents) -> list[Download
         if "gltf" not in listed:
             raise InputError(f"polyhaven:{name}", "is no model: it has no glTF", "Name a model of its list.")
         if resolution not in listed["gltf"]:
-            there = ", ".join(sorted(listed["gltf"], key=_thousands))
+            there = ", ".join(sorted(listed["gltf"], key=lambda one: (len(one), one)))
             raise InputError(f"polyhaven:{name}", f"has no glTF of {resolution}", f"It has {there}.")
-        main = listed["gltf"][resolution]["gltf"]
-        found = [_download(address, main["url"].rpartition("/")[2], main)]
-        found += [_download(address, path, entry) for path, entry in main.get("include", {}).items()]
-    except (KeyError, TypeError, AttributeError) as problem:
-        raise FormatError(address, f"no list of files ({problem!r})", "Its API has changed.") from problem
-    paths = {entry.path.casefold() for entry in found}
-    if len(paths) != len(found) or len(found) > MOST_FILES:
-        raise FormatError(address, f"lists {len(found)} files of {len(paths)} names", "Its API is wrong.")
-    return found
+        main = _ListedFile.model_validate(listed["gltf"][resolution]["gltf"])
+    except (KeyError, TypeError, ValidationError) as problem:
+        raise FormatError(address, f"no list of files ({problem})", "Its API has changed.") from problem
+    files = {main.url.rpartition("/")[2]: main, **main.include}
+    for path, entry in files.items():
+        _check_place(address, path, entry.url)
+    names = {path.casefold() for path in files}
+    if len(names) != 1 + len(main.include) or len(files) > MOST_FILES:
+        raise FormatError(address, f"lists {len(files)} files of {len(names)} names", "Its API is wrong.")
+    return [Download(entry.url, path, entry.size, entry.md5) for path, entry in files.items()]
 
 
 def mesh_and_texture(folder: Path, name: str, resolution: str) -> tuple[str, str | None]:
@@ -84,44 +94,33 @@ def check_name(name: str) -> None:
         )
 
 
-def _download(address: str, path: str, entry: dict[str, Any]) -> Download:
-    url, size, md5 = entry["url"], entry.get("size"), entry.get("md5")
+def _check_place(address: str, path: str, url: str) -> None:
+    """Raise `FormatError` for a path that leads out of the folder, or an address that is not the source's."""
     parts = PurePosixPath(path).parts
     if path != "/".join(parts) or any(part in ("..", "/") or "\\" in part or ":" in part for part in parts):
         raise FormatError(address, f"lists the file {path!r}, which leads elsewhere", "Its API is wrong.")
     place = urlsplit(url)
     if place.scheme != "https" or not f".{place.hostname}".endswith((".polyhaven.org", ".polyhaven.com")):
         raise FormatError(address, f"lists an address elsewhere ({url})", "Its API is wrong or has moved.")
-    if (size is not None and type(size) is not int) or (md5 is not None and not _MD5.fullmatch(md5)):
-        raise FormatError(address, f"says of {path!r} size {size!r} and md5 {md5!r}", "Its API is wrong.")
-    return Download(url, path, size, None if md5 is None else md5.lower())
 
 
 def _check_complete(mesh: Path) -> None:
     """Raise `FormatError` unless every buffer and image of a glTF is beside it."""
     try:
-        if mesh.stat().st_size > LARGEST_GLTF_BYTES:
-            raise ValueError(f"its JSON has more than {LARGEST_GLTF_BYTES} bytes")
-        said = json.loads(mesh.read_bytes())
-        named = [entry.get("uri", "data:") for kind in ("buffers", "images") for entry in said.get(kind, [])]
+        header = read_gltf_file(mesh).header
+        named = [
+            entry.get("uri", "data:") for kind in ("buffers", "images") for entry in header.get(kind, [])
+        ]
         missing = [
             uri for uri in named if not uri.startswith("data:") and not (mesh.parent / unquote(uri)).is_file()
         ]
-    except (ValueError, TypeError, AttributeError, OSError, RecursionError) as problem:
+    except (InputError, TypeError, ValueError, AttributeError, OSError) as problem:
         raise FormatError(
             mesh.name, f"no glTF ({problem})", "The source is at fault; try later."
         ) from problem
     if missing:
-        raise FormatError(
-            mesh.name,
-            f"names {missing[0]!r}, which its list of files does not have",
-            "The source is at fault.",
-        )
-
-
-def _thousands(resolution: str) -> tuple[int, str]:
-    digits = re.match(r"\d+", resolution)
-    return int(digits[0]) if digits else 0, resolution
+        finding = f"names {missing[0]!r}, which its list of files does not have"
+        raise FormatError(mesh.name, finding, "The source is at fault.")
 
 
 SOURCE = Source(

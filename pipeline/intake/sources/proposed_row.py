@@ -1,4 +1,4 @@
-"""The row of a table of objects that a fetched object could become."""
+"""The rows of a table of objects that fetched objects could become."""
 
 import csv
 import io
@@ -11,31 +11,20 @@ from objectfolder.catalogue import AS_IN_FILE
 from pipeline.intake.sources.fetching import Fetched
 
 COLUMNS = (
-    "id",
-    "name",
-    "mesh",
-    "texture",
-    "material",
-    "length_m",
-    "source",
-    "licence",
-    "attribution",
-    "source_id",
-)
+    "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "source_id",
+)  # fmt: skip
 
 
-def proposed_rows(objects: Sequence[Fetched], folder: Path, columns: Sequence[str] = COLUMNS) -> str:
-    """Return CSV with a header: all that is known of objects; their materials nobody knows.
+def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
+    """Return CSV with a header: all that is known of objects, but for their materials.
 
     Parameters
     ----------
     folder
         Of the table, which paths are relative to.
-    columns
-        Of the table.
     """
     text = io.StringIO()
-    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
     writer.writeheader()
     for fetched in objects:
         source, name = fetched.asked.source, fetched.asked.name
@@ -43,18 +32,15 @@ def proposed_rows(objects: Sequence[Fetched], folder: Path, columns: Sequence[st
             {
                 "id": re.sub(r"[^A-Za-z0-9_.-]", "_", name).lstrip(".")[:100],
                 "name": re.sub(r"^\d+(-\w)? ", "", name.replace("_", " ")),
-                "mesh": _relative(fetched.mesh, folder),
-                "texture": "" if fetched.texture is None else _relative(fetched.texture, folder),
+                "mesh": Path(os.path.relpath(fetched.mesh, folder)).as_posix(),
+                "texture": Path(os.path.relpath(fetched.texture, folder)).as_posix()
+                if fetched.texture
+                else "",
                 "length_m": AS_IN_FILE,
                 "source": source.title,
                 "licence": source.licence,
                 "attribution": source.attribution,
                 "source_id": fetched.asked.id,
-                "source_url": source.object_page(name),
             }
         )
     return text.getvalue()
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path, folder)).as_posix()

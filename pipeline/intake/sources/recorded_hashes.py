@@ -1,4 +1,4 @@
-"""What is known of the files of sources: a table under version control, added to and compared with.
+"""Hashes of the files of sources: a table under version control, added to and compared with.
 
 Archives are not in it, for mirrors and sources pack the same files again: what is in them is.
 """
@@ -12,8 +12,7 @@ from pathlib import Path
 
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
-from pipeline.intake.sources.cached_file import writing
-from pipeline.intake.sources.vanishing_lock import vanishing_lock
+from pipeline.intake.disk import locked, writing
 
 COLUMNS = ("source_id", "file", "bytes", "sha256")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -47,31 +46,25 @@ def read_hashes(path: Path) -> Known:
     InputError
         It is no such table, with its line.
     """
+    if not path.is_file():
+        return {}
     known: Known = {}
+    where = str(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.reader(file, strict=True)
             if tuple(next(reader, ())) != COLUMNS:
-                raise InputError(
-                    str(path), f"its columns are not {', '.join(COLUMNS)}", "Restore it from git."
-                )
+                raise ValueError(f"its columns are not {', '.join(COLUMNS)}")
             for cells in reader:
-                if not cells:
-                    continue
                 where = f"{path} line {reader.line_num}"
-                if len(cells) != len(COLUMNS) or not cells[2].isdecimal() or not _SHA256.fullmatch(cells[3]):
-                    raise InputError(where, "no id, file, bytes and sha256", "Restore it from git.")
-                if (
-                    known.setdefault((cells[0], cells[1]), content := Content(int(cells[2]), cells[3]))
-                    != content
-                ):
-                    raise InputError(
-                        where, f"says otherwise of {cells[1]} than a line above", "Keep the true one."
-                    )
-    except FileNotFoundError:
-        return {}
-    except (csv.Error, UnicodeDecodeError) as problem:
-        raise InputError(str(path), f"no CSV table in UTF-8 ({problem})", "Restore it from git.") from problem
+                source_id, name, size, sha256 = cells
+                if not size.isdecimal() or not _SHA256.fullmatch(sha256):
+                    raise ValueError(f"{size!r} and {sha256!r} are no size and hash")
+                content = Content(int(size), sha256)
+                if known.setdefault((source_id, name), content) != content:
+                    raise ValueError(f"says otherwise of {name} than a line above")
+    except (csv.Error, ValueError) as problem:
+        raise InputError(where, f"no CSV table of hashes in UTF-8 ({problem})", "Restore it.") from problem
     return known
 
 
@@ -108,18 +101,14 @@ def record_hashes(
     InputError
         The table is damaged or cannot be written.
     """
-    known = read_hashes(path)
-    new = {(source_id, name): content for name, content in files.items()}
-    if not accept_changed:
-        check_known(known, source_id, files)
-    if all(known.get(key) == content for key, content in new.items()):
-        return 0
-    with writing(path), vanishing_lock(path.with_name(f".{path.name}.lock")):
-        known = read_hashes(path)  # another process may have added to it
+    with locked(path.with_name(f".{path.name}.lock")), writing(path):
+        known = read_hashes(path)
         if not accept_changed:
             check_known(known, source_id, files)
-        added = sum(known.get(key) != content for key, content in new.items())
-        _write(path, known | new)
+        found = known | {(source_id, name): content for name, content in files.items()}
+        added = sum(known.get(key) != content for key, content in found.items())
+        if added:
+            _write(path, found)
     return added
 
 

@@ -1,11 +1,11 @@
 """The rows of a table of objects that come from sources, read without asking that their files are there."""
 
-import csv
 import difflib
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
+from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
 
 
@@ -30,35 +30,12 @@ class SourceRow:
 
 
 def read_source_rows(table: Path) -> list[SourceRow]:
-    """Read a table of objects.
-
-    Raises
-    ------
-    InputError
-        No such table, no CSV, or one without the columns `id` and `source_id`.
-    """
-    try:
-        with table.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file, strict=True)
-            columns = [name.strip() for name in reader.fieldnames or ()]
-            rows = [
-                {name: (value or "").strip() for name, value in zip(columns, row.values(), strict=False)}
-                for row in reader
-            ]
-    except FileNotFoundError:
-        raise InputError(str(table), "the table of objects does not exist", "Correct the path") from None
-    except (csv.Error, UnicodeDecodeError, AttributeError) as problem:
-        raise InputError(
-            str(table), f"is not a CSV table in UTF-8 ({problem})", "Export it again"
-        ) from problem
-    for name in ("id", "source_id"):
-        if name not in columns:
-            raise InputError(
-                str(table), f"has no column {name!r}", "Add it: source_id says where from, as ycb:025_mug"
-            )
-    return [
-        SourceRow(row["id"], row["source_id"], row.get("mesh", ""), row.get("texture", "")) for row in rows
-    ]
+    """Read a table of objects; InputError for what is none, or has no column `source_id`."""
+    columns, rows = read_rows(table)
+    if "source_id" not in columns:
+        remedy = "Add it: source_id says where from, as ycb:025_mug"
+        raise InputError(str(table), "has no column 'source_id'", remedy)
+    return [SourceRow(row["id"], row["source_id"], row["mesh"], row.get("texture", "")) for _, row in rows]
 
 
 def chosen_rows(table: Path, rows: list[SourceRow], only: Collection[str]) -> list[SourceRow]:

@@ -1,148 +1,237 @@
-"""Archives of strangers unpacked: into one folder, all of it or nothing."""
+"""Archives unpacked into a folder: checked whole before anything is written, extracted by the library."""
 
-import os
-import shutil
-import tempfile
-from collections.abc import Callable
-from pathlib import Path
+import gzip
+import io
+import re
+import stat
+import struct
+import tarfile
+import unicodedata
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path, PurePosixPath
 
-from objectfolder.atomic import PARTIAL
-from objectfolder.errors import FormatError, InputError
-from pipeline.intake.sources.archive_names import Names, plain_name
-from pipeline.intake.sources.cached_file import writing
-from pipeline.intake.sources.source_archives import Member, Unreadable, opened
+from objectfolder.errors import FormatError
+from pipeline.intake.disk import writing
 
 LIMIT_BYTES = 4 << 30
 LIMIT_FILES = 10_000
 # Texts of meshes shrink to a fifth and pictures not at all; a bomb, to a thousandth.
 MOST_RATIO = 100
 LEAST_SUSPECT_BYTES = 64 << 20  # below it, any ratio will do
-HEADERS_BYTES = 4096  # of a member of a tar, and what it is filled up with
-REMEDY = "Nothing of it was unpacked. Fetch it again; if it stays so, tell its source."
+BUFFER = 1 << 20
+LARGEST_READ = 4 << 20  # of a zip's directory, or of a tar's long name, which are read at once
+REMEDY = "Nothing of it is used. Fetch it again; if it stays so, tell its source."
+# What a damaged archive makes the readers of the standard library raise.
+DAMAGE = (
+    zipfile.BadZipFile, tarfile.TarError, zlib.error, gzip.BadGzipFile, struct.error, EOFError, LookupError,
+    TypeError, ValueError, AttributeError, RuntimeError, OverflowError,
+)  # fmt: skip
+_DRIVE = re.compile(r"[A-Za-z]:")
+
+
+class BadArchiveError(ValueError):
+    """An archive that has what none from a source should have; the text says what."""
 
 
 def unpack(
     archive: Path,
     folder: Path,
     *,
-    wanted: Callable[[str], bool] | None = None,
+    top: str = "",
+    wanted: Callable[[str], bool] = lambda path: True,
     limit_bytes: int = LIMIT_BYTES,
     limit_files: int = LIMIT_FILES,
-) -> list[Path]:
-    """Unpack a zip, tar or tar.gz to a folder that takes its name when all is there.
+) -> list[str]:
+    """Unpack a zip or tar.gz into an empty folder; where it is refused, the caller removes the folder.
 
     Parameters
     ----------
     archive
         What it is, its content decides and not its name.
-    folder
-        Where to; it may not be there yet, or must be empty.
+    top
+        Folder in the archive whose members are unpacked, without it; all for an empty one.
     wanted
-        Which members to unpack, by their paths below `folder`; all by default. Those left out must be
-        harmless all the same.
+        Which members to unpack, by their paths below `top`. Those left out must be harmless all the same.
     limit_bytes, limit_files
-        The most that it may unpack to, counted as it is unpacked, and the most members.
+        The most that all members may have together, and the most members.
 
     Returns
     -------
     list
-        The files unpacked, in the archive's order.
+        Paths of the files in `folder`, in the archive's order.
 
     Raises
     ------
     FormatError
-        A damaged or empty archive, or one with a member that is no plain file or folder, lies outside the
-        folder, is encrypted or strangely compressed, is there twice, or differs from another by case alone;
-        or one that unpacks to too much.
+        A damaged or empty archive; one with a member that is no plain file or folder, leads out of the
+        folder, is encrypted, is there twice or differs from another by case alone; or one that would unpack
+        to too much.
     InputError
-        The archive cannot be read, or the folder not written, or it is in use.
+        The archive cannot be read, or the folder not written.
     """
-    if folder.is_dir() and any(folder.iterdir()):
-        raise InputError(str(folder), "there is something in it already", "Remove it or name another folder.")
-    with writing(folder.parent):
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=PARTIAL, dir=folder.parent))
-    try:
-        names = _fill(archive, temporary, wanted or (lambda name: True), limit_bytes, limit_files)
-        with writing(folder):
-            temporary.chmod(0o755)
-            temporary.replace(folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
-    return [folder / name for name in names]
-
-
-class _Budget:
-    """What may yet be unpacked."""
-
-    def __init__(self, limit_bytes: int, packed_bytes: int) -> None:
-        self._most = min(limit_bytes, max(LEAST_SUSPECT_BYTES, MOST_RATIO * packed_bytes))
-        self._total = 0
-
-    def spend(self, count: int) -> None:
-        self._total += count
-        if self._total > self._most:
-            raise Unreadable(f"it unpacks to more than {self._most} bytes")
-
-
-def _fill(
-    archive: Path, folder: Path, wanted: Callable[[str], bool], limit_bytes: int, limit_files: int
-) -> list[str]:
-    """Unpack into a folder of one's own; return the files."""
+    start = f"{top}/" if top else ""
     files: list[str] = []
-    names = Names()
-    empty = True
-    try:
+    with writing(archive):
         packed_bytes = archive.stat().st_size
-        budget = _Budget(limit_bytes, packed_bytes)
-        # A tar.gz is unpacked whole on the way, with what is not wanted, and with its headers.
-        on_the_way = _Budget(limit_bytes + limit_files * HEADERS_BYTES, packed_bytes)
-        with opened(archive, on_the_way.spend) as members:
-            for number, member in enumerate(members):
-                if number >= limit_files:
-                    raise Unreadable(f"it has more than {limit_files} members")
-                name = _checked_name(member, names)
-                empty = empty and member.is_folder
-                if not member.is_folder and wanted(name):
-                    _write(member, folder / name, budget)
-                    files.append(name)
-            if empty:
-                raise Unreadable("it holds no file")
-    except Unreadable as error:
-        raise FormatError(str(archive), f"not to be unpacked: {error}", REMEDY) from error
-    except OSError as error:
-        raise InputError(
-            str(archive),
-            f"cannot be read ({error.strerror or error})",
-            "Check that it is there, and the disk.",
-        ) from error
+    with writing(folder):
+        try:
+            checked = _Members(packed_bytes, limit_bytes, limit_files)
+            for member in _members(archive):
+                path = checked.path(member)
+                inner = path.removeprefix(start)
+                if not member.is_folder and path.startswith(start) and wanted(inner):
+                    member.extract(inner, folder)
+                    files.append(inner)
+            if not checked.files:
+                raise BadArchiveError("it holds no file")
+        except RecursionError as error:
+            finding = "not to be unpacked: its headers follow one another without end"
+            raise FormatError(str(archive), finding, REMEDY) from error
+        except DAMAGE as error:
+            said = str(error) or type(error).__name__
+            raise FormatError(str(archive), f"not to be unpacked: {said}", REMEDY) from error
     return files
 
 
-def _checked_name(member: Member, names: Names) -> str:
-    """Return a member's path below the folder; empty for the folder itself."""
-    try:
-        name = plain_name(member.name)
-        if name:
-            names.add(name, is_folder=member.is_folder)
-        elif not member.is_folder:
-            raise ValueError(f"{member.name!r} is no name of a file")
-    except ValueError as error:
-        raise Unreadable(str(error)) from error
-    return name
+@dataclass(frozen=True)
+class _Member:
+    """A file or folder in an archive; `extract` writes it under another name in a folder."""
+
+    name: str
+    size: int
+    is_folder: bool
+    extract: Callable[[str, Path], object]
 
 
-def _write(member: Member, path: Path, budget: _Budget) -> None:
-    """Write a member's content, with the permissions of any new file, whatever the archive has."""
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("xb")
-    with file:
-        for block in member.blocks:
-            budget.spend(len(block))
-            with writing(path):
-                file.write(block)
-        with writing(path):
-            file.flush()
-            os.fsync(file.fileno())
+class _Members:
+    """The members met so far, and what all of them may have."""
+
+    def __init__(self, packed_bytes: int, limit_bytes: int, limit_files: int) -> None:
+        self.files = 0
+        self._count = 0
+        self._limit_files = limit_files
+        self._limit_bytes = min(limit_bytes, max(LEAST_SUSPECT_BYTES, MOST_RATIO * packed_bytes))
+        self._bytes = 0
+        # Names as a file system sees them that tells neither case nor composed letters apart.
+        self._known: dict[str, tuple[str, bool]] = {}
+
+    def path(self, member: _Member) -> str:
+        """Return a member's path below the folder; BadArchiveError for one that is refused."""
+        self._count += 1
+        self._bytes += member.size
+        if self._count > self._limit_files:
+            raise BadArchiveError(f"it has more than {self._limit_files} members")
+        if member.size < 0 or self._bytes > self._limit_bytes:
+            raise BadArchiveError(f"it unpacks to more than {self._limit_bytes} bytes")
+        path = _plain_path(member.name)
+        if not path.parts:
+            if not member.is_folder:
+                raise BadArchiveError(f"{member.name!r} is no name of a file")
+            return ""
+        for parent in list(path.parents)[:-1]:
+            self._add(str(parent), is_folder=True)
+        self._add(str(path), is_folder=member.is_folder)
+        self.files += not member.is_folder
+        return str(path)
+
+    def _add(self, path: str, *, is_folder: bool) -> None:
+        key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", path).casefold())
+        if key not in self._known:
+            self._known[key] = path, is_folder
+            return
+        known, known_is_folder = self._known[key]
+        if known != path:
+            raise BadArchiveError(f"{path!r} and {known!r} are one name where case is not told apart")
+        if not (is_folder and known_is_folder):
+            raise BadArchiveError(f"{path!r} is there twice")
+
+
+def _plain_path(name: str) -> PurePosixPath:
+    """Return a member's path below its archive's folder; BadArchiveError for one that leads elsewhere."""
+    path = PurePosixPath(name)
+    if path.is_absolute():
+        raise BadArchiveError(f"{name!r} is an absolute path")
+    if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
+        raise BadArchiveError(f"{name!r} has control characters, or is not UTF-8")
+    if "\\" in name or any(part == ".." or _DRIVE.match(part) for part in path.parts):
+        raise BadArchiveError(f"{name!r} leads out of its folder, on this machine or on others")
+    return path
+
+
+class _Bounded(io.BufferedReader):
+    """A file of which nothing large is read at once, whatever sizes its headers declare."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        if size is not None and size < -1:
+            raise ValueError("a header declares a negative size")
+        content = super().read(LARGEST_READ + 1 if size in (None, -1) else min(size, LARGEST_READ + 1))
+        if len(content) > LARGEST_READ:
+            raise ValueError(f"a header of more than {LARGEST_READ} bytes")
+        return content
+
+    def seek(self, target: int, whence: int = io.SEEK_SET) -> int:
+        if whence == io.SEEK_SET and target < 0:  # and not the OSError of a disk that fails
+            raise ValueError("a header points before the beginning")
+        return super().seek(target, whence)
+
+
+def _members(archive: Path) -> Iterator[_Member]:
+    """Yield the members in their order, each to be extracted before the next."""
+    with archive.open("rb") as file:
+        start = file.read(512).lstrip()
+    if start.startswith((b"PK\3\4", b"PK\5\6")):
+        with _Bounded(io.FileIO(archive)) as content, zipfile.ZipFile(content) as opened:
+            yield from _zip_members(content, opened)
+    elif start.startswith(b"\x1f\x8b"):
+        with _Bounded(gzip.GzipFile(archive), BUFFER) as content:
+            yield from _tar_members(content)
+    elif start.startswith(b"<"):
+        raise BadArchiveError("a page of the web, and no archive")
+    else:
+        raise BadArchiveError("no archive: neither zip nor tar.gz")
+
+
+def _zip_members(file: _Bounded, archive: zipfile.ZipFile) -> Iterator[_Member]:
+    def extract(entry: zipfile.ZipInfo, path: str, folder: Path) -> None:
+        entry.filename = path
+        archive.extract(entry, folder)
+
+    entries = archive.infolist()
+    # The reader goes by the directory's size alone; one that is damaged there may seem to have fewer.
+    file.seek(-12 - len(archive.comment), io.SEEK_END)
+    (count,) = struct.unpack("<H", file.read(2))
+    if len(entries) != count and count != 0xFFFF:
+        raise BadArchiveError(f"its directory has {len(entries)} entries and tells of {count}")
+    for entry in entries:
+        name = entry.orig_filename  # `filename` ends at a zero byte
+        kind = stat.S_IFMT(entry.external_attr >> 16)
+        if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+            raise BadArchiveError(f"{name!r} is a link or device")
+        if entry.flag_bits & 0x1:
+            raise BadArchiveError(f"{name!r} is encrypted")
+        # Others, such as LZMA, may ask for gigabytes of memory to be unpacked.
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise BadArchiveError(f"{name!r} is compressed by method {entry.compress_type}, not 0 or 8")
+        yield _Member(name, entry.file_size, name.endswith("/"), partial(extract, entry))
+
+
+def _tar_members(file: _Bounded) -> Iterator[_Member]:
+    def extract(entry: tarfile.TarInfo, path: str, folder: Path) -> None:
+        archive.extract(entry.replace(name=path, deep=False), folder, set_attrs=False, filter="data")
+
+    with tarfile.open(fileobj=file, mode="r:") as archive:
+        while (entry := archive.next()) is not None:
+            if not (entry.isreg() or entry.isdir()) or entry.issparse():
+                raise BadArchiveError(f"{entry.name!r} is a link, device or file with holes")
+            yield _Member(entry.name, entry.size, entry.isdir(), partial(extract, entry))
+        # The reader takes anything that it does not understand for the end.
+        file.seek(archive.offset)
+        if file.read(tarfile.BLOCKSIZE) != bytes(tarfile.BLOCKSIZE):
+            raise BadArchiveError(f"it is cut or damaged after {archive.offset} bytes")
+        # The checksum of gzip stands after what fills up the tar's last record.
+        if len(file.read(LARGEST_READ)) == LARGEST_READ:
+            raise BadArchiveError("something follows its end")
