@@ -192,7 +192,7 @@ def compared(usual: Path, other: Path, object_id: str) -> dict[str, Any]:
         pairs = list(zip(stage.targets(usual, object_id), stage.targets(other, object_id), strict=True))
         if not all(path.exists() for pair in pairs for path in pair):
             continue
-        entries = [entry for pair in pairs for entry in compare(*pair, stage.name)]
+        entries = [entry for pair in pairs for entry in compare(*pair, stage.tolerances)]
         apart = {
             entry.name: {
                 "verdict": entry.verdict,

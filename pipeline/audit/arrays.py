@@ -1,6 +1,5 @@
 """How the arrays of two products compare: by the checksums they carry, or read, within what is allowed."""
 
-import fnmatch
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -8,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.audit import layouts
-from pipeline.audit.descriptions import Description
-from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Difference, compare, declared
-from pipeline.dataset.tolerances import SAME_BYTES, Tolerance
+from pipeline.audit.descriptions import GROUP, Description
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, compare
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.tolerances import Tolerance
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,7 @@ class Arrays:
     verdicts
         Array name to `EQUAL`, `WITHIN` or `DIFFERENT`.
     unread
-        Products whose arrays carry no checksums of their own and were not read.
+        Number of products whose arrays carry no checksums of their own and were not read.
     largest
         Array name to the largest difference, in the array's unit, where it was read and is not equal.
     """
@@ -53,51 +52,26 @@ def by_checksums(old: Description, new: Description) -> Arrays:
     ValueError
         The list of entries of either is damaged.
     """
-    quick = layouts.differing(old.listing, new.listing)
-    if quick is not None:
-        return Arrays({name: DIFFERENT if differs else EQUAL for name, differs in quick.items()})
-    before, after = old.arrays, new.arrays
-    return Arrays(
-        {
-            name: EQUAL if before.get(name) == after.get(name) else DIFFERENT
-            for name in sorted(before.keys() | after.keys())
-        }
-    )
+    before, after = old.chunks, new.chunks
+    names = {name.partition(b"/")[0] for *_, name in before | after} - {GROUP.encode()}
+    differing = {name.partition(b"/")[0] for *_, name in before ^ after}
+    return Arrays({name.decode(): DIFFERENT if name in differing else EQUAL for name in sorted(names)})
 
 
-def by_reading(old: Path, new: Path, stage: str, tolerances: Mapping[str, Tolerance]) -> Arrays:
-    """Compare all arrays and attributes of two products.
+def by_reading(old: Path, new: Path, tolerances: Mapping[str, Tolerance]) -> Arrays:
+    """Compare all arrays and attributes of two products, under tolerances by pattern of their names.
 
     Raises
     ------
     FormatError
         A damaged product.
     """
-    found = compare(old, new, stage)
-    verdicts = {one.name: judged(one, tolerances) for one in found}
+    found = compare(old, new, tolerances)
     largest = {one.name: one.largest for one in found if one.verdict != EQUAL and math.isfinite(one.largest)}
-    return Arrays(verdicts, largest=largest)
+    return Arrays({one.name: one.verdict for one in found}, largest=largest)
 
 
-def judged(found: Difference, tolerances: Mapping[str, Tolerance]) -> str:
-    """Return the verdict on a difference under tolerances by pattern, the first that fits."""
-    if found.verdict == EQUAL:
-        return EQUAL
-    allowed = next(
-        (one for key, one in tolerances.items() if fnmatch.fnmatchcase(found.name, key)), SAME_BYTES
-    )
-    if allowed == SAME_BYTES or not math.isfinite(found.largest):
-        return DIFFERENT
-    # Shares are of the array's range; without one, only what is allowed outright counts.
-    span = found.largest / found.relative if math.isfinite(found.relative) and found.relative else 0.0
-    rms = found.rms * span if span else found.largest
-    within = found.largest <= allowed.absolute + allowed.relative * span * (
-        1 + 1e-9
-    ) and rms <= allowed.absolute + allowed.rms * span * (1 + 1e-9)
-    return WITHIN if within else DIFFERENT
-
-
-def stored_tolerances(stage: str, *found: Description) -> tuple[Mapping[str, Tolerance], bool]:
+def stored_tolerances(stage: Stage, *found: Description) -> tuple[Mapping[str, Tolerance], bool]:
     """Return the tolerances of the first product that stores any, and whether one does.
 
     Products from before tolerances were stored are judged by what is declared now.
@@ -107,9 +81,9 @@ def stored_tolerances(stage: str, *found: Description) -> tuple[Mapping[str, Tol
         if isinstance(stored, dict):
             try:
                 return {str(name): _tolerance(said) for name, said in stored.items()}, True
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, AttributeError):
                 continue
-    return {name: _tolerance(said) for name, said in declared(stage).items()}, False
+    return stage.tolerances, False
 
 
 def _tolerance(said: Mapping[str, Any]) -> Tolerance:

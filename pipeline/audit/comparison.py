@@ -8,7 +8,7 @@ from pipeline.audit import reasons
 from pipeline.audit.arrays import Arrays, by_checksums
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.costs import KnownCosts, to_fetch
-from pipeline.audit.descriptions import Description, damage
+from pipeline.audit.descriptions import Description
 from pipeline.audit.fidelity import FidelityChange, changes, worst_first
 from pipeline.audit.findings import (
     ADDED,
@@ -25,15 +25,13 @@ from pipeline.audit.findings import (
     ObjectChange,
     StageChange,
 )
-from pipeline.audit.outcomes import failures_of
 from pipeline.audit.reasons import Circumstances, Reason
 from pipeline.audit.renaming import renamed
 from pipeline.audit.versions import Version
 from pipeline.audit.whole import Suspects
-from pipeline.dataset.products import ZARR, ProductKind
+from pipeline.dataset.products import ProductKind
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECTS, STAGES
-from pipeline.dataset.task import Failure
 
 
 class Comparison:
@@ -63,41 +61,49 @@ class Comparison:
         self._stages = stages
         self._suspects = Suspects(contents, read_arrays)
         self._known = KnownCosts(contents.root, new)
-        self._problems: dict[str, ObjectFolderError] = {}
-        self._far: dict[str, Description | ObjectFolderError] = {}
-        self._recent: dict[str, Description] = {}  # of the object that is looked at
+        self._problems: dict[str, ObjectFolderError] = {}  # by what they hide
         self._seeds = (old.lock.parameter("seed"), new.lock.parameter("seed"))
         self._compared = tuple(kind for stage in stages for kind in stage.products if self._is_known(kind))
+
+    @property
+    def problems(self) -> tuple[ObjectFolderError, ...]:
+        """What could not be read so far."""
+        return tuple(self._problems.values())
 
     def audit(self) -> Audit:
         """Return what changed."""
         old, new = self._old, self._new
-        self._fetch_descriptions()
-        pairs = renamed(old, new, self._describe)
+        for damage in (old.damage, new.damage):
+            if damage is not None:
+                raise damage
+        # Asked of a remote one after the other, these would take minutes.
+        self._contents.describe_all(self._differing())
+        pairs = renamed(old, new, self._contents.describe)
         former = {after: before for before, after in pairs.items()}
-        failed_before = failures_of(old, self._stages)
-        failed_after = failures_of(new, self._stages)
+        failed_before, failed_after = old.failures(self._stages), new.failures(self._stages)
         found, fidelity = [], []
         for object_id in sorted((old.listed | new.listed) - set(pairs)):
             was = former.get(object_id, object_id)
-            change, measures = self._object(
-                was, object_id, failed_before.get(was), failed_after.get(object_id)
+            stages, measures = self.stages(was, object_id)
+            stage_name, failure = failed_after.get(object_id, ("", None))
+            state = self._state(was, object_id, failed_before.get(was), failure, bool(stages))
+            found.append(
+                ObjectChange(object_id, state, former.get(object_id, ""), stages, failure, stage_name)
             )
-            found.append(change)
             fidelity += measures
         return Audit(
             old.label, new.label, tuple(found), tuple(worst_first(fidelity)),
-            to_fetch(self._contents, old, new), self._suspects.read_arrays, tuple(self._problems.values()),
+            to_fetch(self._contents, old, new), self._suspects.read_arrays, self.problems,
         )  # fmt: skip
 
-    def _object(
-        self,
-        was: str,
-        object_id: str,
-        before: tuple[str, Failure] | None,
-        after: tuple[str, Failure] | None,
-    ) -> tuple[ObjectChange, list[FidelityChange]]:
-        self._recent.clear()
+    def stages(self, was: str, object_id: str) -> tuple[tuple[StageChange, ...], list[FidelityChange]]:
+        """Return the stages whose products of an object changed, and what that did to fidelity.
+
+        Parameters
+        ----------
+        was, object_id
+            Its id in the earlier and in the later version.
+        """
         around = self._circumstances(was, object_id)
         stages: list[StageChange] = []
         measures: list[FidelityChange] = []
@@ -111,15 +117,10 @@ class Comparison:
             ]
             if not pairs:
                 continue
-            change, said = self._stage(stage, object_id, pairs, around)
+            change, more = self._stage(stage, object_id, pairs, around)
             stages.append(change)
-            if said is not None:
-                measures += changes(object_id, *said)
-        stage_name, failure = after or ("", None)
-        state = self._state(was, object_id, before, after, bool(stages))
-        former = was if was != object_id else ""
-        found = ObjectChange(object_id, state, former, tuple(stages), failure, stage_name)
-        return found, measures
+            measures += more
+        return tuple(stages), measures
 
     def _state(
         self, was: str, object_id: str, before: object | None, after: object | None, changed: bool
@@ -142,65 +143,62 @@ class Comparison:
         object_id: str,
         pairs: Sequence[tuple[ProductKind, Content | None, Content | None]],
         around: Circumstances,
-    ) -> tuple[StageChange, tuple[Any, Any] | None]:
-        """Compare the products of a stage that are not the same; the second is of fidelity."""
+    ) -> tuple[StageChange, list[FidelityChange]]:
+        """Compare the products of a stage that are not the same."""
         why: list[Reason] = []
         arrays = Arrays()
         prints = ["", ""]
-        said: tuple[Any, Any] | None = None
+        measures: list[FidelityChange] = []
         for kind, old, new in pairs:
             before, after = self._described(old, why), self._described(new, why)
             for side, one in enumerate((before, after)):
                 prints[side] = prints[side] or (one.fingerprint if one else "")
-            if kind.name == FIDELITY.name:
-                said = (before.attributes if before else None, after.attributes if after else None)
-                if self._hides_fidelity(old, before) or self._hides_fidelity(new, after):
-                    said = None
-            if old is None or new is None or before is None or after is None:
-                continue
-            more = reasons.why(stage, before, after, around)
-            suspicious = all(one.kind == reasons.BYTES for one in more)
-            found, broken = (
-                self._by_checksums(before, after) if kind.suffix == ZARR else (Arrays(unread=1), [])
-            )
-            if suspicious or self._suspects.read_arrays:
-                read, defects = self._suspects.compare(stage, old, new, before, after)
-                found = read or found
-                more = [*defects, *more] if not (defects and suspicious) else defects
-            if broken and all(one.kind != reasons.CORRUPTED for one in more):
-                more = [*broken, *more]
-            arrays += found
-            why += [one for one in more if one not in why]
+            # What cannot be read may have any fidelity, what is not there has none.
+            if kind.name == FIDELITY.name and (before or not old) and (after or not new):
+                measures = changes(
+                    object_id, before.attributes if before else None, after.attributes if after else None
+                )
+            if old and new and before and after:
+                found, more = self._product(stage, old, new, before, after, around)
+                arrays += found
+                why += [one for one in more if one not in why]
         # One product of a stage can be made from another thing, and the other be the same but damaged.
         if any(one.kind not in (reasons.BYTES, *reasons.DEFECTS) for one in why):
             why = [one for one in why if one.kind != reasons.BYTES]
         olds, news = ([pair[side] for pair in pairs] for side in (1, 2))
         state = MADE if not any(olds) else GONE if not any(news) else CHANGED
         cost = self._known.of(object_id, stage.name, prints[1]) if prints[1] != prints[0] else None
-        return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost), said
+        return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost), measures
 
-    def _by_checksums(self, before: Description, after: Description) -> tuple[Arrays, list[Reason]]:
-        """Compare two archives' lists of entries; a damaged one is a reason."""
-        try:
-            return by_checksums(before, after), []
-        except ValueError:
-            damages = [(which, damage(one.listing)) for which, one in (("earlier", before), ("later", after))]
-        found = [
-            Reason(reasons.CORRUPTED, note=f"the {which} one: {text}") for which, text in damages if text
-        ]
-        return Arrays(unread=1), found
-
-    def _hides_fidelity(self, content: Content | None, found: Description | None) -> bool:
-        return content is not None and found is None
+    def _product(
+        self,
+        stage: Stage,
+        old: Content,
+        new: Content,
+        before: Description,
+        after: Description,
+        around: Circumstances,
+    ) -> tuple[Arrays, list[Reason]]:
+        """Compare two products that are not the same: their arrays, and why."""
+        why = reasons.why(stage, before, after, around)
+        arrays, broken = _by_checksums(before, after)
+        suspicious = all(one.kind == reasons.BYTES for one in why)
+        if suspicious or self._suspects.read_arrays:
+            read, more = self._suspects.compare(stage, old, new, before, after)
+            arrays = read or arrays
+            why = more if more and suspicious else [*more, *why]
+        if broken and all(one.kind != reasons.CORRUPTED for one in why):
+            why = [*broken, *why]
+        return arrays, why
 
     def _described(self, content: Content | None, why: list[Reason]) -> Description | None:
         """Return what a product says; a damaged or absent one is a reason."""
         if content is None:
             return None
         try:
-            return self._describe(content)
+            return self._contents.describe(content)
         except FormatError as error:
-            why.append(reasons.unreadable(error))
+            why.append(Reason(reasons.CORRUPTED, note=error.finding))
             if content.where.startswith(f"{FIDELITY.folder}/"):
                 # What a damaged one measured is judged by no threshold.
                 self._problems.setdefault(content.where, error)
@@ -208,21 +206,6 @@ class Comparison:
             why.append(Reason(reasons.UNREADABLE, note=error.finding))
             self._problems.setdefault(error.finding, error)
         return None
-
-    def _describe(self, content: Content) -> Description:
-        known = self._far.get(content.md5) or self._recent.get(content.md5)
-        if isinstance(known, ObjectFolderError):
-            raise known
-        if known is None:
-            known = self._recent[content.md5] = self._contents.describe(content)
-        return known
-
-    def _fetch_descriptions(self) -> None:
-        """Ask a remote for all that is not here at once: one after the other would take minutes."""
-        wanted = list(self._differing())
-        far = [content for content in wanted if not self._contents.is_near(content)]
-        if far:
-            self._far.update(self._contents.describe_all(far))
 
     def _differing(self) -> Iterator[Content]:
         for kind in self._compared:
@@ -260,10 +243,24 @@ class Comparison:
         if old is None or new is None or old.md5 == new.md5:
             return {}, {}
         try:
-            before, after = (self._describe(one).attributes.get("digests") for one in (old, new))
+            before, after = (self._contents.describe(one).attributes.get("digests") for one in (old, new))
         except ObjectFolderError:
             return {}, {}
         return (before, after) if isinstance(before, dict) and isinstance(after, dict) else ({}, {})
+
+
+def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list[Reason]]:
+    """Compare two products by the checksums in them, where they have any; a damaged list is a reason."""
+    if not (before.listing and after.listing):
+        return Arrays(unread=1), []
+    try:
+        return by_checksums(before, after), []
+    except ValueError:
+        damaged = (("earlier", before.damage), ("later", after.damage))
+        found = [
+            Reason(reasons.CORRUPTED, note=f"the {which} one: {text}") for which, text in damaged if text
+        ]
+        return Arrays(unread=1), found
 
 
 def _name(material: Any) -> str:

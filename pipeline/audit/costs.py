@@ -8,8 +8,8 @@ from pathlib import Path
 
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
-from pipeline.audit.lock_file import DIRECTORY
 from pipeline.audit.versions import PER_OBJECT, Version
+from pipeline.dataset.lock_file import DIRECTORY
 from pipeline.run.costs import Costs, number
 
 CPU_COLUMN = "cpu_seconds."

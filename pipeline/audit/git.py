@@ -1,14 +1,11 @@
-"""What the audit reads of git: revisions, files of a revision, and the commits that touch a file."""
+"""What the audit reads of git: revisions, files of a revision, and the commits that changed a file."""
 
-import subprocess
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.errors import InputError
+import pygit2
 
-SEPARATOR = "\x1f"
-_FORMAT = SEPARATOR.join(("%H", "%ct", "%s"))
+from objectfolder.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class Commit:
 
 
 class GitRepository:
-    """The repository around a folder, read by git's own commands.
+    """The repository around a folder.
 
     Parameters
     ----------
@@ -46,12 +43,16 @@ class GitRepository:
     Raises
     ------
     InputError
-        `root` is in no repository, or git is not installed.
+        `root` is in no repository.
     """
 
     def __init__(self, root: Path) -> None:
-        self.root = root
-        self._prefix = self._run("rev-parse", "--show-prefix", finding="no git repository").strip()
+        place = pygit2.discover_repository(str(root))
+        if place is None:
+            raise InputError(str(root), "no git repository", "Go to the root of a data set.")
+        self._repository = pygit2.Repository(place)
+        top = Path(self._repository.workdir or root).resolve()
+        self._prefix = root.resolve().relative_to(top)
 
     def commit(self, revision: str) -> Commit:
         """Return the commit that a revision names.
@@ -61,14 +62,11 @@ class GitRepository:
         InputError
             No such revision.
         """
-        # What begins with a dash would be an option, whatever git has of that name.
-        name = "" if revision.startswith("-") else revision
-        text = self._run(
-            "log", "-1", f"--format={_FORMAT}", "--end-of-options", f"{name}^{{commit}}", "--",
-            where=repr(revision), finding="no such revision in this repository",
-            remedy="`git log --oneline` lists them; a shallow clone has few (`git fetch --unshallow`).",
-        )  # fmt: skip
-        return _commits(text)[0]
+        try:
+            return _commit(self._repository.revparse_single(revision).peel(pygit2.Commit))
+        except (KeyError, ValueError, pygit2.GitError) as error:
+            remedy = "`git log --oneline` lists them; a shallow clone has few (`git fetch --unshallow`)."
+            raise InputError(repr(revision), "no such revision in this repository", remedy) from error
 
     def commits_of(self, path: str, revision: str = "HEAD") -> list[Commit]:
         """Return the commits behind `revision` that changed a file, newest first.
@@ -80,64 +78,37 @@ class GitRepository:
         InputError
             No such revision.
         """
-        start = self.commit(revision)
-        return _commits(self._run("log", "--first-parent", f"--format={_FORMAT}", start.hash, "--", path))
+        walk = self._repository.walk(self.commit(revision).hash)
+        walk.simplify_first_parent()
+        found: list[Commit] = []
+        later: tuple[pygit2.Commit, pygit2.Oid | None] | None = None
+        for commit in walk:
+            content = self._blob_id(commit, path)
+            if later is not None and later[1] != content:
+                found.append(_commit(later[0]))
+            later = commit, content
+        if later is not None and later[1] is not None:
+            found.append(_commit(later[0]))
+        return found
 
     def read(self, revision: str, path: str) -> bytes | None:
-        """Return a file of a revision, None where it has none."""
-        return self.read_many([(revision, path)])[revision, path]
-
-    def read_many(self, wanted: Iterable[tuple[str, str]]) -> Mapping[tuple[str, str], bytes | None]:
-        """Return files by commit hash and path, None for those that are not there; one process for all.
+        """Return a file of a revision, None where it has none.
 
         Raises
         ------
         InputError
-            A path that git cannot be asked for, because it has a line break, or git fails.
+            No such revision.
         """
-        asked = list(dict.fromkeys(wanted))
-        for _, path in asked:
-            if "\n" in self._prefix + path:
-                raise InputError(repr(self._prefix + path), "has a line break", "Give it another name.")
-        lines = "".join(f"{revision}:{self._prefix}{path}\n" for revision, path in asked)
-        done = subprocess.run(
-            ["git", "cat-file", "--batch"],
-            cwd=self.root, input=lines.encode(), capture_output=True, check=False,
-        )  # fmt: skip
-        if done.returncode:
-            raise InputError(
-                str(self.root), f"git cannot read it ({done.stderr.decode(errors='replace').strip()})"
-            )
-        found: dict[tuple[str, str], bytes | None] = {}
-        position = 0
-        for key in asked:
-            end = done.stdout.index(b"\n", position)
-            header, position = done.stdout[position:end], end + 1
-            found[key] = None
-            if header.endswith(b" missing"):
-                continue
-            _, kind, count = header.split(b" ")
-            size = int(count)
-            if kind == b"blob":  # and no folder of this name
-                found[key] = done.stdout[position : position + size]
-            position += size + 1
-        return found
+        blob = self._blob_id(self._repository[self.commit(revision).hash].peel(pygit2.Commit), path)
+        return None if blob is None else self._repository[blob].peel(pygit2.Blob).data
 
-    def _run(self, *arguments: str, finding: str = "", where: str = "", remedy: str = "") -> str:
+    def _blob_id(self, commit: pygit2.Commit, path: str) -> pygit2.Oid | None:
         try:
-            done = subprocess.run(["git", *arguments], cwd=self.root, capture_output=True, check=False)
-        except FileNotFoundError as error:
-            raise InputError("git", "is not installed", "Install git.") from error
-        if done.returncode:
-            said = done.stderr.decode(errors="replace").strip().partition("\n")[0]
-            raise InputError(where or str(self.root), finding or said, remedy or "See `git status`.")
-        return done.stdout.decode(errors="replace")
+            found = commit.tree[(self._prefix / path).as_posix()]
+        except (KeyError, ValueError):
+            return None
+        return found.id if isinstance(found, pygit2.Blob) else None
 
 
-def _commits(text: str) -> list[Commit]:
-    found = []
-    for line in text.splitlines():
-        parts = line.split(SEPARATOR, 2)
-        if len(parts) == 3:
-            found.append(Commit(parts[0], int(parts[1]), parts[2]))
-    return found
+def _commit(found: pygit2.Commit) -> Commit:
+    return Commit(str(found.id), found.commit_time, found.message.partition("\n")[0])

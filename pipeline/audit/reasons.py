@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from objectfolder.errors import FormatError
 from objectfolder.provenance import fingerprint
 from pipeline.audit.descriptions import Description
 from pipeline.audit.texts import printable
@@ -132,11 +131,6 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
     if not found:
         found += _tolerances(old.provenance.get("tolerances"), new.provenance.get("tolerances"))
     return found or [Reason(BYTES, note="made from the same, other bytes")]
-
-
-def unreadable(error: FormatError) -> Reason:
-    """Return the reason that a product's own description is damaged."""
-    return Reason(CORRUPTED, note=error.finding)
 
 
 def _explained(stage: Stage, difference: Difference, around: Circumstances) -> Iterator[Reason]:

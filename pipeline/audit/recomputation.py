@@ -154,9 +154,9 @@ class _Bench:
         return Remade(stage.name, object_id, verdict, finding, arrays, outcome.cpu_s)
 
     def _compared(self, stage: Stage, content: Content, target: Path, told: Description) -> Arrays:
-        allowed, _ = stored_tolerances(stage.name, told)
+        allowed, _ = stored_tolerances(stage, told)
         place = self._place(content)
-        return by_reading(place, target, stage.name, allowed)
+        return by_reading(place, target, allowed)
 
     def _place(self, content: Content) -> Path:
         """Return a file of the version, laid into the scratch folder."""
@@ -165,7 +165,7 @@ class _Bench:
             raise InputError(content.where, "leads out of the data set", "Look at who wrote dvc.lock.")
         if not path.is_symlink() and not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            near = content.path or self._contents.path(content.md5)
+            near = self._contents.near(content)
             if near is not None:
                 path.symlink_to(near.resolve())
             else:

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.errors import FormatError, InputError
+from objectfolder.errors import FormatError
 from objectfolder.store import read_product
 from objectfolder.tensor_file import read_tensor_file
 from pipeline.dataset import products
-from pipeline.dataset.tolerances import SAME_BYTES, TOLERANCES, Tolerance, as_json
+from pipeline.dataset.tolerances import SAME_BYTES, Tolerance
 
 EQUAL, WITHIN, DIFFERENT = "equal", "within tolerance", "different"
 # What a product says of its making, not of the object.
@@ -55,18 +55,7 @@ class Difference:
     where: tuple[int, ...] = ()
 
 
-def declared(stage: str) -> dict[str, Any]:
-    """Return what is promised of a stage's products on another machine, as JSON for their provenance.
-
-    Raises
-    ------
-    InputError
-        A stage for which nothing is declared.
-    """
-    return as_json(_of_stage(stage))
-
-
-def compare(first: Path, second: Path, stage: str) -> list[Difference]:
+def compare(first: Path, second: Path, tolerances: Mapping[str, Tolerance]) -> list[Difference]:
     """Compare two products of one object, made from the same inputs on two machines, array by array.
 
     Parameters
@@ -75,8 +64,8 @@ def compare(first: Path, second: Path, stage: str) -> list[Difference]:
         The reference: shares are of its ranges.
     second
         The other.
-    stage
-        Which made them; its tolerances apply.
+    tolerances
+        By pattern of names, the first that fits; what none fits has to be the same bytes.
 
     Returns
     -------
@@ -88,7 +77,6 @@ def compare(first: Path, second: Path, stage: str) -> list[Difference]:
     FormatError
         A damaged product.
     """
-    tolerances = _of_stage(stage)
     ours, theirs = _values(first), _values(second)
     found = []
     for name in sorted(ours.keys() | theirs.keys()):
@@ -135,12 +123,6 @@ def _scale(values: np.ndarray) -> float:
     return span or float(np.abs(values).max())
 
 
-def _of_stage(stage: str) -> Mapping[str, Tolerance]:
-    if stage not in TOLERANCES:
-        raise InputError(stage, "no reproducibility is declared for it", "Known: " + ", ".join(TOLERANCES))
-    return TOLERANCES[stage]
-
-
 def _for(name: str, tolerances: Mapping[str, Tolerance]) -> Tolerance:
     """The tolerance of the first pattern that fits."""
     return next((value for key, value in tolerances.items() if fnmatch.fnmatchcase(name, key)), SAME_BYTES)
@@ -162,9 +144,8 @@ def _values(path: Path) -> dict[str, np.ndarray]:
     try:
         leaves = {ATTRIBUTE + name: np.asarray(value) for name, value in _leaves(said, "")}
     except RecursionError as error:
-        raise FormatError(
-            str(path), "its attributes are too deep", "Delete it; a run makes it again."
-        ) from error
+        finding = "its attributes are too deep"
+        raise FormatError(str(path), finding, "Delete it; a run makes it again.") from error
     return {**arrays, **leaves}
 
 

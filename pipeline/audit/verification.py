@@ -13,11 +13,13 @@ from typing import Any
 
 from objectfolder.errors import FormatError, ObjectFolderError
 from objectfolder.object_file import FORMAT, ObjectFile
-from pipeline.audit.contents import FETCH, Contents
+from pipeline.audit.contents import Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.reasons import is_labelled_truly
+from pipeline.audit.stores import md5_of
 from pipeline.audit.versions import Version
 from pipeline.dataset import products
+from pipeline.dataset.lock_file import LOCK
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.stage import Stage
 
@@ -25,7 +27,6 @@ AT_ONCE = 4  # files read at the same time: disks and hashes, not processors, ar
 DAMAGED, OTHER, MISSING, UNLISTED, MISLABELLED, MADE_FROM_ANOTHER = (
     "damaged", "other content", "missing", "not listed", "mislabelled", "made from another",
 )  # fmt: skip
-REMAKE = "Run `dvc repro`: what is damaged is made again."
 Progress = Callable[[int, int, int], None]
 
 
@@ -94,6 +95,8 @@ def verify(
         Called with files done, files in all and bytes done.
     """
     items, findings = _items(contents, version, stages)
+    if version.damage is not None:
+        findings.append(Finding(LOCK, DAMAGED, version.damage.finding, version.damage.remedy))
     told: dict[tuple[str, str], Description] = {}
     done = read = 0
     with ThreadPoolExecutor(AT_ONCE) as pool, tempfile.TemporaryDirectory(prefix="objectfolder-") as scratch:
@@ -115,9 +118,12 @@ def _items(
     items: list[_Item] = []
     findings: list[Finding] = []
     lying = version.commit is None
+    listed: set[str] = set()
     for path, out in sorted(version.lock.outs.items()):
         if not out.is_folder:
-            items.append(_single(contents, version, path, out.md5))
+            # What DVC does not cache is in git.
+            place, text = (contents.root / path, None) if lying else (None, version.texts.get(path))
+            items.append(_Item(path, out.md5, place or contents.path(out.md5), text=text))
             continue
         listing = contents.path(out.md5)
         if listing is not None:
@@ -136,65 +142,51 @@ def _items(
             kind = kinds.get(path)
             object_id = name.removesuffix(kind.suffix) if kind is not None else ""
             items.append(_Item(f"{path}/{name}", md5, place, kind, object_id))
-        if lying and path in kinds:
-            for object_id, content in version.folders[path].products.items():
-                if f"{object_id}{kinds[path].suffix}" not in files:
-                    items.append(_Item(content.where, "", content.path, kinds[path], object_id))
-    for folder, kind in kinds.items():
-        if lying and folder not in version.lock.outs:
-            for object_id, content in version.folders[folder].products.items():
+            listed.add(f"{path}/{name}")
+    for folder, kind in kinds.items() if lying else ():
+        for object_id, content in version.folders[folder].products.items():
+            if content.path is not None and content.where not in listed:
                 items.append(_Item(content.where, "", content.path, kind, object_id))
     return items, findings
-
-
-def _single(contents: Contents, version: Version, path: str, md5: str) -> _Item:
-    if version.commit is None:
-        return _Item(path, md5, contents.root / path)
-    # What DVC does not cache is in git.
-    return _Item(path, md5, contents.path(md5), text=version.texts.get(path))
 
 
 def _check(
     item: _Item, contents: Contents, version: Version, scratch: Path
 ) -> tuple[int, list[Finding], Description | None]:
     """Return bytes read, what is wrong, and what the product says of itself."""
+
+    def finding(kind: str, text: str, remedy: str) -> Finding:
+        return Finding(item.where, kind, text, remedy)
+
     if item.path is None or not item.path.is_file():
-        if item.text is not None:
-            return len(item.text), list(_hash_finding(item, hashlib.md5(item.text), contents)), None
-        if item.path is None and not item.kind and version.commit is not None:
-            finding = "neither in the cache nor in git"
-            return 0, [Finding(item.where, MISSING, finding, FETCH)], None
-        return 0, [Finding(item.where, MISSING, "there is no such file", _restore(item, contents))], None
-    try:
-        size = item.path.stat().st_size
-        with item.path.open("rb") as file:
-            digest = hashlib.file_digest(file, "md5")
-    except OSError as error:
-        finding = f"cannot be read ({error.strerror})"
-        return 0, [Finding(item.where, DAMAGED, finding, "See the disk and its access rights.")], None
-    found = list(_hash_finding(item, digest, contents))
-    if item.kind is None:
+        if item.text is None:
+            return 0, [finding(MISSING, "there is no such file", _restore(item, contents))], None
+        size, digest = len(item.text), hashlib.md5(item.text).hexdigest()
+    else:
+        try:
+            size, digest = item.path.stat().st_size, md5_of(item.path)
+        except OSError as error:
+            text = f"cannot be read ({error.strerror})"
+            return 0, [finding(DAMAGED, text, "See the disk and its access rights.")], None
+    found = []
+    if item.md5 and digest != item.md5:
+        text = f"its MD5 is {digest}, the version lists {item.md5}"
+        found = [finding(OTHER, text, _restore(item, contents))]
+    elif not item.md5 and version.damage is None:
+        remedy = "Run `dvc repro`, or `dvc commit` if it is meant to be."
+        found = [finding(UNLISTED, "whole, but dvc.lock does not list it", remedy)]
+    if item.kind is None or item.path is None:
         return size, found, None
     try:
         description = _opened(item.path, item.kind, item.md5 or item.object_id, scratch)
     except (ObjectFolderError, OSError) as error:
         text = error.finding if isinstance(error, ObjectFolderError) else str(error)
         # One finding a file: that it is not what the list says follows from its damage.
-        return size, [Finding(item.where, DAMAGED, text, _restore(item, contents))], None
+        return size, [finding(DAMAGED, text, _restore(item, contents))], None
     if not is_labelled_truly(description):
-        finding = "its fingerprint is not that of the parts it names"
-        found.append(Finding(item.where, MISLABELLED, finding, f"Delete it. {REMAKE}"))
+        text = "its fingerprint is not that of the parts it names"
+        found.append(finding(MISLABELLED, text, "Delete it, then run `dvc repro`."))
     return size, found, description
-
-
-def _hash_finding(item: _Item, digest: Any, contents: Contents) -> Iterator[Finding]:
-    found = digest.hexdigest()
-    if not item.md5:
-        remedy = "Run `dvc repro`, or `dvc commit` if it is meant to be."
-        yield Finding(item.where, UNLISTED, "whole, but dvc.lock does not list it", remedy)
-    elif found != item.md5:
-        finding = f"its MD5 is {found}, the version lists {item.md5}"
-        yield Finding(item.where, OTHER, finding, _restore(item, contents))
 
 
 def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Description:
@@ -216,24 +208,34 @@ def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Descript
     except ObjectFolderError as error:
         raise FormatError(str(path), error.finding.replace(f"{named}: ", ""), error.remedy) from error
     except RecursionError as error:
-        raise FormatError(str(path), "its attributes are too deep", REMAKE) from error
+        raise FormatError(
+            str(path), "its attributes are too deep", "Delete it, then run `dvc repro`."
+        ) from error
     finally:
         named.unlink(missing_ok=True)
     return description
 
 
 def _restore(item: _Item, contents: Contents) -> str:
-    """Return where a good copy of a file is, as what to do."""
-    near = contents.path(item.md5) if item.md5 else None
-    if near is not None and near != item.path:
-        with near.open("rb") as file:
-            if hashlib.file_digest(file, "md5").hexdigest() == item.md5:
-                folder = item.where.rpartition("/")[0] or item.where
-                return f"The cache has it: `dvc checkout --force {folder}`."
-        return f"Its copy in the cache is damaged, too: delete {near}, then `dvc pull --force`. Or: {REMAKE}"
-    if near is not None:
-        return f"Delete {near}, then `dvc fetch --all-commits`. Or check that version out: {REMAKE}"
-    return f"`dvc pull` if a remote has it. Or: {REMAKE}"
+    """Return how to get a good copy of a file.
+
+    DVC takes a file whose size and time are unchanged for undamaged, in the work tree as in its cache: only
+    what is deleted first is brought back by ``dvc checkout``, ``dvc pull`` and ``dvc repro``.
+    """
+    folder = item.where.rpartition("/")[0] or item.where
+    if not item.md5:
+        return "Delete it, then run `dvc repro`."
+    near = contents.path(item.md5)
+    if near is None:
+        return f"Delete what lies there, then `dvc pull {folder}` if a remote has it, or run `dvc repro`."
+    if near == item.path:
+        return (
+            f"Delete {near}, then `dvc fetch --all-commits`; or check that version out and run `dvc repro`."
+        )
+    if md5_of(near) == item.md5:
+        return f"The cache has it: delete the file, then `dvc checkout {folder}`."
+    remedy = f"delete the file and {near}, then `dvc pull {folder}`, or run `dvc repro`."
+    return f"Its copy in the cache is damaged, too: {remedy}"
 
 
 def _lineage(stages: Sequence[Stage], told: Mapping[tuple[str, str], Description]) -> Iterator[Finding]:

@@ -12,8 +12,8 @@ from typing import Any
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
-from pipeline.audit.lock_file import LOCK, Lock, read_lock
 from pipeline.audit.texts import printable
+from pipeline.dataset.lock_file import LOCK, Lock, read_lock
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, RECORDS
 from pipeline.dataset.stage import Stage
@@ -22,6 +22,8 @@ from pipeline.run.run_log import read_failures
 
 WORK_TREE = "work tree"
 PER_OBJECT = "reports/per_object.csv"
+NOT_KEPT = "no product; versions do not keep why"
+LOOK = "See runs/ where that version was made, or run it again: `dvc repro`."
 TEXTS = (LOCK, RECORDS.as_posix(), MATERIALS.as_posix(), PER_OBJECT)
 
 
@@ -65,6 +67,8 @@ class Version:
         Products by the folder of their kind.
     reported
         Failures of the last run by stage and object; only the work tree has them.
+    damage
+        What is wrong with the ``dvc.lock`` of the work tree; it is read as an empty one, then.
     """
 
     name: str
@@ -73,6 +77,7 @@ class Version:
     texts: Mapping[str, bytes]
     folders: Mapping[str, Folder]
     reported: Mapping[tuple[str, str], Failure] = field(default_factory=dict)
+    damage: FormatError | None = None
 
     @property
     def label(self) -> str:
@@ -115,6 +120,22 @@ class Version:
         """Return the content of a product, None where there is none."""
         return self.folders[kind.folder].products.get(object_id)
 
+    def failures(self, stages: Sequence[Stage]) -> dict[str, tuple[str, Failure]]:
+        """Return the first stage that an object lacks a product of, and why, by object id.
+
+        A stage that the version does not have at all, or whose products are not known here, says nothing.
+        """
+        found = {object_id: (stages[0].name, failure) for object_id, failure in self.refused.items()}
+        for stage in stages:
+            folders = [self.folders[kind.folder] for kind in stage.products]
+            if not all(folder.made and folder.problem is None for folder in folders):
+                continue
+            for object_id in self.rows:
+                if not all(object_id in folder.products for folder in folders):
+                    failure = self.reported.get((stage.name, object_id), Failure(object_id, NOT_KEPT, LOOK))
+                    found.setdefault(object_id, (stage.name, failure))
+        return found
+
     @cached_property
     def _records(self) -> Mapping[str, Any]:
         try:
@@ -135,8 +156,7 @@ def commit_version(git: GitRepository, contents: Contents, revision: str, stages
         A ``dvc.lock`` that is none.
     """
     commit = git.commit(revision)
-    found = git.read_many((commit.hash, path) for path in TEXTS)
-    texts = {path: text for path in TEXTS if (text := found[commit.hash, path]) is not None}
+    texts = _texts(git, commit, TEXTS)
     if LOCK not in texts:
         remedy = "Name a version whose data set was made and committed: `git log -- dvc.lock` lists them."
         raise InputError(f"{revision} ({commit.short})", f"it has no {LOCK}", remedy)
@@ -144,10 +164,7 @@ def commit_version(git: GitRepository, contents: Contents, revision: str, stages
     # Outputs that DVC does not cache are in git, and so is the table of objects.
     said = lock.parameter("objects")
     table = str(said.get("table", "")) if isinstance(said, dict) else ""
-    single = [path for path, out in lock.outs.items() if not out.is_folder and path not in texts]
-    single += [table] if table and "\n" not in table else []
-    found = git.read_many((commit.hash, path) for path in single)
-    texts |= {path: text for (_, path), text in found.items() if text is not None}
+    texts |= _texts(git, commit, [path for path, out in lock.outs.items() if not out.is_folder] + [table])
     folders = {kind.folder: _locked(contents, lock, kind) for stage in stages for kind in stage.products}
     return Version(revision, commit, lock, texts, folders)
 
@@ -159,12 +176,15 @@ def work_tree_version(contents: Contents, stages: Sequence[Stage]) -> Version:
     ------
     InputError
         There is neither a ``dvc.lock`` nor a product.
-    FormatError
-        A ``dvc.lock`` that is none.
     """
     root = contents.root
     texts = {path: (root / path).read_bytes() for path in TEXTS if (root / path).is_file()}
-    lock = read_lock(str(root / LOCK), texts[LOCK]) if LOCK in texts else Lock()
+    lock, damage = Lock(), None
+    if LOCK in texts:
+        try:
+            lock = read_lock(LOCK, texts[LOCK])
+        except FormatError as error:
+            damage = error
     folders = {
         kind.folder: _lying(contents, kind)
         if (root / kind.folder).is_dir()
@@ -183,7 +203,12 @@ def work_tree_version(contents: Contents, stages: Sequence[Stage]) -> Version:
         except (OSError, ValueError, TypeError, ObjectFolderError):
             continue  # what a kill cut short says nothing
         reported.update({(stage.name, failure.object_id): failure for failure in failures})
-    return Version(WORK_TREE, None, lock, texts, folders, reported)
+    return Version(WORK_TREE, None, lock, texts, folders, reported, damage)
+
+
+def _texts(git: GitRepository, commit: Commit, paths: Sequence[str]) -> dict[str, bytes]:
+    found = {path: git.read(commit.hash, path) for path in paths if path}
+    return {path: text for path, text in found.items() if text is not None}
 
 
 def _locked(contents: Contents, lock: Lock, kind: ProductKind) -> Folder:
@@ -219,6 +244,12 @@ def _lying(contents: Contents, kind: ProductKind) -> Folder:
             return Folder(problem=FormatError(where, f"cannot be read ({error.strerror})", "See its access."))
         products[object_id] = Content(str(digest.value), kind.suffix, where, path)
     return Folder("", products)
+
+
+def made_nothing(stages: Sequence[Stage]) -> Version:
+    """Return the version before the first: without an object or a product."""
+    folders = {kind.folder: Folder(made=False) for stage in stages for kind in stage.products}
+    return Version("nothing", None, Lock(), {}, folders)
 
 
 def data_set_root(folder: Path) -> Path:

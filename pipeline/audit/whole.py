@@ -67,8 +67,8 @@ class Suspects:
                 ]
                 if damaged:
                     return None, damaged
-                allowed, stored = stored_tolerances(stage.name, after, before)
-                found = by_reading(first, second, stage.name, allowed)
+                allowed, stored = stored_tolerances(stage, after, before)
+                found = by_reading(first, second, allowed)
         except FormatError as error:
             return None, [Reason(CORRUPTED, note=error.finding)]
         except ObjectFolderError as error:
@@ -92,7 +92,7 @@ class Suspects:
         """Yield a file with the content, named as products are."""
         with tempfile.TemporaryDirectory(prefix="objectfolder-audit-") as folder:
             path = Path(folder) / f"{name}{content.suffix}"
-            near = content.path or self._contents.path(content.md5)
+            near = self._contents.near(content)
             if near is not None:
                 path.symlink_to(near.resolve())
             else:

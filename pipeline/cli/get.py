@@ -26,15 +26,17 @@ def add_commands(commands: Any) -> None:
     command.add_argument(
         "--list", action="store_true", help="print the ids that can be fetched, and fetch nothing"
     )
-    command.add_argument("--remote", metavar="NAME", help="DVC remote (default: the repository's)")
+    command.add_argument(
+        "--remote", default="", metavar="NAME", help="DVC remote (default: the repository's)"
+    )
     command.add_argument("--jobs", type=int, default=4, help="files at a time (default 4)")
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Fetch; a line an object, and 1 if any failed."""
-    from pipeline.publish.cards.partial_copy import Got, get, known_ids
-    from pipeline.publish.cards.repository import split_revision
+    from pipeline.publish.cards.published_revision import split_revision
+    from pipeline.publish.cards.single_objects import Got, get, known_ids
 
     repository, revision = split_revision(options.repository)
     if options.list:

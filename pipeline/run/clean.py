@@ -11,12 +11,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
-from pipeline.audit.attribute_cache import PLACE as AUDITED
 from pipeline.cluster import performance_report
+from pipeline.dataset.lock_file import LOCK, read_lock
 from pipeline.dataset.products import ProductKind, read_fingerprint
 from pipeline.dataset.stages import STAGES
 from pipeline.publish.viewer import PLAYERS
@@ -113,7 +111,6 @@ def removable(root: Path, with_memo: bool = False) -> list[Removable]:
         entry("Dask's reports", "older than the last ones", performance_report.excess(root)),
         entry("marks of runs", "left by a driver that was killed", (root / STATE).glob("shared-*")),
         entry("players", "drawn anew from Object Files for the next report", (root / PLAYERS).glob("*")),
-        entry("what audits read", "read again from the products", (root / STATE).glob(f"{AUDITED.name}*")),
     ]
     if with_memo:
         found.append(entry("memo", "products of other settings", _unneeded_memos(root)))
@@ -185,21 +182,11 @@ def _outputs(root: Path) -> list[Path]:
 
     Raises
     ------
-    InputError
-        It is there and cannot be read: nothing is removed then.
+    FormatError
+        It is damaged: nothing is removed then.
     """
-    path = root / "dvc.lock"
-    if not path.is_file():
-        return []
-    try:
-        stages = yaml.safe_load(path.read_text(encoding="utf-8"))["stages"].values()
-        return [
-            root / entry["path"]
-            for stage in stages
-            for entry in stage.get("outs", []) + stage.get("deps", [])
-        ]
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), "cannot be read", "Restore it: git checkout dvc.lock.") from error
+    path = root / LOCK
+    return [root / name for name in read_lock(LOCK, path.read_bytes()).paths] if path.is_file() else []
 
 
 def _remove(paths: Iterable[Path]) -> None:

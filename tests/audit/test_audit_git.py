@@ -1,4 +1,4 @@
-"""What the audit asks of git: versions in their order, and paths that would be taken for two."""
+"""What the audit asks of git: versions in their order, and files by any path."""
 
 import os
 import subprocess
@@ -6,7 +6,6 @@ import subprocess
 import pytest
 from versions_of_workshop import GIT
 
-from objectfolder.errors import InputError
 from pipeline.audit.git import GitRepository
 
 
@@ -45,24 +44,14 @@ def test_branches_that_were_merged_are_not_mixed(git, tmp_path):
     assert [one.subject for one in found] == ["merged", "main 2", "main 1", "first"]
 
 
-def test_path_with_a_line_break_is_refused(git, tmp_path):
-    (tmp_path / "b").write_text("of b")
-    (tmp_path / "c").write_text("of c")
-    git("add", "b", "c")
-    git("commit", "-q", "-m", "two files")
-    head = git("rev-parse", "HEAD")
-    repository = GitRepository(tmp_path)
-    with pytest.raises(InputError, match="line break"):
-        repository.read_many([(head, f"a\n{head}:b"), (head, "c")])
-    assert repository.read(head, "c") == b"of c"
-
-
-def test_paths_that_read_like_answers(git, tmp_path):
-    for name in ("a blob 3", "a missing"):
+def test_paths_that_read_like_answers_of_git(git, tmp_path):
+    names = ("a blob 3", "a missing", "a\nHEAD:b")
+    for name in names:
         (tmp_path / name).write_text(name)
     git("add", ".")
     git("commit", "-q", "-m", "odd names")
     head = git("rev-parse", "HEAD")
-    asked = ["a blob 3", "no blob", "no blob 3", "a missing", "a"]
-    found = GitRepository(tmp_path).read_many((head, name) for name in asked)
-    assert [found[head, name] for name in asked] == [b"a blob 3", None, None, b"a missing", None]
+    repository = GitRepository(tmp_path)
+    for name in names:
+        assert repository.read(head, name) == name.encode()
+    assert repository.read(head, "no blob") is None

@@ -125,7 +125,7 @@ def test_remedy_names_where_a_good_copy_is(workshop):
     cached = workshop.in_cache(path)
     flip(path, bit_of_a_chunk(path))
     (one,) = found_in(workshop).findings
-    assert one.remedy == "The cache has it: `dvc checkout --force data/views`."
+    assert one.remedy == "The cache has it: delete the file, then `dvc checkout data/views`."
     flip(cached, 8 * 100)
     (one,) = found_in(workshop).findings
     assert "in the cache is damaged, too" in one.remedy

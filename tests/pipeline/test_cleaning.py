@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from objectfolder.errors import InputError
+from objectfolder.errors import FormatError, InputError
 from objectfolder.store import Product
 from pipeline.dataset import products
 from pipeline.dataset.stages import OBJECT_FILES, VIEWS
@@ -53,8 +53,6 @@ def used(tmp_path, monkeypatch):
         ".objectfolder/.verified.json.x3.partial",
         ".objectfolder/shared-0a",
         ".objectfolder/players/0a.1",
-        ".objectfolder/audit.sqlite",
-        ".objectfolder/audit.sqlite-wal",
         ".objectfolder/costs.csv",
         ".objectfolder/verified.json",
         "runs/20260101T000000Z-aa.jsonl",
@@ -72,7 +70,10 @@ def used(tmp_path, monkeypatch):
         (root / name).write_text("x" * 5000)
     (root / "dvc.lock").write_text(
         yaml.safe_dump(
-            {"stages": {"views": {"cmd": "x", "outs": [{"path": "runs/20260101T000000Z-aa.jsonl"}]}}}
+            {
+                "schema": "2.0",
+                "stages": {"views": {"cmd": "x", "outs": [{"path": "runs/20260101T000000Z-aa.jsonl"}]}},
+            }
         )
     )
     for command in (["init", "-q"], ["add", "-f", "dvc.lock", "reports/.kept.partial", "data/notes.txt"]):
@@ -129,8 +130,6 @@ def test_what_is_left_over_goes_and_all_else_stays(used, capsys):
         ".objectfolder/.verified.json.x3.partial",
         ".objectfolder/shared-0a",
         ".objectfolder/players/0a.1",
-        ".objectfolder/audit.sqlite",
-        ".objectfolder/audit.sqlite-wal",
         "reports/.odd.partial",
     }  # the oldest record is an output of DVC's in this set
     assert not dead.exists()
@@ -182,6 +181,6 @@ def test_contradicting_options_and_a_broken_lock_remove_nothing(used):
     with pytest.raises(InputError, match="both"):
         run(root, "--yes", "--dry-run")
     (root / "dvc.lock").write_text("stages: [")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(FormatError, match="no lock file of DVC"):
         run(root, "--yes")
     assert dead.exists()

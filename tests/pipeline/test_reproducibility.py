@@ -13,14 +13,15 @@ import trimesh
 from toys import REPOSITORY
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.errors import FormatError, InputError
+from objectfolder.errors import FormatError
 from objectfolder.provenance import canonical_json
 from objectfolder.store import Array, Product, read_product, write_product
 from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.touch.sensor import Sensor
-from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, compare, declared
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, compare
 from pipeline.dataset.records import row_of
 from pipeline.dataset.stages import STAGES
+from pipeline.dataset.tolerances import TOLERANCES, as_json
 
 # As a processor without wide vectors would have it; where these mean nothing, nothing is changed.
 OTHER = {
@@ -99,7 +100,7 @@ def verdicts(first: Path, second: Path, stages: object) -> dict[str, str]:
         for mine, other in zip(
             STAGES[name].targets(first, "bar"), STAGES[name].targets(second, "bar"), strict=True
         )
-        for found in compare(mine, other, name)
+        for found in compare(mine, other, STAGES[name].tolerances)
     }
 
 
@@ -108,7 +109,7 @@ def test_geometry_and_touch_are_as_declared_on_another_processor(tmp_path, bar, 
     found = verdicts(made, other, QUICK)
     assert {"objects/vertices", "touches/rgb", "touches/attributes/contact"} <= set(found)
     assert [name for name, verdict in found.items() if verdict == DIFFERENT] == []
-    declared_apart = {f"touches/{name}" for name in declared("touches")}
+    declared_apart = {f"touches/{name}" for name in TOLERANCES["touches"]}
     assert {name for name, verdict in found.items() if verdict == WITHIN} <= declared_apart
 
 
@@ -165,7 +166,7 @@ def changed(path: Path, target: Path, name: str, change) -> Path:
 
 def only(first: Path, second: Path, stage: str, name: str):
     """The finding for one array; all others are equal."""
-    found = {entry.name: entry for entry in compare(first, second, stage)}
+    found = {entry.name: entry for entry in compare(first, second, TOLERANCES[stage])}
     assert {entry.verdict for entry in found.values() if entry.name != name} <= {EQUAL}
     return found[name]
 
@@ -193,7 +194,7 @@ def test_a_sign_of_zero_is_found_in_an_array_of_the_same_bytes(tmp_path):
 def test_a_tolerance_ends_where_it_is_declared(tmp_path, made):
     path = made / "data" / "touches" / "bar.zarr.zip"
     areas = read_product(path)["contact_area_m2"]
-    limit = declared("touches")["contact_area_m2"]["relative"] * np.ptp(areas)
+    limit = TOLERANCES["touches"]["contact_area_m2"].relative * np.ptp(areas)
 
     def by(share):
         def move(data):
@@ -227,7 +228,7 @@ def test_an_array_or_attribute_of_one_product_alone_is_different(tmp_path):
     array = Array(np.ones(4), ("x",), "Hz", "x")
     write_product(tmp_path / "a.zarr.zip", Product({"x": array}, {"said": {"of": [1.0]}, "fingerprint": "a"}))
     write_product(tmp_path / "b.zarr.zip", Product({"y": array}, {"said": {"of": ["1"]}, "fingerprint": "b"}))
-    found = {entry.name: entry.verdict for entry in compare(*sorted(tmp_path.iterdir()), "objects")}
+    found = {entry.name: entry.verdict for entry in compare(*sorted(tmp_path.iterdir()), {})}
     assert found == dict.fromkeys(("x", "y", "attributes/said/of", "attributes/said/of/0"), DIFFERENT)
 
 
@@ -238,16 +239,15 @@ def test_tensor_files_are_compared_with_their_metadata(tmp_path):
     write_tensor_file(tmp_path / "a.safetensors", content)
     write_tensor_file(tmp_path / "b.safetensors", TensorFile({"vision.a": moved}, {"said": {"x": 1.6}}))
     paths = sorted(tmp_path.iterdir())
-    found = {entry.name: entry.verdict for entry in compare(*paths, "encode")}
+    found = {entry.name: entry.verdict for entry in compare(*paths, TOLERANCES["encode"])}
     assert found == {"vision.a": WITHIN, "attributes/said/x": DIFFERENT}
     paths[1].write_bytes(paths[1].read_bytes()[:-1])
     with pytest.raises(FormatError):
-        compare(*paths, "encode")
+        compare(*paths, TOLERANCES["encode"])
     assert read_tensor_file(paths[0]).tensors
 
 
-def test_every_stage_declares_and_what_it_declares_is_json():
-    for stage in STAGES:
-        assert json.loads(canonical_json(declared(stage))) == declared(stage)
-    with pytest.raises(InputError, match="no reproducibility"):
-        declared("report")
+def test_what_stages_declare_is_json():
+    for stage in STAGES.values():
+        said = as_json(stage.tolerances)
+        assert json.loads(canonical_json(said)) == said

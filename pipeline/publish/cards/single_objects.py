@@ -1,24 +1,27 @@
 """Single objects of a published data set, without the rest of it."""
 
 import difflib
+import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.errors import InputError, ObjectFolderError
-from pipeline.dataset.products import ProductKind
-from pipeline.dataset.stages import OBJECT_FILES
-from pipeline.publish.cards.data_set_download import download
-from pipeline.publish.cards.repository import KINDS, PublishedRevision, opened
+from objectfolder.errors import FormatError, InputError, ObjectFolderError
+from pipeline.audit.stores import Stores, md5_of
+from pipeline.dataset.products import ProductKind, verify
+from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
+from pipeline.publish.cards.published_revision import PublishedRevision, opened
 
 JOBS = 4
+KINDS = {kind.name: kind for kind in (OBJECT_FILES, OBJECTS, VIEWS, MODES, TOUCHES, FIDELITY)}
+KEPT, FETCHED, FAILED = "already there", "fetched", "failed"
 
 
 @dataclass(frozen=True)
 class Got:
-    """What became of one product: ``"fetched"``, ``"already there"``, or an error."""
+    """What became of one product: `FETCHED`, `KEPT`, or `FAILED` and an error."""
 
     object_id: str
     path: Path
@@ -34,7 +37,7 @@ def get(
     *,
     revision: str | None = None,
     stages: Sequence[str] = (),
-    remote: str | None = None,
+    remote: str = "",
     jobs: int = JOBS,
     done: Callable[[Got], None] = lambda got: None,
     progress: Callable[[int], None] = lambda count: None,
@@ -44,7 +47,7 @@ def get(
     Parameters
     ----------
     repository, revision, remote
-        As for `pipeline.publish.cards.repository.opened`.
+        As for `pipeline.publish.cards.published_revision.opened`.
     object_ids
         Which; none means all of the revision.
     folder
@@ -80,20 +83,20 @@ def get(
         def fetch(object_id: str, md5: str, path: Path) -> Got:
             count = 0
 
-            def came(number: int) -> None:
+            def new_bytes(number: int) -> None:
                 nonlocal count
                 with lock:
                     count += number
                     progress(number)
 
             try:
-                return Got(object_id, path, download(published.stores, md5, path, came), count)
+                return Got(object_id, path, _fetched(published.stores, md5, path, new_bytes), count)
             except ObjectFolderError as error:
-                return Got(object_id, path, "failed", count, error)
-            except OSError as error:  # of the folder it comes to: those of stores are told above
+                return Got(object_id, path, FAILED, count, error)
+            except OSError as error:  # of the folder it is written to: those of stores are told above
                 finding = f"cannot be written ({error.strerror or error})"
                 said = InputError(str(path), finding, "Check space and permissions of the folder.")
-                return Got(object_id, path, "failed", count, said)
+                return Got(object_id, path, FAILED, count, said)
 
         with ThreadPoolExecutor(max_workers=max(1, jobs)) as pool:
             futures = [pool.submit(fetch, *entry) for entry in wanted]
@@ -103,10 +106,26 @@ def get(
         return [future.result() for future in futures]
 
 
-def known_ids(repository: str, *, revision: str | None = None, remote: str | None = None) -> list[str]:
+def known_ids(repository: str, *, revision: str | None = None, remote: str = "") -> list[str]:
     """Return the ids that have an Object File in a revision; see `get` for what is raised."""
     with opened(repository, revision, remote) as published:
         return sorted(published.products(OBJECT_FILES))
+
+
+def _fetched(stores: Stores, md5: str, path: Path, progress: Callable[[int], None]) -> str:
+    """Bring a product to `path`; until it is whole, it is ``.partial-<md5>-<name>`` beside it."""
+    if path.is_file() and md5_of(path) == md5:
+        return KEPT
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".partial-{md5}-{path.name}")
+    stores.fetch(md5, partial, str(path), progress)
+    try:
+        verify(partial)
+    except FormatError:
+        partial.unlink()
+        raise
+    os.replace(partial, path)
+    return FETCHED
 
 
 def _kind(stage: str) -> ProductKind:

@@ -1,4 +1,4 @@
-"""What ``dvc.lock`` of a version says: the outputs of every stage by their hashes, and parameters.
+"""What a ``dvc.lock`` says: outputs by their hashes, what they were made from, and parameters.
 
 Read as DVC documents the file (https://dvc.org/doc/user-guide/project-structure/dvcyaml-files); a folder
 is a JSON list of files and their hashes, kept under its own hash with ``.dir`` behind it.
@@ -46,10 +46,11 @@ class Out:
 
 @dataclass(frozen=True)
 class Lock:
-    """Outputs by path, and parameters by stage."""
+    """Outputs by path, parameters by stage, and paths of all that any stage reads or makes."""
 
     outs: Mapping[str, Out] = field(default_factory=dict)
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    paths: frozenset[str] = frozenset()
 
     def parameter(self, name: str) -> Any:
         """Return a parameter that any stage has, None where none has it."""
@@ -71,16 +72,15 @@ def read_lock(where: str, text: bytes) -> Lock:
         stages = content.get("stages", {}) if "schema" in content else content
         outs: dict[str, Out] = {}
         parameters: dict[str, dict[str, Any]] = {}
+        paths: set[str] = set()
         for stage, said in stages.items():
             for out in said.get("outs", ()):
                 md5 = out.get("md5")
                 if not isinstance(md5, str) or not MD5.fullmatch(md5):
                     continue  # in no cache by MD5: a cloud's own version, or another file system's
-                size, path = out.get("size"), str(out["path"])
-                if any(letter < " " for letter in path):
-                    # Lists and answers of git have one path a line.
-                    raise FormatError(where, f"output {path!r} has a line break or the like", RESTORE)
-                outs[path] = Out(str(stage), md5, size if isinstance(size, int) else None)
+                size = out.get("size")
+                outs[str(out["path"])] = Out(str(stage), md5, size if isinstance(size, int) else None)
+            paths |= {str(one["path"]) for one in (*said.get("outs", ()), *said.get("deps", ()))}
             parameters[str(stage)] = {
                 str(name): value
                 for file in said.get("params", {}).values()
@@ -88,7 +88,7 @@ def read_lock(where: str, text: bytes) -> Lock:
             }
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise FormatError(where, f"no lock file of DVC ({type(error).__name__})", RESTORE) from error
-    return Lock(outs, parameters)
+    return Lock(outs, parameters, frozenset(paths))
 
 
 def read_folder(where: str, text: bytes) -> dict[str, str]:

@@ -1,0 +1,202 @@
+"""Contents by their MD5, in a repository's DVC cache and at its remote: believed once they are hashed."""
+
+import fcntl
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import InputError, ObjectFolderError
+from pipeline.dataset.lock_file import read_folder
+
+BLOCK_BYTES = 2 << 20  # of a request; a cut connection loses at most one
+ATTEMPTS = 4
+FETCH = "Fetch it: `dvc fetch --all-commits`, or name the remote that has it with --remote."
+Progress = Callable[[int], None]
+
+
+class NotHere(ObjectFolderError):
+    """A content that is neither in the cache nor at the remote."""
+
+
+class Stores:
+    """The cache and the remote of a repository.
+
+    Parameters
+    ----------
+    repository
+        An open `dvc.repo.Repo`.
+    remote
+        Name of a remote of DVC; the default one where it is empty.
+    remedy
+        What to do about a content that neither has.
+    """
+
+    def __init__(self, repository: Any, remote: str = "", remedy: str = FETCH) -> None:
+        self.repository = repository
+        self._remote_name, self._remedy = remote, remedy
+        caches = (repository.cache.local, repository.cache.legacy)
+        self._caches = [odb for odb in caches if odb is not None]
+        # As texts: versions of a thousand objects ask for fourteen thousand files.
+        self._folders = [str(odb.path) for odb in self._caches]
+        self._no_remote = ""
+
+    @cached_property
+    def remote(self) -> Any:
+        """The remote; None where none is set.
+
+        Raises
+        ------
+        InputError
+            It was named, and the repository has none of this name, or it cannot be used.
+        """
+        from dvc.config import NoRemoteError
+
+        try:
+            return self.repository.cloud.get_remote_odb(self._remote_name or None)
+        except Exception as error:  # none is set, or its settings or its library are missing
+            if self._remote_name:
+                known = ", ".join(sorted(self.repository.config["remote"])) or "none"
+                finding = f"no such remote, or not usable ({str(error).rstrip('.')})"
+                raise InputError(self._remote_name, finding, f"The repository has {known}.") from error
+            said = str(error).partition("\n")[0].rstrip(".")
+            self._no_remote = "no remote is set" if isinstance(error, NoRemoteError) else said
+            return None
+
+    def path(self, md5: str) -> Path | None:
+        """Return the file of the cache that should have this content."""
+        found = self._near(md5)
+        return Path(found) if found is not None else None
+
+    def folder(self, md5: str, where: str) -> dict[str, str]:
+        """Return the files of a folder, path inside it to MD5.
+
+        Raises
+        ------
+        NotHere
+            Its list is neither in the cache nor at the remote.
+        FormatError
+            A damaged one.
+        """
+        problems: list[str] = []
+        for name, odb in self._sources():
+            try:
+                with odb.fs.open(odb.oid_to_path(md5), "rb") as file:
+                    text: bytes = file.read()
+            except FileNotFoundError:
+                continue
+            except Exception as error:  # each kind of store has its own
+                problems.append(_told(name, error))
+                continue
+            if hashlib.md5(text, usedforsecurity=False).hexdigest() == md5.partition(".")[0]:
+                return read_folder(where, text)
+            problems.append(f"{name}: what is stored as {md5} is damaged")
+        raise self._missing(md5, where, problems)
+
+    def fetch(self, md5: str, target: Path, where: str, progress: Progress = lambda count: None) -> None:
+        """Bring a whole content to a file, after the part of it that an earlier call left there.
+
+        Parameters
+        ----------
+        md5
+            Of the content.
+        target
+            The file; only once this returns, it has the content.
+        where
+            What to call the content in errors.
+        progress
+            Called with the number of new bytes as they come.
+
+        Raises
+        ------
+        NotHere
+            No store has it, or none has it whole and can be read.
+        InputError
+            `target` cannot be written, or another process writes it.
+        """
+        problems: list[str] = []
+        with target.open("ab", buffering=0) as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise InputError(where, "another process is fetching it", "Wait for it.") from error
+            for name, odb in self._sources():
+                for _ in range(ATTEMPTS):
+                    try:
+                        _append(odb.fs, odb.oid_to_path(md5), file, progress)
+                    except FileNotFoundError:
+                        break
+                    except InputError:
+                        raise
+                    except Exception as error:  # each kind of store has its own
+                        problems.append(_told(name, error))
+                        continue
+                    if md5_of(target) == md5:
+                        os.fsync(file.fileno())
+                        return
+                    problems.append(f"{name}: {file.tell()} bytes that are not {md5}")
+                    file.truncate(0)
+        if not target.stat().st_size:
+            target.unlink()
+        raise self._missing(md5, where, problems)
+
+    def _sources(self) -> Iterator[tuple[str, Any]]:
+        yield from (("the cache", odb) for odb in self._caches)
+        if self.remote is not None:
+            yield f"the remote {self.remote.path}", self.remote
+
+    def _near(self, md5: str) -> str | None:
+        for folder in self._folders:
+            found = f"{folder}{os.sep}{md5[:2]}{os.sep}{md5[2:]}"
+            if os.path.isfile(found):
+                return found
+        return None
+
+    def _missing(self, md5: str, where: str, problems: list[str]) -> NotHere:
+        if problems:
+            finding = f"not readable here: {md5} ({'; '.join(dict.fromkeys(problems))})"
+            remedy = (
+                "See that the remote can be reached with these credentials (`dvc status -c`), and try again."
+            )
+            return NotHere(where, finding, remedy)
+        nowhere = f"not in the cache, and {self._no_remote}"
+        if self.remote is not None:
+            nowhere = "neither in the cache nor at the remote"
+        return NotHere(where, f"not readable here: {md5} is {nowhere}", self._remedy)
+
+
+def md5_of(path: Path) -> str:
+    """Return the MD5 of a file, 32 hex digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
+
+
+def _append(fs: Any, source: str, file: FileIO, progress: Progress) -> None:
+    """Append the bytes of `source` after those that `file` has, a range at a time."""
+    size = fs.info(source)["size"]
+    if size is None:
+        raise OSError("its store does not say how large it is")
+    place = file.seek(0, os.SEEK_END)
+    if place > size:
+        place = file.truncate(0)
+    while place < size:
+        wanted = min(BLOCK_BYTES, size - place)
+        block = fs.cat_file(source, start=place, end=place + wanted)
+        if len(block) == size != wanted:  # a server without ranges sends all of it
+            place = file.truncate(0)
+        elif len(block) != wanted:
+            raise ConnectionError(f"{len(block)} bytes came of {wanted} asked for")
+        try:
+            written = file.write(block)
+        except OSError as error:  # a full disk is no fault of the store
+            finding = f"cannot be written ({error.strerror})"
+            raise InputError(str(file.name), finding, "Make room: what has come is kept.") from error
+        place += written
+        progress(written)
+
+
+def _told(store: str, error: Exception) -> str:
+    return f"{store}: {type(error).__name__}: {error}".strip().replace("\n", " ")
