@@ -29,14 +29,15 @@ hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the 
 	objectfolder fetch --table data/objects.csv
 	$(MAKE) --no-print-directory dataset OBJECTS=data/objects.csv
 
-test: $(STAMP) ## Check style and types, and run all tests
+test: $(STAMP) ## Check style, types and imports, and run all tests
 	$(MAKE) --no-print-directory lint
-	pytest -n 2
+	pytest -n auto
 
-lint: $(STAMP) ## Check style and types
+lint: $(STAMP) ## Check style, types and imports
 	ruff check .
 	ruff format --check --exclude '*.md' .
 	mypy
+	lint-imports --no-logo
 
 lock: $(STAMP) ## Write requirements.lock from what is installed
 	python -m pipeline.lock requirements.lock

@@ -110,7 +110,7 @@ def run_audit(options: argparse.Namespace) -> int:
             audit = Comparison(contents, old, new, stages, options.arrays).audit()
         too_much = exceeded(audit.fidelity, allowed)
         if options.html:
-            from pipeline.audit.page import write_page
+            from pipeline.publish.report.audit_page import write_page
 
             write_page(audit, Path(options.html), too_much, allowed)
     except (ObjectFolderError, OSError) as error:

@@ -14,8 +14,7 @@ from pipeline.cluster.dask_settings import settings
 from pipeline.cluster.environment_check import environment_of
 from pipeline.cluster.performance_report import performance_report
 from pipeline.cluster.places import Place
-from pipeline.run.run_log import RUN_ID
-from pipeline.run.run_record import new_run_id
+from pipeline.dataset.run_id import RUN_ID, new_run_id
 from pipeline.sandbox import scratch
 
 HERE = ("local", "cuda")  # kinds whose workers are this installation by construction

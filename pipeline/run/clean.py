@@ -17,12 +17,11 @@ from pipeline.cluster import performance_report
 from pipeline.dataset.lock_file import LOCK, read_lock
 from pipeline.dataset.products import ProductKind, read_fingerprint
 from pipeline.dataset.stages import STAGES
-from pipeline.publish.viewer import PLAYERS
+from pipeline.dataset.state import PLAYERS, STATE
 from pipeline.run import run_record
 from pipeline.run.exclusive import exclusive, owner
 from pipeline.sandbox import scratch
 from pipeline.store import memo
-from pipeline.store.memo import STATE
 
 LONGEST_LIST = 5  # paths of a kind that are named
 DVC_HINT = (

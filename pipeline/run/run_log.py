@@ -13,9 +13,8 @@ from typing import Any
 
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import SimulationError
+from pipeline.dataset.run_id import RUN_ID
 from pipeline.dataset.task import Failure
-
-RUN_ID = "OBJECTFOLDER_RUN_ID"  # of the run that a process is part of
 
 
 def unwritable(path: Path, error: OSError) -> SimulationError:

@@ -13,7 +13,6 @@ as they fit into `MOST_BYTES`.
 import json
 import os
 import platform
-import secrets
 import socket
 import sys
 from collections.abc import Iterator, Sequence
@@ -23,19 +22,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from pipeline.dataset.run_id import RUN_ID, new_run_id
 from pipeline.dataset.task import Outcome
 from pipeline.run.costs import compact
-from pipeline.run.run_log import RUN_ID, unwritable
+from pipeline.run.run_log import unwritable
 
 PATTERN = "[0-9]*T[0-9]*Z-*.jsonl"
 MOST_RUNS = 200
 MOST_BYTES = 256 << 20
 DETAIL_CHARACTERS = 2000
-
-
-def new_run_id() -> str:
-    """Return an id that sorts by the time of the run: ``20260102T030405Z-0a1b2c3d``."""
-    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(4)}"
 
 
 class RunRecord:

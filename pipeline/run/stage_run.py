@@ -10,11 +10,11 @@ from pathlib import Path
 from pipeline.dataset.crew import Crew
 from pipeline.dataset.parameters import PARAMETERS, read_parameters
 from pipeline.dataset.records import read_records, read_table, write_records
+from pipeline.dataset.run_id import RUN_ID, new_run_id
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
 from pipeline.run.exclusive import exclusive
-from pipeline.run.run_log import RUN_ID, read_failures
-from pipeline.run.run_record import new_run_id
+from pipeline.run.run_log import read_failures
 
 
 @contextlib.contextmanager

@@ -13,13 +13,13 @@ from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError
 from pipeline.dataset import products
+from pipeline.dataset.state import STATE
 from pipeline.store import shared
 from pipeline.store.copying import copy_file
 from pipeline.store.storage import Store, disk_error, product_name
 
 CAP = "OBJECTFOLDER_MEMO_GB"
 DEFAULT_GB = 20.0
-STATE = ".objectfolder"
 
 
 def memo_base(root: Path) -> Path:

@@ -9,14 +9,15 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import SimulationError
+from pipeline.dataset.run_id import RUN_ID, new_run_id
 from pipeline.dataset.task import Failure, Outcome
 from pipeline.publish.report.costs import costs_by_object
 from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
 from pipeline.run.costs import COLUMNS, QUERY, Costs, compact, costs_path, known_costs
 from pipeline.run.forecast.estimates import last_taken
-from pipeline.run.run_log import RUN_ID, read_failures, read_failures_by_fingerprint, write_run
-from pipeline.run.run_record import RunRecord, new_run_id, read_record, records
+from pipeline.run.run_log import read_failures, read_failures_by_fingerprint, write_run
+from pipeline.run.run_record import RunRecord, read_record, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
 

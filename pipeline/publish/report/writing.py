@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.atomic import atomic_write
+from pipeline.dataset.state import PLAYERS
 from pipeline.publish.report.costs import costs_by_object
 from pipeline.publish.report.index_page import OBJECTS, render_index
 from pipeline.publish.report.object_records import Failure, read_failures, read_records
@@ -22,7 +23,6 @@ from pipeline.publish.report.tables import (
     object_rows,
     speed_error_rows,
 )
-from pipeline.publish.viewer import PLAYERS
 
 __all__ = ["write_report"]
 

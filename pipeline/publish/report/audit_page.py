@@ -10,8 +10,8 @@ from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import CHANGED, GONE, MADE, STATES, Audit
 from pipeline.audit.groups import StageTotal, groups, names, totals
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
+from pipeline.publish.report.templates import template_environment
 
-TEMPLATES = Path(__file__).parent / "template"
 FIDELITY_ROWS = 1000
 
 
@@ -26,7 +26,7 @@ def write_page(
     Parameters
     ----------
     audit
-        What it found; ids, names and errors of strangers are escaped.
+        What it found; ids, names and errors from outside are escaped.
     path
         The page.
     exceeded
@@ -41,9 +41,7 @@ def write_page(
 
 def render_page(audit: Audit, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float]) -> str:
     """Return the page."""
-    from pipeline.publish.report.templates import template_environment
-
-    environment = template_environment(TEMPLATES)
+    environment = template_environment()
     filters: dict[str, Callable[..., object]] = {
         "names": lambda found: names(found, most=len(found)),
         "change": table.change,
