@@ -17,7 +17,7 @@ STATUS = """exit status:
   2  the table cannot be read
 
 A doubt that was looked at and stays is listed in the column `accepted`, by the name of its rule
-(length, mass, walls, surface, looks, material, licence, provenance, duplicate); the notes say why.
+(length, mass, walls, surface, material, licence, provenance, duplicate); the notes say why.
 """
 
 
@@ -46,8 +46,8 @@ def add_commands(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Check a table; return the exit status."""
     from pipeline.intake.check import finding
-    from pipeline.intake.check.check import check_table
     from pipeline.intake.check.listing import as_json, text
+    from pipeline.intake.check.table_check import check_table
 
     table = Path(options.table)
     try:

@@ -3,7 +3,7 @@
 import pytest
 from checked_rows import entry, shape
 
-from pipeline.intake.check.duplicates import check
+from pipeline.intake.check.duplicate_rule import check
 from pipeline.intake.check.finding import ERROR, NOTE, WARNING
 
 

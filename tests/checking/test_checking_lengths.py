@@ -4,7 +4,7 @@ import pytest
 from checked_rows import entry, shape
 
 from pipeline.intake.check.finding import ERROR, NOTE, WARNING
-from pipeline.intake.check.length import check
+from pipeline.intake.check.length_rule import check
 
 MUG = (0.117, 0.0931, 0.0813)
 YCB = {"source": "YCB Object and Model Set"}
@@ -71,36 +71,6 @@ def test_millimetres_taken_for_metres_of_a_source_in_metres():
     assert found.severity == ERROR
     assert "millimetres were taken for metres" in found.found
     assert found.remedy == "Write 0.117, or 'as in file'"
-
-
-@pytest.mark.parametrize(
-    ("name", "length", "remedy"),
-    [
-        ("062_dice", 1.76, "centimetres would make it 0.0176 m"),
-        ("Red mug", 3.9, "inches would make it 0.0991 m"),
-        ("WoodenChair_01", 0.02, "Check the unit and the name"),
-    ],
-)
-def test_no_thing_of_that_name_is_that_long(name, length, remedy):
-    found = only(entry("object", name=name, of=shape((length, length / 2, length / 2))))
-    assert (found.severity, found.field) == (WARNING, "length_m")
-    assert remedy in found.remedy
-
-
-@pytest.mark.parametrize(
-    ("name", "length"),
-    [
-        ("062_dice", 0.0176),
-        ("Table fork", 0.19),
-        ("WoodenChair_01", 2.274),
-        ("3D_Dollhouse_Chair", 0.05),  # a toy may have any size
-        ("Toy chair", 0.05),
-        ("BUNNY_RACER", 0.112),  # unknown things are not judged
-        ("Keychain", 0.03),
-    ],
-)
-def test_things_of_ordinary_length(name, length):
-    assert list(check(entry("object", name=name, of=shape((length, length / 2, length / 2))))) == []
 
 
 def test_the_paper_had_another_length():

@@ -3,9 +3,9 @@
 import pytest
 from checked_rows import MATERIALS, entry, shape
 
-from pipeline.intake.check import mass as masses
+from pipeline.intake.check import mass_rule as masses
 from pipeline.intake.check.finding import ERROR, NOTE, WARNING
-from pipeline.intake.check.mass import mass_as_made
+from pipeline.intake.check.mass_rule import mass_as_made
 
 BLOCK = (0.2, 0.1, 0.1)  # 2 litres: 1.5 kg of wood, 15.7 kg of steel
 PUBLISHED = {"mass_source": "its maker"}

@@ -3,8 +3,8 @@
 import pytest
 from checked_rows import entry
 
-from pipeline.intake.check import stated_licence as licences
-from pipeline.intake.check import stated_provenance as provenance
+from pipeline.intake.check import licence_rule as licences
+from pipeline.intake.check import provenance_rule as provenance
 from pipeline.intake.check.finding import ERROR, NOTE, WARNING
 
 MUG = {
@@ -79,10 +79,8 @@ def test_an_address_that_is_none():
         ("CC BY 4.0", "CC-BY-4.0"),
         ("cc-by-4.0", "CC-BY-4.0"),
         ("CC-BY", "CC-BY-4.0"),
-        ("Creative Commons Attribution 4.0 International", "CC-BY-4.0"),
         ("Creative Commons Attribution-ShareAlike 4.0", "CC-BY-SA-4.0"),
         ("CC0", "CC0-1.0"),
-        ("CC0 1.0 Universal", "CC0-1.0"),
         ("CC0 1.0 Universal (Public Domain)", "CC0-1.0"),
     ],
 )
@@ -91,9 +89,7 @@ def test_licences_as_people_write_them(said, meant):
     assert (found.severity, found.remedy) == (WARNING, f"Write {meant}")
 
 
-@pytest.mark.parametrize(
-    "said", ["free", "not stated", "see the web site", "all rights reserved", "CC-BY-9.9"]
-)
+@pytest.mark.parametrize("said", ["all rights reserved", "CC-BY-9.9"])
 def test_licences_that_nobody_knows(said):
     (found,) = licences.check(entry(**{**OWN, "licence": said}))
     assert found.severity == WARNING

@@ -1,7 +1,7 @@
 """Licences of what is added: by their SPDX identifiers, and with a name where they ask for one."""
 
 from objectfolder.errors import InputError
-from pipeline.intake.check.stated_licence import guess, spdx
+from pipeline.intake.check.licence_rule import likely_spdx, spdx
 
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
 """Licences that do not ask for the author to be named."""
@@ -23,7 +23,7 @@ def licence_expression(text: str, where: str = "--licence") -> str:
     known = spdx(text)
     if known is not None:
         return known
-    near = spdx(guess(text))
+    near = likely_spdx(text)
     hint = f"Did you mean {near}? " if near else ""
     raise InputError(where, f"{text!r} is no licence that SPDX knows", hint + REMEDY)
 

@@ -50,14 +50,6 @@ class Entry:
             return None
         return value if math.isfinite(value) and value > 0 else None
 
-    def fraction(self, column: str) -> float | None:
-        """Return a number in 0..1; None for an empty cell or anything else."""
-        try:
-            value = float(self.cell(column))
-        except ValueError:
-            return None
-        return value if 0 <= value <= 1 else None
-
     @property
     def names(self) -> str:
         """Id and name."""

@@ -1,17 +1,19 @@
 """What a check found, as a table for people and as JSON."""
 
+import io
 import json
-import textwrap
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.intake.check.check import Check
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING, Finding
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
-NARROWEST = 30
-ACCEPTED = "accepted"
-FIRST = len(ACCEPTED)
+from pipeline.intake.check.finding import ERROR, NOTE, WARNING, Finding
+from pipeline.intake.check.table_check import Check
+
+NARROWEST = 110  # characters
 
 
 def text(check: Check, table: Path, width: int) -> str:
@@ -54,33 +56,22 @@ def _is_unfetched(one: Finding, check: Check) -> bool:
 
 
 def _rows(findings: list[Finding], width: int) -> list[str]:
+    """Return the lines of a table; what is the same for many objects stands once, where the first is."""
     if not findings:
         return []
-    names = min(28, max(len("object"), *(len(ids) for ids, _ in _together(findings))))
-    fields = max(len("field"), *(len(one.field) for one in findings))
-    rest = max(NARROWEST, (width - names - fields - FIRST - 8) // 2)
-    widths = (FIRST, names, fields, rest, rest)
-    lines = [_line(("", "object", "field", "found", "remedy"), widths)]
-    for ids, one in _together(findings):
-        severity = ACCEPTED if one.accepted else one.severity
-        cells = [
-            textwrap.wrap(cell, size) or [""]
-            for cell, size in zip((severity, ids, one.field, one.found, one.remedy), widths, strict=True)
-        ]
-        for row in range(max(map(len, cells))):
-            lines.append(_line([cell[row] if row < len(cell) else "" for cell in cells], widths))
-    return lines
-
-
-def _together(findings: list[Finding]) -> list[tuple[str, Finding]]:
-    """Findings with whom they are about: those that say the same of many objects once, where the first is."""
     alike: dict[Finding, list[str]] = {}
     for one in findings:
         alike.setdefault(replace(one, object_id=""), []).append(one.object_id)
-    return [
-        (ids[0] if len(ids) == 1 else f"{ids[0]} and {len(ids) - 1} more", one) for one, ids in alike.items()
-    ]
-
-
-def _line(cells: list[str] | tuple[str, ...], widths: tuple[int, ...]) -> str:
-    return "  ".join(f"{cell:<{size}}" for cell, size in zip(cells, widths, strict=True)).rstrip()
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column("object", max_width=28, overflow="fold")
+    table.add_column("field", no_wrap=True)
+    table.add_column("found", min_width=30)
+    table.add_column("remedy", min_width=30)
+    for one, ids in alike.items():
+        objects = ids[0] if len(ids) == 1 else f"{ids[0]} and {len(ids) - 1} more"
+        severity = "accepted" if one.accepted else one.severity
+        table.add_row(*map(Text, (severity, objects, one.field, one.found, one.remedy)))
+    lines = io.StringIO()
+    Console(file=lines, width=max(width, NARROWEST), color_system=None).print(table)
+    return [line.rstrip() for line in lines.getvalue().splitlines()]

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import logging
 import re
 import threading
 import time
@@ -16,6 +17,9 @@ from urllib3.util import Retry
 
 from objectfolder import __version__
 from objectfolder.errors import InputError
+
+# Its warnings of every retry would break the line that shows progress.
+logging.getLogger("urllib3.connectionpool").setLevel(logging.ERROR)
 
 USER_AGENT = f"objectfolder-factory/{__version__}"
 CONNECT_S = 10.0

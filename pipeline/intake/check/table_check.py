@@ -1,5 +1,7 @@
-"""A table of objects against itself, its meshes and what is known of things."""
+"""A table of objects checked against itself, its meshes and what is known of sources and materials."""
 
+import difflib
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,21 +9,29 @@ from pathlib import Path
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.catalogue import read_catalogue, read_rows
 from objectfolder.errors import InputError
-from pipeline.intake.check import duplicates, looks, readable, surfaces
-from pipeline.intake.check import length as lengths
-from pipeline.intake.check import mass as masses
-from pipeline.intake.check import material as materials
-from pipeline.intake.check import stated_licence as licences
-from pipeline.intake.check import stated_provenance as provenance
-from pipeline.intake.check import wall as walls
-from pipeline.intake.check.acceptance import RULE as ACCEPTED
-from pipeline.intake.check.acceptance import accept
+from pipeline.intake.check import (
+    duplicate_rule,
+    length_rule,
+    licence_rule,
+    mass_rule,
+    material_rule,
+    mesh_rules,
+    provenance_rule,
+)
 from pipeline.intake.check.entry import Entry
-from pipeline.intake.check.finding import SEVERITIES, Finding
+from pipeline.intake.check.finding import ERROR, NOTE, SEVERITIES, WARNING, Finding
 from pipeline.intake.check.shape import measure
 
-BY_ROW = (readable, licences, provenance, lengths, walls, surfaces, looks)
-RULES = (*(module.RULE for module in BY_ROW), masses.RULE, materials.RULE, duplicates.RULE, ACCEPTED)
+ACCEPTED = "accepted"
+BY_ROW: Mapping[str, Callable[[Entry], Iterator[Finding]]] = {
+    mesh_rules.READABLE: mesh_rules.check_readable,
+    licence_rule.RULE: licence_rule.check,
+    provenance_rule.RULE: provenance_rule.check,
+    length_rule.RULE: length_rule.check,
+    mesh_rules.WALLS: mesh_rules.check_walls,
+    mesh_rules.SURFACE: mesh_rules.check_surface,
+}
+RULES = (*BY_ROW, mass_rule.RULE, material_rule.RULE, duplicate_rule.RULE, ACCEPTED)
 
 
 @dataclass(frozen=True)
@@ -74,30 +84,47 @@ def check_table(
         A table that cannot be read at all.
     """
     known = read_materials(materials_table)
-    entries = read_entries(path, known)
+    entries = _read_entries(path, known)
     if with_meshes:
         for index, entry in enumerate(entries):
             progress(index, len(entries), entry.object_id)
-            entries[index] = measured(entry)
+            entries[index] = _measured(entry)
         progress(len(entries), len(entries), "")
-    return check_entries(entries, known)
-
-
-def check_entries(entries: Sequence[Entry], known: Mapping[str, Material]) -> Check:
-    """Apply every rule to rows that were read."""
     doubles: dict[str, list[Finding]] = {}
-    for one in duplicates.check(entries):
+    for one in duplicate_rule.check(entries):
         doubles.setdefault(one.object_id, []).append(one)
     findings: list[Finding] = []
     for entry in entries:
-        found = [*_of_row(entry, known), *doubles.pop(entry.object_id, ())]
-        findings += accept(entry, found, RULES)
+        findings += accept(entry, [*_of_row(entry, known), *doubles.pop(entry.object_id, ())])
     findings.sort(key=lambda one: SEVERITIES.index(one.severity))
     unfetched = tuple(entry.object_id for entry in entries if entry.is_unfetched)
     return Check(len(entries), sum(entry.shape is not None for entry in entries), unfetched, tuple(findings))
 
 
-def read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
+def accept(entry: Entry, findings: Sequence[Finding]) -> Iterator[Finding]:
+    """Return the findings of a row; those that its column `accepted` lists become notes.
+
+    The cell lists names of rules, and the notes say why. Errors cannot be accepted.
+    """
+    listed = [name for name in re.split(r"[\s,;]+", entry.cell(ACCEPTED)) if name]
+    for name in listed:
+        if name not in RULES:
+            near = difflib.get_close_matches(name, RULES, 1)
+            remedy = f"Did you mean {near[0]}?" if near else f"Use names of rules: {', '.join(RULES)}"
+            yield entry.found(ACCEPTED, WARNING, ACCEPTED, f"there is no rule {name!r}", remedy)
+        elif entry.shape is not None and name not in [one.rule for one in findings]:
+            found = f"the rule {name!r} finds nothing"
+            yield entry.found(ACCEPTED, NOTE, ACCEPTED, found, "Take it out of the list")
+    if listed and not entry.cell("notes"):
+        found = f"{', '.join(listed)} accepted without a reason"
+        yield entry.found(ACCEPTED, WARNING, ACCEPTED, found, "Say why in the notes")
+        listed = []
+    for one in findings:
+        accepted = one.rule in listed and one.severity != ERROR
+        yield replace(one, severity=NOTE, accepted=True) if accepted else one
+
+
+def _read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
     """Return the rows of a table in order, those with faults too; nothing is measured yet."""
     _, rows = read_rows(path)
     catalogue = read_catalogue(path, known)
@@ -114,7 +141,7 @@ def read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
     ]
 
 
-def measured(entry: Entry) -> Entry:
+def _measured(entry: Entry) -> Entry:
     """Return a row with what was measured on its mesh, or why that could not be."""
     if entry.record is None:
         return entry
@@ -125,11 +152,11 @@ def measured(entry: Entry) -> Entry:
 
 
 def _of_row(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
-    found = [one for module in BY_ROW for one in module.check(entry)]
+    found = [one for rule in BY_ROW.values() for one in rule(entry)]
     yield from found
-    shells = any(one.rule == walls.RULE and one.field == masses.SHELL for one in found)
-    for one in masses.check(entry, known):
-        # What the walls say already is not said again of the mass that follows from them.
-        if not (shells and one.field == masses.SHELL):
+    shells = any(one.rule == mesh_rules.WALLS and one.field == mass_rule.SHELL for one in found)
+    for one in mass_rule.check(entry, known):
+        # A shell that the walls ask for already is not asked for again because of the mass.
+        if not (shells and one.field == mass_rule.SHELL):
             yield one
-    yield from materials.check(entry, known.keys())
+    yield from material_rule.check(entry, known.keys())

@@ -13,28 +13,10 @@ SAME = 1e-5
 """Relative difference of measures of one surface: coordinates of 6 decimals, or in single precision."""
 
 Key = Callable[[Entry], str | None]
-
-
-def _source(entry: Entry) -> str | None:
-    return entry.cell("source_id")
-
-
-def _file(entry: Entry) -> str | None:
-    return entry.cell("mesh")
-
-
-def _bytes(entry: Entry) -> str | None:
-    return None if entry.shape is None else entry.shape.mesh_sha256
-
-
-def _texture(entry: Entry) -> str | None:
-    return None if entry.shape is None else entry.shape.texture_sha256
-
-
 SHARED: tuple[tuple[str, str, Key], ...] = (
-    ("the source", "source_id", _source),
-    ("the mesh file", "mesh", _file),
-    ("the bytes of the mesh", "mesh", _bytes),
+    ("the source", "source_id", lambda entry: entry.cell("source_id")),
+    ("the mesh file", "mesh", lambda entry: entry.cell("mesh")),
+    ("the bytes of the mesh", "mesh", lambda entry: entry.shape.mesh_sha256 if entry.shape else None),
 )
 
 
@@ -54,7 +36,7 @@ def check(entries: Sequence[Entry]) -> Iterator[Finding]:
         )
         remedy = "Remove one of them" if same else "Keep both only if both materials are meant"
         yield second.found(RULE, ERROR if same else WARNING, column, found, remedy)
-    for first, second in _sharing(entries, _texture):
+    for first, second in _sharing(entries, lambda entry: entry.shape.texture_sha256 if entry.shape else None):
         if (first.object_id, second.object_id) not in told:
             found = f"shares the texture with {first.object_id}"
             yield second.found(RULE, NOTE, "texture", found, "Right for pieces of one set; else correct it")
@@ -71,7 +53,7 @@ def _sharing(entries: Sequence[Entry], key: Key) -> Iterator[tuple[Entry, Entry]
 
 
 def _alike(entries: Sequence[Entry]) -> Iterator[tuple[Entry, Entry]]:
-    """Pairs of rows whose surfaces have as many faces and the same measures: copies, re-exported or moved."""
+    """Yield rows whose surfaces have as many faces and the same measures: copies, re-exported or moved."""
     of_faces: dict[int, list[tuple[Entry, Shape]]] = {}
     for entry in entries:
         if entry.shape is None:

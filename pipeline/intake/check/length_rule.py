@@ -4,10 +4,8 @@ from collections.abc import Iterator
 
 from pipeline.intake.check.entry import Entry
 from pipeline.intake.check.finding import ERROR, NOTE, WARNING, Finding
-from pipeline.intake.check.known_source import is_metric
+from pipeline.intake.check.provenance_rule import source_of
 from pipeline.intake.check.shape import Shape
-from pipeline.intake.check.things import thing_named
-from pipeline.intake.check.words import words_of
 
 RULE = "length"
 
@@ -24,13 +22,12 @@ NORMALISED = (1.0, 2.0)
 
 
 def check(entry: Entry) -> Iterator[Finding]:
-    """Find lengths that the mesh, the name or the published list contradicts."""
+    """Find lengths that the mesh or the published list contradicts."""
     if entry.record is None or entry.shape is None:
         return
     stated = entry.record.length_m
     if stated is not None:
         yield from _against_mesh(entry, entry.shape, stated)
-    yield from _against_name(entry, entry.shape.length_m)
     yield from _against_paper(entry, entry.shape.length_m)
 
 
@@ -47,7 +44,7 @@ def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding
                 RULE, WARNING, "length_m", found, f"Give the longest side ({side:.4g}), or 'as in file'"
             )
             return
-    if not is_metric(entry):
+    if source_of(entry) is None:  # the meshes of all public sources are in metres
         # A mesh may come in any unit: the stated length is what gives it one.
         if LIKELY_METRES[0] <= side <= LIKELY_METRES[1] and not any(
             is_close(side, one) for one in NORMALISED
@@ -63,23 +60,6 @@ def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding
         severity = ERROR if not 1 / 3 <= factor <= 3 else WARNING
         remedy = "Write 'as in file': this source is in metres"
         yield entry.found(RULE, severity, "length_m", f"{what}, which is in metres", remedy)
-
-
-def _against_name(entry: Entry, length_m: float) -> Iterator[Finding]:
-    named = thing_named(words_of(entry.names))
-    if named is None:
-        return
-    word, thing = named
-    if thing.shortest_m <= length_m <= thing.longest_m:
-        return
-    found = f"{length_m:.3g} m is no length of a {word} ({thing.shortest_m:g} to {thing.longest_m:g} m)"
-    fitting = [
-        f"{name} would make it {length_m * size:.3g} m"
-        for size, name in UNITS.items()
-        if thing.shortest_m <= length_m * size <= thing.longest_m
-    ]
-    remedy = f"Check the unit: {', '.join(fitting)}" if fitting else "Check the unit and the name"
-    yield entry.found(RULE, WARNING, "length_m", found, remedy)
 
 
 def _against_paper(entry: Entry, length_m: float) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Masses: density times volume against what is published, and against what a thing can weigh."""
+"""Masses: density times volume against what is published, and against what things of that size weigh."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -27,7 +27,7 @@ SHELL = "shell_m"
 
 
 def check(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
-    """Find masses that contradict the published one, or that no such thing has.
+    """Find masses that contradict the published one, or that nothing of that size has.
 
     Parameters
     ----------
