@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from pipeline.cluster.dask_settings import settings
 from pipeline.cluster.environment_check import environment_of
 from pipeline.cluster.performance_report import performance_report
 from pipeline.cluster.places import Place
-from pipeline.dataset.run_id import RUN_ID, new_run_id
+from pipeline.dataset.run_id import run_id
 from pipeline.sandbox import scratch
 
 HERE = ("local", "cuda")  # kinds whose workers are this installation by construction
@@ -89,8 +88,8 @@ def start(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any]) ->
                 Patience(place.reconnect_s, workers_s, place.pools_within_s),
             )
         )
-        run_id = os.environ.get(RUN_ID) or new_run_id()
-        stack.enter_context(performance_report(lambda: running.client, root, run_id))
+
+        stack.enter_context(performance_report(lambda: running.client, root, run_id()))
         yield running
 
 

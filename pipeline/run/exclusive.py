@@ -1,44 +1,35 @@
 """One run at a time on one checkout: a second waits and says for whom, or refuses.
 
-The lock is the kernel's, on ``.objectfolder/run.lock``: it ends with its owner, however that ends, and
-the file itself means nothing. It holds between processes of one machine; whether it does between machines
-that share a disk depends on the file system (NFS since Linux 2.6.12 does, others may not), so one
-checkout is for one driving machine.
+The lock on ``.objectfolder/run.lock`` is the kernel's and ends with its owner, however that ends. Who the
+owner is stands beside it. It holds between processes of one machine; whether it does between machines that
+share a disk depends on the file system, so one checkout is for one driving machine.
 """
 
 import contextlib
-import fcntl
 import json
+import math
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import IO, TextIO
+from typing import TextIO
+
+from filelock import FileLock, Timeout
 
 from objectfolder.errors import InputError
+from pipeline.dataset.run_id import RUN_ID, new_run_id
 
 WAIT = "OBJECTFOLDER_WAIT"
-WITHIN = "OBJECTFOLDER_RUN"  # tells what a run starts, such as DVC and its stages, that it is part of it
 REPEAT_S = 60.0  # between lines about waiting
-LOOK_S = 0.1
 
 
 @dataclass(frozen=True)
 class Owner:
-    """Who holds the lock.
-
-    Parameters
-    ----------
-    pid
-        Of the process.
-    what
-        What it runs.
-    since
-        When it began, local time without fractions.
-    """
+    """Who holds the lock: process id, what it runs, and since when (local time)."""
 
     pid: int
     what: str
@@ -49,8 +40,29 @@ class Owner:
 
 
 @contextlib.contextmanager
+def running(root: Path, what: str) -> Iterator[None]:
+    """Run something that changes the data set: alone, with an id, and ended by a signal as by the keyboard.
+
+    Raises
+    ------
+    InputError
+        As `exclusive`.
+    """
+    os.environ[RUN_ID] = new_run_id()
+    # A terminal that closes, or a batch system that stops a run.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupted)
+    with exclusive(root, what):
+        yield
+
+
+def _interrupted(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
 def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[None]:
-    """Hold the checkout for a run, once no other run does; inside such a run, do nothing.
+    """Hold the checkout for a run, once no other run does.
 
     Parameters
     ----------
@@ -66,27 +78,16 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
     InputError
         Another run holds the checkout, and ``OBJECTFOLDER_WAIT`` is 0 or as many seconds went by.
     """
-    most = most_seconds()
-    outer = os.environ.get(WITHIN)
-    holder = owner(root) if outer else None
-    if holder is not None and str(holder.pid) == outer:
+    lock, named = _lock(root), _owner_file(root)
+    named.parent.mkdir(parents=True, exist_ok=True)
+    _acquire(lock, root, most_seconds(), stream or sys.stderr)
+    try:
+        owner = Owner(os.getpid(), what, datetime.now().isoformat(" ", "seconds"))
+        named.write_text(json.dumps(asdict(owner)))
         yield
-        return
-    path = root / ".objectfolder" / "run.lock"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # Not truncated, for it names the owner; not inherited by programs started, or it outlives the run.
-    with open(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644), "r+") as file:
-        _acquire(file, root, most, stream or sys.stderr)
-        _write_owner(file, Owner(os.getpid(), what, datetime.now().isoformat(" ", "seconds")))
-        os.environ[WITHIN] = str(os.getpid())
-        try:
-            yield
-        finally:
-            os.environ.pop(WITHIN)
-            if outer is not None:
-                os.environ[WITHIN] = outer
-            file.seek(0)
-            file.truncate()
+    finally:
+        named.unlink(missing_ok=True)
+        lock.release()
 
 
 def most_seconds() -> float:
@@ -101,7 +102,7 @@ def most_seconds() -> float:
     try:
         seconds = float(text)
     except ValueError:
-        seconds = -1.0
+        seconds = math.nan
     if not seconds >= 0:
         raise InputError(
             WAIT, f"{text!r} is no number of seconds", "Give 0 to refuse at once, or leave it out."
@@ -111,56 +112,47 @@ def most_seconds() -> float:
 
 def owner(root: Path) -> Owner | None:
     """Return who holds a checkout now; None where nobody does."""
-    path = root / ".objectfolder" / "run.lock"
+    found = _read_owner(root)
+    if found is None or found.pid == os.getpid():
+        return found
     try:
-        with path.open("r+") as file:
-            named = _read_owner(file)
-            return None if named is None or _locked(file) else named
-    except FileNotFoundError:
-        return None
+        with _lock(root).acquire(timeout=0):
+            return None
+    except Timeout:
+        return found
 
 
-def _acquire(file: IO[str], root: Path, most: float, stream: TextIO) -> None:
+def _acquire(lock: FileLock, root: Path, most: float, stream: TextIO) -> None:
     begin = time.monotonic()
-    said: tuple[Owner | None, float] | None = None
-    while not _locked(file):
-        now = time.monotonic()
-        holder = _read_owner(file)
-        if now - begin >= most:
-            raise InputError(
-                str(root),
-                f"in use by {holder or 'another run'}",
-                f"Wait for it, or end it (nothing finished is lost). Without {WAIT}=0 a run waits by itself.",
+    pause = 0.0
+    while True:
+        with contextlib.suppress(Timeout):
+            lock.acquire(timeout=pause)
+            break
+        holder = _read_owner(root) or "another run"
+        left = most - (time.monotonic() - begin)
+        if left <= 0:
+            remedy = (
+                f"Wait for it, or end it (nothing finished is lost). Without {WAIT}=0 a run waits by itself."
             )
-        if holder and (said is None or said[0] != holder or now - said[1] > REPEAT_S):
-            print(f"waiting for {holder}", file=stream, flush=True)
-            said = holder, now
-        time.sleep(LOOK_S)
-    if said is not None:
+            raise InputError(str(root), f"in use by {holder}", remedy)
+        print(f"waiting for {holder}", file=stream, flush=True)
+        pause = min(REPEAT_S, left)
+    if pause:
         print(f"waited {time.monotonic() - begin:.0f} s", file=stream, flush=True)
 
 
-def _locked(file: IO[str]) -> bool:
-    """Take the lock if it is free."""
+def _lock(root: Path) -> FileLock:
+    return FileLock(root / ".objectfolder" / "run.lock", thread_local=False)
+
+
+def _owner_file(root: Path) -> Path:
+    return root / ".objectfolder" / "run.json"
+
+
+def _read_owner(root: Path) -> Owner | None:
+    """Return the owner named last; None for one that has not yet written itself."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
-
-
-def _write_owner(file: IO[str], holder: Owner) -> None:
-    file.seek(0)
-    file.truncate()
-    file.write(json.dumps(holder.__dict__))
-    file.flush()
-
-
-def _read_owner(file: IO[str]) -> Owner | None:
-    """Return the owner that the file names; None for one that has not yet written itself."""
-    file.seek(0)
-    try:
-        content = json.loads(file.read())
-        return Owner(int(content["pid"]), str(content["what"]), str(content["since"]))
-    except (ValueError, KeyError, TypeError):
+        return Owner(**json.loads(_owner_file(root).read_text()))
+    except (OSError, ValueError, TypeError):
         return None

@@ -6,8 +6,8 @@ why it failed), ``stage`` (how many objects were kept, restored, computed, faile
 Objects that needed nothing are counted, not listed. A run that was killed has no ``end``, and its last
 line may be cut.
 
-The processes of one run share its file by ``OBJECTFOLDER_RUN_ID``. The last `MOST_RUNS` files stay, as far
-as they fit into `MOST_BYTES`.
+The commands of one `dvc repro` share a file (see `pipeline.dataset.run_id`). The last `MOST_RUNS` files stay,
+as far as they fit into `MOST_BYTES`.
 """
 
 import json
@@ -22,7 +22,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pipeline.dataset.run_id import RUN_ID, new_run_id
+from pipeline.dataset.run_id import run_id
 from pipeline.dataset.task import Outcome
 from pipeline.run.costs import compact
 from pipeline.run.run_log import unwritable
@@ -50,7 +50,7 @@ class RunRecord:
     """
 
     def __init__(self, root: Path, stages: Sequence[str]) -> None:
-        self.run_id = os.environ.get(RUN_ID) or new_run_id()
+        self.run_id = run_id()
         self.path = root / "runs" / f"{self.run_id}.jsonl"
         self._root = root
         self._tasks = 0

@@ -122,16 +122,6 @@ def test_programs_that_a_killed_owner_started_do_not_hold_its_lock(tmp_path, mon
         first.stdout.close()
 
 
-def test_what_a_run_starts_is_part_of_it(tmp_path, monkeypatch):
-    monkeypatch.setenv(WAIT, "0")
-    with exclusive(tmp_path, "the data set"):
-        with exclusive(tmp_path, "stage objects"):
-            pass
-        with holder(tmp_path, "stage views"):
-            assert owner(tmp_path).what == "the data set"
-    assert "OBJECTFOLDER_RUN" not in os.environ
-
-
 def test_a_run_of_another_checkout_is_no_part_of_this_one(tmp_path, monkeypatch):
     monkeypatch.setenv(WAIT, "0")
     one, other = tmp_path / "one", tmp_path / "other"
