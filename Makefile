@@ -8,7 +8,7 @@ export DVC_NO_ANALYTICS := 1
 unexport PYTHONPATH
 
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset hundred test lint lock
+.PHONY: help environment dataset hundred test lint stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -20,10 +20,9 @@ $(STAMP): pyproject.toml requirements.lock environment.sh
 	@bash environment.sh $(VENV)
 	@touch $@
 
-dataset: $(STAMP) ## Make the data set, doing only what is left to do, and say where its report is
-	@python -m pipeline select $(if $(OBJECTS),--objects "$(OBJECTS)") \
-		$(if $(filter undefined,$(origin ONLY)),,--only "$(ONLY)")
-	@python -m pipeline dataset
+dataset: $(STAMP) ## Make the data set, doing only what is left to do
+	@python -m pipeline select $(if $(OBJECTS),--objects "$(OBJECTS)") --only "$(ONLY)"
+	@dvc repro
 
 hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the data set of them
 	objectfolder fetch --table data/objects.csv
@@ -38,6 +37,9 @@ lint: $(STAMP) ## Check style, types and imports
 	ruff format --check --exclude '*.md' .
 	mypy
 	lint-imports --no-logo
+
+stages: $(STAMP) ## Write into dvc.yaml what the stages declare
+	python -m pipeline.cli.declare
 
 lock: $(STAMP) ## Write requirements.lock from what is installed
 	python -m pipeline.lock requirements.lock

@@ -53,7 +53,7 @@ def main() -> None:
     with table.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     parameters = read_parameters(root / "params.yaml")
-    listed = read_table(root, parameters.objects)
+    listed = read_table(root, parameters.objects).selected(parameters.objects.only)
     stages = {name: stage_cost(root, name) for name in STAGES}
     figures = {
         "objects_listed": len(listed.rows) + len(listed.refused),

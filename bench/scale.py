@@ -154,7 +154,7 @@ def planning(count: int) -> dict[str, Any]:
 def _plan(root: Path, stage: Stage, parameters: Any, rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
     begin, before = time.process_time(), psutil.Process().memory_info().rss
     verified = Verified(root)
-    flow = Flow([stage], root, parameters, rows, verified, Estimates(root, parameters), {stage.name: {}})
+    flow = Flow([stage], root, parameters, rows, verified, lambda: Estimates(root, parameters))
     jobs = flow.begin()
     verified.save()
     return {

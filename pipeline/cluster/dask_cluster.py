@@ -88,7 +88,6 @@ def start(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any]) ->
                 Patience(place.reconnect_s, workers_s, place.pools_within_s),
             )
         )
-
         stack.enter_context(performance_report(lambda: running.client, root, run_id()))
         yield running
 

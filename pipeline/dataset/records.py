@@ -6,7 +6,7 @@ the first depend on neither the table's place nor columns that mean nothing to t
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,14 +29,28 @@ SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
 
 @dataclass(frozen=True)
 class Records:
-    """Rows by object id, and why other objects were refused."""
+    """Rows of the listed objects by id, and why other listed objects were refused."""
 
     rows: Mapping[str, Mapping[str, Any]]
     refused: tuple[Failure, ...] = ()
 
+    @property
+    def listed(self) -> frozenset[str]:
+        """Ids of all objects that the table lists."""
+        return frozenset(self.rows) | {failure.object_id for failure in self.refused}
+
+    def selected(self, only: Collection[str]) -> "Records":
+        """Return the objects named by ``objects.only``; all of them where it is empty."""
+        if not only:
+            return self
+        rows = {object_id: row for object_id, row in self.rows.items() if object_id in only}
+        return Records(rows, tuple(failure for failure in self.refused if failure.object_id in only))
+
 
 def read_table(root: Path, objects: ObjectsParameters) -> Records:
     """Read the table of objects and the materials; rows have source files besides what is handed on.
+
+    All objects of the table are returned, those that ``objects.only`` leaves out included.
 
     Raises
     ------
@@ -49,7 +63,7 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
     materials = read_materials(root / MATERIALS)
     catalogue = read_catalogue(root / objects.table, materials)
     if objects.only:
-        catalogue = catalogue.select(objects.only, "objects.only (ONLY=)")
+        catalogue.select(objects.only, "objects.only (ONLY=)")  # an unknown id is an error
     rows = {record.id: row_of(record, materials[record.material]) for record in catalogue.records}
     refused = tuple(failure_of(object_id, error) for object_id, error in catalogue.errors.items())
     return Records(rows, refused)

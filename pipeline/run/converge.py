@@ -7,7 +7,7 @@ fail, go. Over several stages an object goes on to its next stage as soon as its
 """
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from pipeline.run.dispatch import Dispatch
 from pipeline.run.failure_table import failure_table
 from pipeline.run.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
-from pipeline.run.run_log import read_failures_by_fingerprint, write_run
+from pipeline.run.run_log import write_run
 from pipeline.run.run_record import RunRecord
 from pipeline.store import memo
 
@@ -58,6 +58,7 @@ def converge(
     rows: Mapping[str, Row],
     crew_for: CrewFor,
     refused: Sequence[Failure] = (),
+    others: Collection[str] = (),
 ) -> list[Summary]:
     """Make, keep and remove products until those of `stages` are what the inputs ask for.
 
@@ -70,11 +71,13 @@ def converge(
     parameters
         Of the whole run; each stage picks what it reads.
     rows
-        The listed objects.
+        The objects to make.
     crew_for
         Who runs the tasks (see `pipeline.cluster.cluster.crew`).
     refused
         Objects that were refused before the first stage; they count as its failures.
+    others
+        Listed objects that are not asked for now: their products stay as they are.
 
     Returns
     -------
@@ -86,10 +89,9 @@ def converge(
     SimulationError
         The crew is gone. What is finished stays finished.
     """
-    removed = {stage.name: _tidy(stage, root, rows) for stage in stages}
+    removed = {stage.name: _tidy(stage, root, {*rows, *others}) for stage in stages}
     verified = Verified(root)
     costs = Costs(root)
-    tried = {stage.name: read_failures_by_fingerprint(root, stage.name) for stage in stages}
     progress = FlowProgress({stage.name: sorted(stage.follows) for stage in stages})
 
     def estimates() -> "Estimates":
@@ -97,7 +99,7 @@ def converge(
 
         return Estimates(root, parameters)
 
-    flow = Flow(stages, root, parameters, rows, verified, estimates, tried, progress.settle)
+    flow = Flow(stages, root, parameters, rows, verified, estimates, progress.settle)
     with RunRecord(root, [stage.name for stage in stages]) as record:
         try:
             jobs = flow.begin()
@@ -161,13 +163,13 @@ def _run(
                 dispatch.add(job)
 
 
-def _tidy(stage: Stage, root: Path, rows: Mapping[str, Row]) -> tuple[str, ...]:
+def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
     """Remove half-written files, and products of objects not listed; return the ids of those."""
     for kind in stage.products:
         (root / kind.folder).mkdir(parents=True, exist_ok=True)
     _sweep(stage, root)
     present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
-    unlisted = sorted(present - set(rows))
+    unlisted = sorted(present - set(listed))
     for object_id in unlisted:
         for path in stage.targets(root, object_id):
             path.unlink(missing_ok=True)

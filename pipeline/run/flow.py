@@ -39,8 +39,6 @@ class Flow:
         Which products were checked whole.
     estimates
         Returns what tasks are expected to cost; asked only if there are any.
-    tried
-        By stage and fingerprint, what failed earlier in this very run and is not tried again.
     on_settled
         Told of each object that is settled in a stage, and the wall seconds of its task, 0 if none ran.
     """
@@ -53,7 +51,6 @@ class Flow:
         rows: Mapping[str, Row],
         verified: Verified,
         estimates: Callable[[], "Estimates"],
-        tried: Mapping[str, Mapping[str, Failure]],
         on_settled: OnSettled = lambda stage, object_id, outcome, seconds: None,
     ) -> None:
         self._stages = {stage.name: stage for stage in stages}
@@ -62,7 +59,6 @@ class Flow:
         self._rows = rows
         self._verified = verified
         self._estimates = functools.cache(estimates)
-        self._tried = tried
         self._on_settled = on_settled
         self._outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
         self._failures: dict[str, dict[str, Failure]] = {name: {} for name in self._stages}
@@ -144,8 +140,6 @@ class Flow:
             for path in targets:
                 self._verified.add(path, wanted)
             self._settle(stage.name, object_id, RESTORED)
-        elif (failure := self._tried[stage.name].get(wanted)) is not None:
-            self._fail(stage, object_id, failure)
         else:
             provenance = {
                 **prepared.parts,

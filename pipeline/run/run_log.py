@@ -5,7 +5,6 @@ failures. The record of every run is `pipeline.run.run_record`; what tasks took 
 """
 
 import json
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +12,6 @@ from typing import Any
 
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import SimulationError
-from pipeline.dataset.run_id import RUN_ID
 from pipeline.dataset.task import Failure
 
 
@@ -47,10 +45,8 @@ def write_run(
     folder = root / "runs"
     lines = [dict(line) for line in lines]
     fingerprints = {line["object_id"]: line.get("fingerprint") for line in lines if "object_id" in line}
-    run = os.environ.get(RUN_ID)
     entries = [
-        {**asdict(failure), "fingerprint": fingerprints.get(failure.object_id), "run": run}
-        for failure in failures
+        {**asdict(failure), "fingerprint": fingerprints.get(failure.object_id)} for failure in failures
     ]
     try:
         with atomic_write(folder / f"{stage}.jsonl") as file:
@@ -64,19 +60,6 @@ def write_run(
 def read_failures(root: Path, stage: str) -> list[Failure]:
     """Return the failures of the last run of a stage; none where it never ran."""
     return [_failure(entry) for entry in _failure_entries(root, stage)]
-
-
-def read_failures_by_fingerprint(root: Path, stage: str) -> dict[str, Failure]:
-    """Return what failed in a stage earlier in the run that this process is part of, by wanted fingerprint.
-
-    Empty outside a run whose parts share ``OBJECTFOLDER_RUN_ID``.
-    """
-    run = os.environ.get(RUN_ID)
-    return {
-        entry["fingerprint"]: _failure(entry)
-        for entry in _failure_entries(root, stage)
-        if run and entry.get("run") == run and entry.get("fingerprint")
-    }
 
 
 def _failure(entry: Mapping[str, str]) -> Failure:

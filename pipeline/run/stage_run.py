@@ -1,68 +1,130 @@
-"""Stages over all objects of a data set, as commands and DVC run them."""
+"""What the stages of ``dvc.yaml`` run: all products at once, one stage, the starter set, the failures.
 
-import contextlib
+`make_products` is the first of them in every `dvc repro`. It waits for workers once and converges all
+stages with no barrier between them. The commands of the single stages that follow in the same `dvc repro`
+find everything done and return at once, so that DVC records what there is.
+"""
+
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pipeline.dataset.crew import Crew
-from pipeline.dataset.parameters import PARAMETERS, read_parameters
-from pipeline.dataset.records import read_records, read_table, write_records
-from pipeline.dataset.run_id import RUN_ID, new_run_id
-from pipeline.dataset.stages import STAGES
-from pipeline.dataset.task import Failure
-from pipeline.run.exclusive import exclusive
-from pipeline.run.run_log import read_failures
+from pipeline.dataset.run_id import RUN_ID, driving_dvc, new_run_id
+from pipeline.run.exclusive import running
 
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
 
-@contextlib.contextmanager
-def data_set_run(root: Path, what: str) -> Iterator[None]:
-    """Hold the data set for a run that changes it; all that it starts is part of the same run.
+    from pipeline.dataset.crew import Crew
+    from pipeline.dataset.records import Records
+    from pipeline.run.converge import Summary
 
-    Parts of a run share a record, and try no failure twice.
-    """
-    os.environ.setdefault(RUN_ID, new_run_id())
-    with exclusive(root, what):
-        yield
+STARTER = "data/starter"
+CONVERGED = Path(".objectfolder/converged")  # the last run that converged all stages
+NAMED = 8  # objects that a message names
 
 
-def converge_stages(root: Path, names: Sequence[str]) -> int:
-    """Converge stages over all objects; return 1 where one does not stand."""
+def make_products(root: Path) -> int:
+    """Converge all stages at once; return 1 where the stages behind cannot go on."""
+    from pipeline.dataset.stages import STAGES
+
+    marker = root / CONVERGED
+    with running(root, "all products"):
+        marker.unlink(missing_ok=True)
+        code = _converge(root, list(STAGES))
+        if code == 0:
+            marker.write_text(os.environ[RUN_ID])
+    return code
+
+
+def make_stage(root: Path, name: str) -> int:
+    """Converge one stage, unless `make_products` did in the same `dvc repro`; return 1 as it does."""
+    if _converged_in_this_run(root):
+        return 0
+    with running(root, f"stage {name}"):
+        return _converge(root, [name])
+
+
+def make_starter_set(root: Path) -> int:
+    """Write the meshes and textures of the starter set."""
+    from objectfolder.geometry.starter.write import write_starter_set
+
+    with running(root, "stage starter"):
+        write_starter_set(root / STARTER)
+    return 0
+
+
+def select(root: Path, objects: str | None, only: str | None) -> int:
+    """Choose objects in ``params.yaml``; say what changed."""
+    from pipeline.dataset import selection
+    from pipeline.dataset.parameters import PARAMETERS
+
+    for line in selection.select(root / PARAMETERS, objects, only):
+        print(line)
+    return 0
+
+
+def show_failures(root: Path) -> int:
+    """Print the objects of the data set that failed; return 1 if there are any."""
+    from pipeline.dataset.failures import read_failures
+    from pipeline.dataset.task import Failure
+    from pipeline.run.failure_table import failure_table
+
+    found = [Failure(one.object, f"{one.stage}: {one.error}", one.remedy) for one in read_failures(root)]
+    if found:
+        print(failure_table(found))
+        print("`dvc repro` tries them again.")
+    return 1 if found else 0
+
+
+def _converged_in_this_run(root: Path) -> bool:
+    try:
+        return driving_dvc() is not None and (root / CONVERGED).read_text() == new_run_id()
+    except FileNotFoundError:
+        return False
+
+
+def _converge(root: Path, names: Sequence[str]) -> int:
+    """Converge stages over the selected objects, and write what failed."""
     from pipeline.cluster.places import read_place
+    from pipeline.dataset.failures import write_failures
+    from pipeline.dataset.parameters import PARAMETERS, read_parameters
+    from pipeline.dataset.records import read_records, read_table, write_records
+    from pipeline.dataset.stages import STAGES
     from pipeline.run.converge import converge
 
     parameters = read_parameters(root / PARAMETERS)
+    place = read_place(root)
     if "objects" in names:
         records = read_table(root, parameters.objects)
         write_records(root, records)
     else:
         records = read_records(root)
-    place = read_place(root)
+    selected = records.selected(parameters.objects.only)
+    others = records.listed - selected.listed
+    if others:
+        print(
+            f"{PARAMETERS}: objects.only selects {len(selected.listed)} of {len(records.listed)} objects; "
+            "products of the others stay as they are"
+        )
     stages = [STAGES[name] for name in names]
 
-    def crew_for(jobs: int) -> AbstractContextManager[Crew]:
+    def crew_for(jobs: int) -> "AbstractContextManager[Crew]":
         from pipeline.cluster.cluster import crew
 
         return crew(place, root, jobs, stages)
 
-    summaries = converge(
-        stages,
-        root,
-        parameters,
-        records.rows,
-        crew_for,
-        records.refused if "objects" in names else (),
-    )
+    refused = selected.refused if "objects" in names else ()
+    summaries = converge(stages, root, parameters, selected.rows, crew_for, refused, others)
+    found = [(summary.stage, failure) for summary in summaries for failure in summary.failures]
+    write_failures(root, found, names, others)
+    _say_what_was_removed(summaries, records, parameters.objects.table)
     return max(summary.exit_code(parameters.allow_failures) for summary in summaries)
 
 
-def all_failures(root: Path) -> list[tuple[str, Failure]]:
-    """Return the first failure of each object in the last runs, with its stage; paths from `root`."""
-    first: dict[str, tuple[str, Failure]] = {}
-    for stage in STAGES:
-        for failure in read_failures(root, stage):
-            error = failure.error.replace(f"{root}/", "")
-            first.setdefault(failure.object_id, (stage, replace(failure, error=error)))
-    return list(first.values())
+def _say_what_was_removed(summaries: "Sequence[Summary]", records: "Records", table: str) -> None:
+    removed = sorted({name for summary in summaries for name in summary.removed} - records.listed)
+    if removed:
+        more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""
+        print(f"products removed of objects that {table} does not list: {', '.join(removed[:NAMED])}{more}")

@@ -16,7 +16,7 @@ from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
 from pipeline.run.costs import COLUMNS, QUERY, Costs, compact, costs_path, known_costs
 from pipeline.run.forecast.estimates import last_taken
-from pipeline.run.run_log import read_failures, read_failures_by_fingerprint, write_run
+from pipeline.run.run_log import read_failures, write_run
 from pipeline.run.run_record import RunRecord, read_record, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
@@ -191,24 +191,17 @@ def test_records_are_capped_in_number_and_in_size(tmp_path, monkeypatch):
     assert (tmp_path / "runs" / "views.jsonl").exists()
 
 
-def test_failures_are_found_again_by_fingerprint_within_their_run_only(tmp_path, monkeypatch):
-    monkeypatch.setenv(RUN_ID, "one")
+def test_failures_of_the_last_run_are_read_back(tmp_path):
     failures = [Failure("cup", "no faces", "Export it again."), Failure("dish", "input missing")]
     lines = [
         {"object_id": "cup", "fingerprint": FINGERPRINTS[3], "outcome": "failed"},
-        {"object_id": "dish", "fingerprint": None, "outcome": "failed"},
         {"object_id": "mug", "fingerprint": FINGERPRINTS[1], "outcome": "kept"},
     ]
     write_run(tmp_path, "views", lines, failures)
     assert read_failures(tmp_path, "views") == failures
-    assert read_failures_by_fingerprint(tmp_path, "views") == {FINGERPRINTS[3]: failures[0]}
     assert [
         json.loads(line) for line in (tmp_path / "runs" / "views.jsonl").read_text().splitlines()
     ] == lines
-    monkeypatch.setenv(RUN_ID, "two")
-    assert read_failures_by_fingerprint(tmp_path, "views") == {}
-    monkeypatch.delenv(RUN_ID)
-    assert read_failures_by_fingerprint(tmp_path, "views") == {}
     assert read_failures(tmp_path, "modes") == []
 
 

@@ -93,7 +93,9 @@ def main(options: argparse.Namespace) -> int:
         listed = parameters.objects
         if options.objects:
             listed = replace(listed, table=options.objects, only=())
-        made = plan(root, parameters, read_table(root, listed).rows, machines, options.workers)
+        made = plan(
+            root, parameters, read_table(root, listed).selected(listed.only).rows, machines, options.workers
+        )
         write_plan(root, made)
     print(json.dumps(asdict(made), indent=1) if options.json else table(made))
     return 0
