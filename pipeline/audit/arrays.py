@@ -53,8 +53,8 @@ def by_checksums(old: Description, new: Description) -> Arrays:
         The list of entries of either is damaged.
     """
     before, after = old.chunks, new.chunks
-    names = {name.partition(b"/")[0] for *_, name in before | after} - {GROUP.encode()}
-    differing = {name.partition(b"/")[0] for *_, name in before ^ after}
+    differing = {entry[2] for entry in before ^ after}
+    names = ({entry[2] for entry in before} | differing) - {GROUP.encode()}
     return Arrays({name.decode(): DIFFERENT if name in differing else EQUAL for name in sorted(names)})
 
 

@@ -1,64 +1,50 @@
-"""An audit as JSON."""
+"""What the commands of the audit find, as JSON: what is not finite is null."""
 
-import json
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass
 from typing import Any
+
+from pydantic_core import to_json, to_jsonable_python
 
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.fidelity import FidelityChange
 from pipeline.audit.findings import Audit
 from pipeline.audit.groups import totals
+from pipeline.audit.history import ObjectVersion, Unreadable
+from pipeline.audit.recomputation import Remade
+from pipeline.audit.verification import Verified
 
 
-def as_json(audit: Audit, exceeded: Sequence[FidelityChange] = (), allowed: Mapping[str, float] = {}) -> str:
-    """Return all that an audit found; what is infinite is null.
-
-    Parameters
-    ----------
-    audit
-        What it found.
-    exceeded
-        What lost more than was allowed.
-    allowed
-        The largest loss allowed by measure.
-    """
-    content = {
-        "old": audit.old,
-        "new": audit.new,
-        "arrays_read": audit.arrays_read,
-        "objects": [
-            {
-                **plain(one),
-                "reasons": [str(reason) for reason in one.roots],
-                "stages": [
-                    {**plain(stage), "reasons": [{**plain(why), "text": str(why)} for why in stage.reasons]}
-                    for stage in one.stages
-                ],
-            }
-            for one in audit.objects
-        ],
-        "fidelity": [plain(one) for one in audit.fidelity],
-        "stages": [plain(one) for one in totals(audit)],
-        "fetch": plain(audit.fetch),
-        "problems": [plain(one) for one in audit.problems],
-        "max_loss": dict(allowed),
-        "exceeded": [plain(one) for one in exceeded],
-    }
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+def audit_json(
+    audit: Audit, exceeded: Sequence[FidelityChange] = (), allowed: Mapping[str, float] = {}
+) -> str:
+    """Return all that an audit found, what lost more than was allowed, and the largest loss allowed."""
+    content = _plain(audit)
+    for found, one in zip(content["objects"], audit.objects, strict=True):
+        found["reasons"] = [str(reason) for reason in one.roots]
+        for stage, change in zip(found["stages"], one.stages, strict=True):
+            for reason, why in zip(stage["reasons"], change.reasons, strict=True):
+                reason["text"] = str(why)
+    return _text({**content, "stages": totals(audit), "max_loss": allowed, "exceeded": exceeded})
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON holds it."""
-    if isinstance(value, ObjectFolderError):
-        return {"where": value.where, "finding": value.finding, "remedy": value.remedy}
-    if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
-    if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(inner) for inner in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+def verified_json(found: Verified, remade: Sequence[Remade]) -> str:
+    """Return what a verification found."""
+    return _text({**_plain(found), "remade": remade})
+
+
+def history_json(object_id: str, found: Sequence[ObjectVersion], unreadable: Sequence[Unreadable]) -> str:
+    """Return the versions of an object."""
+    commits = [{"commit": commit, "error": error} for commit, error in unreadable]
+    return _text({"object_id": object_id, "versions": found, "unreadable": commits})
+
+
+def _text(value: Any) -> str:
+    return to_json(value, indent=1, inf_nan_mode="null", fallback=_error).decode()
+
+
+def _plain(value: Any) -> Any:
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=_error)
+
+
+def _error(error: ObjectFolderError) -> dict[str, str]:
+    return {"where": error.where, "finding": error.finding, "remedy": error.remedy}

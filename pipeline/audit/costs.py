@@ -2,14 +2,13 @@
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.versions import PER_OBJECT, Version
-from pipeline.dataset.lock_file import DIRECTORY
 from pipeline.run.costs import Costs, number
 
 CPU_COLUMN = "cpu_seconds."
@@ -69,56 +68,38 @@ class Fetch:
 
 def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
     """Return what there is to fetch of `new` when one has `old`."""
-    files: dict[str, set[str]] = {}  # by output: hashes
     unlisted: list[str] = []
-    whole = {out.md5 for out in old.lock.outs.values()}
-    in_git = {*old.texts, *new.texts}
-    for path in {**new.lock.outs, **new.folders}:
-        out = new.lock.outs.get(path)
-        lying = new.folders.get(path)
-        if lying is not None and lying.made and not lying.md5:
-            files[path] = {one.md5 for one in lying.products.values()}
-        elif out is not None and out.md5 not in whole and path not in in_git:
-            files[path] = _hashes(contents, path, out.md5, unlisted)
-    # Only what changed in a folder that both have is to be looked up in the old one.
-    had: set[str] = set()
-    for path in files:
-        if path in old.lock.outs:
-            had |= _hashes(contents, path, old.lock.outs[path].md5, unlisted)
-        elif path in old.folders:
-            had |= {one.md5 for one in old.folders[path].products.values()}
-    wanted = {path: hashes - had for path, hashes in files.items() if path not in unlisted}
-    sizes = _sizes(contents, wanted, new)
-    by_out = {path: sum(size or 0 for size in found.values()) for path, found in sizes.items() if found}
-    every = {md5: size for found in sizes.values() for md5, size in found.items()}
+    had, wanted = _hashes(contents, old, new, unlisted), _hashes(contents, new, old, unlisted)
+    every = set().union(*had.values())
+    wanted = {path: hashes - every for path, hashes in wanted.items() if path not in unlisted}
+    lying = {one.md5: one for folder in new.folders.values() for one in folder.products.values()}
+    missing = set().union(*wanted.values())
+    sizes = {md5: contents.size(lying.get(md5, Content(md5))) for md5 in missing}
+    sizes |= contents.sizes_far(md5 for md5, size in sizes.items() if size is None)
+    by_out = {path: sum(sizes[md5] or 0 for md5 in hashes) for path, hashes in wanted.items() if hashes}
     return Fetch(
-        sum(size or 0 for size in every.values()),
-        len(every),
-        sum(size is None for size in every.values()),
+        sum(size or 0 for size in sizes.values()),
+        len(sizes),
+        sum(size is None for size in sizes.values()),
         dict(sorted(by_out.items())),
-        tuple(dict.fromkeys(unlisted)),
+        tuple(unlisted),
     )
 
 
-def _hashes(contents: Contents, path: str, md5: str, unlisted: list[str]) -> set[str]:
-    """Return the hashes of an output's files; one whose list cannot be read is put to the unlisted."""
-    if not md5.endswith(DIRECTORY):
-        return {md5}
-    try:
-        return set(contents.folder(md5, path).values())
-    except (ObjectFolderError, OSError):
-        unlisted.append(path)
-        return set()
+def _hashes(contents: Contents, version: Version, other: Version, unlisted: list[str]) -> dict[str, set[str]]:
+    """Return the hashes of a version's files by output, but for outputs that are the same in the other.
 
-
-def _sizes(
-    contents: Contents, wanted: Mapping[str, Iterable[str]], new: Version
-) -> dict[str, dict[str, int | None]]:
-    lying = {one.md5: one for folder in new.folders.values() for one in folder.products.values() if one.path}
-    found: dict[str, dict[str, int | None]] = {
-        path: {md5: contents.size(lying.get(md5, Content(md5))) for md5 in hashes}
-        for path, hashes in wanted.items()
-    }
-    far = {md5 for sizes in found.values() for md5, size in sizes.items() if size is None}
-    known = contents.sizes_far(far)
-    return {path: {md5: known.get(md5, size) for md5, size in sizes.items()} for path, sizes in found.items()}
+    Outputs whose list of files cannot be read are put to the unlisted. What git has is not fetched by DVC.
+    """
+    found = {path: version.lying(path) for path in version.folders if version.lying(path)}
+    same = {out.md5 for out in version.lock.outs.values()} & {out.md5 for out in other.lock.outs.values()}
+    for path, out in version.lock.outs.items():
+        if path in found or path in version.texts or (out.md5 in same and not other.lying(path)):
+            continue
+        found[path] = {out.md5}
+        if out.is_folder:
+            try:
+                found[path] = set(contents.folder(out.md5, path).values())
+            except (ObjectFolderError, OSError):
+                unlisted += [path] if path not in unlisted else []
+    return found

@@ -23,9 +23,11 @@ from pipeline.dataset.products import TENSORS
 REMEDY = "See `objectfolder verify`; fetch it again (`dvc fetch`), or delete it and run `dvc repro`."
 GROUP = "zarr.json"
 TAIL_BYTES = 1 << 16
-# An entry of an archive's list: its mark, checksum and sizes, length of its name, and the name itself. An
+# An entry of an archive's list: its mark, checksum and sizes, length of its name, first folder and rest. An
 # audit of a thousand objects reads ten thousand lists: too many for zipfile.
-_ENTRY = re.compile(rb"PK\x01\x02.{12}(.{12})(..)\0{4}.{12}([\x20-\x7e]+)(?=PK\x01\x02|\Z)", re.DOTALL)
+_ENTRY = re.compile(
+    rb"PK\x01\x02.{12}(.{12})(..)\0{4}.{12}([\x20-\x2e0-\x7e]+)([\x20-\x7e]*)(?=PK\x01\x02|\Z)", re.DOTALL
+)
 _ZIP64 = 0xFFFF, 0xFFFFFFFF
 
 
@@ -56,8 +58,8 @@ class Description:
         return found if isinstance(found, str) else ""
 
     @property
-    def chunks(self) -> set[tuple[bytes, bytes, bytes]]:
-        """Checksum (CRC-32) and sizes, length of the name, and name of every entry, as stored.
+    def chunks(self) -> set[tuple[bytes, bytes, bytes, bytes]]:
+        """Checksum (CRC-32) and sizes, length of the name, array, and rest of the name of every entry.
 
         Raises
         ------
@@ -65,10 +67,10 @@ class Description:
             A damaged list of entries.
         """
         found = _ENTRY.findall(self.listing)
-        names = sum(len(name) for _, _, name in found)
+        names = sum(struct.unpack(f"<{len(found)}H", b"".join([entry[1] for entry in found])))
         if CENTRAL.size * len(found) + names != len(self.listing):
             raise ValueError("its list of entries is damaged")
-        if names != sum(struct.unpack(f"<{len(found)}H", b"".join(length for _, length, _ in found))):
+        if names != len(b"".join([entry[2] + entry[3] for entry in found])):
             raise ValueError("its list of entries is damaged: a name is longer or shorter than it says")
         return set(found)
 

@@ -4,9 +4,21 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pipeline.audit.findings import REMOVED, RENAMED, UNCHANGED, Audit, ObjectChange
+from pipeline.audit.findings import (
+    CHANGED,
+    GONE,
+    MADE,
+    REMOVED,
+    RENAMED,
+    STATES,
+    UNCHANGED,
+    Audit,
+    ObjectChange,
+)  # fmt: skip
 from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, Reason
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
 from pipeline.audit.texts import printable
+from pipeline.dataset.stages import STAGES
 
 NAMED = 3  # modules, and parameters of one section, before the rest are counted
 Texts = tuple[str, ...]
@@ -65,6 +77,14 @@ class StageTotal:
     costed: int
     made: int
 
+    @property
+    def cells(self) -> list[str]:
+        """Numbers of `COLUMNS` as texts, empty where there is nothing."""
+        numbers = [self.states.get(state, 0) for state in (CHANGED, MADE, GONE)]
+        numbers += [self.arrays.get(verdict, 0) for verdict in (EQUAL, WITHIN, DIFFERENT)]
+        cost = f"{self.cpu_s:.1f}" if self.costed else "unknown" if self.made else ""
+        return [*(str(number or "") for number in (*numbers, self.unread)), cost]
+
 
 def groups(audit: Audit) -> list[Group]:
     """Return what changed, the largest groups of a state last: single objects are what one looks for."""
@@ -102,6 +122,12 @@ def sentences(found: Sequence[Reason]) -> list[str]:
     return texts
 
 
+def counts(audit: Audit) -> str:
+    """Return the number of objects of each state."""
+    count = Counter(one.state for one in audit.objects)
+    return ", ".join(f"{count[state]} {state}" for state in STATES if count[state]) or "none"
+
+
 def names(found: Sequence[ObjectChange], most: int = 6) -> str:
     """Return ids with commas between them, the rest counted."""
     ids = [f"{one.was} -> {one.object_id}" if one.state == RENAMED else one.object_id for one in found]
@@ -111,10 +137,13 @@ def names(found: Sequence[ObjectChange], most: int = 6) -> str:
 
 def totals(audit: Audit) -> list[StageTotal]:
     """Return what happened in each stage."""
-    order = list(dict.fromkeys(stage.stage for one in audit.objects for stage in one.stages))
+    by_stage = defaultdict(list)
+    for one in audit.objects:
+        for change in one.stages:
+            by_stage[change.stage].append(change)
     found = []
-    for name in sorted(order, key=_position):
-        changes = [stage for one in audit.objects for stage in one.stages if stage.stage == name]
+    for name in sorted(by_stage, key=list(STAGES).index):
+        changes = by_stage[name]
         arrays: Counter[str] = Counter()
         for change in changes:
             arrays.update(change.arrays.count())
@@ -136,9 +165,3 @@ def _stages(one: ObjectChange) -> tuple[tuple[str, ...], tuple[str, ...]]:
         only_upstream = stage.reasons and all(reason.kind == UPSTREAM for reason in stage.reasons)
         (behind if only_upstream else direct).append(stage.stage)
     return tuple(direct), tuple(behind)
-
-
-def _position(stage: str) -> int:
-    from pipeline.dataset.stages import STAGES
-
-    return list(STAGES).index(stage) if stage in STAGES else len(STAGES)

@@ -1,12 +1,10 @@
-"""What `verify` and `history` find, as plain text and as JSON."""
+"""What `verify` and `history` find, as plain text."""
 
-import json
 import textwrap
 from collections import defaultdict
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from pipeline.audit.as_json import plain
 from pipeline.audit.fidelity import MEASURES
 from pipeline.audit.history import ObjectVersion, Unreadable
 from pipeline.audit.recomputation import Remade
@@ -80,21 +78,6 @@ def history_text(
     for text, commits in together.items():
         lines += textwrap.wrap(printable(f"{', '.join(commits)}: {text}"), width, subsequent_indent="  ")
     return "\n".join(lines)
-
-
-def verified_json(found: Verified, remade: Sequence[Remade]) -> str:
-    """Return what a verification found, as JSON."""
-    return json.dumps({**plain(found), "remade": plain(remade)}, indent=1, ensure_ascii=False)
-
-
-def history_json(object_id: str, found: Sequence[ObjectVersion], unreadable: Sequence[Unreadable]) -> str:
-    """Return the versions of an object, as JSON."""
-    content = {
-        "object_id": object_id,
-        "versions": plain(found),
-        "unreadable": [{"commit": plain(commit), "error": plain(error)} for commit, error in unreadable],
-    }
-    return json.dumps(content, indent=1, ensure_ascii=False)
 
 
 def _indented(text: str, width: int) -> list[str]:

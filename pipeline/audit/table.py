@@ -2,14 +2,12 @@
 
 import math
 import textwrap
-from collections import Counter
 from collections.abc import Sequence
 
 from pipeline.audit.fidelity import MEASURES, FidelityChange
-from pipeline.audit.findings import CHANGED, GONE, MADE, STATES, Audit
-from pipeline.audit.groups import StageTotal, groups, names, totals
+from pipeline.audit.findings import Audit
+from pipeline.audit.groups import counts, groups, names, totals
 from pipeline.audit.reasons import UPSTREAM
-from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
 from pipeline.audit.texts import printable
 
 NARROWEST, WIDEST = 72, 120
@@ -67,11 +65,6 @@ def change(one: FidelityChange) -> str:
     return f"{'worse' if one.loss > 0 else 'better'} by {loss}"
 
 
-def seconds(one: StageTotal) -> str:
-    """Return the CPU seconds of a stage's new products, as far as they were noted."""
-    return f"{one.cpu_s:.1f}" if one.costed else "unknown" if one.made else ""
-
-
 def cost(audit: Audit) -> str:
     """Return what was spent on what is new."""
     found = totals(audit)
@@ -85,11 +78,9 @@ def cost(audit: Audit) -> str:
 
 
 def _heading(audit: Audit, width: int) -> list[str]:
-    count = Counter(one.state for one in audit.objects)
-    counts = ", ".join(f"{count[state]} {state}" for state in STATES if count[state]) or "none"
     labels = (f"from  {audit.old}", f"to    {audit.new}")
     lines = [line for label in labels for line in _wrapped(label, width, "", "      ")]
-    return [*lines, "", f"{len(audit.objects)} objects: {counts}"]
+    return [*lines, "", f"{len(audit.objects)} objects: {counts(audit)}"]
 
 
 def _groups(audit: Audit, width: int) -> list[str]:
@@ -119,10 +110,7 @@ def _stages(audit: Audit) -> list[str]:
     columns = ("changed", "made", "gone", "= arrays", "~ arrays", "!= arrays", "not read", "CPU s")
     lines = ["stage".ljust(10) + "".join(name.rjust(10) for name in columns)]
     for one in found:
-        numbers = [one.states.get(state, 0) for state in (CHANGED, MADE, GONE)]
-        numbers += [one.arrays.get(verdict, 0) for verdict in (EQUAL, WITHIN, DIFFERENT)]
-        cells = [*(str(number or "") for number in (*numbers, one.unread)), seconds(one)]
-        lines.append(one.stage.ljust(10) + "".join(cell.rjust(10) for cell in cells))
+        lines.append(one.stage.ljust(10) + "".join(cell.rjust(10) for cell in one.cells))
     if not audit.arrays_read:
         lines.append("Arrays compared by their checksums (= equal, != different); --arrays reads them.")
     else:

@@ -120,6 +120,11 @@ class Version:
         """Return the content of a product, None where there is none."""
         return self.folders[kind.folder].products.get(object_id)
 
+    def lying(self, folder: str) -> set[str]:
+        """Return the hashes of what lies in a folder of the work tree; of a commit, nothing does."""
+        found = self.folders.get(folder, Folder())
+        return {one.md5 for one in found.products.values() if one.path is not None}
+
     def failures(self, stages: Sequence[Stage]) -> dict[str, tuple[str, Failure]]:
         """Return the first stage that an object lacks a product of, and why, by object id.
 

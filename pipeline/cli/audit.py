@@ -83,7 +83,7 @@ def _add_history(commands: Any) -> None:
 
 def run_audit(options: argparse.Namespace) -> int:
     """Compare two versions; return the exit status."""
-    from pipeline.audit.as_json import as_json
+    from pipeline.audit.as_json import audit_json
     from pipeline.audit.comparison import Comparison
     from pipeline.audit.contents import Contents
     from pipeline.audit.fidelity import exceeded, thresholds
@@ -119,7 +119,7 @@ def run_audit(options: argparse.Namespace) -> int:
         if collecting:
             gc.enable()
     if options.json:
-        print(as_json(audit, too_much, allowed))
+        print(audit_json(audit, too_much, allowed))
     else:
         print(table(audit, shutil.get_terminal_size((100, 24)).columns))
         for one in too_much:
@@ -133,9 +133,10 @@ def run_audit(options: argparse.Namespace) -> int:
 
 def run_verify(options: argparse.Namespace) -> int:
     """Read every file of a version; return the exit status."""
+    from pipeline.audit.as_json import verified_json
     from pipeline.audit.contents import Contents
     from pipeline.audit.git import GitRepository
-    from pipeline.audit.listings import remade_text, verified_json, verified_text
+    from pipeline.audit.listings import remade_text, verified_text
     from pipeline.audit.recomputation import FAILED, recompute
     from pipeline.audit.reproducibility import DIFFERENT
     from pipeline.audit.verification import verify
@@ -171,10 +172,11 @@ def run_verify(options: argparse.Namespace) -> int:
 
 def run_history(options: argparse.Namespace) -> int:
     """List the versions of an object; return the exit status."""
+    from pipeline.audit.as_json import history_json
     from pipeline.audit.contents import Contents
     from pipeline.audit.git import GitRepository
     from pipeline.audit.history import history
-    from pipeline.audit.listings import history_json, history_text
+    from pipeline.audit.listings import history_text
     from pipeline.audit.versions import data_set_root
     from pipeline.dataset.stages import STAGES
 

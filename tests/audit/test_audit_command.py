@@ -61,6 +61,7 @@ def test_defaults_are_head_and_the_work_tree(run):
     assert status == FINE
     assert "work tree" in out.splitlines()[1]
     assert "2 unchanged" in out
+    assert "to fetch: 0 bytes" in out
 
 
 def test_table_fits_and_commands_no_terminal(run, monkeypatch):

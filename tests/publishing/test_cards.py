@@ -226,13 +226,13 @@ def test_the_publisher_states_what_no_product_knows(folder, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("titel: x", "unknown key 'titel'"),
-        ("date: soon", "date is 'soon'"),
-        ("version: 1.0", "version is 1.0, no text"),
-        ("url: javascript:alert(1)", "address"),
-        ("creators: Ada", "list of names"),
-        ("- a", "no keys"),
-        ("a: [", "not YAML"),
+        ("titel: x", "unknown key titel. Did you mean title"),
+        ("date: soon", "date is 'soon'. Give a day as 2026-11-21"),
+        ("version: 1.0", "version is 1.0"),
+        ("url: javascript:alert(1)", "url is 'javascript:alert.*http"),
+        ("creators: Ada", "creators is 'Ada'"),
+        ("- a", "holds no keys|dictionary"),
+        ("a: [", "cannot be read"),
     ],
 )
 def test_wrong_statements_are_refused(folder, tmp_path, text, match):

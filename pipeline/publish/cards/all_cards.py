@@ -6,7 +6,7 @@ from objectfolder.atomic import atomic_write
 from pipeline.publish.cards.citation_file import citation_text
 from pipeline.publish.cards.croissant import croissant_text
 from pipeline.publish.cards.data_card import card_text
-from pipeline.publish.cards.data_set import read_data_set
+from pipeline.publish.cards.published_data_set import read_data_set
 
 CARDS = ("croissant.json", "data_card.md", "CITATION.cff")
 

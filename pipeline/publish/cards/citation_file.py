@@ -6,7 +6,7 @@ import yaml
 
 import objectfolder
 from pipeline.publish.cards.credited_sources import Source, sources
-from pipeline.publish.cards.data_set import DataSet
+from pipeline.publish.cards.published_data_set import DataSet
 from pipeline.publish.cards.statements import description
 
 SOFTWARE = "ObjectFolder Factory"

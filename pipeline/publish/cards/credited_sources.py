@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from pipeline.publish.cards.data_set import DataSet
 from pipeline.publish.cards.licences import Licence
+from pipeline.publish.cards.published_data_set import DataSet
 
 
 @dataclass(frozen=True)

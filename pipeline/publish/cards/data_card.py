@@ -1,42 +1,71 @@
-"""The data set card: Markdown whose front matter Hugging Face reads."""
+"""The data set card: Markdown whose front matter Hugging Face reads, from ``template/data_card.md.j2``."""
 
+import html
 import os
+import re
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import jinja2
 import yaml
 
 from objectfolder.splits import OBJECT_SPLITS
-from pipeline.dataset.measures import HEADLINE
+from pipeline.dataset.measures import HEADLINE, Measure
 from pipeline.dataset.stages import STAGES
 from pipeline.publish.cards.credited_sources import licences, sources
-from pipeline.publish.cards.data_set import DataSet
-from pipeline.publish.cards.markdown import escape, table
+from pipeline.publish.cards.published_data_set import DataSet
 from pipeline.publish.cards.statements import LIMITS, citation, counted, description, materials
 
+TEMPLATES = Path(__file__).parent / "template"
 SIZE_CATEGORIES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
+TAGS = ("multisensory", "3d", "audio", "tactile", "robotics", "simulation", "objectfolder", "croissant")
+_SPECIAL = re.compile(r"([\\`*_\[\]|~#])")
 
 
 def card_text(data_set: DataSet, root: Path, folder: Path) -> str:
     """Return the card of a data set at `root` with reports in `folder`: equal data sets give equal bytes."""
     reports = Path(os.path.relpath(folder, root)).as_posix()
-    front = yaml.safe_dump(_front_matter(data_set, reports), sort_keys=False, allow_unicode=True, width=1000)
-    sections = [
-        [f"# {escape(data_set.publication.title)}", "", escape(description(data_set))],
-        _content(data_set),
-        _splits(data_set),
-        _fidelity(data_set),
-        _cost(data_set),
-        _terms(data_set),
-        ["## Known limits", "", *(f"- {limit}" for limit in LIMITS)],
-        _missing(data_set),
-        _use(data_set, reports),
-        ["## Citation", "", escape(citation(data_set)), "", "`CITATION.cff` here names all sources."],
-    ]
-    body = "\n\n".join("\n".join(section) for section in sections if section)
-    return f"---\n{front}---\n\n{body}\n"
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"escape": escape, "megabytes": _megabytes, "ids": _ids}
+    objects = data_set.objects
+    sizes = [entry.file.bytes for entry in objects]
+    return environment.get_template("data_card.md.j2").render(
+        front=yaml.safe_dump(
+            _front_matter(data_set, reports), sort_keys=False, allow_unicode=True, width=1000
+        ),
+        data_set=data_set,
+        publication=data_set.publication,
+        description=description(data_set),
+        citation=citation(data_set),
+        counted=counted,
+        materials=materials(data_set),
+        sizes=sizes,
+        mean_bytes=round(statistics.fmean(sizes)) if sizes else 0,
+        parameters=[(sense, _pairs(values)) for sense, values in sorted(data_set.parameters.items())],
+        splits=[(name, [one.object_id for one in objects if one.split == name]) for name in OBJECT_SPLITS],
+        fidelity=list(_fidelity(data_set)),
+        silent=data_set.metrics.get("audio", {}).get("silent_objects") or 0,
+        costs=list(_costs(data_set)),
+        licences=licences(data_set),
+        sources=sources(data_set),
+        unstated=sum(not entry.licence.stated for entry in objects),
+        limits=LIMITS,
+        example=objects[0].object_id if objects else "ID",
+        reports=reports,
+    )
+
+
+def escape(text: str) -> str:
+    """Return one line of Markdown that reads as `text`, whatever stands in it; HTML in it does nothing."""
+    return _SPECIAL.sub(r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
 def _front_matter(data_set: DataSet, reports: str) -> dict[str, Any]:
@@ -51,177 +80,32 @@ def _front_matter(data_set: DataSet, reports: str) -> dict[str, Any]:
         front["license_link"] = "#sources-licences-attributions"
     count = len(data_set.objects)
     front["size_categories"] = [next((name for most, name in SIZE_CATEGORIES if count < most), "n>1M")]
-    front["tags"] = [
-        "multisensory",
-        "3d",
-        "audio",
-        "tactile",
-        "robotics",
-        "simulation",
-        "objectfolder",
-        "croissant",
-    ]
+    front["tags"] = list(TAGS)
     if data_set.figures_file:
         path = f"{reports}/{data_set.figures_file.path}"
         front["configs"] = [{"config_name": "objects", "data_files": path, "default": True}]
     return front
 
 
-def _content(data_set: DataSet) -> list[str]:
-    sizes = [entry.file.bytes for entry in data_set.objects]
-    held = [
-        f"- **Version** {data_set.version}; the part after `+` is a digest of all Object Files.",
-        f"- **{counted(len(sizes), 'object')}** of {counted(len(materials(data_set)), 'material')}: "
-        + ", ".join(f"{escape(name)} {count}" for name, count in materials(data_set))
-        + ".",
-    ]
-    if sizes:
-        mean = round(statistics.fmean(sizes))
-        held.append(
-            f"- **Object Files**: {_megabytes(sum(sizes))} in all; mean {_megabytes(mean)}, "
-            f"least {_megabytes(min(sizes))}, largest {_megabytes(max(sizes))}. "
-            "One safetensors file an object: surface, reflectance, modes, sensor, description of itself."
-        )
-    held += [
-        f"- **Made with** the parameters of size `{data_set.size}` of `params.yaml`, seed {data_set.seed}:",
-        *(f"  - {sense}: `{_pairs(values)}`" for sense, values in sorted(data_set.parameters.items())),
-        "- **Files** of the repository: `data/object_files/ID.safetensors`; the ground truth they were "
-        "fitted to and measured on in `data/views`, `data/modes` and `data/touches`, Zarr 3 archives with "
-        "dimensions and units; meshes in `data/objects`.",
-    ]
-    return ["## What is in it", "", *held]
-
-
-def _splits(data_set: DataSet) -> list[str]:
-    members = {
-        name: [entry.object_id for entry in data_set.objects if entry.split == name] for name in OBJECT_SPLITS
-    }
-    rows = [
-        (name, str(len(ids)), ", ".join(f"`{object_id}`" for object_id in ids) or "none in this data set")
-        for name, ids in members.items()
-    ]
-    return [
-        "## Splits",
-        "",
-        "Within an object: the array `held_out` of each product of ground truth says which views, surface "
-        "points and touches no encoder was fitted to. All fidelity here is on those.",
-        "",
-        "Across objects: by SHA-256 of a rule's name, material and id, about 80, 10 and 10 of 100 "
-        "(`objectfolder.splits.object_split`). Adding objects moves no other.",
-        "",
-        *table(("split", "objects", "ids"), rows),
-    ]
-
-
-def _fidelity(data_set: DataSet) -> list[str]:
-    rows, definitions = [], []
+def _fidelity(data_set: DataSet) -> Iterator[tuple[Measure, str, str]]:
+    """Yield each measure that was measured, with its mean and worst value."""
     for measure in HEADLINE:
         found = data_set.metrics.get(measure.sense, {}).get(measure.name, {})
-        if found.get("mean") is None:
-            continue
-        numbers = [f"{found[key]:.{measure.decimals}f}" for key in ("mean", "worst")]
-        unit = f" ({measure.unit})" if measure.unit else ""
-        rows.append((f"{measure.sense}: {measure.label}{unit}", *numbers))
-        meaning = data_set.definitions.get(measure.key, measure.definition)
-        definitions.append(f"- **{measure.label}** (`{measure.key}`): {escape(meaning)}")
-    if not rows:
-        return ["## Fidelity", "", "Not measured."]
-    silent = data_set.metrics.get("audio", {}).get("silent_objects") or 0
-    if silent:
-        text = f"- {counted(silent, 'object')} without an audible mode: not in the means of audio."
-        definitions.append(text)
-    return [
-        "## Fidelity",
-        "",
-        "Object File against simulated truth, on held-out queries; all figures are in `per_object.csv`.",
-        "",
-        *table(("measure", "mean over objects", "worst object"), rows),
-        "",
-        *definitions,
-    ]
+        if found.get("mean") is not None:
+            mean, worst = (f"{found[key]:.{measure.decimals}f}" for key in ("mean", "worst"))
+            yield measure, mean, worst
 
 
-def _cost(data_set: DataSet) -> list[str]:
-    rows = []
+def _costs(data_set: DataSet) -> Iterator[tuple[str, list[float]]]:
+    """Yield each stage whose CPU seconds were measured, with those of the objects."""
     for stage in STAGES:
-        seconds = [
-            float(text)
-            for entry in data_set.objects
-            if (text := entry.figures.get(f"cpu_seconds.{stage}", ""))
-        ]
-        if seconds:
-            rows.append((stage, str(len(seconds)), f"{statistics.fmean(seconds):.1f}", f"{max(seconds):.1f}"))
-    if not rows:
-        return []
-    return [
-        "## Cost",
-        "",
-        "CPU seconds where they were measured, of the machine that made the data set.",
-        "",
-        *table(("stage", "objects measured", "mean CPU-s an object", "most"), rows),
-    ]
+        texts = [entry.figures.get(f"cpu_seconds.{stage}", "") for entry in data_set.objects]
+        if seconds := [float(text) for text in texts if text]:
+            yield stage, seconds
 
 
-def _terms(data_set: DataSet) -> list[str]:
-    counts = [
-        (f"[{escape(licence.label)}]({licence.url})" if licence.spdx else escape(licence.label), str(count))
-        for licence, count in licences(data_set)
-    ]
-    unstated = sum(not entry.licence.stated for entry in data_set.objects)
-    groups = [
-        f"- {escape(group.source) or 'source not stated'}; {escape(group.licence.label)}; "
-        f"attribution: {escape(group.attribution) or 'not stated'}. "
-        f"{counted(len(group.object_ids), 'object')}: "
-        + ", ".join(f"`{object_id}`" for object_id in group.object_ids)
-        for group in sources(data_set)
-    ]
-    warning = f"**No licence is stated for {counted(unstated, 'object')}.** Ask the source before using them."
-    return [
-        "## Sources, licences, attributions",
-        "",
-        "An Object File has the shape and colours of its mesh in it: the licence of the mesh stays with it.",
-        "",
-        *table(("licence", "objects"), counts),
-        "",
-        *([warning, ""] if unstated else []),
-        *groups,
-    ]
-
-
-def _missing(data_set: DataSet) -> list[str]:
-    if not data_set.missing:
-        return []
-    lines = [
-        f"- `{entry.object_id}`{f', stage {entry.stage}' if entry.stage else ''}: {escape(entry.error)}"
-        for entry in data_set.missing
-    ]
-    return [
-        "## Not made",
-        "",
-        f"{counted(len(lines), 'listed object')} have no Object File here.",
-        "",
-        *lines,
-    ]
-
-
-def _use(data_set: DataSet, reports: str) -> list[str]:
-    example = data_set.objects[0].object_id if data_set.objects else "ID"
-    return [
-        "## Use",
-        "",
-        "```console",
-        f"objectfolder get REPOSITORY {example} -o objects  # REPOSITORY: path or URL of this one",
-        "```",
-        "",
-        "```python",
-        "import objectfolder",
-        "",
-        f'file = objectfolder.load("objects/{example}.safetensors")',
-        "images = file.render(*file.sample_views(4, seed=0))",
-        "```",
-        "",
-        f"Figures: `{reports}/per_object.csv`. For machines: `{reports}/croissant.json` (Croissant 1.1).",
-    ]
+def _ids(object_ids: Iterable[str]) -> str:
+    return ", ".join(f"`{object_id}`" for object_id in object_ids)
 
 
 def _megabytes(count: int) -> str:
@@ -229,16 +113,14 @@ def _megabytes(count: int) -> str:
 
 
 def _pairs(values: Any) -> str:
-    if not isinstance(values, dict):
+    if not isinstance(values, Mapping):
         return str(values)
-    return ", ".join(f"{key} {_pairs(value)}" for key, value in _flat(values))
+    return ", ".join(f"{key} {value}" for key, value in _flat(values))
 
 
-def _flat(values: dict[str, Any], prefix: str = "") -> Sequence[tuple[str, Any]]:
-    flat: list[tuple[str, Any]] = []
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in values.items():
-        if isinstance(value, dict):
-            flat += _flat(value, f"{prefix}{key}.")
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
         else:
-            flat.append((f"{prefix}{key}", value))
-    return flat
+            yield f"{prefix}{key}", value

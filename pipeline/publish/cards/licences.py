@@ -2,33 +2,18 @@
 
 from dataclasses import dataclass
 
+from pipeline.intake.check.stated_licence import guess, spdx
+
 # SPDX identifier to the identifier that Hugging Face knows; every other licence is "other" there.
 HUGGING_FACE = {
-    "CC0-1.0": "cc0-1.0",
-    "CC-BY-2.0": "cc-by-2.0",
-    "CC-BY-2.5": "cc-by-2.5",
-    "CC-BY-3.0": "cc-by-3.0",
-    "CC-BY-4.0": "cc-by-4.0",
-    "CC-BY-SA-3.0": "cc-by-sa-3.0",
-    "CC-BY-SA-4.0": "cc-by-sa-4.0",
-    "CC-BY-NC-2.0": "cc-by-nc-2.0",
-    "CC-BY-NC-3.0": "cc-by-nc-3.0",
-    "CC-BY-NC-4.0": "cc-by-nc-4.0",
-    "CC-BY-ND-4.0": "cc-by-nd-4.0",
-    "CC-BY-NC-SA-2.0": "cc-by-nc-sa-2.0",
-    "CC-BY-NC-SA-3.0": "cc-by-nc-sa-3.0",
-    "CC-BY-NC-SA-4.0": "cc-by-nc-sa-4.0",
-    "CC-BY-NC-ND-3.0": "cc-by-nc-nd-3.0",
-    "CC-BY-NC-ND-4.0": "cc-by-nc-nd-4.0",
-    "Apache-2.0": "apache-2.0",
-    "MIT": "mit",
-    "BSD-2-Clause": "bsd-2-clause",
-    "BSD-3-Clause": "bsd-3-clause",
-    "ODbL-1.0": "odbl",
-    "ODC-By-1.0": "odc-by",
-    "PDDL-1.0": "pddl",
-    "Unlicense": "unlicense",
-}
+    name: name.lower()
+    for name in (
+        "CC0-1.0", "CC-BY-2.0", "CC-BY-2.5", "CC-BY-3.0", "CC-BY-4.0", "CC-BY-SA-3.0", "CC-BY-SA-4.0",
+        "CC-BY-NC-2.0", "CC-BY-NC-3.0", "CC-BY-NC-4.0", "CC-BY-ND-4.0", "CC-BY-NC-SA-2.0", "CC-BY-NC-SA-3.0",
+        "CC-BY-NC-SA-4.0", "CC-BY-NC-ND-3.0", "CC-BY-NC-ND-4.0", "Apache-2.0", "MIT", "BSD-2-Clause",
+        "BSD-3-Clause", "Unlicense",
+    )
+} | {"ODbL-1.0": "odbl", "ODC-By-1.0": "odc-by", "PDDL-1.0": "pddl"}  # fmt: skip
 # What tables say where nobody stated a licence; compared without case.
 NOT_STATED = frozenset({"", "not stated", "unknown", "none", "n/a", "?"})
 
@@ -55,8 +40,8 @@ class Licence:
     @property
     def spdx(self) -> str:
         """SPDX identifier, also where it is written ``CC BY 4.0``; empty where none of these is stated."""
-        written = self.stated.casefold().replace(" ", "-")
-        return next((known for known in HUGGING_FACE if known.casefold() == written), "")
+        found = spdx(self.stated) or spdx(guess(self.stated)) if self.stated else None
+        return found if found in HUGGING_FACE else ""
 
     @property
     def label(self) -> str:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from pipeline.publish.cards.data_set import DataSet
+from pipeline.publish.cards.published_data_set import DataSet
 
 SUMMARY = (
     "Simulated by ObjectFolder Factory from meshes and material constants: views by path tracing (Blender "
