@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pipeline.intake.check.stated_licence import guess, spdx
+from pipeline.intake.check.licence_rule import likely_spdx, spdx
 
 # SPDX identifier to the identifier that Hugging Face knows; every other licence is "other" there.
 HUGGING_FACE = {
@@ -40,7 +40,7 @@ class Licence:
     @property
     def spdx(self) -> str:
         """SPDX identifier, also where it is written ``CC BY 4.0``; empty where none of these is stated."""
-        found = spdx(self.stated) or spdx(guess(self.stated)) if self.stated else None
+        found = spdx(self.stated) or (self.stated and likely_spdx(self.stated))
         return found if found in HUGGING_FACE else ""
 
     @property
