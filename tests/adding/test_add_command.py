@@ -14,6 +14,7 @@ from PIL import Image
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
 from pipeline.cli import main
+from pipeline.intake.add import addition
 from pipeline.intake.add.addition import Wanted, check_object, put_object
 from pipeline.intake.add.table_rows import read_table
 
@@ -170,15 +171,13 @@ def test_files_that_hold_no_mesh_are_refused(tmp_path, capsys, first_word):
     assert not (tmp_path / "t.csv").exists()
 
 
-STEPS = ("copy", "lock", "rename", "row", "clean")
+STEPS = ("copied", "locked", "_placed", "write_table", "_remove_unused")
 
 
 def killed_before(step: str, mesh: Path, table: Path, replace: bool) -> None:
-    def die(reached: str) -> None:
-        if reached == step:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    put_object(check_object(wanted(mesh)), table, replace=replace, at_step=die)
+    checked = check_object(wanted(mesh))
+    setattr(addition, step, lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+    put_object(checked, table, replace=replace)
     sys.exit(7)
 
 
@@ -195,12 +194,12 @@ def test_a_kill_leaves_no_row_without_its_files(tmp_path, step, replace):
     )
     process.start()
     process.join()
-    assert process.exitcode == -signal.SIGKILL
+    # A new object has nothing to clean up after it.
+    assert process.exitcode == (7 if step == "_remove_unused" and not replace else -signal.SIGKILL)
     if table.exists():
         content = records(table)["cup"].mesh.read_bytes()
-        assert content == (mesh if step == "clean" else first).read_bytes()
+        assert content == (mesh if step == "_remove_unused" else first).read_bytes()
     else:
-        assert step != "clean"
         assert not replace
     put_object(check_object(wanted(mesh)), table, replace=True)
     assert records(table)["cup"].mesh.read_bytes() == mesh.read_bytes()

@@ -3,9 +3,10 @@
 import math
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.errors import InputError
@@ -19,12 +20,14 @@ from objectfolder.geometry.vessels import WallFinding, wall_findings
 from objectfolder.geometry.wall_measures import WallMeasures, measures_of
 from objectfolder.store import Product
 from pipeline.intake.add.naming import checked_id, object_id_of, words_of
-from pipeline.intake.add.proposed_licence import licence_expression, must_name
 from pipeline.intake.add.source_copy import Layout, copied, folder_digest, layout_of
 from pipeline.intake.add.table_rows import Table, locked, read_table, with_row, write_table
 from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
+from pipeline.intake.check.licence_rule import likely_spdx, spdx
 
 AS_IN_FILE = "as in file"
+WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
+"""Licences that do not ask for the author to be named."""
 COARSE = 10_000
 """Nodes of a grid that shows most hollows in a tenth of the time."""
 
@@ -97,7 +100,7 @@ def check_object(wanted: Wanted) -> Checked:
         Anything that keeps the object from being made, with the option to give or the cell to correct.
     """
     material = find_material(read_materials(wanted.materials), wanted.material, "--material")
-    licence = licence_expression(wanted.licence)
+    licence = spdx(wanted.licence) or _refuse_licence(wanted.licence)
     object_id = checked_id(wanted.object_id) if wanted.object_id else object_id_of(wanted.mesh)
     _check_numbers(wanted)
     for path, option in ((wanted.mesh, "MESH"), (wanted.texture, "--texture")):
@@ -155,17 +158,13 @@ def check_object(wanted: Wanted) -> Checked:
     )
 
 
-def put_object(
-    checked: Checked, table_path: Path, *, replace: bool, at_step: Callable[[str], None] = lambda _: None
-) -> Added:
+def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
     """Copy the files beside the table, then add the row: never a row without its files.
 
     Parameters
     ----------
     replace
         Let the object take the place of one of the same id.
-    at_step
-        Called with the name of each step before it is taken.
 
     Raises
     ------
@@ -180,23 +179,15 @@ def put_object(
     if same is not None:
         return Added(table_path, same.parent, same, False)
     _refuse_taken(before, checked, replace)
-    at_step("copy")
-    with copied(checked.layout, folder_of_objects, checked.object_id) as copy:
-        at_step("lock")
-        with locked(table_path):
-            table = read_table(table_path)
-            _refuse_taken(table, checked, replace)
-            at_step("rename")
-            folder = _placed(copy, folder_of_objects, checked)
-            old = table.row_of(checked.object_id)
-            at_step("row")
-            write_table(
-                table_path,
-                with_row(table, _row(checked, table_path, folder), None if old is None else old[0]),
-            )
-            at_step("clean")
-            if old is not None:
-                _remove_unused(table_path, folder_of_objects, old[1].get("mesh", ""))
+    with copied(checked.layout, folder_of_objects, checked.object_id) as copy, locked(table_path):
+        table = read_table(table_path)
+        _refuse_taken(table, checked, replace)
+        folder = _placed(copy, folder_of_objects, checked)
+        old = table.row_of(checked.object_id)
+        row = _row(checked, table_path, folder)
+        write_table(table_path, with_row(table, row, None if old is None else old[0]))
+        if old is not None:
+            _remove_unused(table_path, folder_of_objects, old[1].get("mesh", ""))
     return Added(table_path, folder, folder / checked.layout.mesh, True)
 
 
@@ -222,10 +213,20 @@ def _check_shell(surface: Surface, shell_m: float, where: str) -> None:
         hollow(surface, shell_m, where)
 
 
+def _refuse_licence(said: str) -> NoReturn:
+    near = likely_spdx(said)
+    hint = f"Did you mean {near}? " if near else ""
+    raise InputError(
+        "--licence",
+        f"{said!r} is no licence that SPDX knows",
+        f"{hint}Use an identifier of https://spdx.org/licenses, such as CC-BY-4.0, or LicenseRef-NAME",
+    )
+
+
 def _attribution(wanted: Wanted, licence: str) -> str:
     if wanted.attribution:
         return wanted.attribution
-    if not must_name(licence):
+    if licence in WITHOUT_NAMING:
         return ""
     said = _copyright(wanted.mesh)
     hint = f"The file says {said!r}: " if said else ""
@@ -246,20 +247,13 @@ def _check_numbers(wanted: Wanted) -> None:
     for option, value in (("--roughness", wanted.roughness), ("--metallic", wanted.metallic)):
         if value is not None and not 0 <= value <= 1:
             raise InputError(option, f"{value:g} is not in 0..1", "Correct it, or leave it out")
-    for option, value in (
-        ("--length", wanted.length_m),
-        ("--wall", wanted.wall_m),
-        ("--shell", wanted.shell_m),
-        ("--mass", wanted.mass_kg),
-    ):
+    lengths = (wanted.length_m, wanted.wall_m, wanted.shell_m, wanted.mass_kg)
+    for option, value in zip(("--length", "--wall", "--shell", "--mass"), lengths, strict=True):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(option, f"{value:g} is not a positive number", "Correct it, or leave it out")
     if wanted.wall_m is not None and wanted.shell_m is not None:
-        raise InputError(
-            "--shell",
-            "is stated together with --wall",
-            "State --wall for an open vessel with thin walls, --shell for one that is scanned solid",
-        )
+        remedy = "State --wall for an open vessel with thin walls, --shell for one that is scanned solid"
+        raise InputError("--shell", "is stated together with --wall", remedy)
 
 
 def _row(checked: Checked, table_path: Path, folder: Path) -> dict[str, str]:

@@ -14,12 +14,10 @@ from objectfolder.geometry.wall_measures import FACING_AWAY, WALL_SHARE
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views
 
 PIXELS = 300
-MARGIN = 10
-LINE = 17
-COLUMNS = 3
-LETTERS = 116
-INDENT = 90
-"""Pixels that labels of lines take: words before the first two blanks."""
+"""A side of one view."""
+LETTERS = 120
+INDENT = 13
+"""Letters that labels of lines take."""
 RED, PURPLE = np.array([0.9, 0.1, 0.1]), np.array([0.6, 0.1, 0.8])
 
 
@@ -43,53 +41,22 @@ def write_preview(
     up_axis
         Which axis is up in the picture.
     """
-    from PIL import Image, ImageDraw, ImageFont
+    from matplotlib.figure import Figure
 
     views = standard_views(mesh.extents, up_axis)
     side = side_m(mesh, views)
     tint = None if least_wall_m is None else walls_marked(mesh, least_wall_m)
-    rows = -(-len(views) // COLUMNS)
-    text = [part for line in lines for part in _wrapped(line)]
-    width = COLUMNS * PIXELS + 2 * MARGIN
-    height = rows * (PIXELS + LINE) + (len(text) + 2) * LINE + 3 * MARGIN
-    sheet = Image.new("RGB", (width, height), "white")
-    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=13)
-    for index, view in enumerate(views):
-        left = MARGIN + index % COLUMNS * PIXELS
-        top = MARGIN + index // COLUMNS * (PIXELS + LINE)
-        sheet.paste(Image.fromarray(draw(mesh, view, side, PIXELS, tint)), (left, top))
-        pen.text((left + 4, top + PIXELS), view.title, "dimgray", font)
-    bar = scale_bar_m(side)
-    below = MARGIN + rows * (PIXELS + LINE) + LINE // 2
-    end = MARGIN + round(bar / side * PIXELS)
-    pen.line([(MARGIN, below), (end, below)], "black", 2)
-    for x in (MARGIN, end):
-        pen.line([(x, below - 4), (x, below + 4)], "black", 2)
-    pen.text((end + 8, below - 8), f"{bar:g} m, all views alike", "black", font)
-    for index, (label, part) in enumerate(text):
-        pen.text((MARGIN, below + LINE + index * LINE), label, "dimgray", font)
-        pen.text((MARGIN + INDENT, below + LINE + index * LINE), part, "black", font)
+    text = "\n".join(textwrap.fill(line, LETTERS, subsequent_indent=INDENT * " ") for line in lines)
+    figure = Figure(figsize=(10, 7 + 0.17 * len(text.splitlines())), dpi=100, layout="constrained")
+    for axes, view in zip(figure.subplots(2, 3, sharex=True, sharey=True).flat, views, strict=True):
+        axes.imshow(draw(mesh, view, side, PIXELS, tint), extent=2 * (-side / 2, side / 2))
+        axes.set_title(view.title, fontsize=10)
+    figure.supylabel("metres", fontsize=10)
+    figure.supxlabel(text, x=0.01, ha="left", fontsize=9, fontfamily="monospace", parse_math=False)
     data = io.BytesIO()
-    sheet.save(data, "PNG")
+    figure.savefig(data, format="png")
     with atomic_write(path) as file:
         file.write(data.getvalue())
-
-
-def _wrapped(line: str) -> list[tuple[str, str]]:
-    """Labels and texts of the lines that one is broken into."""
-    label, blanks, rest = line.partition("  ")
-    if not blanks:
-        label, rest = "", line
-    return [
-        (label if not index else "", part) for index, part in enumerate(textwrap.wrap(rest.strip(), LETTERS))
-    ]
-
-
-def scale_bar_m(side_m: float) -> float:
-    """The longest of 1, 2, 5, 10, ... (in any decade) metres that a third of the picture holds."""
-    wanted = side_m / 3
-    decade = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * decade for step in (1, 2, 5) if step * decade <= wanted * (1 + 1e-9)))
 
 
 def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:

@@ -33,29 +33,21 @@ class View:
     ----------
     title
         What it shows, in words.
-    back
-        Vector from the object to the eye.
-    up
-        What is up in the picture, as far as it can be.
+    right, up, back
+        Unit vectors of the picture's sides, and from the object to the eye.
     cut
         Leave out the half nearer to the eye.
     """
 
     title: str
-    back: tuple[float, float, float]
-    up: tuple[float, float, float]
+    right: Floats
+    up: Floats
+    back: Floats
     cut: bool = False
-
-    def axes(self) -> tuple[Floats, Floats, Floats]:
-        """Right, up and back as unit vectors."""
-        back = np.asarray(self.back) / np.linalg.norm(self.back)
-        right = np.cross(self.up, back)
-        right /= np.linalg.norm(right)
-        return right, np.cross(back, right), back
 
 
 def standard_views(extents: Floats, up_axis: int) -> tuple[View, ...]:
-    """Three corners and sides, from above, from below, and a section along the object's longer side."""
+    """Two corners, two sides, from above, and a section along the object's longer side."""
     up = np.eye(3)[up_axis]
     first, second = (axis for axis in range(3) if axis != up_axis)
     # The section holds the longer of the two horizontal axes.
@@ -63,7 +55,10 @@ def standard_views(extents: Floats, up_axis: int) -> tuple[View, ...]:
     along = np.cross(up, across)
 
     def view(title: str, back: Floats, above: Floats, cut: bool = False) -> View:
-        return View(title, _triple(back), _triple(above), cut)
+        back = back / np.linalg.norm(back)
+        right = np.cross(above, back)
+        right /= np.linalg.norm(right)
+        return View(title, right, np.cross(back, right), back, cut)
 
     return (
         view("from a corner", 0.8 * along + across + 0.7 * up, up),
@@ -78,7 +73,7 @@ def standard_views(extents: Floats, up_axis: int) -> tuple[View, ...]:
 def side_m(mesh: TexturedMesh, views: tuple[View, ...]) -> float:
     """Side of a square that every view of the mesh fits in, metres."""
     corners = mesh.vertices - _centre(mesh)
-    reach = [np.abs(corners @ axis).max() for view in views for axis in view.axes()[:2]]
+    reach = [np.abs(corners @ axis).max() for view in views for axis in (view.right, view.up)]
     return 2.12 * float(max(reach))
 
 
@@ -97,9 +92,9 @@ def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | 
     Returns
     -------
     np.ndarray
-        (pixels, pixels, 3) uint8 on white.
+        (pixels, pixels, 3) uint8 on white, its first row on top.
     """
-    right, up, back = view.axes()
+    right, up, back = view.right, view.up, view.back
     surface = mesh.surface
     reach = 2 * float(np.linalg.norm(mesh.extents))
     count = pixels * SAMPLES
@@ -136,7 +131,3 @@ def _texture(mesh: TexturedMesh, faces: NDArray[np.int64], barycentric: Floats) 
 
 def _centre(mesh: TexturedMesh) -> Floats:
     return np.asarray((mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2)
-
-
-def _triple(vector: Floats) -> tuple[float, float, float]:
-    return (float(vector[0]), float(vector[1]), float(vector[2]))

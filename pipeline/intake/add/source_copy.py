@@ -13,9 +13,6 @@ from objectfolder.errors import InputError
 from objectfolder.geometry.source_files import source_files
 from pipeline.intake.add.naming import safe_name
 
-MOST_FILES = 1000
-MOST_BYTES = 4 << 30
-
 
 @dataclass(frozen=True)
 class Layout:
@@ -40,10 +37,6 @@ class Layout:
             digest.update(f"{place.as_posix()}\0{_sha256(file)}\0".encode("utf-8", "surrogateescape"))
         return digest.hexdigest()
 
-    def bytes(self) -> int:
-        """Sum of the files' sizes."""
-        return sum(file.stat().st_size for file in self.files.values())
-
 
 def layout_of(mesh: Path, texture: Path | None) -> Layout:
     """Lay out what `load_mesh(mesh, texture)` reads, so that every reference in it still holds.
@@ -54,15 +47,11 @@ def layout_of(mesh: Path, texture: Path | None) -> Layout:
     Raises
     ------
     InputError
-        Files too many or too large, or a name that no table can hold.
+        A name that no table can hold.
     """
     mesh = mesh.absolute()
     texture = None if texture is None else texture.absolute()
     files = [file.absolute() for file in source_files(mesh, texture)]
-    if len(files) > MOST_FILES or sum(file.stat().st_size for file in files) > MOST_BYTES:
-        raise InputError(
-            str(mesh), f"refers to {len(files)} files or over {MOST_BYTES >> 30} GiB", "Split the mesh"
-        )
     referred = [Path(os.path.normpath(file)) for file in files if file not in (mesh, texture)]
     beside = [Path(os.path.normpath(mesh)), *referred]
     root = Path(os.path.commonpath([file.parent for file in beside]))
@@ -98,10 +87,7 @@ def copied(layout: Layout, parent: Path, name: str) -> Iterator[Path]:
     try:
         for place, file in layout.files.items():
             (folder / place).parent.mkdir(parents=True, exist_ok=True)
-            with file.open("rb") as source, (folder / place).open("xb") as target:
-                shutil.copyfileobj(source, target, 1 << 20)
-                target.flush()
-                os.fsync(target.fileno())
+            shutil.copyfile(file, folder / place)
         os.chmod(folder, 0o755)
         _check(layout, folder, before)
         yield folder
