@@ -166,60 +166,6 @@ RANKING = tuple(
     for measure in HEADLINE
     if measure.key in {"vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db"}
 )
-# Every number an object's row holds beside its name, bytes and costs.
-OBJECT_NUMBERS = {
-    "body": (
-        "components",
-        "area_m2",
-        "volume_m3",
-        "mass_kg",
-        "filled_mass_kg",
-        "wall_effective_m",
-        "wall_median_m",
-        "wall_thin_m",
-    ),
-    "vision": (
-        "psnr_db",
-        "psnr_foreground_db",
-        "ssim",
-        "noise_floor_db",
-        "trivial_psnr_db",
-        "trivial_psnr_foreground_db",
-        "trivial_ssim",
-        "training_views",
-        "held_out_views",
-        "resolution",
-        "sub_rays",
-    ),
-    "audio": (
-        "modes",
-        "first_frequency_hz",
-        "frequency_limit_hz",
-        "frequency_error_cents",
-        "damping_error_relative",
-        "gain_error_db",
-        "gain_error_by_mode_median_db",
-        "stft_distance",
-        "envelope_distance",
-        "solver_error_estimate_cents",
-        "solver_geometry_error_cents",
-        "held_out_points",
-    ),
-    "touch": (
-        "psnr_db",
-        "psnr_contact_db",
-        "ssim",
-        "empty_psnr_db",
-        "empty_psnr_contact_db",
-        "empty_ssim",
-        "held_out_touches",
-        "unreachable_share",
-        "unreachable_by_housing_share",
-        "offset_over_100um_share",
-        "offset_over_1mm_share",
-        "beyond_label_m",
-    ),
-}
 
 
 def smallest_margin_db(attributes: Mapping[str, Any]) -> float | None:

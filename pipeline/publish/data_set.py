@@ -1,6 +1,5 @@
 """The report of a data set: metrics, tables, pages and cards of the whole data set."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 from pipeline.dataset.failures import read_failures
@@ -16,8 +15,7 @@ REPORTS = "reports"
 def make_report(root: Path) -> int:
     """Write the tables, the pages and the cards of the data set, and say where they are."""
     with running(root, "stage report"):
-        failures = [asdict(failure) for failure in read_failures(root)]
-        write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, failures)
+        write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, read_failures(root))
         write_cards(root, root / REPORTS)
     print(f"Object Files: {OBJECT_FILES.folder}/\nReport:       {REPORTS}/index.html")
     return 0

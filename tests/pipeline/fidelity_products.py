@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.store import Array, Product
+from pipeline.dataset.failures import FailedObject
 
 COST_COLUMNS = [
     "object",
@@ -155,7 +156,7 @@ def fidelity(
     )
 
 
-FAILURE = {"object": "broken", "stage": "objects", "error": "model.obj: no faces <b>", "remedy": "Repair it."}
+FAILURE = FailedObject("broken", "objects", "model.obj: no faces <b>", "Repair it.")
 
 
 def write_costs(path: Path, objects: list[str]) -> Path:

@@ -4,8 +4,10 @@ import base64
 import csv
 import io
 import json
+import re
 import wave
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +16,8 @@ from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 from objectfolder.errors import InputError
 from objectfolder.store import Product, write_product
 from pipeline.dataset.measures import HEADLINE, number_at
-from pipeline.publish.report.charts import setting_medians, speed_error_chart
-from pipeline.publish.report.costs import costs_by_object
+from pipeline.publish.report.charts import histogram, speed_error_chart
+from pipeline.publish.report.effort import setting_medians
 from pipeline.publish.report.formats import (
     MINUS,
     NOTHING,
@@ -180,16 +182,13 @@ def test_a_cost_table_that_is_none_is_refused(tmp_path: Path, content: bytes, fi
 
 
 def test_a_cost_line_cut_short_counts_as_not_measured(tmp_path: Path) -> None:
+    write_product(tmp_path / "fidelity" / "mug.zarr.zip", Product({}, {"object": {"id": "mug"}}))
     rows = "mug,views,a,1.5,2,300,,\nmug,modes,b,7mug,modes,b,7.5,8,300,,\nmug,encode"
     (tmp_path / "costs.csv").write_text(",".join(COST_COLUMNS) + "\n" + rows)
-    costs = costs_by_object(tmp_path / "costs.csv")
-    views, modes, encode = (costs.stage("mug", stage, {}) for stage in ("views", "modes", "encode"))
-    assert views is not None
-    assert views.cpu_s == 1.5
-    assert modes is not None
-    assert modes.cpu_s is None
-    assert encode is not None
-    assert encode.cpu_s is None
+    write_report(tmp_path / "fidelity", tmp_path / "costs.csv", tmp_path / "reports")
+    (row,) = read_csv(tmp_path / "reports" / "per_object.csv")
+    stages = ("views", "modes", "encode")
+    assert [row[f"cpu_seconds.{stage}"] for stage in stages] == ["1.5", "", ""]
 
 
 def test_settings_are_matched_step_by_step() -> None:
@@ -201,9 +200,6 @@ def test_settings_are_matched_step_by_step() -> None:
     first, second = setting_medians(rows)
     assert (first["label"], first["error"], first["bytes"]) == ("mode count 10 to 20", -10.0, 1500)
     assert (second["label"], second["error"]) == ("mode count 40 to 80", -25.0)
-    chart = speed_error_chart(rows, "bytes")
-    assert chart is not None
-    assert len(chart.curves) == 2
 
 
 def test_a_pair_of_sounds_keeps_its_ratio_and_drops_what_is_not_heard() -> None:
@@ -223,27 +219,38 @@ def test_a_pair_of_sounds_keeps_its_ratio_and_drops_what_is_not_heard() -> None:
     assert sound_pair(np.zeros(100), np.zeros(100)).factor == 1.0
 
 
+def speed_error_rows() -> list[dict[str, Any]]:
+    own = {"object": "mug", "setting": "n", "error_unit": "dB", "seconds_per_query": 1.0}
+    return [own | {"value": n, "error": 30.0 + n, "bytes": 100.0 * n} for n in (1, 2, 3)]
+
+
 def test_a_chart_needs_two_settings_that_differ() -> None:
-    rows = [
-        {
-            "object": "mug",
-            "setting": "n",
-            "value": n,
-            "error": 30.0 + n,
-            "error_unit": "dB",
-            "bytes": 100.0 * n,
-            "seconds_per_query": 1.0,
-        }
-        for n in (1, 2, 3)
-    ]
-    assert speed_error_chart([], "bytes") is None
-    assert speed_error_chart(rows[:1], "bytes") is None
-    assert speed_error_chart(rows, "seconds_per_query") is None
-    chart = speed_error_chart(rows, "bytes")
+    rows = speed_error_rows()
+    assert speed_error_chart("a", "Sight", [], "bytes") is None
+    assert speed_error_chart("a", "Sight", rows[:1], "bytes") is None
+    assert speed_error_chart("a", "Sight", rows, "seconds_per_query") is None
+    chart = speed_error_chart("a", "Sight", rows, "bytes")
     assert chart is not None
-    assert [marker.label for marker in chart.markers] == ["n 1", "n 2", "n 3"]
-    assert all(chart.left <= marker.x <= chart.right for marker in chart.markers)
-    assert all(chart.top <= tick.position <= chart.bottom for tick in chart.y_ticks)
+    assert re.findall(r">(n \d)</text>", chart) == ["n 1", "n 2", "n 3"]
+    assert 'aria-label="Sight: dB against bytes"' in chart
+
+
+def test_charts_follow_the_colours_of_the_page_and_hold_text_of_any_kind() -> None:
+    chart, within = histogram("h", HOSTILE, [1.0, 2.0, 4.0], lambda value: "$\\frac{<b>$", 3.0)
+    assert within
+    assert not re.search("#[0-9a-f]{6}", chart)
+    assert {"var(--ink)", "var(--accent)"} <= set(re.findall(r"var\(--\w+\)", chart))
+    assert "<b>" not in chart
+    assert "<script>" not in chart
+    assert histogram("h", "", [1.0], str, 3.0)[1] is False
+    many = [
+        {**row, "object": str(index), "error": row["error"] + index}
+        for index in range(50)
+        for row in speed_error_rows()
+    ]
+    band = speed_error_chart("b", "Sight", many, "bytes")
+    assert band is not None
+    assert band.count("<path") < 50, "a band, not a curve for each object"
 
 
 def test_numbers_and_links_are_printed_for_people() -> None:

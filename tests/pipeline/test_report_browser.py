@@ -5,6 +5,7 @@ import io
 import re
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
         vision = {**one.attributes["vision"], "psnr_foreground_db": 33.0 + index / 7}
         attributes = {**one.attributes, "object": described, "vision": vision}
         write_product(fidelity / f"o{index}.zarr.zip", Product({}, attributes))
-    failure = FAILURE | {"error": HOSTILE, "remedy": HOSTILE}
+    failure = replace(FAILURE, error=HOSTILE, remedy=HOSTILE)
     write_report(fidelity, write_costs(root / "costs.csv", ["mug"]), root / "reports", [failure], pairs=4)
     return root / "reports"
 

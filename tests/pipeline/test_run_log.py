@@ -11,7 +11,7 @@ import pytest
 from objectfolder.errors import SimulationError
 from pipeline.dataset.run_id import RUN_ID, new_run_id
 from pipeline.dataset.task import Failure, Outcome
-from pipeline.publish.report.costs import costs_by_object
+from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
 from pipeline.run.costs import COLUMNS, QUERY, Costs, compact, costs_path, known_costs
@@ -46,7 +46,7 @@ def test_a_line_that_a_kill_cut_short_costs_no_other_line(tmp_path):
     costs_path(tmp_path).write_bytes(whole + b"dish,views,00ab,1.")
     Costs(tmp_path).add("views", outcome("cup", 4.0))
     assert last_seconds(tmp_path) == {("mug", "views"): 3.0, ("cup", "views"): 4.0}
-    (dish,) = costs_by_object(costs_path(tmp_path)).stages["dish", "views"]
+    (dish,) = (cost for cost in known_costs(tmp_path) if cost.object_id == "dish")
     assert dish.wall_s is None  # it stands there with nothing measured
 
 
@@ -77,11 +77,16 @@ def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
     compact(tmp_path)
     assert costs_path(tmp_path).stat().st_size < before / 2
     assert last_taken(known_costs(tmp_path)) == estimates
-    known, table = Costs(tmp_path), costs_by_object(costs_path(tmp_path))
+    known, rows_left = Costs(tmp_path), [cost for cost in known_costs(tmp_path) if cost.object_id == "mug"]
     for fingerprint in FINGERPRINTS[-5:]:
         index = FINGERPRINTS.index(fingerprint)
         assert known.of(fingerprint).wall_s == index + 0.5
-        assert table.seconds_per_query("mug", "modes", {"fidelity": fingerprint}) == 2 * index
+        setting = {
+            "speed_error": [{"key": "modes"}],
+            "provenance": {"fingerprints": {"fidelity": fingerprint}},
+        }
+        (effort,) = MeasuredObject("mug", setting, rows_left).efforts
+        assert effort["seconds_per_query"] == 2 * index
     assert known.of(FINGERPRINTS[0]) is None
     with costs_path(tmp_path).open(newline="") as file:
         rows = list(csv.reader(file))

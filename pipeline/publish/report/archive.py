@@ -8,13 +8,12 @@ import hashlib
 import json
 import math
 import os
-import re
 import struct
 import zipfile
-import zlib
+from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numcodecs.blosc import decompress
@@ -22,21 +21,19 @@ from numcodecs.blosc import decompress
 from objectfolder.errors import FormatError
 from pipeline.dataset.archives import (
     BLOSC_HEADER_BYTES,
-    CENTRAL,
-    CENTRAL_MARK,
     CODECS,
     END,
     END_MARK,
     ITEM_BYTES,
     LARGEST_JSON_BYTES,
     LARGEST_PRODUCT_BYTES,
-    LOCAL,
-    LOCAL_MARK,
     MOST_CHUNKS,
     REMEDY,
 )
 
-DAMAGE = (struct.error, OSError, LookupError, TypeError, ValueError, RuntimeError)
+DAMAGE = (
+    zipfile.BadZipFile, struct.error, OSError, EOFError, LookupError, TypeError, ValueError, RuntimeError,
+)  # fmt: skip
 # No picture, sound or mesh of one item is larger; what declares more is not decompressed.
 LARGEST_CHUNK_BYTES = 1_000_000_000
 
@@ -53,23 +50,21 @@ def content_digest(path: Path) -> str:
     FormatError
         No archive.
     """
-    with Archive(path) as archive:
-        return hashlib.sha256(archive.directory).hexdigest()
-
-
-class _Entry(NamedTuple):
-    """Bytes, CRC-32 and where its local header begins."""
-
-    size: int
-    checksum: int
-    start: int
+    with path.open("rb") as file:
+        try:
+            file.seek(-END.size, os.SEEK_END)
+            mark, *_, size, start, comment = END.unpack(file.read())
+            file.seek(start)
+            directory = file.read(size)
+        except (OSError, struct.error) as error:
+            raise _damaged(path, error) from error
+    if mark != END_MARK or comment or len(directory) != size:
+        raise _damaged(path, "its directory is not where a product's is")
+    return hashlib.sha256(directory).hexdigest()
 
 
 class Archive:
     """One product, open for reading.
-
-    Entries are found in the bytes of the archive's directory when they are asked for: a product has
-    hundreds, of which a report reads a few.
 
     Parameters
     ----------
@@ -86,13 +81,13 @@ class Archive:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = path.open("rb")
         try:
-            self.directory = self._directory()
+            self._zip = zipfile.ZipFile(path)
+        except FileNotFoundError:
+            raise
         except DAMAGE as error:
-            self._file.close()
-            raise self._damaged(error) from error
-        self._declared: dict[str, dict[str, Any]] = {}
+            raise _damaged(path, error) from error
+        self._form = cache(self._read_form)
 
     def __enter__(self) -> "Archive":
         return self
@@ -103,10 +98,10 @@ class Archive:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._file.close()
+        self._zip.close()
 
     def __contains__(self, name: str) -> bool:
-        return self._find(f"{name}/zarr.json") is not None
+        return f"{name}/zarr.json" in self._zip.NameToInfo
 
     def attributes(self) -> dict[str, Any]:
         """Return the product's attributes.
@@ -119,9 +114,9 @@ class Archive:
         try:
             attributes = self._json("zarr.json")["attributes"]
         except DAMAGE as error:
-            raise self._damaged(error) from error
+            raise _damaged(self.path, error) from error
         if not isinstance(attributes, dict):
-            raise self._damaged("its attributes have no names")
+            raise _damaged(self.path, "its attributes have no names")
         return attributes
 
     def array(self, name: str) -> np.ndarray:
@@ -140,10 +135,12 @@ class Archive:
                 return self._chunk(name, 0, shape, dtype)
             return np.concatenate([self._chunk(name, item, chunk, dtype) for item in range(shape[0])])
         except DAMAGE as error:
-            raise self._damaged(error) from error
+            raise _damaged(self.path, error) from error
 
-    def item(self, name: str, index: int) -> np.ndarray:
-        """Return one item of the first axis of an array.
+    def item_sums(self, name: str) -> list[tuple[int, int] | None]:
+        """Return size and checksum of each item as it is stored, by which equal items are known.
+
+        None for an item that does not lie in a chunk of its own, or is not stored because it is all zeros.
 
         Raises
         ------
@@ -151,39 +148,17 @@ class Archive:
             As for `array`.
         """
         try:
-            shape, chunk, dtype = self._form(name)
-            if not 0 <= index < shape[0]:
-                raise ValueError(f"{name} has {shape[0]} items, not one at {index}")
-            if chunk[0] == 1:
-                return self._chunk(name, index, chunk, dtype)[0]
-            return self._chunk(name, 0, shape, dtype)[index]
-        except DAMAGE as error:
-            raise self._damaged(error) from error
-
-    def item_sums(self, name: str) -> list[tuple[int, int] | None]:
-        """Return size and checksum of each item as it is stored, by which equal items are known.
-
-        None for an item that does not lie in a chunk of its own, or is not stored because it is all zeros.
-        """
-        try:
             shape, chunk, _ = self._form(name)
-            sums: list[tuple[int, int] | None] = [None] * shape[0]
             if chunk[0] != 1:
-                return sums
-            rest = b"/0" * (len(shape) - 1)
-            for found in re.finditer(re.escape(f"{name}/c/".encode()) + rb"(\d{1,9})" + rest, self.directory):
-                entry = self._entry_at(found.start(), found[0])
-                if entry is not None:
-                    sums[int(found[1])] = (entry.size, entry.checksum)
-            return sums
+                return [None] * shape[0]
+            entries = [self._zip.NameToInfo.get(_entry(name, item, len(shape))) for item in range(shape[0])]
+            return [None if entry is None else (entry.file_size, entry.CRC) for entry in entries]
         except DAMAGE as error:
-            raise self._damaged(error) from error
+            raise _damaged(self.path, error) from error
 
-    def _form(self, name: str) -> tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]:
+    def _read_form(self, name: str) -> tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]:
         """Return shape, shape of a chunk, and type of an array, after checking what it says of itself."""
-        if name not in self._declared:
-            self._declared[name] = self._json(f"{name}/zarr.json")
-        said = self._declared[name]
+        said = self._json(f"{name}/zarr.json")
         shape, chunk = tuple(said["shape"]), tuple(said["chunk_grid"]["configuration"]["chunk_shape"])
         stored = tuple(max(1, size) for size in shape)
         if tuple(codec["name"] for codec in said["codecs"]) != CODECS or said["data_type"] not in ITEM_BYTES:
@@ -191,78 +166,40 @@ class Archive:
         if chunk not in (stored, (1, *stored[1:])):
             raise ValueError(f"{name} has shape {shape} in chunks of {chunk}")
         item = ITEM_BYTES[said["data_type"]]
-        if math.prod(chunk) * item > LARGEST_CHUNK_BYTES:
-            raise ValueError(f"{name} has chunks of {chunk}")
         # A chunk that is all zeros is not stored: a few bytes may declare any number of them.
-        if math.prod(shape) * item > LARGEST_PRODUCT_BYTES or (chunk != stored and shape[0] > MOST_CHUNKS):
+        if (
+            math.prod(chunk) * item > LARGEST_CHUNK_BYTES
+            or math.prod(shape) * item > LARGEST_PRODUCT_BYTES
+            or (chunk != stored and shape[0] > MOST_CHUNKS)
+        ):
             raise ValueError(f"{name} has shape {shape} in chunks of {chunk}, which is too large")
         return shape, chunk, np.dtype(said["data_type"])
 
     def _chunk(self, name: str, item: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> np.ndarray:
-        entry = "/".join([name, "c", *([str(item)] if shape else []), *["0"] * (len(shape) - 1)])
-        content = self._read(entry)
-        if content is None:
+        entry = _entry(name, item, len(shape))
+        if entry not in self._zip.NameToInfo:
             return np.zeros(shape, dtype)  # Zarr writes no chunk that is all zeros
+        content = self._read(entry, LARGEST_CHUNK_BYTES)
         expected = math.prod(shape) * dtype.itemsize
         if len(content) < BLOSC_HEADER_BYTES or int.from_bytes(content[4:8], "little") != expected:
             raise ValueError(f"entry {entry} does not hold {expected} bytes")
         return np.frombuffer(decompress(content), dtype).reshape(shape)
 
     def _json(self, entry: str) -> Any:
-        content = self._read(entry, LARGEST_JSON_BYTES)
-        if content is None:
-            raise KeyError(f"no entry {entry}")
-        return json.loads(content)
+        return json.loads(self._read(entry, LARGEST_JSON_BYTES))
 
-    def _read(self, name: str, most: int = LARGEST_CHUNK_BYTES) -> bytes | None:
-        """Return what an entry holds, None where there is none."""
-        entry = self._find(name)
-        if entry is None:
-            return None
-        if entry.size > most:
-            raise ValueError(f"entry {name} is too large")
-        self._file.seek(entry.start)
-        mark, *_, name_size, more_size = LOCAL.unpack(self._file.read(LOCAL.size))
-        if mark != LOCAL_MARK:
-            raise ValueError(f"entry {name} is not where the directory says")
-        self._file.seek(name_size + more_size, os.SEEK_CUR)
-        content = self._file.read(entry.size)
-        if zlib.crc32(content) != entry.checksum:
-            raise ValueError(f"entry {name} is damaged")
-        return content
+    def _read(self, name: str, most: int) -> bytes:
+        """Return what an entry holds; its checksum is compared."""
+        entry = self._zip.getinfo(name)
+        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > most:
+            raise ValueError(f"entry {name} is compressed or too large")
+        return self._zip.read(entry)
 
-    def _find(self, name: str) -> "_Entry | None":
-        sought = name.encode()
-        place = self.directory.find(sought)
-        while place >= 0:
-            entry = self._entry_at(place, sought)
-            if entry is not None:
-                return entry
-            place = self.directory.find(sought, place + 1)
-        return None
 
-    def _entry_at(self, place: int, name: bytes) -> "_Entry | None":
-        """Return the entry whose name stands at a place of the directory, None where another's does."""
-        if place < CENTRAL.size:
-            return None
-        fields = CENTRAL.unpack_from(self.directory, place - CENTRAL.size)
-        mark, stored, checksum, packed, size, name_size, start = (fields[i] for i in (0, 4, 7, 8, 9, 10, 16))
-        if mark != CENTRAL_MARK or name_size != len(name):
-            return None
-        if stored != zipfile.ZIP_STORED or packed != size:
-            raise ValueError(f"entry {name.decode()} is compressed")
-        return _Entry(size, checksum, start)
+def _entry(name: str, item: int, axes: int) -> str:
+    """Return the name of the entry that holds a chunk."""
+    return "/".join([name, "c", *([str(item), *["0"] * (axes - 1)] if axes else [])])
 
-    def _directory(self) -> bytes:
-        self._file.seek(-END.size, os.SEEK_END)
-        mark, *_, size, start, comment = END.unpack(self._file.read(END.size))
-        if mark != END_MARK or comment or 0xFFFFFFFF in (size, start):
-            raise ValueError("its directory is not where a product's is")
-        self._file.seek(start)
-        directory = self._file.read(size)
-        if len(directory) != size:
-            raise ValueError("it is cut short")
-        return directory
 
-    def _damaged(self, error: object) -> FormatError:
-        return FormatError(str(self.path), f"not a readable product ({error})", REMEDY)
+def _damaged(path: Path, error: object) -> FormatError:
+    return FormatError(str(path), f"not a readable product ({error})", REMEDY)

@@ -1,210 +1,188 @@
-"""Speed against error as drawn curves: positions only, the page's template draws them."""
+"""Charts of the first page, drawn by matplotlib as SVG in the colours of the page, light or dark."""
 
-import math
-import statistics
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import io
+import itertools
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+import matplotlib.style
+import numpy as np
+from markupsafe import Markup, escape
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
 from pipeline.publish.report import formats
-from pipeline.publish.report.formats import number
+from pipeline.publish.report.effort import setting_medians, steps
 
-WIDTH, HEIGHT = 360.0, 230.0
-LEFT, RIGHT, TOP, BOTTOM = 52.0, 14.0, 16.0, 44.0
-LABEL_SPACE = 0.12
-# More objects than these are drawn as a band, not one by one.
-MOST_CURVES = 40
-
-
-@dataclass(frozen=True)
-class Tick:
-    """A mark of an axis: position in the drawing, and its text."""
-
-    position: float
-    label: str
-
-
-@dataclass(frozen=True)
-class Marker:
-    """A setting on the curve of the data set."""
-
-    x: float
-    y: float
-    label: str
-    anchor: str
-    label_y: float
+# What stands for a colour of the page's style while matplotlib draws.
+COLOURS = {
+    "#000001": "var(--ink)",
+    "#000002": "var(--soft)",
+    "#000003": "var(--line)",
+    "#000004": "var(--accent)",
+    "#000005": "var(--curve)",
+}
+INK, _, _, ACCENT, CURVE = COLOURS
+STYLE = Path(__file__).parent / "template" / "charts.mplstyle"
+WIDTH, HEIGHT = 3.6, 2.3  # inches
+LEFT, RIGHT, TOP, BOTTOM, LEGEND_ROW = 0.55, 0.12, 0.12, 0.4, 0.17  # margins in inches
+MOST_CURVES = 40  # more objects are drawn as a band
+MARKERS = "os^DXP*v"
+FILLS = ("full", "none")
+BAND = (0.05, 0.95)
 
 
-@dataclass(frozen=True)
 class Chart:
-    """A drawing of curves over a logarithmic horizontal axis."""
+    """A drawing; `svg` has it once the ``with`` of `drawing` is left."""
 
-    x_label: str
-    y_label: str
-    x_ticks: list[Tick]
-    y_ticks: list[Tick]
-    curves: list[str]
-    band: str
-    median: str
-    markers: list[Marker]
-    width: float = WIDTH
-    height: float = HEIGHT
-    left: float = LEFT
-    right: float = WIDTH - RIGHT
-    top: float = TOP
-    bottom: float = HEIGHT - BOTTOM
+    def __init__(self, axes: Axes) -> None:
+        self.axes = axes
+        self.svg = Markup()
 
 
-def speed_error_chart(rows: Sequence[Mapping[str, Any]], column: str) -> Chart | None:
+@contextmanager
+def drawing(name: str, label: str, height: float = HEIGHT, legend_rows: int = 0) -> Iterator[Chart]:
+    """Draw one chart.
+
+    Parameters
+    ----------
+    name
+        Stands before every id of the drawing: ids of a page are unique.
+    label
+        What the chart shows, for those who cannot see it.
+    height
+        Without the legend, inches.
+    legend_rows
+        Names of curves below the axes.
+    """
+    with matplotlib.style.context(STYLE, after_reset=True):
+        whole = height + LEGEND_ROW * legend_rows
+        figure = Figure(figsize=(WIDTH, whole))
+        place = (LEFT / WIDTH, 1 - (height - BOTTOM) / whole, 1 - (LEFT + RIGHT) / WIDTH)
+        chart = Chart(figure.add_axes((*place, (height - BOTTOM - TOP) / whole)))
+        yield chart
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    svg = re.sub(r"<(metadata|style)\b.*?</\1>", "", text.getvalue().partition("<svg")[2], flags=re.DOTALL)
+    svg = re.sub(r'( id="|href="#|url\(#)', lambda found: f"{found[1]}{name}-", svg)
+    svg = re.sub("|".join(COLOURS), lambda found: COLOURS[found[0]], svg)
+    size, _, rest = svg.partition(">")
+    box = re.search(r'viewBox="[^"]*"', size)
+    assert box is not None
+    chart.svg = Markup(f'<svg {box[0]} role="img" aria-label="{escape(label)}">{rest}')
+
+
+def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], column: str) -> Markup | None:
     """Draw error against `column` (``seconds_per_query`` or ``bytes``), one thin curve an object.
 
-    The bold curve is the median over objects, setting by setting; of many objects the middle nine tenths
-    are a band. None where fewer than two settings
-    were measured or `column` does not change with the setting.
+    The bold curve is the median over objects, setting by setting; of more than `MOST_CURVES` objects the
+    middle nine tenths are a band. None where fewer than two settings were measured or `column` does not
+    change with the setting.
 
     Parameters
     ----------
     rows
         Rows of one sense, as `tables.speed_error_rows` gives them.
     """
-    known = [row for row in rows if row["error"] is not None and (row[column] or 0) > 0]
-    middle = sorted(
-        (row[column], row["error"], row["label"])
-        for row in setting_medians(rows)
-        if row["error"] is not None and (row[column] or 0) > 0
+    known = [row for row in rows if _drawable(row, column)]
+    median = sorted(
+        (row[column], row["error"], row["label"]) for row in setting_medians(rows) if _drawable(row, column)
     )
-    if len({x for x, _, _ in middle}) < 2:
+    if len({x for x, _, _ in median}) < 2:
         return None
-    x_axis = LogAxis([row[column] for row in known], LEFT, WIDTH - RIGHT)
-    y_axis = Axis([row["error"] for row in known], HEIGHT - BOTTOM, TOP)
-    paths: dict[str, list[tuple[float, float]]] = {}
-    for row in known:
-        paths.setdefault(row["object"], []).append((row[column], row["error"]))
-    curves = []
-    if len(paths) <= MOST_CURVES:
-        for points in paths.values():
-            curves.append(path_of([(x_axis.position(x), y_axis.position(y)) for x, y in sorted(points)]))
-    markers = [_marker(x_axis.position(x), y_axis.position(y), label) for x, y, label in middle]
-    seconds = column == "seconds_per_query"
-    return Chart(
-        "seconds a query" if seconds else "bytes",
-        known[0]["error_unit"],
-        x_axis.ticks(formats.seconds if seconds else formats.short_bytes),
-        y_axis.ticks(),
-        curves,
-        "" if curves else _band(rows, column, x_axis, y_axis),
-        path_of([(marker.x, marker.y) for marker in markers]),
-        markers,
-    )
+    timed = column == "seconds_per_query"
+    x_label, y_label = "seconds a query" if timed else "bytes", known[0]["error_unit"]
+    objects = dict.fromkeys(row["object"] for row in known)
+    with drawing(f"{name}-{column}", f"{title}: {y_label} against {x_label}") as chart:
+        axes = chart.axes
+        if len(objects) > MOST_CURVES:
+            axes.fill_between(*_band(known, column), color=CURVE, alpha=0.28)
+        for object_id in objects if len(objects) <= MOST_CURVES else ():
+            own = sorted((row[column], row["error"]) for row in known if row["object"] == object_id)
+            axes.plot(*zip(*own, strict=True), color=CURVE, alpha=0.6, linewidth=0.8)
+        axes.plot([x for x, _, _ in median], [y for _, y, _ in median], "o-", color=ACCENT, markersize=4)
+        for x, y, text in median:
+            axes.annotate(text, (x, y), (0, 5), textcoords="offset points", ha="center", fontsize=7)
+        axes.set(xlabel=x_label, ylabel=y_label, xscale="log")
+        axes.margins(0.12)
+        mark(axes.xaxis, formats.seconds if timed else formats.short_bytes)
+    return chart.svg
 
 
-def _band(rows: Sequence[Mapping[str, Any]], column: str, x_axis: "LogAxis", y_axis: "Axis") -> str:
-    """Return the outline of the middle nine tenths of the objects, at the median place of each setting."""
-    low, high = [], []
-    for step in _steps(rows).values():
-        known = [row for row in step if row["error"] is not None and (row[column] or 0) > 0]
-        if len(known) < 2:
-            continue
-        x = x_axis.position(statistics.median(row[column] for row in known))
-        cuts = statistics.quantiles([row["error"] for row in known], n=20, method="inclusive")
-        low.append((x, y_axis.position(cuts[0])))
-        high.append((x, y_axis.position(cuts[-1])))
-    return path_of([*sorted(low), *sorted(high, reverse=True)])
+def histogram(
+    name: str,
+    label: str,
+    values: Sequence[float],
+    text: Callable[[float], str],
+    target: float | None,
+) -> tuple[Markup, bool]:
+    """Draw how values are spread; a dashed line stands at the target.
 
-
-def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return one row a setting with its label and medians over objects of error, seconds and bytes.
-
-    Objects are matched step by step: the first setting of each, the second, and so on, because a number
-    of modes differs between objects where a share of them does not.
+    Returns
+    -------
+    tuple
+        The drawing, and whether the target lies within it.
     """
-    steps = _steps(rows)
-    medians: list[dict[str, Any]] = []
-    settings = list(dict.fromkeys(setting for setting, _ in steps))
-    order = sorted(steps, key=lambda step: (settings.index(step[0]), step[1]))
-    for setting, step in ((name[0], steps[name]) for name in order):
-        row = {"label": _label(setting, step), "error_unit": step[0]["error_unit"]}
-        for column in ("error", "seconds_per_query", "bytes"):
-            known = [each[column] for each in step if each[column] is not None]
-            row[column] = statistics.median(known) if known else None
-        medians.append(row)
-    return medians
+    low, high = min(values), max(values)
+    within = target is not None and low <= target <= high
+    with drawing(name, label, height=1.4) as chart:
+        chart.axes.hist(values, bins="sqrt", color=ACCENT, alpha=0.75, rwidth=0.9)
+        if target is not None and within:
+            chart.axes.axvline(target, color=INK, linestyle="--", linewidth=1)
+        chart.axes.xaxis.set_major_locator(MaxNLocator(4))
+        chart.axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
+        chart.axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+    return chart.svg, within
 
 
-def _steps(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, int], list[Mapping[str, Any]]]:
-    """Return the rows of all objects by setting and by the how-manieth of the object's it is."""
-    steps: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
-    counts: Counter[tuple[str, str]] = Counter()
-    for row in rows:
-        own = (row["object"], row["setting"])
-        steps.setdefault((row["setting"], counts[own]), []).append(row)
-        counts[own] += 1
-    return steps
+def curves(
+    name: str, title: str, x_label: str, y_label: str, logarithmic_y: bool, ways: Mapping[str, Any]
+) -> Markup:
+    """Draw (x, y) points of several ways, each with a marker of its own; x in seconds.
+
+    Parameters
+    ----------
+    ways
+        By name, those of the factory begin with VisionNet, AudioNet or ours.
+    """
+    label = f"{title}: {y_label} against {x_label} of {len(ways)} ways"
+    with drawing(name, label, legend_rows=len(ways)) as chart:
+        looks = itertools.cycle(itertools.product(FILLS, MARKERS))
+        for way, (fill, marker) in zip(ways, looks, strict=False):
+            colour = ACCENT if way.startswith(("VisionNet", "AudioNet", "ours")) else CURVE
+            places = zip(*ways[way], strict=True)
+            chart.axes.plot(*places, f"{marker}-", color=colour, label=way, markersize=4, fillstyle=fill)
+        scale = "log" if logarithmic_y else "linear"
+        chart.axes.set(xlabel=x_label, ylabel=y_label, xscale="log", yscale=scale)
+        mark(chart.axes.xaxis, formats.seconds)
+        if logarithmic_y:
+            mark(chart.axes.yaxis, "{:g}".format)
+        chart.axes.legend(loc="upper left", bbox_to_anchor=(-0.16, -0.22), borderaxespad=0)
+    return chart.svg
 
 
-def _label(setting: str, step: Sequence[Mapping[str, Any]]) -> str:
-    name = setting.replace("_", " ")
-    values = sorted({row["value"] for row in step if row["value"] is not None})
-    if not values:
-        return name
-    return f"{name} {values[0]:g}" + (f" to {values[-1]:g}" if len(values) > 1 else "")
+def mark(axis: Axis, text: Callable[[float], str]) -> None:
+    """Put few marks that `text` prints on a logarithmic axis."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,), numticks=6))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
+    axis.set_minor_locator(NullLocator())
 
 
-def path_of(points: Sequence[tuple[float, float]]) -> str:
-    """Return the points of an SVG polyline."""
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+def _drawable(row: Mapping[str, Any], column: str) -> bool:
+    return row["error"] is not None and (row[column] or 0) > 0
 
 
-def _marker(x: float, y: float, label: str) -> Marker:
-    share = (x - LEFT) / (WIDTH - RIGHT - LEFT)
-    anchor = "start" if share < LABEL_SPACE else "end" if share > 1 - LABEL_SPACE else "middle"
-    return Marker(round(x, 1), round(y, 1), label, anchor, round(y - 8 if y > TOP + 16 else y + 17, 1))
-
-
-class Axis:
-    """Values to positions, linear, with round marks."""
-
-    def __init__(self, values: Sequence[float], start: float, end: float) -> None:
-        low, high = min(values), max(values)
-        room = 0.1 * (high - low) or max(abs(high), 1.0) * 0.1
-        self.low, self.high, self.start, self.end = low - room, high + room, start, end
-
-    def position(self, value: float) -> float:
-        """Return where a value lies in the drawing."""
-        share = (value - self.low) / (self.high - self.low)
-        return self.start + share * (self.end - self.start)
-
-    def ticks(self) -> list[Tick]:
-        """Return marks at round values."""
-        span = self.high - self.low
-        step = 10.0 ** math.floor(math.log10(span))
-        step = next(step * part for part in (0.1, 0.2, 0.5, 1, 2, 5) if span / (step * part) <= 6)
-        first, last = math.ceil(self.low / step), math.floor(self.high / step)
-        digits = max(0, -math.floor(math.log10(step) + 1e-9))
-        values = [index * step for index in range(first, last + 1)]
-        return [Tick(round(self.position(value), 1), number(value, digits)) for value in values]
-
-
-class LogAxis:
-    """Positive values to positions, logarithmic, marks at 1, 2 and 5 where there is room."""
-
-    def __init__(self, values: Sequence[float], start: float, end: float) -> None:
-        low, high = math.log10(min(values)), math.log10(max(values))
-        room = max(0.08 * (high - low), 0.05)
-        self.low, self.high, self.start, self.end = low - room, high + room, start, end
-
-    def position(self, value: float) -> float:
-        """Return where a value lies in the drawing."""
-        return self.start + (math.log10(value) - self.low) / (self.high - self.low) * (self.end - self.start)
-
-    def ticks(self, text: Callable[[float], str]) -> list[Tick]:
-        """Return marks at round values, printed by `text`."""
-        decades = range(math.floor(self.low), math.ceil(self.high) + 1)
-        for parts in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
-            values = [part * 10.0**decade for decade in decades for part in parts]
-            values = [value for value in values if self.low <= math.log10(value) <= self.high]
-            if len(values) >= 3:
-                break
-        values = values[:: max(1, math.ceil(len(values) / 6))]
-        return [Tick(round(self.position(value), 1), text(value)) for value in values]
+def _band(rows: Sequence[Mapping[str, Any]], column: str) -> tuple[list[float], list[float], list[float]]:
+    """Return median place, low and high error of each setting."""
+    found = []
+    for step in steps(rows).values():
+        errors = np.quantile([row["error"] for row in step], BAND)
+        found.append((float(np.median([row[column] for row in step])), *errors.tolist()))
+    x, low, high = zip(*sorted(found), strict=True)
+    return list(x), list(low), list(high)

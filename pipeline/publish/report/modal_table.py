@@ -10,7 +10,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.fidelity.sounds import cents
 from pipeline.dataset.measures import number_at
-from pipeline.publish.report.stored_products import OpenProducts
+from pipeline.publish.report.object_products import ObjectProducts
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class ModeRow:
     solver_error_cents: float | None
 
 
-def modal_table(products: OpenProducts, attributes: Mapping[str, Any]) -> list[ModeRow]:
+def modal_table(products: ObjectProducts, attributes: Mapping[str, Any]) -> list[ModeRow]:
     """Return a row a mode, from the fidelity product, the Object File and the solved modes."""
     audio = attributes.get("audio")
     truth = audio.get("modes_table") or [] if isinstance(audio, Mapping) else []
@@ -67,7 +67,7 @@ def _of_file(tensors: Mapping[str, np.ndarray], count: int) -> tuple[np.ndarray 
     return np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * math.pi), dampings
 
 
-def _estimates(products: OpenProducts, count: int) -> np.ndarray | None:
+def _estimates(products: ObjectProducts, count: int) -> np.ndarray | None:
     modes = products.get("modes")
     if modes is None or not count or "error_estimates_cents" not in modes:
         return None

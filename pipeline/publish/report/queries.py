@@ -11,9 +11,9 @@ from objectfolder.fidelity.images import psnr_db
 from pipeline.dataset.measures import number_at
 from pipeline.publish.report.archive import Archive
 from pipeline.publish.report.contacts import Contact, contacts
+from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
 from pipeline.publish.report.sounds import SoundPair, sound_pair
-from pipeline.publish.report.stored_products import OpenProducts
 
 # A score computed from the stored pair is the product's own to rounding.
 SAME_DB = 1e-6
@@ -61,7 +61,7 @@ class Queries:
     touches: list[Seen] = field(default_factory=list)
 
 
-def queries(products: OpenProducts, attributes: Mapping[str, Any], pairs: int) -> Queries:
+def queries(products: ObjectProducts, attributes: Mapping[str, Any], pairs: int) -> Queries:
     """Return up to `pairs` queries a sense, as many as the fidelity product stores at most.
 
     What cannot be read is left out and noted in ``products.unreadable``.
@@ -178,7 +178,7 @@ def _strikes(fidelity: Archive, modes: Archive | None, most: int) -> list[Heard]
     return shown
 
 
-def _contacts(fidelity: Archive, products: OpenProducts) -> list[Contact | None]:
+def _contacts(fidelity: Archive, products: ObjectProducts) -> list[Contact | None]:
     touches, objects = products.get("touches"), products.get("objects")
     if touches is None or objects is None or "touch_truth" not in fidelity:
         return []

@@ -4,20 +4,47 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.dataset.measures import HEADLINE, Measure, number_at
-from pipeline.publish.report.costs import Costs
-from pipeline.publish.report.object_records import Record
+from pipeline.dataset.measures import BYTES, HEADLINE, Measure, number_at
+from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
+
+COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, "", 240.0)
 
 
 @dataclass(frozen=True)
-class SummaryRow:
-    """A measure over the data set."""
+class MeasureSummary:
+    """A measure over the objects that have it; all numbers are None where none has.
+
+    Parameters
+    ----------
+    values
+        Value and id of each object.
+    trivial
+        Mean score of the trivial answer.
+    """
 
     measure: Measure
-    mean: float | None
-    worst: float | None
-    worst_object: str
-    trivial: float | None
+    values: Sequence[tuple[float, str]]
+    trivial: float | None = None
+
+    @property
+    def mean(self) -> float | None:
+        """Mean over the objects."""
+        return mean([value for value, _ in self.values])
+
+    @property
+    def median(self) -> float | None:
+        """Median over the objects."""
+        return statistics.median([value for value, _ in self.values]) if self.values else None
+
+    @property
+    def worst(self) -> float | None:
+        """Worst of the objects."""
+        return self.measure.worst([value for value, _ in self.values]) if self.values else None
+
+    @property
+    def worst_object(self) -> str:
+        """Id of the worst object, empty for none."""
+        return next((object_id for value, object_id in self.values if value == self.worst), "")
 
     @property
     def met(self) -> bool | None:
@@ -29,98 +56,71 @@ class SummaryRow:
 
 @dataclass(frozen=True)
 class StageRow:
-    """CPU seconds of a stage over the objects it was measured for."""
+    """CPU seconds and peak memory of a stage over the objects it was measured for."""
 
     stage: str
     objects: int
     median: float | None
     largest: float | None
-    share: float | None
     peak_memory_mb: float | None
 
 
-def summary_row(measure: Measure, records: Sequence[Record]) -> SummaryRow:
-    """Return mean and worst of a measure; silent objects leave those of audio."""
-    known = [
-        (value, record.object_id)
-        for record in records
-        if (value := measure.of(record.attributes)) is not None
-        and not (measure.sense == "audio" and record.silent)
-    ]
-    if not known:
-        return SummaryRow(measure, None, None, "", None)
-    worst = measure.worst([value for value, _ in known])
-    return SummaryRow(
-        measure,
-        statistics.fmean(value for value, _ in known),
-        worst,
-        next(object_id for value, object_id in known if value == worst),
-        mean([measure.trivial_of(record.attributes) for record in records]),
-    )
+def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
+    """Return every headline measure and the bytes; silent objects leave those of audio."""
+    found = []
+    for measure in (*HEADLINE, BYTES):
+        counted = [one for one in objects if not (measure.sense == "audio" and one.silent)]
+        values = [(measure.of(one.attributes), one.object_id) for one in counted]
+        known = [(value, object_id) for value, object_id in values if value is not None]
+        trivial = [
+            measure.trivial_of(one.attributes) for one in counted if measure.of(one.attributes) is not None
+        ]
+        found.append(MeasureSummary(measure, known, mean(trivial) if known else None))
+    return found
 
 
-def stage_rows(records: Sequence[Record], costs: Costs) -> list[StageRow]:
+def cost_summary(objects: Sequence[MeasuredObject]) -> MeasureSummary:
+    """Return the cost of the objects whose every stage was measured."""
+    seconds = [(one.cpu_seconds, one.object_id) for one in objects]
+    return MeasureSummary(COST, [(value, object_id) for value, object_id in seconds if value is not None])
+
+
+def stage_rows(objects: Sequence[MeasuredObject]) -> list[StageRow]:
     """Return what each stage took, in the order of the pipeline."""
-    rows, medians = [], {}
-    for stage in costs.stage_names({record.object_id for record in records}):
-        found = [costs.stage(record.object_id, stage, record.fingerprints) for record in records]
-        cpu = [cost.cpu_s for cost in found if cost and cost.cpu_s is not None]
-        memory = [cost.peak_memory_mb for cost in found if cost and cost.peak_memory_mb is not None]
-        medians[stage] = statistics.median(cpu) if cpu else None
-        rows.append(
-            StageRow(stage, len(cpu), medians[stage], max(cpu, default=None), None, max(memory, default=None))
-        )
-    whole = sum(median for median in medians.values() if median is not None)
-    return [
-        StageRow(
-            row.stage,
-            row.objects,
-            row.median,
-            row.largest,
-            row.median / whole if row.median is not None and whole > 0 else None,
-            row.peak_memory_mb,
-        )
-        for row in rows
-    ]
+    rows = []
+    for stage in stage_names(objects):
+        costs = [cost for one in objects if (cost := one.cost(stage))]
+        cpu = [cost.cpu_s for cost in costs if cost.cpu_s is not None]
+        memory = [cost.peak_memory_mb for cost in costs if cost.peak_memory_mb is not None]
+        median = statistics.median(cpu) if cpu else None
+        rows.append(StageRow(stage, len(cpu), median, max(cpu, default=None), max(memory, default=None)))
+    return rows
 
 
-def total_cpu_seconds(record: Record, costs: Costs) -> float | None:
-    """Return the CPU seconds of every stage of an object, None unless all were measured."""
-    stages = costs.stage_names({record.object_id})
-    found = [costs.stage(record.object_id, stage, record.fingerprints) for stage in stages]
-    seconds = [cost.cpu_s if cost else None for cost in found]
-    known = [value for value in seconds if value is not None]
-    return sum(known) if len(known) == len(seconds) else None
-
-
-def definitions_of(records: Sequence[Record]) -> dict[str, str]:
+def definitions_of(objects: Sequence[MeasuredObject]) -> dict[str, str]:
     """Return measure to definition: the products' own words in their order, ours for a headline without."""
     own: dict[str, str] = {}
-    for record in records:
-        own |= {str(name): str(text) for name, text in record.sense("definitions").items()}
+    for one in objects:
+        own |= {str(name): str(text) for name, text in one.part("definitions").items()}
     for measure in HEADLINE:
         if measure.key not in own and measure.name not in own:
             own[measure.key] = measure.definition
     return own
 
 
-def split(records: Sequence[Record]) -> list[tuple[str, str, list[float], list[float]]]:
+def split(objects: Sequence[MeasuredObject]) -> list[tuple[str, str, list[float], list[float]]]:
     """Return sense, unit, and the distinct counts of training and of held-out queries."""
 
     def counts(key: str) -> list[float]:
-        return sorted(
-            {value for record in records if (value := number_at(record.attributes, key)) is not None}
-        )
+        return sorted({value for one in objects if (value := number_at(one.attributes, key)) is not None})
 
     return [
-        (
-            "vision",
-            "views, each with its own light",
-            counts("vision.training_views"),
-            counts("vision.held_out_views"),
-        ),
-        ("audio", "surface points", counts("audio.training_points"), counts("audio.held_out_points")),
-        ("touch", "touches", counts("touch.training_touches"), counts("touch.held_out_touches")),
+        (sense, unit, counts(f"{sense}.training_{queries}"), counts(f"{sense}.held_out_{queries}"))
+        for sense, queries, unit in (
+            ("vision", "views", "views, each with its own light"),
+            ("audio", "points", "surface points"),
+            ("touch", "touches", "touches"),
+        )
     ]
 
 

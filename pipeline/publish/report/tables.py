@@ -3,21 +3,13 @@
 import csv
 import io
 import json
-import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pipeline.dataset.measures import (
-    BYTE_PARTS,
-    BYTES,
-    HEADLINE,
-    OBJECT_NUMBERS,
-    SENSES,
-    Measure,
-    number_at,
-)
-from pipeline.publish.report.costs import Costs
-from pipeline.publish.report.object_records import Failure, Record
+from pipeline.dataset.failures import FailedObject
+from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, SENSES, number_at
+from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
+from pipeline.publish.report.summary import MeasureSummary
 
 SPEED_ERROR_COLUMNS = (
     "object",
@@ -31,70 +23,63 @@ SPEED_ERROR_COLUMNS = (
 )
 
 
-def metrics(records: Sequence[Record], failures: Sequence[Failure]) -> dict[str, Any]:
-    """Return mean and worst of each headline measure over the objects that have it.
+def metrics_text(
+    summaries: Sequence[MeasureSummary], objects: Sequence[MeasuredObject], failures: Sequence[FailedObject]
+) -> str:
+    """Return mean and worst of each measure over the objects that have it, as JSON, one key a line.
 
     Silent objects leave the means of audio and are counted instead; a measure that no object has is
     null. `failed` counts objects, not failures.
     """
     table: dict[str, Any] = {
-        "objects": len(records),
-        "failed": len({failure.object_id for failure in failures}),
+        "objects": len(objects),
+        "failed": len({failure.object for failure in failures}),
+        "audio": {"silent_objects": sum(one.silent for one in objects)},
     }
-    for measure in HEADLINE:
-        table.setdefault(measure.sense, {})[measure.name] = _mean_and_worst(measure, records)
-    table["audio"]["silent_objects"] = sum(record.silent for record in records)
-    table["bytes"] = _mean_and_worst(BYTES, records)
-    return table
-
-
-def metrics_text(table: Mapping[str, Any]) -> str:
-    """Return metrics as JSON without NaN, one key a line."""
+    for summary in summaries:
+        numbers = {"mean": _rounded(summary.mean), "worst": _rounded(summary.worst)}
+        if summary.measure.sense == "bytes":
+            table["bytes"] = numbers
+        else:
+            table.setdefault(summary.measure.sense, {})[summary.measure.name] = numbers
     return json.dumps(table, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
-def object_rows(records: Sequence[Record], costs: Costs) -> list[dict[str, Any]]:
-    """Return one row an object with every number known of it; None where there is none."""
-    rows = []
-    stages = _stage_names(records, costs)
-    for record in records:
+def object_table(objects: Sequence[MeasuredObject]) -> str:
+    """Return one row an object with every number known of it, nothing where there is none."""
+    stages = stage_names(objects)
+    rows: list[dict[str, Any]] = []
+    numbers: dict[str, list[str]] = {}
+    for part in ("body", *SENSES):
+        names = {name for one in objects for name in one.part(part) if _number(one, part, name) is not None}
+        numbers[part] = sorted(names | {measure.name for measure in HEADLINE if measure.sense == part})
+    numbers["bytes"] = list(BYTE_PARTS)
+    for one in objects:
         row: dict[str, Any] = {
-            "id": record.object_id,
-            "name": record.name,
-            "material": str(record.description.get("material") or ""),
-            "audio.audible": "" if "audible" not in record.sense("audio") else int(not record.silent),
+            "id": one.object_id,
+            "name": one.name,
+            "material": str(one.description.get("material") or ""),
+            "audio.audible": "" if "audible" not in one.part("audio") else int(not one.silent),
         }
-        for sense, names in OBJECT_NUMBERS.items():
-            row |= {f"{sense}.{name}": number_at(record.attributes, f"{sense}.{name}") for name in names}
-        row |= {f"bytes.{part}": number_at(record.attributes, f"bytes.{part}") for part in BYTE_PARTS}
-        for stage in stages:
-            cost = costs.stage(record.object_id, stage, record.fingerprints)
-            row[f"cpu_seconds.{stage}"] = cost.cpu_s if cost else None
+        row |= {
+            f"{part}.{name}": _number(one, part, name) for part, names in numbers.items() for name in names
+        }
+        costs = {stage: one.cost(stage) for stage in stages}
+        row |= {f"cpu_seconds.{stage}": cost.cpu_s if cost else None for stage, cost in costs.items()}
         rows.append(row)
-    return rows
+    columns = ["id", "name", "material", "audio.audible"]
+    columns += [f"{part}.{name}" for part, names in numbers.items() for name in names]
+    return csv_text([*columns, *(f"cpu_seconds.{stage}" for stage in stages)], rows)
 
 
-def speed_error_rows(records: Sequence[Record], costs: Costs) -> list[dict[str, Any]]:
+def speed_error_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
     """Return one row an object, sense and setting, settings in the order of the product."""
-    rows = []
-    for record in records:
-        entries = sorted(record.speed_error, key=lambda entry: _sense_order(entry.get("sense")))
-        for entry in entries:
-            rows.append(
-                {
-                    "object": record.object_id,
-                    "sense": str(entry.get("sense") or ""),
-                    "setting": str(entry.get("setting") or ""),
-                    "value": number_at(entry, "value"),
-                    "seconds_per_query": costs.seconds_per_query(
-                        record.object_id, str(entry.get("key") or ""), record.fingerprints
-                    ),
-                    "bytes": number_at(entry, "bytes"),
-                    "error": number_at(entry, "error"),
-                    "error_unit": str(entry.get("error_unit") or ""),
-                }
-            )
-    return rows
+    order = {sense: index for index, sense in enumerate(SENSES)}
+    return [
+        row
+        for one in objects
+        for row in sorted(one.efforts, key=lambda row: (order.get(row["sense"], len(order)), row["sense"]))
+    ]
 
 
 def csv_text(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
@@ -102,47 +87,16 @@ def csv_text(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_cell(row[column]) for column in columns])
+    writer.writerows([_cell(row[column]) for column in columns] for row in rows)
     return buffer.getvalue()
 
 
-def object_columns(records: Sequence[Record], costs: Costs) -> tuple[str, ...]:
-    """Return the columns of per_object.csv, also for no object at all."""
-    numbers = [f"{sense}.{name}" for sense, names in OBJECT_NUMBERS.items() for name in names]
-    return (
-        "id",
-        "name",
-        "material",
-        "audio.audible",
-        *numbers,
-        *(f"bytes.{part}" for part in BYTE_PARTS),
-        *(f"cpu_seconds.{stage}" for stage in _stage_names(records, costs)),
-    )
+def _number(one: MeasuredObject, part: str, name: str) -> float | None:
+    return number_at(one.part(part), name)
 
 
-def _stage_names(records: Sequence[Record], costs: Costs) -> tuple[str, ...]:
-    return costs.stage_names({record.object_id for record in records})
-
-
-def _mean_and_worst(measure: Measure, records: Sequence[Record]) -> dict[str, float | None]:
-    values = [
-        value
-        for record in records
-        if (value := measure.of(record.attributes)) is not None
-        and not (measure.sense == "audio" and record.silent)
-    ]
-    if not values:
-        return {"mean": None, "worst": None}
-    return {"mean": _rounded(statistics.fmean(values)), "worst": _rounded(measure.worst(values))}
-
-
-def _sense_order(sense: Any) -> tuple[int, str]:
-    return (SENSES.index(sense) if sense in SENSES else len(SENSES)), str(sense)
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.8g}")
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.8g}")
 
 
 def _cell(value: Any) -> str:

@@ -3,28 +3,24 @@
 Everything is a function of the products and the cost table: no time, host or path gets in.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from objectfolder.atomic import atomic_write
+from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.state import PLAYERS
-from pipeline.publish.report.costs import costs_by_object
 from pipeline.publish.report.index_page import OBJECTS, render_index
-from pipeline.publish.report.object_records import Failure, read_failures, read_records
+from pipeline.publish.report.measured_objects import read_objects
 from pipeline.publish.report.pages import PAIRS, write_pages
-from pipeline.publish.report.stored_products import Shelf
+from pipeline.publish.report.summary import summaries
 from pipeline.publish.report.tables import (
     SPEED_ERROR_COLUMNS,
     csv_text,
-    metrics,
     metrics_text,
-    object_columns,
-    object_rows,
+    object_table,
     speed_error_rows,
 )
-
-__all__ = ["write_report"]
+from pipeline.run.costs import read_costs
 
 RESULTS = "bench/results"
 
@@ -33,7 +29,7 @@ def write_report(
     fidelity_folder: Path,
     costs_csv: Path,
     reports_folder: Path,
-    failures: Sequence[Mapping[str, Any]] = (),
+    failures: Iterable[FailedObject] = (),
     *,
     results: Path | None = None,
     pairs: int = PAIRS,
@@ -52,7 +48,7 @@ def write_report(
     reports_folder
         Made where it is missing.
     failures
-        Mappings with object, stage, error and remedy.
+        What the run before could not make.
     results
         Folder with results of comparisons; ``bench/results`` beside `reports_folder` by default.
     pairs
@@ -63,24 +59,21 @@ def write_report(
     InputError
         A cost table that is not one.
     """
-    fidelity_folder, reports_folder = Path(fidelity_folder), Path(reports_folder)
-    records, unreadable = read_records(fidelity_folder)
-    costs = costs_by_object(Path(costs_csv))
-    known = [*read_failures(failures), *unreadable]
-    own: dict[str, list[Failure]] = {}
+    objects, unreadable = read_objects(fidelity_folder, read_costs(costs_csv))
+    known = sorted([*failures, *unreadable], key=lambda one: (one.object, one.stage, one.error))
+    own: dict[str, list[FailedObject]] = {}
     for failure in known:
-        own.setdefault(failure.object_id, []).append(failure)
-    shelf = Shelf(fidelity_folder.parent)
-    cache = reports_folder.parent / PLAYERS
-    pages = write_pages(records, shelf, costs, own, reports_folder / OBJECTS, pairs, cache)
-    every = [*known, *pages.damaged]
-    paged = frozenset([*pages.made, *pages.kept])
+        own.setdefault(failure.object, []).append(failure)
+    paged, damaged = write_pages(
+        objects, fidelity_folder.parent, own, reports_folder / OBJECTS, pairs, reports_folder.parent / PLAYERS
+    )
+    known += damaged
     results = reports_folder.parent / RESULTS if results is None else results
     texts = {
-        "metrics.json": metrics_text(metrics(records, every)),
-        "per_object.csv": csv_text(object_columns(records, costs), object_rows(records, costs)),
-        "speed_error.csv": csv_text(SPEED_ERROR_COLUMNS, speed_error_rows(records, costs)),
-        "index.html": render_index(records, every, costs, results, paged),
+        "metrics.json": metrics_text(summaries(objects), objects, known),
+        "per_object.csv": object_table(objects),
+        "speed_error.csv": csv_text(SPEED_ERROR_COLUMNS, speed_error_rows(objects)),
+        "index.html": render_index(objects, known, results, paged),
     }
     for name, text in texts.items():
         with atomic_write(reports_folder / name) as file:

@@ -13,8 +13,8 @@ from pathlib import Path
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
+from objectfolder.provenance import file_digest
 from pipeline.publish.viewer.bake import FORMAT, bake
-from pipeline.publish.viewer.digest import file_digest
 
 PAGE = Path(__file__).parent / "page"
 SHARED_SCRIPTS = (
@@ -102,13 +102,14 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
     return PlayerFiles(target, len(script), baked)
 
 
-def write_player_assets(folder: Path) -> None:
-    """Write ``player.js`` and ``player.css``, once for all objects of a page."""
+def write_player_assets(folder: Path) -> set[str]:
+    """Write ``player.js`` and ``player.css``, once for all objects of a page; return their names."""
     folder.mkdir(parents=True, exist_ok=True)
     code = "".join((PAGE / name).read_text(encoding="utf-8") for name in (*SHARED_SCRIPTS, *STATIC_SCRIPTS))
     for name, text in (("player.js", code), ("player.css", (PAGE / "player.css").read_text("utf-8"))):
         with atomic_write(folder / name) as file:
             file.write(text.encode())
+    return {"player.js", "player.css"}
 
 
 def _data_of(object_file: Path) -> bytes:

@@ -1,0 +1,156 @@
+"""The objects of a report: what their fidelity products say, and what their products took to make."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import FormatError
+from objectfolder.store import read_attributes
+from pipeline.dataset.failures import FailedObject
+from pipeline.dataset.measures import number_at, smallest_margin_db
+from pipeline.dataset.stages import STAGES
+from pipeline.run.costs import QUERY, Cost
+
+PRODUCT_SUFFIX = ".zarr.zip"
+
+
+@dataclass(frozen=True)
+class MeasuredObject:
+    """One object: the attributes of its fidelity product, and the costs of its tasks in the order they ran.
+
+    Parameters
+    ----------
+    stored_name
+        Name of its products on disk, without a suffix.
+    """
+
+    stored_name: str
+    attributes: Mapping[str, Any]
+    costs: Sequence[Cost] = ()
+
+    @property
+    def object_id(self) -> str:
+        """Name of the object in every table."""
+        return str(self.description.get("id") or self.stored_name)
+
+    @property
+    def name(self) -> str:
+        """Name for people."""
+        return str(self.description.get("name") or self.object_id)
+
+    @property
+    def description(self) -> Mapping[str, Any]:
+        """Id, name, material, licence, attribution, source and length."""
+        return self.part("object")
+
+    @property
+    def margin_db(self) -> float | None:
+        """Smallest margin to a target, dB."""
+        return smallest_margin_db(self.attributes)
+
+    @property
+    def silent(self) -> bool:
+        """Whether the solver found no audible mode."""
+        return self.part("audio").get("audible") is False
+
+    @property
+    def warnings(self) -> list[str]:
+        """What was found odd of the mesh."""
+        return [text for text in self._list("body", "warnings") if isinstance(text, str)]
+
+    @property
+    def extents_mm(self) -> list[float]:
+        """Lengths of the bounding box, mm."""
+        return [1e3 * length for length in self._list("body", "extents_m") if isinstance(length, int | float)]
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages in order of the pipeline, then others that the object has behind it."""
+        return stage_names([self])
+
+    @property
+    def cpu_seconds(self) -> float | None:
+        """CPU seconds of all stages, None unless each was measured."""
+        seconds = [cost.cpu_s if (cost := self.cost(stage)) else None for stage in self.stages]
+        known = [value for value in seconds if value is not None]
+        return sum(known) if len(known) == len(seconds) else None
+
+    @property
+    def efforts(self) -> list[dict[str, Any]]:
+        """Bytes, seconds and error at each setting of each sense, in the order of the product."""
+        stated = self.attributes.get("speed_error")
+        entries = (
+            [entry for entry in stated if isinstance(entry, Mapping)] if isinstance(stated, list) else []
+        )
+        return [
+            {
+                "object": self.object_id,
+                "sense": str(entry.get("sense") or ""),
+                "setting": str(entry.get("setting") or ""),
+                "value": number_at(entry, "value"),
+                "seconds_per_query": self._seconds_per_query(str(entry.get("key") or "")),
+                "bytes": number_at(entry, "bytes"),
+                "error": number_at(entry, "error"),
+                "error_unit": str(entry.get("error_unit") or ""),
+            }
+            for entry in entries
+        ]
+
+    def part(self, name: str) -> Mapping[str, Any]:
+        """Return a part of the attributes, empty where the product has none."""
+        part = self.attributes.get(name)
+        return part if isinstance(part, Mapping) else {}
+
+    def cost(self, stage: str) -> Cost | None:
+        """Return the cost of the product that was measured, the latest where that is not known."""
+        return self._latest([cost for cost in self.costs if cost.stage == stage], stage)
+
+    def _seconds_per_query(self, key: str) -> float | None:
+        rows = [cost for cost in self.costs if cost.stage == QUERY and cost.key == key]
+        latest = self._latest([cost for cost in rows if cost.seconds_per_query is not None], "fidelity")
+        return latest.seconds_per_query if latest else None
+
+    def _latest(self, rows: Sequence[Cost], stage: str) -> Cost | None:
+        stated = self.part("provenance").get("fingerprints")
+        wanted = stated.get(stage) if isinstance(stated, Mapping) else None
+        rows = [cost for cost in rows if wanted in (None, cost.fingerprint)]
+        return rows[-1] if rows else None
+
+    def _list(self, part: str, name: str) -> list[Any]:
+        value = self.part(part).get(name)
+        return value if isinstance(value, list) else []
+
+
+def read_objects(folder: Path, costs: Iterable[Cost]) -> tuple[list[MeasuredObject], list[FailedObject]]:
+    """Read the attributes of every fidelity product of `folder`.
+
+    Returns
+    -------
+    tuple
+        The objects by id, and a failure for each product that cannot be read.
+    """
+    own: dict[str, list[Cost]] = {}
+    for cost in costs:
+        own.setdefault(cost.object_id, []).append(cost)
+    objects, failures = [], []
+    for path in sorted(folder.glob(f"*{PRODUCT_SUFFIX}")):
+        name = path.name.removesuffix(PRODUCT_SUFFIX)
+        try:
+            one = MeasuredObject(name, read_attributes(path))
+        except FormatError as error:
+            failures.append(FailedObject(name, "report", f"{path.name}: {error.finding}", error.remedy))
+        else:
+            objects.append(MeasuredObject(name, one.attributes, own.get(one.object_id, ())))
+    return sorted(objects, key=lambda one: one.object_id), failures
+
+
+def stage_names(objects: Iterable[MeasuredObject]) -> tuple[str, ...]:
+    """Return the stages in order of the pipeline, then others that these objects have behind them."""
+    others = {cost.stage for one in objects for cost in one.costs} - {*STAGES, QUERY}
+    return (*STAGES, *sorted(others))
+
+
+def worst_first(objects: Sequence[MeasuredObject]) -> list[MeasuredObject]:
+    """Order by the smallest margin to a target, worst first; objects without a measure come last."""
+    return sorted(objects, key=lambda one: (one.margin_db is None, one.margin_db or 0.0, one.object_id))
