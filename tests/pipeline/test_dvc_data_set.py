@@ -1,14 +1,21 @@
 """The stages of this project under DVC itself, over task bodies that cost nothing."""
 
 import json
+import os
 import subprocess
 
 import pytest
 import yaml
 
 from bench.overhead_repository import OverheadRepository
+from pipeline.audit.contents import Contents
+from pipeline.audit.stores import md5_of
+from pipeline.audit.verification import verify
+from pipeline.audit.versions import work_tree_version
+from pipeline.dataset.products import read_fingerprint
 from pipeline.dataset.stages import STAGES, VIEWS
 from pipeline.run.run_record import read_record, records
+from pipeline.store.memo import memo_folder, memo_name
 
 FIRST, SECOND, THIRD = (f"object_{number:05}" for number in range(3))
 
@@ -50,6 +57,12 @@ class Repository(OverheadRepository):
         """Number of files of a folder that dvc.lock has."""
         stages = yaml.safe_load((self.root / "dvc.lock").read_text())["stages"].values()
         return next(out["nfiles"] for stage in stages for out in stage.get("outs", []) if out["path"] == path)
+
+    def findings(self):
+        """What verification finds in the work tree."""
+        stages = tuple(STAGES.values())
+        with Contents(self.root) as contents:
+            return verify(contents, work_tree_version(contents, stages), stages).findings
 
     def changed(self, before: dict[str, int]) -> set[str]:
         return {path for path, time in self.times().items() if before.get(path) != time}
@@ -123,6 +136,49 @@ def test_one_stage_makes_itself_and_what_it_reads(tmp_path):
     VIEWS.path(repository.root, FIRST).unlink()
     repository.repro(0, "--single-item", "views")
     assert VIEWS.path(repository.root, FIRST).is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("in_cache", [False, True])
+def test_rotten_bits_with_size_and_time_unchanged_are_named_and_cured(repository, in_cache):
+    repository.repro()
+    path = VIEWS.path(repository.root, FIRST)
+    whole, digest = path.read_bytes(), md5_of(path)
+    cached = repository.root / ".dvc" / "cache" / "files" / "md5" / digest[:2] / digest[2:]
+    remembered = memo_folder(repository.root, read_fingerprint(path)) / memo_name(path)
+    rot(path)
+    assert repository.status() == {}  # DVC goes by size and time
+    (finding,) = repository.findings()
+    assert finding.where == str(path.relative_to(repository.root))
+    if in_cache:
+        for copy in (cached, remembered):
+            rot(copy)
+        (finding,) = repository.findings()
+        assert f"delete the file and {cached}, then" in finding.remedy
+        assert "or run `dvc repro`" in finding.remedy
+        path.unlink()
+        cached.unlink()
+        repository.repro()
+        assert md5_of(cached) == digest
+    else:
+        assert "delete the file, then `dvc checkout data/views`" in finding.remedy
+        path.unlink()
+        repository.run("dvc", "checkout", "data/views")
+    assert path.read_bytes() == whole
+    assert repository.findings() == ()
+    assert repository.status() == {}
+
+
+def rot(path):
+    """Flip a bit in the middle of a file, its times kept."""
+    known, mode = path.stat(), path.stat().st_mode
+    path.chmod(0o644)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    with path.open("r+b") as file:
+        file.write(data)
+    path.chmod(mode)
+    os.utime(path, ns=(known.st_atime_ns, known.st_mtime_ns))
 
 
 def tasks_of(path):
