@@ -30,7 +30,7 @@ STAGE_HEAD = re.compile(r"(?<=[^:\s])\n(  \w+:\n    desc:)")
 # Packages on which a stage depends as a whole, if on any of their modules.
 WHOLE = (
     "objectfolder.audio", "objectfolder.fidelity", "objectfolder.geometry", "objectfolder.touch",
-    "objectfolder.vision", "pipeline.dataset", "pipeline.publish",
+    "objectfolder.vision", "pipeline.audit", "pipeline.dataset", "pipeline.intake", "pipeline.publish",
 )  # fmt: skip
 
 
