@@ -8,61 +8,51 @@ import importlib
 import json
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from objectfolder.store import ZIP_DATE, Product, write_product
 from objectfolder.tensor_file import to_bytes
-from pipeline.dataset.crew import Finished, Job, Lost, Slot
+from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table, write_records
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Outcome
 from pipeline.run.converge import converge
 
-OFFERS = frozenset().union(*(stage.needs for stage in STAGES.values()))
 GROUP = "zarr.json"
 
 
 class Fabricating:
-    """A crew of one, that makes products at once."""
+    """Makes products at once, in this process."""
 
     def __init__(self) -> None:
-        self._job: Job | None = None
+        self._jobs: list[Job] = []
         self._entries: dict[str, dict[str, bytes]] = {}
 
-    def slots(self) -> Mapping[str, Slot]:
-        """Return its only slot."""
-        return {"here": Slot("here", "here", OFFERS)}
+    def submit(self, job: Job) -> None:
+        """Accept a job."""
+        self._jobs.append(job)
 
-    def memory_bytes(self) -> Mapping[str, int]:
-        """Return more than is ever asked for."""
-        return {"here": 1 << 50}
-
-    def may_still_offer(self, needs: frozenset[str]) -> bool:
-        """Return False: there will be nobody else."""
-        return False
-
-    def start(self, job: Job, slot: str) -> None:
-        """Take a job."""
-        self._job = job
-
-    def wait(self) -> Sequence[Finished | Lost]:
-        """Make the products of the job."""
-        assert self._job is not None
-        call = self._job.call
-        module, _, function = call.task.partition(":")
-        made = getattr(importlib.import_module(module), function)(call.request)
-        own = {"fingerprint": call.fingerprint, "provenance": dict(call.parts)}
-        for target, content in zip(call.targets, made if isinstance(made, tuple) else (made,), strict=True):
-            if isinstance(content, Product):
-                self._write(target, content.with_attributes(**own))
-            else:
-                target.write_bytes(to_bytes(content.with_metadata(**own)))
-        outcome = Outcome(call.request.object_id, None, 1.0, 1.0, 100_000_000, call.fingerprint)
-        return [Finished(self._job, "here", outcome)]
+    def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
+        """Make the products of the jobs."""
+        while self._jobs:
+            job = self._jobs.pop()
+            call = job.call
+            module, _, function = call.task.partition(":")
+            made = getattr(importlib.import_module(module), function)(call.request)
+            own = {"fingerprint": call.fingerprint, "provenance": dict(call.parts)}
+            for target, content in zip(
+                call.targets, made if isinstance(made, tuple) else (made,), strict=True
+            ):
+                if isinstance(content, Product):
+                    self._write(target, content.with_attributes(**own))
+                else:
+                    target.write_bytes(to_bytes(content.with_metadata(**own)))
+            outcome = Outcome(call.request.object_id, None, 1.0, 1.0, 100_000_000, call.fingerprint)
+            yield Finished(job, outcome)
 
     def _write(self, path: Path, product: Product) -> None:
         kind = path.parent.name

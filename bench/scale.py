@@ -23,18 +23,18 @@ from typing import Any
 
 import numpy as np
 import psutil
+from pipeline.dataset.crew import Job, Lost
+from pipeline.run.dispatch import Dispatch
 
 from bench.record import write
 from objectfolder.tensor_file import TensorFile
 from pipeline.dataset import products
-from pipeline.dataset.crew import Job, Lost
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.stage import ProductInput, Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Call, Request
 from pipeline.dataset.verified import Verified
-from pipeline.run.dispatch import Dispatch
 from pipeline.run.flow import Flow
 from pipeline.run.forecast.estimates import Estimates, packaged_costs
 

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
     """Build, verify, save; print the fidelity and the cost of each step."""
     from objectfolder.audio.materials import find_material, read_materials
     from objectfolder.catalogue import ObjectRecord
-    from pipeline.cluster.cluster import crew
+    from pipeline.cluster.cluster import runner
     from pipeline.cluster.places import Place
     from pipeline.dataset.parameters import read_parameters
     from pipeline.dataset.records import row_of
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
         # One stage at a time, so that one child process serves and a failure ends the rest.
         for stage in STAGES.values():
             (summary,) = converge(
-                [stage], root, parameters, rows, lambda jobs: crew(Place(workers=1), root, jobs)
+                [stage], root, parameters, rows, lambda jobs: runner(Place(workers=1), root, jobs)
             )
             if summary.failures:
                 failure = summary.failures[0]

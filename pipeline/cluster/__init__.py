@@ -1,1 +1,1 @@
-"""Where tasks run: places started or joined, and the crews that run tasks there."""
+"""Where tasks run: places started or joined, and how tasks run there."""

@@ -6,15 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.cluster.places import Place, read_place
-from pipeline.dataset.crew import Crew
+from pipeline.dataset.job import Runner
 
-__all__ = ["Place", "crew", "read_place"]
+__all__ = ["Place", "read_place", "runner"]
 
 FEW = 1  # jobs for which a cluster would cost more than it gives
+HERE = ("local", "cuda")  # kinds whose workers are this installation by construction
+STARTED_S = 120.0  # within which workers that are not queued for are there
 
 
 @contextlib.contextmanager
-def crew(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = ()) -> Iterator[Crew]:
+def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = ()) -> Iterator[Runner]:
     """Start or join what a place describes.
 
     Parameters
@@ -24,18 +26,36 @@ def crew(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = ()
     root
         The data folder, absolute.
     jobs_at_most
-        Jobs that there will be: no more workers are started, and no cluster for a single one here.
+        Jobs that there will be: no more threads are started, and no cluster for a single one here.
     stages
         Stages (`pipeline.dataset.stage.Stage`) to be run: what workers from elsewhere must have the code of.
+
+    Raises
+    ------
+    SimulationError
+        No scheduler answers.
     """
     # Each is imported only where it is used: together they take as long as a small run.
     if jobs_at_most <= FEW and place.kind == "local":
-        from pipeline.cluster.local_crew import LocalCrew
+        from pipeline.cluster.one_process import OneProcess
 
-        with LocalCrew(root, place.child, place.memory_gb) as alone:
-            yield alone
+        with OneProcess(root, place.child) as process:
+            yield process
         return
-    from pipeline.cluster import dask_cluster
+    from pipeline.cluster.dask_cluster import connect
+    from pipeline.cluster.dask_runner import DaskRunner
+    from pipeline.cluster.environment_check import environment_of
+    from pipeline.cluster.performance_report import performance_report
+    from pipeline.cluster.workers import WaitLimits
 
-    with dask_cluster.start(place, root, jobs_at_most, stages) as running:
+    workers_s = place.workers_within_s
+    if workers_s is None and place.kind in (*HERE, "ssh"):
+        workers_s = STARTED_S
+    environment = None if place.kind in HERE else environment_of(stages)
+    limits = WaitLimits(workers_s, place.pools_within_s)
+    with (
+        connect(place, root, jobs_at_most) as client,
+        DaskRunner(client, root, place.child, limits, environment, place.memory_gb) as running,
+        performance_report(client, root),
+    ):
         yield running

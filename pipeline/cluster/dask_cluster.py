@@ -1,23 +1,15 @@
 """Starting, or joining, the Dask cluster that a place describes."""
 
 import contextlib
-import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import SimulationError
 from pipeline.cluster import machine_cluster, tls
-from pipeline.cluster.dask_crew import DaskCrew, Patience
 from pipeline.cluster.dask_settings import settings
-from pipeline.cluster.environment_check import environment_of
-from pipeline.cluster.performance_report import performance_report
 from pipeline.cluster.places import Place
-from pipeline.dataset.run_id import run_id
 from pipeline.sandbox import scratch
-
-HERE = ("local", "cuda")  # kinds whose workers are this installation by construction
-SOON_S = 120.0  # within which workers that are not queued for are there
 
 
 @contextlib.contextmanager
@@ -61,35 +53,6 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
             finding = f"no scheduler answers ({error})"
             raise SimulationError("cluster", finding, "Start it, or correct its address.") from error
         yield client
-
-
-@contextlib.contextmanager
-def start(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any]) -> Iterator[DaskCrew]:
-    """Start or join what a place describes (see `pipeline.cluster.cluster.crew`)."""
-    with contextlib.ExitStack() as stack:
-        scratch.sweep()
-        dask_files = scratch.Scratch("dask")
-        stack.callback(dask_files.close)
-        stack.enter_context(settings({"temporary-directory": str(dask_files.path), **place.dask}))
-        certificates = _certificates(place, root)
-        security = tls.security(certificates) if certificates else None
-        address = stack.enter_context(_started(place, root, jobs_at_most, security, certificates))
-        tls.warn_if_open(address, certificates)
-        workers_s = place.workers_within_s
-        if workers_s is None and place.kind in (*HERE, "ssh"):
-            workers_s = SOON_S
-        running = stack.enter_context(
-            DaskCrew(
-                functools.partial(_connected, address, security),
-                root,
-                place.child,
-                None if place.kind in HERE else environment_of(stages),
-                place.memory_gb,
-                Patience(place.reconnect_s, workers_s, place.pools_within_s),
-            )
-        )
-        stack.enter_context(performance_report(lambda: running.client, root, run_id()))
-        yield running
 
 
 def _certificates(place: Place, root: Path) -> Path | None:

@@ -8,8 +8,6 @@ from typing import Any
 DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.daemon": False,  # workers have child processes
     "distributed.scheduler.worker-ttl": "60s",
-    "distributed.scheduler.allowed-failures": 0,  # what is lost is the driver's to try again
-    "distributed.scheduler.work-stealing": False,  # jobs are put where they are to run
     "distributed.deploy.lost-worker-timeout": "10 minutes",  # for a worker to restart on a busy machine
     "distributed.admin.tick.limit": "1 hour",
     # As they come, ticks and samples take 2 to 3 % of a core in every process; so, a fifth of that.

@@ -89,9 +89,9 @@ def differences(wanted: Environment, found: Environment) -> list[str]:
 
 
 def main() -> None:
-    """Answer on standard output for the names asked for on standard input, both as JSON."""
-    asked = Environment.from_json(sys.stdin.read())
-    print(environment_here(asked.packages, asked.code).as_json())
+    """Say on standard output what differs here from the environment on standard input, in one line."""
+    wanted = Environment.from_json(sys.stdin.read())
+    print(", ".join(differences(wanted, environment_here(wanted.packages, wanted.code))))
 
 
 if __name__ == "__main__":

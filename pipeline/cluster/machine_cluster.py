@@ -4,7 +4,7 @@ import contextlib
 import logging
 import os
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from objectfolder.errors import InputError
@@ -20,14 +20,11 @@ def start(place: Place, jobs_at_most: int, security: Any) -> Iterator[str]:
     from dask.system import CPU_COUNT
 
     if place.kind == "cuda":
-        environments: Sequence[Mapping[str, str]] = [{VISIBLE: device} for device in devices(place)]
+        workers = [_worker(place, security, 1, {VISIBLE: device}) for device in devices(place)]
+        workers = workers[:jobs_at_most]
     else:
-        environments = [{}] * (place.workers or CPU_COUNT)
-    with spec_cluster(
-        place,
-        security,
-        {index: _worker(place, security, own) for index, own in enumerate(environments[:jobs_at_most])},
-    ) as cluster:
+        workers = [_worker(place, security, min(place.workers or CPU_COUNT, jobs_at_most), {})]
+    with spec_cluster(place, security, dict(enumerate(workers))) as cluster:
         yield cluster.scheduler_address
 
 
@@ -82,11 +79,11 @@ def devices(place: Place) -> list[str]:
     return found
 
 
-def _worker(place: Place, security: Any, environment: Mapping[str, str]) -> dict[str, Any]:
+def _worker(place: Place, security: Any, threads: int, environment: Mapping[str, str]) -> dict[str, Any]:
     from distributed import Nanny
 
     options = {
-        "nthreads": 1,
+        "nthreads": threads,
         "memory_limit": 0,  # the memory is the children's, which the nanny does not see
         "host": listens_at(place),
         "protocol": "tls" if security else "tcp",

@@ -4,11 +4,12 @@ import contextlib
 import re
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from objectfolder.atomic import atomic_write
+from pipeline.dataset.run_id import run_id
 
 LEAST_S = 30.0  # a shorter run gets no report
 MOST_REPORTS = 10  # of some megabytes each: every page carries its scripts with it
@@ -17,9 +18,7 @@ ICON = re.compile(r"<link rel=\"shortcut icon\"[^>]*>")  # from a server of Dask
 
 
 @contextlib.contextmanager
-def performance_report(
-    client: Callable[[], Any], root: Path, run_id: str, least_s: float = LEAST_S
-) -> Iterator[None]:
+def performance_report(client: Any, root: Path, least_s: float = LEAST_S) -> Iterator[None]:
     """Keep what the scheduler and workers did meanwhile: tasks, profiles, memory, bandwidth, logs.
 
     A report that cannot be made or written is a warning, for the run has its products all the same.
@@ -27,31 +26,28 @@ def performance_report(
     Parameters
     ----------
     client
-        Returns the client of the scheduler, which may be another one at the end.
+        A connected client.
     root
         Root of the data set.
-    run_id
-        Names the file.
     least_s
         Seconds of a run that is worth a report.
     """
     begin, wall = time.monotonic(), time.time()
     with _warning():
-        _listen(client())
+        client.get_task_stream(start=0, stop=0)  # lets the scheduler note tasks from now on
     yield
     if time.monotonic() - begin < least_s:
         return
     with _warning():
-        scheduler = client()
-        page = scheduler.sync(
+        page = client.sync(
             # Bokeh's scripts inside the page: by default it loads them from a server of Bokeh's.
-            scheduler.scheduler.performance_report,
+            client.scheduler.performance_report,
             start=wall,
             last_count=0,
             code="",
             mode="inline",
         )
-        with atomic_write(root / "runs" / f"{run_id}{SUFFIX}") as file:
+        with atomic_write(root / "runs" / f"{run_id()}{SUFFIX}") as file:
             file.write(ICON.sub("", page).encode())
     for path in excess(root):
         path.unlink(missing_ok=True)
@@ -60,11 +56,6 @@ def performance_report(
 def excess(root: Path) -> list[Path]:
     """Return the oldest reports, beyond `MOST_REPORTS`."""
     return sorted((root / "runs").glob(f"*{SUFFIX}"))[:-MOST_REPORTS]
-
-
-def _listen(client: Any) -> None:
-    """Let the scheduler note tasks from now on."""
-    client.get_task_stream(start=0, stop=0)
 
 
 @contextlib.contextmanager

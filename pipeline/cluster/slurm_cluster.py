@@ -15,7 +15,7 @@ from typing import Any
 from objectfolder.errors import InputError, SimulationError
 from pipeline.cluster.machine_cluster import listens_at
 from pipeline.cluster.places import LOOPBACK, Place
-from pipeline.cluster.worker_task import HOST, MEMORY, USABLE
+from pipeline.cluster.pools import HOST, MEMORY, USABLE
 
 JOB = "${SLURM_JOB_ID}"
 

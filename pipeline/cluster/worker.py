@@ -15,7 +15,7 @@ from typing import Any
 from objectfolder.errors import InputError
 from pipeline.cluster import tls
 from pipeline.cluster.dask_settings import settings
-from pipeline.cluster.worker_task import HOST, MEMORY, NOTHING, POOLS
+from pipeline.cluster.pools import HOST, MEMORY, NOTHING, POOLS
 from pipeline.sandbox import scratch
 
 LOOPBACK = "127.0.0.1"
@@ -73,12 +73,11 @@ async def _work(options: argparse.Namespace, security: Any) -> int:
     if options.end_with_input:
         loop.add_reader(sys.stdin.fileno(), lambda: None if os.read(sys.stdin.fileno(), 4096) else stop.set())
     count = options.workers or len(os.sched_getaffinity(0))
-    keepers = [asyncio.create_task(_keep(options, security, stop)) for _ in range(count)]
-    await asyncio.gather(*keepers)
+    await _keep(options, security, stop, count)
     return 0 if stop.is_set() else 1
 
 
-async def _keep(options: argparse.Namespace, security: Any, stop: asyncio.Event) -> None:
+async def _keep(options: argparse.Namespace, security: Any, stop: asyncio.Event, threads: int) -> None:
     """Keep one worker at work: a new one each time that the scheduler has gone and returned."""
     from distributed import Nanny
 
@@ -86,7 +85,7 @@ async def _keep(options: argparse.Namespace, security: Any, stop: asyncio.Event)
         try:
             async with Nanny(
                 options.address,
-                nthreads=1,
+                nthreads=threads,
                 name=options.name,
                 memory_limit=0,
                 host=options.listen or _facing(options.address),

@@ -97,7 +97,7 @@ class Stage:
     packages
         Distributions whose version may change its numbers.
     needs
-        Pools of workers that can run it (`pipeline.dataset.crew.BLENDER`); empty for any.
+        Pools of workers that can run it (`pipeline.dataset.job.BLENDER`); empty for any.
     tolerances
         Arrays that another machine may make a little different; all others are the same bytes.
     """

@@ -1,6 +1,6 @@
 """The stages that converge, in order; what each makes, and exactly what it reads."""
 
-from pipeline.dataset.crew import BLENDER
+from pipeline.dataset.job import BLENDER
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.records import sources
 from pipeline.dataset.stage import ProductInput, Stage

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.dataset.crew import Crew, Job, Lost
+from pipeline.dataset.job import Job, Runner
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.task import Failure
 from pipeline.dataset.verified import Verified
 from pipeline.run.costs import Costs
-from pipeline.run.dispatch import Dispatch
 from pipeline.run.failure_table import failure_table
 from pipeline.run.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from pipeline.run.forecast.estimates import Estimates
 
 # From the number of tasks there are at most to who runs them; entered only where there are any.
-CrewFor = Callable[[int], AbstractContextManager[Crew]]
+RunnerFor = Callable[[int], AbstractContextManager[Runner]]
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def converge(
     root: Path,
     parameters: Parameters,
     rows: Mapping[str, Row],
-    crew_for: CrewFor,
+    runner_for: RunnerFor,
     refused: Sequence[Failure] = (),
     others: Collection[str] = (),
 ) -> list[Summary]:
@@ -72,8 +71,8 @@ def converge(
         Of the whole run; each stage picks what it reads.
     rows
         The objects to make.
-    crew_for
-        Who runs the tasks (see `pipeline.cluster.cluster.crew`).
+    runner_for
+        Who runs the tasks (see `pipeline.cluster.cluster.runner`).
     refused
         Objects that were refused before the first stage; they count as its failures.
     others
@@ -87,7 +86,7 @@ def converge(
     Raises
     ------
     SimulationError
-        The crew is gone. What is finished stays finished.
+        Nobody can run tasks any more. What is finished stays finished.
     """
     removed = {stage.name: _tidy(stage, root, {*rows, *others}) for stage in stages}
     verified = Verified(root)
@@ -105,7 +104,7 @@ def converge(
             jobs = flow.begin()
             verified.code.save()  # children read it, too
             if jobs:
-                _run(jobs, flow, crew_for, costs, record, progress)
+                _run(jobs, flow, runner_for, costs, record, progress)
         finally:
             progress.close()
             for stage in stages:
@@ -138,7 +137,7 @@ def converge(
 def _run(
     jobs: Sequence[Job],
     flow: Flow,
-    crew_for: CrewFor,
+    runner_for: RunnerFor,
     costs: Costs,
     record: RunRecord,
     progress: FlowProgress,
@@ -147,20 +146,16 @@ def _run(
     left = list(flow.unsettled())
     for expected in left:
         progress.expect(*expected)
-    with crew_for(len(left)) as crew:
-        dispatch = Dispatch(crew, flow.stands, progress.workers)
-        for job in jobs:
-            dispatch.add(job)
-        for event in dispatch.events():
-            stage = event.job.call.stage
-            if isinstance(event, Lost):
-                record.note("lost", task=event.job.key, slot=event.slot, reason=event.reason)
-                continue
-            if event.outcome.failure is None and event.outcome.wall_s > 0:
-                costs.add(stage, event.outcome)
-            record.task(stage, event.outcome, event.slot, event.host, event.tries)
-            for job in flow.done(event):
-                dispatch.add(job)
+    with runner_for(len(left)) as runner:
+        for job in sorted(jobs, key=lambda job: job.path_seconds, reverse=True):
+            runner.submit(job)
+        for ended in runner.finished(progress.workers):
+            stage, outcome = ended.job.call.stage, ended.outcome
+            if outcome.failure is None and outcome.wall_s > 0:
+                costs.add(stage, outcome)
+            record.task(stage, outcome, ended.worker, ended.host, ended.tries)
+            for job in flow.done(ended):
+                runner.submit(job)
 
 
 def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:

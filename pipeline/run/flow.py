@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
 from objectfolder.provenance import fingerprint
-from pipeline.dataset.crew import Finished, Job
+from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Prepared, Row, Stage
 from pipeline.dataset.task import Call, Failure, failure_of
@@ -82,13 +82,6 @@ class Flow:
             stage = self._stages[call.stage]
             self._fail(stage, object_id, finished.outcome.failure, finished.outcome.wall_s)
         return self._advance(object_id)
-
-    def stands(self, job: Job) -> bool:
-        """Whether the products of a job are in place, or were taken from the memo just now."""
-        call = job.call
-        return all(self._verified.holds(path, call.fingerprint) for path in call.targets) or memo.restore(
-            memo.memo_folder(self._root, call.fingerprint), call.fingerprint, call.targets
-        )
 
     def unsettled(self) -> Iterator[tuple[str, str, float]]:
         """Yield stage, object and expected wall seconds of what is still to be made or looked at."""

@@ -16,7 +16,7 @@ from pipeline.run.exclusive import running
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from pipeline.dataset.crew import Crew
+    from pipeline.dataset.job import Runner
     from pipeline.dataset.records import Records
     from pipeline.run.converge import Summary
 
@@ -110,13 +110,13 @@ def _converge(root: Path, names: Sequence[str]) -> int:
         )
     stages = [STAGES[name] for name in names]
 
-    def crew_for(jobs: int) -> "AbstractContextManager[Crew]":
-        from pipeline.cluster.cluster import crew
+    def runner_for(jobs: int) -> "AbstractContextManager[Runner]":
+        from pipeline.cluster.cluster import runner
 
-        return crew(place, root, jobs, stages)
+        return runner(place, root, jobs, stages)
 
     refused = selected.refused if "objects" in names else ()
-    summaries = converge(stages, root, parameters, selected.rows, crew_for, refused, others)
+    summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others)
     found = [(summary.stage, failure) for summary in summaries for failure in summary.failures]
     write_failures(root, found, names, others)
     _say_what_was_removed(summaries, records, parameters.objects.table)

@@ -1,7 +1,7 @@
 """Jobs for workers that do not share the data folder: inputs and products travel through a store.
 
-The driver's `Courier` publishes a job's inputs and collects its products; the `Shipment` between the two
-runs in the worker's child process. Everything in the store is named by its content (products by
+The driver publishes a job's inputs and collects its products; the `Shipment` between the two runs in the
+worker's child process. Everything in the store is named by its content (products by
 fingerprint, source files by SHA-256), so what is there already is not sent again, and a second writer
 changes nothing.
 """
@@ -18,17 +18,17 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError, Simu
 from objectfolder.geometry.source_files import source_files
 from objectfolder.provenance import file_digest
 from pipeline.dataset import products
-from pipeline.dataset.crew import Job
+from pipeline.dataset.job import Job
 from pipeline.dataset.task import Call, Outcome, Request, failure_of
 from pipeline.store import memo
 from pipeline.store.input_cache import InputCache, open_cache
-from pipeline.store.storage import STORE, Store, product_name, source_name
+from pipeline.store.storage import Store, product_name, source_name
 
 MESH, TEXTURE = "mesh", "texture"
 
 
 @dataclass(frozen=True)
-class Parcel:
+class StoredInput:
     """An input of a job.
 
     Parameters
@@ -68,14 +68,14 @@ class Shipment:
     ----------
     call
         The call; its paths mean nothing where it runs.
-    parcels
-        Its inputs by name.
+    inputs
+        Where the store has its inputs, by name.
     url
         The store.
     """
 
     call: Call
-    parcels: Mapping[str, Parcel]
+    inputs: Mapping[str, StoredInput]
     url: str
 
     @property
@@ -137,10 +137,10 @@ class Shipment:
         return outcome
 
     def _fetch(self, store: Store, cache: InputCache, folder: Path) -> dict[str, Path]:
-        inputs = {name: _below(folder, parcel.place) for name, parcel in self.parcels.items()}
-        for name, parcel in self.parcels.items():
+        inputs = {name: _below(folder, stored.place) for name, stored in self.inputs.items()}
+        for name, stored in self.inputs.items():
             try:
-                found = cache.fetch(store, parcel.name, inputs[name], parcel.check)
+                found = cache.fetch(store, stored.name, inputs[name], stored.check)
             except FormatError as error:
                 raise SimulationError(
                     store.url, f"its copy of the input {name} was damaged", "Run again: it is sent anew."
@@ -149,7 +149,7 @@ class Shipment:
                 raise SimulationError(store.url, f"the input {name} is gone", "Run again: it is sent anew.")
         if MESH in inputs:
             wanted = {os.path.normpath(path) for path in source_files(inputs[MESH], inputs.get(TEXTURE))}
-            if wanted != {str(path) for name, path in inputs.items() if not self.parcels[name].is_product}:
+            if wanted != {str(path) for name, path in inputs.items() if not self.inputs[name].is_product}:
                 raise InputError(
                     self.request.object_id,
                     "its mesh refers to files by a path that workers elsewhere do not have",
@@ -162,79 +162,50 @@ class Shipment:
         return Outcome(object_id, failure_of(object_id, error), fingerprint=self.call.fingerprint)
 
 
-class Courier:
-    """The driver's side; its methods may be called from several threads.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    url
-        The store; None for the one that ``OBJECTFOLDER_STORE`` names.
+def publish(job: Job, store: Store) -> Shipment:
+    """Put a job's inputs into the store, as far as they are not there.
 
     Raises
     ------
-    InputError
-        No store, or one that cannot be used.
-    SimulationError
-        It cannot be reached.
+    InputError, SimulationError
+        A file that is gone or changed, or a store that fails.
     """
-
-    def __init__(self, root: Path, url: str | None = None) -> None:
-        url = url or os.environ.get(STORE)
-        if not url:
-            remedy = f"Set {STORE} to a store that they reach, or share the folder."
-            raise InputError("workers", "they do not share the data folder", remedy)
-        self._root = root
-        self._store = Store(url)
-        self._store.check()
-
-    def publish(self, job: Job) -> Shipment:
-        """Put a job's inputs into the store, as far as they are not there.
-
-        Raises
-        ------
-        InputError, SimulationError
-            A file that is gone or changed, or a store that fails.
-        """
-        parcels = _parcels(job)
-        for name, parcel in parcels.items():
-            path = job.call.request.inputs[name]
-            try:
-                if self._store.size(parcel.name) != path.stat().st_size:
-                    self._send(path, parcel)
-            except FileNotFoundError as error:
-                raise InputError(path.name, "an input that was there is gone", "Run again.") from error
-        call = replace(job.call, request=replace(job.call.request, inputs={}), memo=None)
-        return Shipment(call, parcels, self._store.url)
-
-    def collect(self, job: Job) -> None:
-        """Put a finished job's products into place, each verified, and into the memo.
-
-        Raises
-        ------
-        FormatError
-            A product was missing or damaged; what was there is removed, and the job has to run again.
-        InputError, SimulationError
-            The store or the disk fails.
-        """
-        call = job.call
-        folder = call.memo or memo.memo_folder(self._root, call.fingerprint)
-        if memo.take(folder, call.fingerprint, call.targets, self._store):
-            return
-        for name in _product_names(call):
-            self._store.remove(name)
-        raise FormatError(self._store.url, f"the product of {job.key} is missing or damaged", "Run again.")
-
-    def _send(self, path: Path, parcel: Parcel) -> None:
+    inputs = _stored_inputs(job)
+    for name, stored in inputs.items():
+        path = job.call.request.inputs[name]
         try:
-            parcel.check(path)
+            if store.size(stored.name) != path.stat().st_size:
+                stored.check(path)
+                store.put(path, stored.name)
+        except FileNotFoundError as error:
+            raise InputError(path.name, "an input that was there is gone", "Run again.") from error
         except FormatError as error:
             raise InputError(path.name, "changed since the run began", "Run again.") from error
-        self._store.put(path, parcel.name)
+    call = replace(job.call, request=replace(job.call.request, inputs={}), memo=None)
+    return Shipment(call, inputs, store.url)
 
 
-def _parcels(job: Job) -> dict[str, Parcel]:
+def collect(job: Job, root: Path, store: Store) -> None:
+    """Put a finished job's products into place, each verified, and into the memo of the data set at `root`.
+
+    Raises
+    ------
+    FormatError
+        A product was missing or damaged; what was there is removed, and the job has to run again.
+    InputError, SimulationError
+        The store or the disk fails.
+    """
+    call = job.call
+    folder = call.memo or memo.memo_folder(root, call.fingerprint)
+    if memo.take(folder, call.fingerprint, call.targets, store):
+        return
+    for name in _product_names(call):
+        store.remove(name)
+    finding = f"the product of {call.stage} of {job.object_id} is missing or damaged"
+    raise FormatError(store.url, finding, "Run again.")
+
+
+def _stored_inputs(job: Job) -> dict[str, StoredInput]:
     """Return what a job's inputs are and where they belong."""
     object_id, inputs = job.call.request.object_id, job.call.request.inputs
     made = {name for name, path in inputs.items() if _is_product(name, path, object_id)}
@@ -242,7 +213,7 @@ def _parcels(job: Job) -> dict[str, Parcel]:
     common = os.path.commonpath([os.path.dirname(path) for path in sources.values()]) if sources else ""
     places = {name: f"sources/{Path(path).relative_to(common).as_posix()}" for name, path in sources.items()}
     places.update({name: f"products/{name}/{inputs[name].name}" for name in made})
-    return {name: Parcel(places[name], job.inputs[name], name in made) for name in inputs}
+    return {name: StoredInput(places[name], job.inputs[name], name in made) for name in inputs}
 
 
 def _is_product(name: str, path: Path, object_id: str) -> bool:

@@ -7,12 +7,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
 from toys import REPOSITORY, Toys
 
-from pipeline.dataset.crew import Job
+from pipeline.dataset.job import Finished, Job, Runner
 from pipeline.dataset.task import Call, Request
 
 LIMIT_S = float(os.environ.get("OBJECTFOLDER_TEST_LIMIT_S", "180"))
@@ -26,14 +27,22 @@ def job(toys: Toys, name: str, body: str = "1.0", needs: frozenset[str] = frozen
     return Job(call, needs=needs)
 
 
-def until(crew, wanted: Callable[[list], object], limit_s: float = LIMIT_S) -> list:
-    """Wait with the crew until `wanted(events so far)`; return the events."""
-    events: list = []
-    deadline = time.monotonic() + limit_s
-    while not wanted(events):
-        assert time.monotonic() < deadline, (events, crew.slots(), vars(crew))
-        events.extend(crew.wait())
-    return events
+def run(runner: Runner, *jobs: Job) -> list[Finished]:
+    """Run jobs to their ends; return these, in the order of the jobs."""
+    for one in jobs:
+        runner.submit(one)
+    ends = {end.job.object_id: end for end in runner.finished(lambda running, threads: None)}
+    return [ends[one.object_id] for one in jobs]
+
+
+@contextlib.contextmanager
+def running(runner: Runner, *jobs: Job) -> Iterator[list[Finished]]:
+    """Run jobs in another thread meanwhile; yield their ends, complete when the context ends well."""
+    ends: list[Finished] = []
+    with ThreadPoolExecutor(1) as pool:
+        thread = pool.submit(lambda: ends.extend(run(runner, *jobs)))
+        yield ends
+        thread.result(LIMIT_S)
 
 
 def eventually(condition: Callable[[], object], limit_s: float = LIMIT_S) -> None:

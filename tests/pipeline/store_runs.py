@@ -1,21 +1,23 @@
 """Runs of toys whose inputs and products travel through a store, as on workers without the data folder."""
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from toys import Toys
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from pipeline.dataset.crew import Finished, Job, Lost, Slot
+from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.task import Call, Outcome, failure_of
-from pipeline.run.converge import CrewFor, Summary, converge
+from pipeline.run.converge import RunnerFor, Summary, converge
 from pipeline.sandbox.child import execute
-from pipeline.store.shipping import Courier
+from pipeline.store.shipping import collect, publish
+from pipeline.store.storage import STORE, Store
 
 
 class Elsewhere:
-    """A crew of one that sees nothing of the data folder; it does what the crew of a cluster does.
+    """Runs jobs where nothing of the data folder is seen; it does what a cluster's driver and worker do.
 
     Parameters
     ----------
@@ -26,51 +28,38 @@ class Elsewhere:
     """
 
     def __init__(self, root: Path, run: Callable[[Call], Outcome] = execute) -> None:
-        self.courier = Courier(root)
+        self._root = root
+        self._store = Store(os.environ[STORE])
+        self._store.check()
         self._run = run
-        self._job: Job | None = None
+        self._jobs: list[Job] = []
 
-    def slots(self) -> Mapping[str, Slot]:
-        return {"elsewhere": Slot("elsewhere", "elsewhere")}
+    def submit(self, job: Job) -> None:
+        self._jobs.append(job)
 
-    def memory_bytes(self) -> Mapping[str, int]:
-        return {"elsewhere": 1 << 40}
-
-    def may_still_offer(self, needs: frozenset[str]) -> bool:
-        return False
-
-    def start(self, job: Job, slot: str) -> None:
-        assert self._job is None
-        self._job = job
-
-    def wait(self) -> Sequence[Finished | Lost]:
-        job, self._job = self._job, None
-        assert job is not None
-        object_id = job.call.request.object_id
-        try:
-            outcome = self.courier.publish(job).run(self._run)
-            if outcome.failure is None:
-                self.courier.collect(job)
-        except FormatError as error:
-            return [Lost(job, "elsewhere", str(error), counts=False)]
-        except ObjectFolderError as error:
-            outcome = Outcome(object_id, failure_of(object_id, error))
-        return [Finished(job, "elsewhere", outcome)]
+    def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
+        while self._jobs:
+            job = self._jobs.pop(0)
+            try:
+                outcome = publish(job, self._store).run(self._run)
+                if outcome.failure is None:
+                    collect(job, self._root, self._store)
+            except FormatError:
+                self._jobs.append(job)
+                continue
+            except ObjectFolderError as error:
+                outcome = Outcome(job.object_id, failure_of(job.object_id, error))
+            yield Finished(job, outcome)
 
 
-def elsewhere(root: Path, run: Callable[[Call], Outcome] = execute) -> CrewFor:
+def elsewhere(root: Path, run: Callable[[Call], Outcome] = execute) -> RunnerFor:
     """Who runs jobs without the data folder."""
-
-    @contextlib.contextmanager
-    def crew(jobs: int) -> Iterator[Elsewhere]:
-        yield Elsewhere(root, run)
-
-    return crew
+    return lambda jobs: contextlib.nullcontext(Elsewhere(root, run))
 
 
-def flow(toys: Toys, crew_for: CrewFor) -> list[Summary]:
+def flow(toys: Toys, runner_for: RunnerFor) -> list[Summary]:
     """All stages at once."""
-    return converge(toys.stages, toys.root, toys.parameters, toys.rows, crew_for)
+    return converge(toys.stages, toys.root, toys.parameters, toys.rows, runner_for)
 
 
 def made(toys: Toys) -> dict[str, bytes]:

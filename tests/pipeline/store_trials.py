@@ -108,9 +108,9 @@ class Trials:
     def _once(self, mode: str) -> list[str]:
         """Run all stages; return why objects failed, or the error that ended the run."""
         try:
-            crew_for = elsewhere(self.toys.root, self._execute) if mode == REMOTE else here
+            runner_for = elsewhere(self.toys.root, self._execute) if mode == REMOTE else here
             with mock.patch("toys.execute", self._execute):
-                summaries = flow(self.toys, crew_for)
+                summaries = flow(self.toys, runner_for)
             return [
                 f"{failure.error}. {failure.remedy}"
                 for summary in summaries

@@ -8,7 +8,6 @@ from toys import FILES, INGESTED, QUALITY, TUNED, Here
 
 from objectfolder.store import read_attributes
 from objectfolder.tensor_file import read_metadata
-from pipeline.dataset.crew import Lost
 from pipeline.dataset.products import read_fingerprint
 
 ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))
@@ -189,10 +188,10 @@ def test_half_written_leftovers_are_swept(toys):
 
 
 def test_longest_expected_first(toys):
-    crew = Here()
+    runner = Here()
     toys.add("ball", "1." + "0" * 50)
-    toys.converge(toys.ingest, crew_for=lambda jobs: nullcontext(crew))
-    assert crew.order[0] == "ingest ball"  # the largest input
+    toys.converge(toys.ingest, runner_for=lambda jobs: nullcontext(runner))
+    assert runner.order[0] == "ingest ball"  # the largest input
     costs = toys.root / ".objectfolder" / "costs.csv"
     rows = costs.read_text().splitlines()
     slow = next(row.split(",") for row in rows if row.startswith("dish,ingest"))
@@ -201,22 +200,22 @@ def test_longest_expected_first(toys):
     for name in toys.rows:
         INGESTED.path(toys.root, name).unlink()
     os.rename(toys.root / ".objectfolder" / "memo", toys.root / "gone")
-    crew.order.clear()
-    toys.converge(toys.ingest, crew_for=lambda jobs: nullcontext(crew))
-    assert crew.order[0] == "ingest dish"  # the longest last time
+    runner.order.clear()
+    toys.converge(toys.ingest, runner_for=lambda jobs: nullcontext(runner))
+    assert runner.order[0] == "ingest dish"  # the longest last time
 
 
 def test_an_object_goes_on_as_soon_as_its_own_inputs_are_there(toys):
-    crew = Here()
-    summaries = toys.flow(crew_for=lambda jobs: nullcontext(crew))
+    runner = Here()
+    summaries = toys.flow(runner_for=lambda jobs: nullcontext(runner))
     assert toys.executed() == ALL
     assert [summary.computed for summary in summaries] == [("ball", "cup", "dish")] * 3
     # Not one stage waits for all objects of the one before.
-    assert crew.order.index("ingest dish") > crew.order.index("ingest ball")
+    assert runner.order.index("ingest dish") > runner.order.index("ingest ball")
     for name in ("ball", "cup", "dish"):
-        steps = [crew.order.index(f"{stage} {name}") for stage in ("ingest", "tune", "encode")]
+        steps = [runner.order.index(f"{stage} {name}") for stage in ("ingest", "tune", "encode")]
         assert steps == sorted(steps)
-    assert toys.flow(crew_for=None)[0].kept == ("ball", "cup", "dish")
+    assert toys.flow(runner_for=None)[0].kept == ("ball", "cup", "dish")
     assert toys.executed() == []
 
 
@@ -260,16 +259,3 @@ def test_fingerprint_is_independent_of_place(toys):
     toys.rows["cup"]["mesh"] = moved
     toys.converge()
     assert read_fingerprint(INGESTED.path(toys.root, "cup")) == first
-
-
-class Forgetful(Here):
-    """Runs jobs, and is lost before it says so."""
-
-    def wait(self):
-        return [Lost(event.job, event.slot, "its worker went away") for event in super().wait()]
-
-
-def test_products_of_a_lost_worker_are_not_made_again(toys):
-    summaries = toys.flow(crew_for=lambda jobs: nullcontext(Forgetful()))
-    assert toys.executed() == ALL
-    assert [summary.computed for summary in summaries] == [("ball", "cup", "dish")] * 3

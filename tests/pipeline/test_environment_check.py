@@ -2,17 +2,16 @@
 
 import contextlib
 import dataclasses
-import json
 import os
 import subprocess
 import sys
 
 import pytest
-from processes import command, scheduler, until
+from processes import command, job, run, running, scheduler
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
-from pipeline.cluster import cluster
+from pipeline.cluster.cluster import runner
 from pipeline.cluster.environment_check import Environment, differences, environment_here, environment_of
 from pipeline.cluster.places import Place
 from pipeline.dataset.stages import STAGES
@@ -63,43 +62,62 @@ def test_all_stages_are_covered():
     assert {name for stage in STAGES.values() for name in stage.packages} == set(wanted.packages)
 
 
-def test_the_answer_of_another_process_is_the_same():
-    answer = subprocess.run(
-        [sys.executable, "-m", "pipeline.cluster.environment_check"],
-        input=HERE.as_json(),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert differences(HERE, Environment.from_json(answer.stdout)) == []
-    assert json.loads(answer.stdout)["packages"] == dict(HERE.packages)
+def test_another_process_of_this_installation_finds_no_difference():
+    for wanted, said in ((HERE, ""), (dataclasses.replace(HERE, python="2.7"), "Python 3.")):
+        answer = subprocess.run(
+            [sys.executable, "-m", "pipeline.cluster.environment_check"],
+            input=wanted.as_json(),
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert answer.stdout.strip()[: len(said) or None] == said
 
 
 @pytest.mark.slow
-def test_a_differing_worker_gets_no_work_and_the_run_says_which_and_why(toys, capsys):
-    """One worker has this code; the other sees an older numpy, by a folder of metadata in its path."""
+def test_a_differing_worker_gets_no_work_and_the_run_says_which_and_why(toys, capfd):
+    """One worker has this code; one sees an older numpy, by a folder of metadata in its path."""
     older = toys.root / "older" / "numpy-1.0.dist-info"
     older.mkdir(parents=True)
     (older / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n")
-    place = Place(kind="address", pools_within_s=2.0)
     with contextlib.ExitStack() as stack:
         address, _ = stack.enter_context(scheduler(toys.root))
-        place = dataclasses.replace(place, address=address)
+        place = Place(kind="address", address=address, pools_within_s=2.0)
         path = os.pathsep.join([str(older.parent), str(REPOSITORY), os.environ["PYTHONPATH"]])
         other = stack.enter_context(command(toys.root, "worker", address, "--workers", "1", PYTHONPATH=path))
-        stages = (toys.ingest,)
         with (
-            cluster.crew(place, toys.root, 3, stages) as running,
+            runner(place, toys.root, 3, [toys.ingest]) as started,
             pytest.raises(SimulationError, match=r"no worker may work.*numpy 1\.0 instead of"),
         ):
-            until(running, lambda _: running.slots())
+            run(started, job(toys, "early"))
         patient = dataclasses.replace(place, pools_within_s=600.0)
-        with cluster.crew(patient, toys.root, 3, stages) as running:
-            # A late joiner is looked at as well, and this one may work.
-            stack.enter_context(command(toys.root, "worker", address, "--workers", "1"))
-            until(running, lambda _: running.slots())
-            assert len(running.slots()) == 1
+        with runner(patient, toys.root, 3, [toys.ingest]) as started:
+            with running(started, job(toys, "late")) as ends:
+                # A late joiner is looked at as well, and this one may work.
+                stack.enter_context(command(toys.root, "worker", address, "--workers", "1"))
+            assert ends[0].outcome.failure is None
         assert other.poll() is None
-    said = capsys.readouterr().err
+    said = capfd.readouterr().err
     assert "gets no work: numpy 1.0 instead of" in said
     assert "requirements.lock" in said
+
+
+WITHOUT_PROJECT = """
+import pickle, sys
+sys.modules["pipeline"] = None
+print(pickle.loads(sys.stdin.buffer.read())._difference())
+"""
+
+
+@pytest.mark.parametrize(("needed", "said"), [(True, "does not see the data folder /nowhere"), (False, "")])
+def test_the_check_runs_where_the_project_is_not_installed(needed, said):
+    from distributed.protocol.pickle import dumps
+
+    from pipeline.cluster import dask_runner
+
+    plugin = dask_runner.Admission("name", None, ("/nowhere", "token", "secret"), needed, None)
+    answer = subprocess.run(
+        [sys.executable, "-c", WITHOUT_PROJECT], input=dumps(plugin), capture_output=True, check=True
+    )
+    assert said in answer.stdout.decode()
+    assert bool(answer.stdout.strip()) == needed

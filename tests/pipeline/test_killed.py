@@ -4,17 +4,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 
 import psutil
 import pytest
 from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed
 from ground import Ground, wait_for
-from toys import FILES, QUALITY, Here
+from toys import FILES, QUALITY
 
 from pipeline.dataset import products
-from pipeline.dataset.crew import Finished, Lost
 
 CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(6)}
 
@@ -40,39 +37,6 @@ def test_killed_at_random_moments(tmp_path, expected, place, what):
     assert disturbed.kills
     assert {name: found for name, found in disturbed.verdict(expected).items() if found} == {}
     assert disturbed.watcher.reads >= len(expected)
-
-
-class Forgetful(Here):
-    """A crew that loses each job after it is done, the first time."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.lost: set[str] = set()
-
-    def wait(self) -> Sequence[Finished | Lost]:
-        (finished,) = super().wait()
-        assert isinstance(finished, Finished)
-        if finished.job.key in self.lost:
-            return [finished]
-        self.lost.add(finished.job.key)
-        return [Lost(finished.job, finished.slot, "went away")]
-
-
-def test_done_and_then_lost_is_not_done_again(toys):
-    crews = []
-
-    @contextmanager
-    def crew_for(jobs: int) -> Iterator[Forgetful]:
-        crews.append(Forgetful())
-        yield crews[-1]
-
-    summaries = toys.flow(crew_for=crew_for)
-    assert toys.executed() == sorted(f"{stage.name} {name}" for stage in toys.stages for name in toys.rows)
-    assert all(not summary.failures for summary in summaries)
-    assert all(
-        len((*summary.computed, *summary.restored, *summary.kept)) == len(toys.rows) for summary in summaries
-    )
-    assert len(crews[0].lost) == len(toys.rows) * len(toys.stages)
 
 
 def test_killed_between_the_two_kinds_of_a_stage(toys, monkeypatch):

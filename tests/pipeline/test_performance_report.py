@@ -6,6 +6,7 @@ import time
 import pytest
 
 from pipeline.cluster.performance_report import MOST_REPORTS, excess, performance_report
+from pipeline.dataset.run_id import RUN_ID
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +29,10 @@ def client():
 
 
 @pytest.mark.slow
-def test_a_report_holds_its_scripts_and_the_tasks_of_the_run(client, tmp_path):
+def test_a_report_holds_its_scripts_and_the_tasks_of_the_run(client, tmp_path, monkeypatch):
     pytest.importorskip("bokeh")
-    with performance_report(lambda: client, tmp_path, "20260102T000000Z-aa", least_s=0.0):
+    monkeypatch.setenv(RUN_ID, "20260102T000000Z-aa")
+    with performance_report(client, tmp_path, least_s=0.0):
         for index in range(3):
             client.submit(time.sleep, 0.01, key=f"views-mug_{index}", pure=False).result()
     (path,) = (tmp_path / "runs").iterdir()
@@ -45,24 +47,25 @@ def test_a_report_holds_its_scripts_and_the_tasks_of_the_run(client, tmp_path):
 
 
 def test_short_runs_get_none(client, tmp_path):
-    with performance_report(lambda: client, tmp_path, "short", least_s=3600.0):
+    with performance_report(client, tmp_path, least_s=3600.0):
         pass
     assert not (tmp_path / "runs").exists()
 
 
 def test_a_scheduler_that_is_gone_is_a_warning(tmp_path):
-    def gone():
-        raise OSError("the scheduler went away")
+    class Gone:
+        def get_task_stream(self, **window: float) -> None:
+            raise OSError("the scheduler went away")
 
     with (
         pytest.warns(UserWarning, match="the scheduler went away"),
-        performance_report(gone, tmp_path, "x", 0.0),
+        performance_report(Gone(), tmp_path),
     ):
         pass
 
 
 def test_the_run_s_own_failure_passes_through(client, tmp_path):
-    with pytest.raises(KeyError), performance_report(lambda: client, tmp_path, "x", 0.0):
+    with pytest.raises(KeyError), performance_report(client, tmp_path):
         raise KeyError("its own")
 
 

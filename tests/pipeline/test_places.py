@@ -6,7 +6,7 @@ import pytest
 
 from objectfolder.errors import InputError
 from pipeline.cluster import machine_cluster
-from pipeline.cluster.cluster import crew
+from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import KINDS, Place, read_place
 
 ADDRESS = "tls://10.0.0.1:8786"
@@ -113,7 +113,7 @@ def test_a_place_that_is_not_there_is_never_replaced_by_another(root):
 def test_a_package_that_is_missing_is_named_with_the_way_to_get_it(root, monkeypatch, place, module, extra):
     monkeypatch.setitem(sys.modules, module, None)
     remedy = rf"not installed.*pip install 'objectfolder-factory\[{extra}\]'"
-    with pytest.raises(InputError, match=remedy), crew(place, root, 5):
+    with pytest.raises(InputError, match=remedy), runner(place, root, 5):
         pass
 
 

@@ -11,19 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import run
 from store_runs import Elsewhere, elsewhere, flow, made
 from toys import REPOSITORY
 
 from objectfolder.errors import FormatError, InputError, SimulationError
 from pipeline.dataset import products
-from pipeline.dataset.crew import Job
+from pipeline.dataset.job import Job
 from pipeline.dataset.stages import OBJECTS, STAGES
 from pipeline.dataset.task import Call, Request
 from pipeline.sandbox.child import execute
 from pipeline.sandbox.isolation import Child, ChildSettings
 from pipeline.store import memo
 from pipeline.store.input_cache import InputCache
-from pipeline.store.shipping import Courier
+from pipeline.store.shipping import collect, publish
 from pipeline.store.storage import STORE, Store, product_name, source_name
 
 FINGERPRINT = "cd" * 32
@@ -85,10 +86,7 @@ def test_what_is_in_the_store_is_neither_sent_nor_made_again(toys, store, monkey
     for summary in toys.converge():
         assert summary.restored == ("ball", "cup", "dish")
     jobs = _jobs(toys, toys.tune)
-    crew = Elsewhere(toys.root)
-    for job in jobs:
-        crew.start(job, "elsewhere")
-        (finished,) = crew.wait()
+    for finished in run(Elsewhere(toys.root), *jobs):
         assert finished.outcome.failure is None
         assert finished.outcome.wall_s == 0  # nothing ran
     assert toys.executed() == []
@@ -113,9 +111,7 @@ def test_a_mesh_finds_the_files_that_it_refers_to(store, tmp_path):
     (target,) = job.call.targets
     expected = target.read_bytes()
     target.unlink()
-    crew = Elsewhere(tmp_path)
-    crew.start(job, "elsewhere")
-    (finished,) = crew.wait()
+    (finished,) = run(Elsewhere(tmp_path), job)
     assert finished.outcome.failure is None
     assert target.read_bytes() == expected
     names = sorted(path.relative_to(store).as_posix() for path in store.rglob("*") if path.is_file())
@@ -131,7 +127,7 @@ def test_a_mesh_that_refers_to_a_place_of_the_drivers_machine_is_refused(store, 
     job = _object_job(tmp_path, scan / "mug.obj")
     if len(job.inputs) == 1:
         pytest.skip("such references are not followed")
-    shipment = Courier(tmp_path).publish(job)
+    shipment = publish(job, Store(os.environ[STORE]))
     # As on a machine where that path is not.
     library.unlink()
     outcome = shipment.run(execute)
@@ -141,9 +137,9 @@ def test_a_mesh_that_refers_to_a_place_of_the_drivers_machine_is_refused(store, 
 @pytest.mark.parametrize("place", ["../escaped", "/escaped", "sources/../../escaped"])
 def test_no_input_leaves_the_folder_of_its_job(toys, store, place):
     (job,) = _jobs(toys, toys.ingest)[:1]
-    shipment = Courier(toys.root).publish(job)
-    (parcel,) = shipment.parcels.values()
-    changed = dataclasses.replace(shipment, parcels={"mesh": dataclasses.replace(parcel, place=place)})
+    shipment = publish(job, Store(os.environ[STORE]))
+    (stored,) = shipment.inputs.values()
+    changed = dataclasses.replace(shipment, inputs={"mesh": dataclasses.replace(stored, place=place)})
     assert "outside the job's folder" in changed.run(execute).failure.error
     assert toys.executed() == []
 
@@ -204,43 +200,43 @@ def test_a_product_that_cannot_be_sent_is_kept_and_sent_by_the_next_run(toys, st
 
     with monkeypatch.context() as during:
         during.setattr(Store, "put", broken)
-        (summary,) = toys.flow(toys.tune, crew_for=elsewhere(toys.root))
+        (summary,) = toys.flow(toys.tune, runner_for=elsewhere(toys.root))
     assert sorted(failure.object_id for failure in summary.failures) == ["ball", "cup", "dish"]
     assert "no success" in summary.failures[0].error
     assert not list(toys.root.glob("data/tuned/*"))
     assert len(toys.executed()) == 3
-    (summary,) = toys.flow(toys.tune, crew_for=elsewhere(toys.root))
+    (summary,) = toys.flow(toys.tune, runner_for=elsewhere(toys.root))
     assert summary.computed == ("ball", "cup", "dish")
     assert toys.executed() == []
 
 
 def test_an_input_damaged_in_the_store_is_removed_and_sent_anew(toys, store):
     (job, *_) = _jobs(toys, toys.ingest)
-    courier = Courier(toys.root)
-    shipment = courier.publish(job)
+    store_of_both = Store(os.environ[STORE])
+    shipment = publish(job, store_of_both)
     (stored,) = (path for path in store.rglob("*") if path.is_file())
     stored.write_bytes(b"9.9")  # of the right size
     outcome = shipment.run(execute)
     assert "its copy of the input mesh was damaged" in outcome.failure.error
     assert not stored.exists()
     assert toys.executed() == []
-    assert courier.publish(job).run(execute).failure is None
+    assert publish(job, store_of_both).run(execute).failure is None
 
 
 def test_a_product_damaged_in_the_store_is_not_collected(toys, store):
     (job, *_) = _jobs(toys, toys.ingest)
-    courier = Courier(toys.root)
-    assert courier.publish(job).run(execute).failure is None
+    store_of_both = Store(os.environ[STORE])
+    assert publish(job, store_of_both).run(execute).failure is None
     name = product_name(job.call.fingerprint, "ingested.zarr.zip")
     (store / name).write_bytes((store / name).read_bytes()[:-5])
     with pytest.raises(FormatError, match="missing or damaged"):
-        courier.collect(job)
+        collect(job, toys.root, store_of_both)
     assert not (store / name).exists()
     assert not job.call.targets[0].exists()
     toys.executed()
-    assert courier.publish(job).run(execute).failure is None  # the worker still has it
+    assert publish(job, store_of_both).run(execute).failure is None  # the worker still has it
     assert toys.executed() == []
-    courier.collect(job)
+    collect(job, toys.root, store_of_both)
     products.verify(job.call.targets[0])
 
 
@@ -248,29 +244,23 @@ def test_an_input_changed_on_its_way_is_not_sent(toys, store):
     (job, *_) = _jobs(toys, toys.ingest)
     job.call.request.inputs["mesh"].write_text("7.0")
     with pytest.raises(InputError, match="changed since the run began"):
-        Courier(toys.root).publish(job)
+        publish(job, Store(os.environ[STORE]))
     job.call.request.inputs["mesh"].unlink()
     with pytest.raises(InputError, match="is gone"):
-        Courier(toys.root).publish(job)
+        publish(job, Store(os.environ[STORE]))
     assert not [path for path in store.rglob("*") if path.is_file()]
-
-
-def test_without_a_store_workers_elsewhere_are_refused(toys, monkeypatch):
-    monkeypatch.delenv(STORE, raising=False)
-    with pytest.raises(InputError, match=r"do not share the data folder.*OBJECTFOLDER_STORE"):
-        Courier(toys.root)
 
 
 def test_a_child_process_takes_a_shipment_as_it_takes_a_call(toys, store):
     (job, *_) = _jobs(toys, toys.ingest)
-    courier = Courier(toys.root)
-    shipment = pickle.loads(pickle.dumps(courier.publish(job)))
+    store_of_both = Store(os.environ[STORE])
+    shipment = pickle.loads(pickle.dumps(publish(job, store_of_both)))
     with Child(toys.root, ChildSettings()) as child:
         outcome = child.run(shipment)
     assert outcome.failure is None
     assert outcome.wall_s > 0
     assert not job.call.targets[0].exists()
-    courier.collect(job)
+    collect(job, toys.root, store_of_both)
     products.verify(job.call.targets[0])
     assert toys.executed() == ["ingest ball"]
 
@@ -333,7 +323,7 @@ def test_workers_of_one_host_share_the_cache_while_some_are_killed(store, cache,
 
 
 def _jobs(toys, stage) -> list[Job]:
-    """What a driver would hand to a crew for a stage, whatever is there."""
+    """What a driver would submit for a stage, whatever is there."""
     from objectfolder.provenance import fingerprint
     from pipeline.dataset.verified import Verified
 

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import eventually, job, until
+from processes import eventually, job, run
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
 from pipeline.cluster import slurm_cluster, tls
-from pipeline.cluster.cluster import crew
+from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import Place, Slurm
-from pipeline.dataset.crew import Finished
 
 pytest.importorskip("dask_jobqueue")
 
@@ -61,13 +60,9 @@ def commands(folder: Path, **scripts: str) -> str:
 
 
 def work(toys, where: Place) -> None:
-    with crew(where, toys.root, 5, (toys.ingest,)) as running:
-        until(running, lambda _: running.slots())
-        (slot,) = running.slots().values()
-        assert running.memory_bytes() == {slot.host: int(0.9e9)}  # of the job, not of its node
-        running.start(job(toys, "good"), slot.name)
-        (end,) = until(running, lambda events: events)
-    assert isinstance(end, Finished)
+    with runner(where, toys.root, 5, (toys.ingest,)) as started:
+        (end,) = run(started, job(toys, "good"))
+        assert started.largest_bytes() == pytest.approx(0.9e9)  # of the job, not of its node
     assert end.outcome.failure is None
     assert toys.executed() == ["ingest good"]
 
@@ -94,13 +89,13 @@ def test_with_stand_ins_for_its_commands_and_tls(toys, tmp_path, monkeypatch):
 
 def test_a_job_that_slurm_refuses_ends_the_run_with_its_words(toys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", commands(tmp_path / "bin", sbatch=REFUSES, scancel=SCANCEL))
-    with pytest.raises(SimulationError, match="Invalid account"), crew(place(), toys.root, 5):
+    with pytest.raises(SimulationError, match="Invalid account"), runner(place(), toys.root, 5):
         pass
 
 
 def test_without_slurm_the_run_says_where_to_go(toys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(SimulationError, match="login node"), crew(place(), toys.root, 5):
+    with pytest.raises(SimulationError, match="login node"), runner(place(), toys.root, 5):
         pass
 
 

@@ -6,14 +6,13 @@ import threading
 import time
 
 import pytest
-from processes import eventually, job, until
+from processes import eventually, job, run
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
 from pipeline.cluster import ssh_cluster, tls
-from pipeline.cluster.cluster import crew
+from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import Place, Ssh
-from pipeline.dataset.crew import Finished
 
 asyncssh = pytest.importorskip("asyncssh")
 
@@ -94,14 +93,10 @@ def server(tmp_path):
 @pytest.mark.slow
 def test_workers_over_ssh_with_tls_do_the_work_and_end_with_the_run(toys, server, monkeypatch):
     monkeypatch.delenv("OBJECTFOLDER_TLS", raising=False)
-    with crew(server.place(toys, tls=True), toys.root, 5, (toys.ingest,)) as running:
-        until(running, lambda _: running.slots())
-        (slot,) = running.slots()
-        assert slot.startswith("tls://")
+    with runner(server.place(toys, tls=True), toys.root, 5, (toys.ingest,)) as started:
         body = "poison import os; raise OSError(os.environ['GREETING'])"
-        running.start(job(toys, "greets", body), slot)
-        (end,) = until(running, lambda events: events)
-        assert isinstance(end, Finished)
+        (end,) = run(started, job(toys, "greets", body))
+        assert end.worker.startswith("tls://")
         assert end.outcome.failure.error == "OSError: it's"
     assert server.commands == ["sh -s"]  # neither secrets nor certificates stand in a command line
     eventually(lambda: all(one.returncode is not None for one in server.running))
@@ -110,7 +105,7 @@ def test_workers_over_ssh_with_tls_do_the_work_and_end_with_the_run(toys, server
 def test_a_machine_that_refuses_is_said_so(toys, server, capsys):
     place = server.place(toys, workers_within_s=20.0)
     server.client_key.write_bytes(asyncssh.generate_private_key("ssh-ed25519").export_private_key())
-    with crew(place, toys.root, 5) as running:
+    with runner(place, toys.root, 5) as started:
         said: list[str] = []
 
         def told() -> bool:
@@ -120,7 +115,7 @@ def test_a_machine_that_refuses_is_said_so(toys, server, capsys):
         eventually(told)
         begun = time.monotonic()
         with pytest.raises(SimulationError, match="no worker for"):
-            until(running, lambda events: False)
+            run(started, job(toys, "good"))
         assert time.monotonic() - begun < 120
     assert "tried again in" in "".join(said)
 

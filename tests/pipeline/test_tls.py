@@ -4,13 +4,12 @@ import asyncio
 import stat
 
 import pytest
-from processes import job, until
+from processes import job, run
 
 from objectfolder.errors import InputError
 from pipeline.cluster import tls
-from pipeline.cluster.cluster import crew
+from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import Place
-from pipeline.dataset.crew import Finished
 
 
 @pytest.fixture
@@ -86,13 +85,9 @@ async def _attempts(own, stranger):
 
 def test_a_run_with_tls(toys, monkeypatch):
     monkeypatch.delenv("OBJECTFOLDER_TLS", raising=False)
-    with crew(Place(workers=1, tls=True), toys.root, 2) as running:
-        until(running, lambda _: running.slots())
-        (name,) = running.slots()
-        assert name.startswith("tls://127.0.0.1:")
-        running.start(job(toys, "good"), name)
-        (end,) = until(running, lambda events: events)
-    assert isinstance(end, Finished)
+    with runner(Place(workers=1, tls=True), toys.root, 2) as started:
+        (end,) = run(started, job(toys, "good"))
+    assert end.worker.startswith("tls://127.0.0.1:")
     assert end.outcome.failure is None
     assert (toys.root / tls.DEFAULT / tls.KEY).exists()
 

@@ -7,11 +7,11 @@ import signal
 
 import psutil
 import pytest
-from processes import command, eventually, job, kill, scheduler, until
+from processes import command, eventually, job, kill, run, scheduler
 
 from objectfolder.errors import InputError
 from pipeline.cluster import worker
-from pipeline.cluster.cluster import crew
+from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import Place
 
 
@@ -46,22 +46,20 @@ def test_it_ends_with_all_it_started_and_leaves_no_file(toys):
         address, _ = stack.enter_context(scheduler(toys.root))
         options = ("--workers", "1", "--scratch", str(scratch), "--memory-gb", "2")
         process = stack.enter_context(command(toys.root, "worker", address, *options))
-        with crew(Place(kind="address", address=address), toys.root, 3) as running:
-            until(running, lambda _: running.slots())
-            assert list(running.memory_bytes().values()) == [2_000_000_000]
-            (slot,) = running.slots()
+        with runner(Place(kind="address", address=address), toys.root, 3) as started:
+            (end,) = run(started, job(toys, "good"))
+            assert started.largest_bytes() == 2e9
             litter = "poison import time; open('litter', 'w').close(); time.sleep(600)"
-            running.start(job(toys, "still", litter), slot)
+            started.submit(job(toys, "still", litter))
             eventually(lambda: list(scratch.rglob("litter")))
-            # A worker that is killed takes its child along, and what that left.
+            (before,) = scratch.rglob("litter")
+            # A worker that is killed takes its child along, and what that left; its task begins anew.
+            port = end.worker.rpartition(":")[2]
             for one in psutil.Process(process.pid).children(recursive=True):
                 with contextlib.suppress(psutil.NoSuchProcess, ProcessLookupError):  # taken along already
-                    if any(str(c.laddr.port) == slot.rpartition(":")[2] for c in one.net_connections()):
+                    if any(str(c.laddr.port) == port for c in one.net_connections()):
                         os.kill(one.pid, signal.SIGKILL)
-            until(running, lambda events: events and running.slots())
-            eventually(lambda: not list(scratch.rglob("litter")))
-            (slot,) = running.slots()
-            running.start(job(toys, "again", litter), slot)
+            eventually(lambda: not before.exists())
             eventually(lambda: list(scratch.rglob("litter")))
             offspring = psutil.Process(process.pid).children(recursive=True)
             assert len(offspring) >= 3  # the worker, the guard, the child
@@ -76,11 +74,9 @@ def test_a_worker_command_killed_takes_everything_with_it(toys):
     with contextlib.ExitStack() as stack:
         address, _ = stack.enter_context(scheduler(toys.root))
         process = stack.enter_context(command(toys.root, "worker", address, "--workers", "1"))
-        with crew(Place(kind="address", address=address), toys.root, 3) as running:
-            until(running, lambda _: running.slots())
-            running.start(job(toys, "still", "poison import time; time.sleep(600)"), min(running.slots()))
+        with runner(Place(kind="address", address=address), toys.root, 3) as started:
+            started.submit(job(toys, "still", "poison import time; time.sleep(600)"))
             eventually((toys.root / "executed.log").exists)
             offspring = psutil.Process(process.pid).children(recursive=True)
             kill(process)
             assert psutil.wait_procs(offspring, timeout=60)[1] == []
-            until(running, lambda events: events and not running.slots())

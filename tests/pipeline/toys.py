@@ -3,15 +3,15 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.dataset.crew import Finished, Job, Lost, Slot
+from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.stage import ProductInput, Stage
-from pipeline.run.converge import CrewFor, Summary, converge
+from pipeline.run.converge import RunnerFor, Summary, converge
 from pipeline.sandbox.child import execute
 
 REPOSITORY = Path(__file__).parents[2]
@@ -37,7 +37,8 @@ def ingest(request):
     executed("ingest", request)
     text = request.inputs["mesh"].read_text()
     if text.startswith("poison"):
-        exec(text.partition(" ")[2])
+        code, _, text = text.partition("\\n")
+        exec(code.partition(" ")[2])
     values = np.full((8, 300), float(text))
     return Product(
         {"values": Array(values, ("row", "column"), "1", "toy")},
@@ -68,7 +69,7 @@ from pathlib import Path
 sys.path.insert(0, "@TESTS@")
 from toys import Toys
 
-from pipeline.cluster.cluster import crew, read_place
+from pipeline.cluster.cluster import read_place, runner
 from pipeline.run.converge import converge
 
 if __name__ == "__main__":
@@ -80,7 +81,7 @@ if __name__ == "__main__":
     stages = [getattr(toys, name) for name in sys.argv[1].split(",")]
     place = read_place(root)
     summaries = converge(
-        stages, root, toys.parameters, toys.rows, lambda jobs: crew(place, root, jobs)
+        stages, root, toys.parameters, toys.rows, lambda jobs: runner(place, root, jobs)
     )
     sys.exit(max(summary.exit_code(allow_failures=len(sys.argv) > 2) for summary in summaries))
 '''
@@ -146,13 +147,13 @@ class Toys:
     def stages(self) -> tuple[Stage, ...]:
         return self.ingest, self.tune, self.encode
 
-    def converge(self, *stages: Stage, crew_for: CrewFor | None = None) -> list[Summary]:
+    def converge(self, *stages: Stage, runner_for: RunnerFor | None = None) -> list[Summary]:
         """Converge stages one after the other, as DVC does."""
-        return [self.flow(stage, crew_for=crew_for)[0] for stage in stages or self.stages]
+        return [self.flow(stage, runner_for=runner_for)[0] for stage in stages or self.stages]
 
-    def flow(self, *stages: Stage, crew_for: CrewFor | None = None) -> list[Summary]:
+    def flow(self, *stages: Stage, runner_for: RunnerFor | None = None) -> list[Summary]:
         """Converge stages at once."""
-        return converge(stages or self.stages, self.root, self.parameters, self.rows, crew_for or here)
+        return converge(stages or self.stages, self.root, self.parameters, self.rows, runner_for or here)
 
     def save(self) -> None:
         """Write what a driver process needs."""
@@ -169,30 +170,21 @@ class Toys:
 
 
 class Here:
-    """A crew of one that runs jobs in this process, and notes their order."""
+    """Runs jobs in this process, those with the longest chain first, and notes their order."""
 
     def __init__(self) -> None:
         self.order: list[str] = []
-        self._job: Job | None = None
+        self._jobs: list[Job] = []
 
-    def slots(self) -> Mapping[str, Slot]:
-        return {"here": Slot("here", "here")}
+    def submit(self, job: Job) -> None:
+        self._jobs.append(job)
 
-    def memory_bytes(self) -> Mapping[str, int]:
-        return {"here": 1 << 40}
-
-    def may_still_offer(self, needs: frozenset[str]) -> bool:
-        return False
-
-    def start(self, job: Job, slot: str) -> None:
-        assert self._job is None
-        self._job = job
-        self.order.append(f"{job.call.stage} {job.call.request.object_id}")
-
-    def wait(self) -> Sequence[Finished | Lost]:
-        job, self._job = self._job, None
-        assert job is not None
-        return [Finished(job, "here", execute(job.call))]
+    def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
+        while self._jobs:
+            job = max(self._jobs, key=lambda one: one.path_seconds)
+            self._jobs.remove(job)
+            self.order.append(f"{job.call.stage} {job.object_id}")
+            yield Finished(job, execute(job.call))
 
 
 @contextmanager

@@ -1,0 +1,284 @@
+"""Running jobs on the workers of a Dask scheduler, which decides what runs where and when."""
+
+import hashlib
+import itertools
+import math
+import os
+import queue
+import secrets
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import cloudpickle
+
+from objectfolder.errors import FormatError
+from pipeline.cluster import pools, worker_plugin
+from pipeline.cluster.environment_check import Environment
+from pipeline.cluster.run_task import Answer, DataFolder, run_task
+from pipeline.cluster.worker_plugin import MEMORY_BYTES, Admission
+from pipeline.cluster.workers import LOOK_S, WaitLimits, Workers, gone
+from pipeline.dataset.job import Finished, Job, failed
+from pipeline.dataset.state import STATE
+from pipeline.dataset.task import Outcome, failure_of
+from pipeline.sandbox.isolation import ChildSettings
+from pipeline.store.shipping import Shipment, collect, publish
+from pipeline.store.storage import STORE, Store
+
+MOST_KILLS = 2  # of a task's own process, after which it fails
+MOST_DAMAGED = 3  # copies of a product in the store, after which its task fails
+TRANSFERS = 8  # tasks whose files are on their way to or from the store at once
+FEWER = "Out of memory, most likely: run fewer workers, or lower the settings of this stage."
+
+for module in (worker_plugin, pools):
+    cloudpickle.register_pickle_by_value(module)
+
+
+@dataclass(eq=False)
+class _Task:
+    """A job on its way."""
+
+    job: Job
+    memory_bytes: int
+    tries: int = 0
+    kills: int = 0
+    damaged: int = 0
+    suspected: bool = False  # workers died while they had it
+    shipment: Shipment | None = None
+    answer: Answer | None = None
+    step: Any = None  # the future of what happens to it now
+
+
+class DaskRunner:
+    """Runs jobs on the workers of a scheduler that have this process's environment.
+
+    Parameters
+    ----------
+    client
+        A connected client.
+    root
+        The data folder, absolute.
+    settings
+        How the child processes of the workers run.
+    limits
+        How long to wait for workers.
+    environment
+        What a worker must have; None where it is this one by construction.
+    memory_gb
+        Memory of a worker that tasks may take; None for what each worker says.
+    """
+
+    def __init__(
+        self,
+        client: Any,
+        root: Path,
+        settings: ChildSettings,
+        limits: WaitLimits,
+        environment: Environment | None = None,
+        memory_gb: float | None = None,
+    ) -> None:
+        wanted = environment.as_json() if environment else None
+        folder_needed = not os.environ.get(STORE)
+        digest = hashlib.sha256(f"{root} {folder_needed} {wanted}".encode()).hexdigest()
+        name = f"objectfolder-{digest[:12]}"
+        self._client = client
+        self._settings = settings
+        self._run = secrets.token_hex(8)
+        self._folder = DataFolder(root, f"{STATE}/shared-{self._run}", secrets.token_hex(16))
+        folder = (str(root), self._folder.token_name, self._folder.token)
+        self._plugin = Admission(name, wanted, folder, folder_needed, memory_gb)
+        self._workers = Workers(client, name, limits)
+        self._numbers = itertools.count()
+        self._tasks: set[_Task] = set()
+        self._suspects: list[_Task] = []  # they run alone, after all others
+        self._ended: queue.SimpleQueue[tuple[_Task, Any, Callable[[_Task], Finished | None]]]
+        self._ended = queue.SimpleQueue()
+        self._transfers = ThreadPoolExecutor(TRANSFERS, thread_name_prefix="store")
+        self._store: Any = None  # once a worker was found that does not see the data folder
+
+    def __enter__(self) -> "DaskRunner":
+        token = self._folder.root / self._folder.token_name
+        token.parent.mkdir(exist_ok=True)
+        token.write_text(self._folder.token)
+        self._workers.listen()
+        self._client.register_plugin(self._plugin, self._plugin.name)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # The plugin stays: it ends the children of tasks that are given up now.
+        self._transfers.shutdown(cancel_futures=True)
+        for task in self._tasks:
+            if task.step is not None and hasattr(task.step, "release"):
+                task.step.release()
+        (self._folder.root / self._folder.token_name).unlink(missing_ok=True)
+
+    def submit(self, job: Job) -> None:
+        """Accept a job; the scheduler runs those with the longest chain behind them first."""
+        self._begin(_Task(job, job.memory_bytes))
+
+    def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
+        """Yield jobs as they end (see `pipeline.dataset.job.Runner`).
+
+        A task whose process is killed is tried again with all memory of a worker, and fails the second time.
+        Dask runs the tasks of a worker that dies elsewhere. It gives up those that were on too many such
+        workers, running there or waiting. These run one by one after all others, so that only the one that
+        kills its worker fails.
+        """
+        while self._tasks or self._suspects:
+            if not self._tasks:
+                self._begin(self._suspects.pop())
+            if self._workers.look():
+                yield from self._review()
+            on_workers(min(len(self._tasks), self._workers.threads), self._workers.threads)
+            for task, step, then in self._waited():
+                if task.step is step and (ended := then(task)) is not None:
+                    yield ended
+
+    def largest_bytes(self) -> int:
+        """Return the memory that tasks may take on the largest worker."""
+        return self._workers.largest_bytes(())
+
+    def _waited(self) -> Iterator[tuple[_Task, Any, Callable[[_Task], Finished | None]]]:
+        """Yield the steps that ended; wait for a first one until it is time to look at the workers."""
+        try:
+            yield self._ended.get(timeout=LOOK_S)
+            while True:
+                yield self._ended.get_nowait()
+        except queue.Empty:
+            return
+
+    def _begin(self, task: _Task) -> None:
+        self._tasks.add(task)
+        if self._store is None or task.shipment is not None:
+            self._send(task)
+        else:
+            step = self._transfers.submit(publish, task.job, self._store)
+            self._await(task, step, self._after_publishing)
+
+    def _send(self, task: _Task) -> None:
+        job = task.job
+        task.tries += 1
+        task.memory_bytes = min(task.memory_bytes, self._workers.largest_bytes(job.needs))
+        step = self._client.submit(
+            run_task,
+            job.call,
+            task.shipment,
+            self._folder,
+            self._settings,
+            job.memory_bytes,
+            key=self._key(job),
+            priority=job.path_seconds,
+            resources={
+                self._plugin.name: 1,
+                MEMORY_BYTES: task.memory_bytes,
+                **dict.fromkeys(job.needs, 1),
+            },
+            pure=False,
+        )
+        self._await(task, step, self._after_run)
+
+    def _key(self, job: Job) -> str:
+        """Return a key that no other try and no other driver of this scheduler uses.
+
+        Dask takes what stands before the first number for a kind of task, and shares out work between workers
+        by the mean seconds of a kind. So tasks that are expected to take as long, within a factor of 1.4, are
+        of one kind.
+        """
+        kind = f"{job.call.stage}_{round(2 * math.log2(job.seconds + 1))}"
+        return f"{kind}-{next(self._numbers)}-{self._run}-{job.object_id}"
+
+    def _await(self, task: _Task, step: Any, then: Callable[[_Task], Finished | None]) -> None:
+        task.step = step
+        step.add_done_callback(lambda _: self._ended.put((task, step, then)))
+
+    def _after_publishing(self, task: _Task) -> Finished | None:
+        if (error := task.step.exception()) is not None:
+            return self._finish(task, outcome_of(task.job, error))
+        task.shipment = task.step.result()
+        self._send(task)
+        return None
+
+    def _after_run(self, task: _Task) -> Finished | None:
+        step = task.step
+        if step.status == "cancelled":
+            raise gone()
+        if step.status == "error":
+            return self._after_error(task, step.exception())
+        task.answer = answer = step.result()
+        step.release()
+        if answer.killed:
+            return self._after_kill(task)
+        if answer.outcome is None:
+            return self._after_unseen_folder(task)
+        if answer.shipped and answer.outcome.failure is None:
+            step = self._transfers.submit(collect, task.job, self._folder.root, self._store)
+            self._await(task, step, self._after_collecting)
+            return None
+        return self._finish(task, answer.outcome)
+
+    def _after_error(self, task: _Task, error: BaseException) -> Finished | None:
+        """Take the end of a task that failed around its call, not in it."""
+        if type(error).__name__ != "KilledWorker":
+            return self._finish(task, outcome_of(task.job, error))
+        if task.suspected:
+            return self._finish(task, failed(task.job, f"workers died under it ({error})", FEWER))
+        task.suspected = True
+        self._tasks.remove(task)
+        self._suspects.append(task)
+        return None
+
+    def _after_kill(self, task: _Task) -> Finished | None:
+        """Try a task again whose process was killed, with all memory of a worker: the likeliest reason."""
+        assert task.answer is not None
+        task.kills += 1
+        if task.kills >= MOST_KILLS:
+            return self._finish(task, failed(task.job, f"{task.answer.killed}, {MOST_KILLS} times", FEWER))
+        task.memory_bytes = max(task.memory_bytes, self._workers.largest_bytes(task.job.needs))
+        self._send(task)
+        return None
+
+    def _after_unseen_folder(self, task: _Task) -> Finished | None:
+        """Send a task again by the store, for its worker does not see the data folder."""
+        if self._store is None:
+            self._store = Store(os.environ[STORE])
+            self._store.check()
+        self._begin(task)
+        return None
+
+    def _after_collecting(self, task: _Task) -> Finished | None:
+        assert task.answer is not None
+        assert task.answer.outcome is not None
+        error = task.step.exception()
+        if isinstance(error, FormatError) and task.damaged < MOST_DAMAGED:
+            task.damaged += 1
+            self._send(task)
+            return None
+        outcome = task.answer.outcome if error is None else outcome_of(task.job, error)
+        return self._finish(task, outcome)
+
+    def _review(self) -> Iterator[Finished]:
+        """Send tasks again that ask for more memory than any worker has; end those that nobody can run."""
+        missing = {needs: self._workers.missing(needs) for needs in {task.job.needs for task in self._tasks}}
+        for task in list(self._tasks):
+            if all(missing.values()):  # those that can run run first
+                remedy = "Add workers that do (the place in cluster/ says what they offer)."
+                problem = f"no worker offers {missing[task.job.needs]}"
+                yield self._finish(task, failed(task.job, problem, remedy))
+            elif task.memory_bytes > self._workers.largest_bytes(task.job.needs):
+                task.step.release()
+                self._send(task)
+
+    def _finish(self, task: _Task, outcome: Outcome) -> Finished:
+        self._tasks.remove(task)
+        worker, host = (task.answer.worker, task.answer.host) if task.answer else ("", "")
+        return Finished(task.job, outcome, worker, host, max(1, task.tries))
+
+
+def outcome_of(job: Job, error: BaseException) -> Outcome:
+    """Return the outcome of a job that ended with an error outside its process."""
+    return Outcome(job.object_id, failure_of(job.object_id, error))

@@ -1,0 +1,34 @@
+"""What a worker says of itself: its host, its memory, and the pools of workers that it belongs to."""
+
+import importlib.util
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from pipeline.dataset.job import BLENDER, GPU
+
+HOST = "OBJECTFOLDER_WORKER_HOST"  # the name under which a worker's host is recorded
+MEMORY = "OBJECTFOLDER_WORKER_MEMORY_GB"  # what tasks may take on a worker
+POOLS = (BLENDER, GPU)
+USABLE = 0.9  # of a worker's memory, where nobody said how much
+NOTHING = "nothing"  # resource of a worker that was started for no pool
+
+
+def offers_here() -> list[str]:
+    """Return the pools that this process can serve, by what is installed; nothing is imported."""
+    able = {BLENDER: importlib.util.find_spec("bpy") is not None, GPU: _has_gpu()}
+    return [pool for pool, there in able.items() if there]
+
+
+def stated(resources: Mapping[str, float]) -> list[str]:
+    """Return the pools that a worker was started for, else those that it can serve."""
+    if any(name in resources for name in (*POOLS, NOTHING)):
+        return [pool for pool in POOLS if resources.get(pool)]
+    return offers_here()
+
+
+def _has_gpu() -> bool:
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    if visible is not None and visible.strip() in ("", "-1", "NoDevFiles"):
+        return False
+    return any(Path("/dev").glob("nvidia[0-9]*")) or Path("/dev/dxg").exists()

@@ -1,0 +1,147 @@
+"""What a Dask task runs in a worker: a call, in a child process of the worker's thread."""
+
+import contextlib
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from objectfolder.errors import FormatError
+from pipeline.cluster.pools import HOST
+from pipeline.dataset import products
+from pipeline.dataset.task import Call, Outcome
+from pipeline.sandbox.isolation import Child, ChildSettings, ProcessKilled
+
+if TYPE_CHECKING:
+    from pipeline.store.shipping import Shipment
+
+
+@dataclass(frozen=True)
+class DataFolder:
+    """The driver's data folder, with a file in it by which a worker knows that it sees the same folder."""
+
+    root: Path
+    token_name: str
+    token: str
+
+    def is_seen(self) -> bool:
+        """Whether this process sees the folder."""
+        try:
+            return (self.root / self.token_name).read_text() == self.token
+        except OSError:
+            return False
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a worker says of a call.
+
+    Parameters
+    ----------
+    worker, host
+        Where it ran.
+    outcome
+        How it ended; None where its process was killed, or its inputs are not in the store.
+    killed
+        How its process was killed, if it was.
+    shipped
+        Whether its products are in the store, and not in the data folder.
+    """
+
+    worker: str
+    host: str
+    outcome: Outcome | None = None
+    killed: str = ""
+    shipped: bool = False
+
+
+def run_task(
+    call: Call,
+    shipment: "Shipment | None",
+    folder: DataFolder,
+    settings: ChildSettings,
+    expected_bytes: int,
+) -> Answer:
+    """Run a call in the child process of this worker thread.
+
+    Parameters
+    ----------
+    call
+        What to run where the worker sees the data folder.
+    shipment
+        The same for a worker that does not; None if its inputs are not in the store yet.
+    folder, settings, expected_bytes
+        The data folder, how children run, and the memory that the call is expected to take.
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    shares = folder.is_seen()
+    answer = Answer(worker.address, os.environ.get(HOST) or _host(worker.ip), shipped=not shares)
+    if shares and _stands(call):  # made by an earlier try that could not say so
+        return replace(answer, outcome=Outcome(call.request.object_id, fingerprint=call.fingerprint))
+    if not shares and shipment is None:
+        return answer
+    child = _child(folder.root if shares else Path.cwd(), settings)
+    try:
+        with _ended_if_given_up(worker.get_current_task(), child):
+            outcome = child.run(call if shares or shipment is None else shipment, expected_bytes)
+    except ProcessKilled as error:
+        return replace(answer, killed=str(error))
+    return replace(answer, outcome=outcome)
+
+
+def give_up(key: str) -> None:
+    """End the child process of a task that nobody waits for any more."""
+    with _lock:
+        child = _children.get(key)
+        if child is not None:
+            child.interrupt()
+
+
+_lock = threading.Lock()
+_children: dict[str, Child] = {}  # by key of the task
+_of_thread = threading.local()
+
+
+@contextlib.contextmanager
+def _ended_if_given_up(key: str, child: Child) -> Iterator[None]:
+    with _lock:
+        _children[key] = child
+    try:
+        yield
+    finally:
+        with _lock:
+            del _children[key]
+
+
+def _child(root: Path, settings: ChildSettings) -> Child:
+    """Return the child of this thread; a worker may see several runs, each with its own settings."""
+    made = getattr(_of_thread, "made", None)
+    if made is None or made[0] != (root, settings):
+        if made is not None:
+            made[1].__exit__(None, None, None)
+        made = _of_thread.made = ((root, settings), Child(root, settings))
+    child: Child = made[1]
+    return child
+
+
+def _stands(call: Call) -> bool:
+    """Whether all products of a call are in place, whole."""
+    if not all(path.exists() for path in call.targets):
+        return False
+    try:
+        for path in call.targets:
+            products.verify(path)
+        return {products.read_fingerprint(path) for path in call.targets} == {call.fingerprint}
+    except (OSError, FormatError):
+        return False
+
+
+def _host(ip: str) -> str:
+    """Return one name for all workers of a machine; hosts with one name differ by their addresses."""
+    name = socket.gethostname()
+    return name if ip.startswith("127.") or ip == "::1" else f"{name} ({ip})"

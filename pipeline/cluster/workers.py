@@ -1,0 +1,136 @@
+"""The workers of a scheduler, as the driver of a run sees them."""
+
+import math
+import sys
+import time
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from objectfolder.errors import SimulationError
+from pipeline.cluster.worker_plugin import MEMORY_BYTES, TOPIC
+
+UNKNOWN_BYTES = 1 << 60  # more than any worker has
+LOOK_S = 2.0  # between looks at the list of workers
+TELL_AFTER_S = 10.0  # without a worker
+GONE = "the scheduler went away"
+
+
+@dataclass(frozen=True)
+class WaitLimits:
+    """How long to wait for workers, in seconds.
+
+    Parameters
+    ----------
+    workers_s
+        While there is none; None for ever.
+    pools_s
+        After a worker joined or left, for others that offer what none does.
+    """
+
+    workers_s: float | None = None
+    pools_s: float = 60.0
+
+
+@dataclass
+class Workers:
+    """Workers that were admitted, and why others were not.
+
+    Parameters
+    ----------
+    client
+        A connected client.
+    name
+        Resource that an admitted worker has (`pipeline.cluster.worker_plugin.Admission`).
+    limits
+        How long to wait.
+    """
+
+    client: Any
+    name: str
+    limits: WaitLimits
+    threads: int = 0
+    _admitted: dict[str, Mapping[str, float]] = field(default_factory=dict)  # their resources
+    _refused: dict[str, str] = field(default_factory=dict)
+    _changed_at: float = field(default_factory=time.monotonic)
+    _looked_at: float = -math.inf
+    _told: bool = False
+
+    def listen(self) -> None:
+        """Hear from now on of workers that are not admitted."""
+        self.client.subscribe_topic(TOPIC, self._hear)
+
+    def look(self) -> bool:
+        """Bring the list up to date, if it is time to; return whether it was.
+
+        Raises
+        ------
+        SimulationError
+            The scheduler is gone, or no worker may work and none joined within the limits.
+        """
+        now = time.monotonic()
+        if now - self._looked_at < LOOK_S:
+            return False
+        self._looked_at = now
+        try:
+            if self.client.status != "running":
+                raise OSError(self.client.status)
+            found = self.client.scheduler_info(n_workers=-1)["workers"]
+        except OSError as error:
+            raise gone() from error
+        admitted = {
+            address: worker["resources"]
+            for address, worker in found.items()
+            if worker["resources"].get(self.name)
+        }
+        if admitted.keys() != self._admitted.keys():
+            self._changed_at = now
+        self._admitted = admitted
+        self._refused = {address: why for address, why in self._refused.items() if address in found}
+        self.threads = sum(found[address]["nthreads"] for address in admitted)
+        if not admitted:
+            self._check_wait(now - self._changed_at, len(found))
+        return True
+
+    def largest_bytes(self, needs: Collection[str]) -> int:
+        """Return the memory of the largest worker that offers `needs`; `UNKNOWN_BYTES` without any."""
+        return max((int(one[MEMORY_BYTES]) for one in self._able(needs)), default=UNKNOWN_BYTES)
+
+    def missing(self, needs: Collection[str]) -> str:
+        """Return what no worker offers, though workers are there and others were waited for; else nothing."""
+        if not self._admitted or self._able(needs):
+            return ""
+        if time.monotonic() - self._changed_at < self.limits.pools_s:
+            return ""
+        offered = {pool for worker in self._admitted.values() for pool in worker if worker[pool]}
+        return ", ".join(sorted(set(needs) - offered)) or "all it needs in one place"
+
+    def _able(self, needs: Collection[str]) -> list[Mapping[str, float]]:
+        return [worker for worker in self._admitted.values() if all(worker.get(need) for need in needs)]
+
+    def _check_wait(self, waited_s: float, present: int) -> None:
+        if self._refused and len(self._refused) >= present and waited_s >= self.limits.pools_s:
+            raise SimulationError(
+                "cluster", "no worker may work", "; ".join(sorted(set(self._refused.values())))
+            )
+        if self.limits.workers_s is not None and waited_s >= self.limits.workers_s:
+            raise SimulationError(
+                "cluster",
+                f"no worker for {waited_s:.0f} s",
+                "Look at its log, or raise workers_within_s of the place.",
+            )
+        if waited_s >= TELL_AFTER_S and not self._told:
+            self._told = True
+            print(f"waiting for a worker at {self.client.scheduler.address}", file=sys.stderr)
+
+    def _hear(self, event: tuple[float, Mapping[str, Any]]) -> None:
+        """Take the news that a worker was not admitted; called from the client's event loop."""
+        _, message = event
+        if message["name"] == self.name:
+            self._refused[message["worker"]] = message["problem"]
+            print(f"worker {message['worker']} gets no work: {message['problem']}", file=sys.stderr)
+
+
+def gone() -> SimulationError:
+    """Return the error of a run whose scheduler went away."""
+    return SimulationError("cluster", GONE, "Run again: nothing finished is lost.")
