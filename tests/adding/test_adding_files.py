@@ -11,7 +11,7 @@ from PIL import Image
 from objectfolder.errors import InputError
 from objectfolder.geometry.load import load_mesh
 from pipeline.intake.add.naming import checked_id, object_id_of, safe_name
-from pipeline.intake.add.source_copy import Layout, copied, folder_digest, layout_of
+from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
 from pipeline.intake.add.units import is_doubtful, length_doubts, possible_lengths, unit_problem
 
 CUBE = trimesh.creation.box((0.1, 0.06, 0.04))
@@ -53,10 +53,9 @@ def write_format(folder: Path, suffix: str) -> Path:
 def copy_of(mesh: Path, texture: Path | None, parent: Path) -> tuple[Path, Path | None]:
     """The copied mesh and texture, in the place they were renamed to."""
     layout = layout_of(mesh, texture)
-    with copied(layout, parent, "thing") as folder:
-        folder.rename(parent / "thing")
+    copy_files(layout, parent / "thing")
     assert [path.name for path in parent.iterdir()] == ["thing"]
-    assert folder_digest(parent / "thing") == layout.digest()
+    assert folder_digest(parent / "thing") == digest_of(layout.files)
     return parent / "thing" / layout.mesh, layout.texture and parent / "thing" / layout.texture
 
 
@@ -103,16 +102,17 @@ def test_a_copy_that_reads_other_files_is_refused(tmp_path):
     part = Layout(
         {place: file for place, file in whole.files.items() if place.suffix != ".png"}, whole.mesh, None
     )
-    with pytest.raises(InputError, match="--texture"), copied(part, tmp_path / "to", "thing"):
-        pass
+    with pytest.raises(InputError, match="--texture"):
+        copy_files(part, tmp_path / "to" / "thing")
     assert not list((tmp_path / "to").iterdir())
 
 
 def test_a_failed_copy_leaves_nothing(tmp_path):
     mesh = write_obj(tmp_path / "a" / "model.obj", "own.png")
     layout = layout_of(mesh, None)
-    with pytest.raises(RuntimeError, match="stop"), copied(layout, tmp_path / "to", "thing"):
-        raise RuntimeError("stop")
+    (tmp_path / "a" / "own.png").unlink()
+    with pytest.raises(FileNotFoundError):
+        copy_files(layout, tmp_path / "to" / "thing")
     assert list((tmp_path / "to").iterdir()) == []
 
 

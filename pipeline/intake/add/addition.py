@@ -1,7 +1,6 @@
 """One object put into a table: everything checked before anything is written."""
 
 import math
-import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,8 +19,8 @@ from objectfolder.geometry.vessels import WallFinding, wall_findings
 from objectfolder.geometry.wall_measures import WallMeasures, measures_of
 from objectfolder.store import Product
 from pipeline.intake.add.naming import checked_id, object_id_of, words_of
-from pipeline.intake.add.source_copy import Layout, copied, folder_digest, layout_of
-from pipeline.intake.add.table_rows import Table, locked, read_table, with_row, write_table
+from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
+from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
 from pipeline.intake.check.licence_rule import likely_spdx, spdx
 
@@ -171,23 +170,29 @@ def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
     InputError
         The id is in the table with other content, or the table cannot be edited.
     """
-    folder_of_objects = table_path.parent / (
-        table_path.stem if table_path.suffix else f"{table_path.name}_files"
-    )
-    before = read_table(table_path)
-    same = _same(before, checked)
-    if same is not None:
-        return Added(table_path, same.parent, same, False)
-    _refuse_taken(before, checked, replace)
-    with copied(checked.layout, folder_of_objects, checked.object_id) as copy, locked(table_path):
+    name = table_path.stem if table_path.suffix else f"{table_path.name}_files"
+    parent, digest = table_path.parent / name, digest_of(checked.layout.files)
+    folders = [parent / checked.object_id, parent / f"{checked.object_id}-{digest[:12]}"]
+    with locked(table_path):
         table = read_table(table_path)
-        _refuse_taken(table, checked, replace)
-        folder = _placed(copy, folder_of_objects, checked)
-        old = table.row_of(checked.object_id)
+        index, old = table.row_of(checked.object_id) or (None, {})
+        same = next((one for one in folders if one.is_dir() and folder_digest(one) == digest), None)
+        folder = same or next((one for one in folders if not one.exists()), None)
+        if folder is None:
+            raise InputError(str(folders[-1]), "is in the way", "Remove it")
         row = _row(checked, table_path, folder)
-        write_table(table_path, with_row(table, row, None if old is None else old[0]))
-        if old is not None:
-            _remove_unused(table_path, folder_of_objects, old[1].get("mesh", ""))
+        if index is not None and same and all(old.get(column, "") == row[column] for column in row):
+            return Added(table_path, folder, folder / checked.layout.mesh, False)
+        if index is not None and not replace:
+            raise InputError(
+                f"{table_path}, {old['id']}",
+                "is in the table already, with other content",
+                "Give another --id, or --replace to put this in its place",
+            )
+        if same is None:
+            copy_files(checked.layout, folder)
+        write_table(table_path, with_row(table, row, index))
+        _remove_unused(table_path, parent, old.get("mesh", ""))
     return Added(table_path, folder, folder / checked.layout.mesh, True)
 
 
@@ -261,44 +266,6 @@ def _row(checked: Checked, table_path: Path, folder: Path) -> dict[str, str]:
         return "" if place is None else (folder / place).relative_to(table_path.parent).as_posix()
 
     return {**checked.row, "mesh": cell(checked.layout.mesh), "texture": cell(checked.layout.texture)}
-
-
-def _same(table: Table, checked: Checked) -> Path | None:
-    """The mesh of a row that says the same of the same files; None without one."""
-    found = table.row_of(checked.object_id)
-    if found is None:
-        return None
-    row = found[1]
-    if any(row.get(column, "") != text for column, text in checked.row.items()):
-        return None
-    mesh = table.path.parent / row["mesh"]
-    depth = len(checked.layout.mesh.parts)
-    folder = mesh.parents[depth - 1] if len(mesh.parents) >= depth else mesh.parent
-    same = folder / checked.layout.mesh == mesh and folder.is_dir()
-    return mesh if same and folder_digest(folder) == checked.layout.digest() else None
-
-
-def _refuse_taken(table: Table, checked: Checked, replace: bool) -> None:
-    found = table.row_of(checked.object_id)
-    if found is not None and not replace:
-        raise InputError(
-            f"{table.path}, {found[1]['id']}",
-            "is in the table already, with other content",
-            "Give another --id, or --replace to put this in its place",
-        )
-
-
-def _placed(copy: Path, parent: Path, checked: Checked) -> Path:
-    """Rename the copy to the object's folder; where one is there, leave it and use it if it is the same."""
-    digest = checked.layout.digest()
-    for name in (checked.object_id, f"{checked.object_id}-{digest[:12]}"):
-        folder = parent / name
-        if not folder.exists():
-            os.rename(copy, folder)
-            return folder
-        if folder.is_dir() and folder_digest(folder) == digest:
-            return folder
-    raise InputError(str(folder), "is in the way", "Remove it")
 
 
 def _remove_unused(table_path: Path, folder_of_objects: Path, mesh_cell: str) -> None:

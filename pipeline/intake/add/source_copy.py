@@ -4,8 +4,7 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,13 +28,6 @@ class Layout:
     files: dict[Path, Path]
     mesh: Path
     texture: Path | None
-
-    def digest(self) -> str:
-        """SHA-256 of all paths and bytes."""
-        digest = hashlib.sha256()
-        for place, file in sorted(self.files.items()):
-            digest.update(f"{place.as_posix()}\0{_sha256(file)}\0".encode("utf-8", "surrogateescape"))
-        return digest.hexdigest()
 
 
 def layout_of(mesh: Path, texture: Path | None) -> Layout:
@@ -72,47 +64,50 @@ def layout_of(mesh: Path, texture: Path | None) -> Layout:
     return Layout(placed, mesh_place, texture_place)
 
 
-@contextmanager
-def copied(layout: Layout, parent: Path, name: str) -> Iterator[Path]:
-    """Copy into a hidden folder in `parent`, to be renamed by the caller; it goes away where it is not.
+def copy_files(layout: Layout, folder: Path) -> None:
+    """Copy the files into a folder that takes its name when all are there.
 
     Raises
     ------
     InputError
-        The copy still reads a file from outside, or one changed under the copying.
+        The copy still reads a file from outside, or one changed while it was copied.
     """
-    parent.mkdir(parents=True, exist_ok=True)
-    before = layout.digest()
-    folder = Path(tempfile.mkdtemp(prefix=f".{name}.", suffix=".part", dir=parent))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    before = digest_of(layout.files)
+    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
     try:
         for place, file in layout.files.items():
-            (folder / place).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, folder / place)
-        os.chmod(folder, 0o755)
-        _check(layout, folder, before)
-        yield folder
+            (temporary / place).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, temporary / place)
+        temporary.chmod(0o755)
+        where = str(layout.files[layout.mesh])
+        read = source_files(temporary / layout.mesh, layout.texture and temporary / layout.texture)
+        if {Path(os.path.normpath(file)) for file in read} != {temporary / place for place in layout.files}:
+            raise InputError(
+                where,
+                "its copy would read other files than it does",
+                "Put all files that it names in its folder, or name the texture with --texture",
+            )
+        if folder_digest(temporary) != before:
+            raise InputError(where, "changed while it was copied", "Run it again")
+        temporary.rename(folder)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def digest_of(files: Mapping[Path, Path]) -> str:
+    """Return the SHA-256 of all paths, which are the keys, and of the bytes of the files."""
+    digest = hashlib.sha256()
+    for place, path in sorted(files.items()):
+        with path.open("rb") as file:
+            content = hashlib.file_digest(file, "sha256").hexdigest()
+        digest.update(f"{place.as_posix()}\0{content}\0".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
 
 
 def folder_digest(folder: Path) -> str:
-    """What `Layout.digest` gives for a folder that holds its files and no other."""
-    files = {path.relative_to(folder): path for path in folder.rglob("*") if path.is_file()}
-    return Layout(files, Path(), None).digest()
-
-
-def _check(layout: Layout, folder: Path, before: str) -> None:
-    mesh = folder / layout.mesh
-    where = str(layout.files[layout.mesh])
-    read = source_files(mesh, None if layout.texture is None else folder / layout.texture)
-    if {Path(os.path.normpath(file)) for file in read} != {folder / place for place in layout.files}:
-        raise InputError(
-            where,
-            "its copy would read other files than it does",
-            "Put all files that it names in its folder, or name the texture with --texture",
-        )
-    if folder_digest(folder) != before:
-        raise InputError(where, "changed while it was copied", "Run it again")
+    """Return what `digest_of` gives for all files of a folder, by their paths in it."""
+    return digest_of({path.relative_to(folder): path for path in folder.rglob("*") if path.is_file()})
 
 
 def _free(wanted: Path, taken: dict[Path, Path]) -> Path:
@@ -122,8 +117,3 @@ def _free(wanted: Path, taken: dict[Path, Path]) -> Path:
         number += 1
         place = wanted.with_name(f"{wanted.stem}_{number}{wanted.suffix}")
     return place
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
