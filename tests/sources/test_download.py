@@ -5,7 +5,6 @@ import gzip
 import hashlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 from http.server import BaseHTTPRequestHandler
@@ -14,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
-from pipeline.intake.sources import cached_file
 from pipeline.intake.sources.cached_file import CachedFile
 from pipeline.intake.sources.download import Downloader
 from tests.pipeline.http_faults import serving
@@ -248,12 +246,6 @@ def test_threads_and_processes_fetch_a_file_once(file_server, address, cache_fol
     assert path.read_bytes() == CONTENT
     assert file_server.bytes_sent == len(CONTENT)
     assert len(file_server.requests) == 1
-
-
-def test_a_full_disk_is_told_before(file_server, address, cache_folder, monkeypatch):
-    monkeypatch.setattr(cached_file.shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 5, 5))
-    with pytest.raises(InputError, match=r"300000 bytes of .* are to come and 5 are free"):
-        Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin")
 
 
 def test_a_disk_that_fills_up_is_told_and_what_came_is_kept(file_server, address, cache_folder):

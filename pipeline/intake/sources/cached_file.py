@@ -4,13 +4,11 @@ import hashlib
 import json
 import os
 import re
-import shutil
 from contextlib import AbstractContextManager
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from objectfolder.atomic import atomic_write
-from objectfolder.errors import InputError
 from pipeline.intake.disk import locked, writing
 
 
@@ -32,7 +30,6 @@ class CachedFile:
         self.path = self.folder / _file_name(url)
         self.partial = self.folder / ".partial"
         self._note = self.folder / ".partial.json"
-        self._url = url
         self._asked = _sha256(
             asked
         )  # a mirror's address may have a password in it, which is not for the disk
@@ -59,17 +56,6 @@ class CachedFile:
             self.partial.touch()
             with atomic_write(self._note) as file:
                 file.write(json.dumps({"asked": self._asked, "validator": validator}).encode())
-
-    def check_space(self, count: int) -> None:
-        """Raise `InputError` where the disk has not `count` more bytes."""
-        with writing(self.folder):
-            free = shutil.disk_usage(self.folder).free
-        if count > free:
-            raise InputError(
-                str(self.folder),
-                f"{count} bytes of {self._url} are to come and {free} are free",
-                "Free space, or name a cache elsewhere: what has come is kept.",
-            )
 
     def finish(self) -> None:
         """Give what has come its name."""

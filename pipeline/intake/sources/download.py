@@ -202,8 +202,6 @@ class Downloader:
                 cached.begin(_validator(response))
                 if response.status_code != 200:
                     raise InterruptedBodyError("its server sends another part than asked for")
-            if total is not None:
-                cached.check_space(total - count)
             with writing(cached.partial):
                 file = cached.partial.open("ab")
             with file:

@@ -208,18 +208,15 @@ class Fetcher:
             return self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
         except (AbsentError, RefusedError) as problem:
             # Some servers refuse what they do not have; one that refuses its list, too, refuses everything.
-            if isinstance(problem, RefusedError) and not (
-                asked.source.refuses_absent and self._can_list(asked.source)
-            ):
+            if isinstance(problem, RefusedError) and not self._can_list(asked.source):
                 raise
             raise self._absent(asked) from problem
 
     def _can_list(self, source: Source) -> bool:
         try:
-            self.names(source)
+            return bool(self.names(source))
         except ObjectFolderError:
             return False
-        return True
 
     def _absent(self, asked: SourceObject) -> InputError:
         """Return what to say of an object that the source does not have."""

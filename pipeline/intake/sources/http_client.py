@@ -4,7 +4,6 @@ import contextlib
 import itertools
 import logging
 import re
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from urllib.parse import urlsplit
@@ -117,9 +116,8 @@ class HttpClient:
         self._mirrors = dict(sorted((mirrors or {}).items(), key=lambda pair: -len(pair[0])))
         for address in (*self._mirrors, *self._mirrors.values()):
             check_address(address)
-        self._retry = retry
         self._timeout_s = timeout_s
-        self._sessions = threading.local()  # requests does not promise that threads may share one
+        self._session = _session(retry)
 
     def address(self, url: str) -> str:
         """Return the address that is asked for `url`: a mirror's where there is one."""
@@ -145,7 +143,7 @@ class HttpClient:
         asked = {"Accept-Encoding": "identity", **headers}
         timeout = (min(CONNECT_S, self._timeout_s), self._timeout_s)
         try:
-            response = self._session().get(
+            response = self._session.get(
                 address, headers=asked, stream=True, timeout=timeout, proxies=dict(self._proxies)
             )
         except requests.TooManyRedirects as error:
@@ -187,18 +185,15 @@ class HttpClient:
             elif time.monotonic() - since > self._timeout_s:
                 raise InterruptedBodyError("its server is too slow")
 
-    def _session(self) -> requests.Session:
-        if not hasattr(self._sessions, "session"):
-            session = requests.Session()
-            session.headers.update({"User-Agent": USER_AGENT})
-            session.max_redirects = MOST_REDIRECTS
-            session.hooks["response"].append(_close_redirect)
-            for scheme in ("http://", "https://"):
-                session.mount(scheme, HTTPAdapter(max_retries=self._retry))
-            self._sessions.session = session
-        session = self._sessions.session
-        session.cookies.clear()
-        return session
+
+def _session(retry: Retry) -> requests.Session:
+    session = requests.Session()
+    session.headers.update({"User-Agent": USER_AGENT})
+    session.max_redirects = MOST_REDIRECTS
+    session.hooks["response"].append(_close_redirect)
+    for scheme in ("http://", "https://"):
+        session.mount(scheme, HTTPAdapter(max_retries=retry))
+    return session
 
 
 def check_address(address: str) -> None:

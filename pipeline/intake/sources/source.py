@@ -72,8 +72,6 @@ class Source:
         What to say of a name that the source lists and of which it has not what was asked for.
     check_name
         Raises `InputError` for a name that no object of the source can have.
-    refuses_absent
-        Whether its server may refuse (403) what it does not have.
     """
 
     id: str
@@ -90,7 +88,6 @@ class Source:
     object_page: Callable[[str], str]
     absent: str
     check_name: Callable[[str], None]
-    refuses_absent: bool = False
 
     def source_id(self, name: str) -> str:
         """Return what names an object among all sources."""

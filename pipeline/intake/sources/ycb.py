@@ -51,5 +51,4 @@ SOURCE = Source(
     absent="Google scanned only some of the YCB objects. Of all there should be "
     f"{BUCKET}berkeley/NAME/NAME_berkeley_meshes.tgz: unpack it, and `objectfolder add` a mesh of it.",
     check_name=lambda name: check_file_name(f"ycb:{name}", name),
-    refuses_absent=True,
 )
