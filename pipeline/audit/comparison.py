@@ -5,7 +5,7 @@ from typing import Any
 
 from objectfolder.errors import FormatError, ObjectFolderError
 from pipeline.audit import reasons
-from pipeline.audit.arrays import Arrays, by_checksums
+from pipeline.audit.arrays import Arrays
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.costs import KnownCosts, to_fetch
 from pipeline.audit.descriptions import Description
@@ -25,10 +25,10 @@ from pipeline.audit.findings import (
     ObjectChange,
     StageChange,
 )
+from pipeline.audit.product_comparison import ProductComparison
 from pipeline.audit.reasons import Circumstances, Reason
 from pipeline.audit.renaming import renamed
 from pipeline.audit.versions import Version
-from pipeline.audit.whole import Suspects
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECTS, STAGES
@@ -59,10 +59,9 @@ class Comparison:
     ) -> None:
         self._contents, self._old, self._new = contents, old, new
         self._stages = stages
-        self._suspects = Suspects(contents, read_arrays)
+        self._products = ProductComparison(contents, read_arrays)
         self._known = KnownCosts(contents.root, new)
         self._problems: dict[str, ObjectFolderError] = {}  # by what they hide
-        self._seeds = (old.lock.parameter("seed"), new.lock.parameter("seed"))
         self._compared = tuple(kind for stage in stages for kind in stage.products if self._is_known(kind))
 
     @property
@@ -93,7 +92,7 @@ class Comparison:
             fidelity += measures
         return Audit(
             old.label, new.label, tuple(found), tuple(worst_first(fidelity)),
-            to_fetch(self._contents, old, new), self._suspects.read_arrays, self.problems,
+            to_fetch(self._contents, old, new), self._products.read_arrays, self.problems,
         )  # fmt: skip
 
     def stages(self, was: str, object_id: str) -> tuple[tuple[StageChange, ...], list[FidelityChange]]:
@@ -159,7 +158,7 @@ class Comparison:
                     object_id, before.attributes if before else None, after.attributes if after else None
                 )
             if old and new and before and after:
-                found, more = self._product(stage, old, new, before, after, around)
+                found, more = self._products.compare(stage, (old, new), (before, after), around)
                 arrays += found
                 why += [one for one in more if one not in why]
         # One product of a stage can be made from another thing, and the other be the same but damaged.
@@ -169,27 +168,6 @@ class Comparison:
         state = MADE if not any(olds) else GONE if not any(news) else CHANGED
         cost = self._known.of(object_id, stage.name, prints[1]) if prints[1] != prints[0] else None
         return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost), measures
-
-    def _product(
-        self,
-        stage: Stage,
-        old: Content,
-        new: Content,
-        before: Description,
-        after: Description,
-        around: Circumstances,
-    ) -> tuple[Arrays, list[Reason]]:
-        """Compare two products that are not the same: their arrays, and why."""
-        why = reasons.why(stage, before, after, around)
-        arrays, broken = _by_checksums(before, after)
-        suspicious = all(one.kind == reasons.BYTES for one in why)
-        if suspicious or self._suspects.read_arrays:
-            read, more = self._suspects.compare(stage, old, new, before, after)
-            arrays = read or arrays
-            why = more if more and suspicious else [*more, *why]
-        if broken and all(one.kind != reasons.CORRUPTED for one in why):
-            why = [*broken, *why]
-        return arrays, why
 
     def _described(self, content: Content | None, why: list[Reason]) -> Description | None:
         """Return what a product says; a damaged or absent one is a reason."""
@@ -226,11 +204,11 @@ class Comparison:
         return old.problem is None and new.problem is None
 
     def _circumstances(self, was: str, object_id: str) -> Circumstances:
-        before, after = self._old.rows.get(was, {}), self._new.rows.get(object_id, {})
+        old, new = self._old, self._new
         return Circumstances(
-            self._seeds,
-            (_name(before.get("material")), _name(after.get("material"))),
-            (self._old.materials, self._new.materials),
+            (old.lock.parameter("seed"), new.lock.parameter("seed")),
+            (old.material(was), new.material(object_id)),
+            (old.materials, new.materials),
             self._digests(was, object_id),
             was != object_id,
         )
@@ -247,22 +225,3 @@ class Comparison:
         except ObjectFolderError:
             return {}, {}
         return (before, after) if isinstance(before, dict) and isinstance(after, dict) else ({}, {})
-
-
-def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list[Reason]]:
-    """Compare two products by the checksums in them, where they have any; a damaged list is a reason."""
-    if not (before.listing and after.listing):
-        return Arrays(unread=1), []
-    try:
-        return by_checksums(before, after), []
-    except ValueError:
-        damaged = (("earlier", before.damage), ("later", after.damage))
-        found = [
-            Reason(reasons.CORRUPTED, note=f"the {which} one: {text}") for which, text in damaged if text
-        ]
-        return Arrays(unread=1), found
-
-
-def _name(material: Any) -> str:
-    name = material.get("name") if isinstance(material, dict) else None
-    return name if isinstance(name, str) else ""

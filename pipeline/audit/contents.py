@@ -94,9 +94,19 @@ class Contents(Stores):
         """What DVC knows of files of the work tree by size, time and inode."""
         return self.repository.state
 
-    def near(self, content: Content) -> Path | None:
-        """Return the file at hand that should have a content, None where there is none."""
-        return content.path or self.path(content.md5)
+    def place(self, content: Content, target: Path) -> None:
+        """Lay a content to `target`: a link to what is at hand, else fetched and checked.
+
+        Raises
+        ------
+        NotHere
+            It is neither in the cache nor at the remote.
+        """
+        near = content.path or self.path(content.md5)
+        if near is not None:
+            target.symlink_to(near.resolve())
+        else:
+            self.fetch(content.md5, target, content.where)
 
     def size(self, content: Content) -> int | None:
         """Return the bytes of a content at hand, None where it is not."""

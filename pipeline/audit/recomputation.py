@@ -11,10 +11,10 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.provenance import code_identity, file_digest, package_versions
 from pipeline.audit.arrays import Arrays, by_reading, stored_tolerances
 from pipeline.audit.contents import Content, Contents
-from pipeline.audit.descriptions import Description
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
 from pipeline.audit.versions import Version
 from pipeline.dataset.parameters import ObjectsParameters
+from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, read_table
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.task import Call, Request
@@ -117,12 +117,8 @@ class _Bench:
 
     def remake(self, stage: Stage, object_id: str, child: Child) -> Remade:
         """Make one product again."""
-        there = [
-            (kind, content)
-            for kind in stage.products
-            if (content := self._version.content(kind, object_id)) is not None
-        ]
-        told = [self._contents.describe(content) for _, content in there]
+        there = [self._content(kind, object_id) for kind in stage.products]
+        told = [self._contents.describe(content) for content in there]
         parts = dict(told[-1].provenance)
         code = code_identity(stage.task.partition(":")[0])
         changed = tuple(_changed(parts, code))
@@ -131,9 +127,9 @@ class _Bench:
             self._inputs(stage, object_id, parts),
             _mapping(parts, "parameters"),
             _mapping(parts, "record"),
-            _seed(parts, there[-1][1].where),
+            _seed(parts, there[-1].where),
         )
-        targets = tuple(kind.path(self._root / "again", object_id) for kind, _ in there)
+        targets = tuple(stage.targets(self._root / "again", object_id))
         for target in targets:
             target.parent.mkdir(parents=True, exist_ok=True)
         # With today's code, whatever the version's was: the child refuses what it could not label truly.
@@ -143,9 +139,9 @@ class _Bench:
             finding = "; ".join([outcome.failure.error, *changed])
             return Remade(stage.name, object_id, FAILED, finding, cpu_s=outcome.cpu_s)
         arrays = Arrays()
-        for (_, content), target, description in zip(there, targets, told, strict=True):
-            arrays += self._compared(stage, content, target, description)
-        for target in targets:
+        for content, target, description in zip(there, targets, told, strict=True):
+            allowed, _ = stored_tolerances(stage, description)
+            arrays += by_reading(self._place(content), target, allowed)
             target.unlink()
         counts = arrays.count()
         verdict = next((one for one in (DIFFERENT, WITHIN) if counts.get(one)), EQUAL)
@@ -153,32 +149,30 @@ class _Bench:
         finding = "; ".join([*differing[:3], *changed])
         return Remade(stage.name, object_id, verdict, finding, arrays, outcome.cpu_s)
 
-    def _compared(self, stage: Stage, content: Content, target: Path, told: Description) -> Arrays:
-        allowed, _ = stored_tolerances(stage, told)
-        place = self._place(content)
-        return by_reading(place, target, allowed)
+    def _content(self, kind: ProductKind, object_id: str) -> Content:
+        found = self._version.content(kind, object_id)
+        if found is None:
+            raise InputError(kind.name, "the version has none of this object", "Run `dvc repro`.")
+        return found
 
     def _place(self, content: Content) -> Path:
         """Return a file of the version, laid into the scratch folder."""
-        path = self._root / content.where
-        if not path.parent.resolve().is_relative_to(self._root.resolve()):
-            raise InputError(content.where, "leads out of the data set", "Look at who wrote dvc.lock.")
+        path = self._inside(content.where)
         if not path.is_symlink() and not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            near = self._contents.near(content)
-            if near is not None:
-                path.symlink_to(near.resolve())
-            else:
-                self._contents.fetch(content.md5, path, content.where)
+            self._contents.place(content, path)
+        return path
+
+    def _inside(self, where: str) -> Path:
+        """Return a path in the scratch folder, whose parent exists."""
+        path = self._root / where
+        if not path.parent.resolve().is_relative_to(self._root.resolve()):
+            raise InputError(where, "leads out of the data set", "Look at who wrote dvc.lock.")
+        path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def _inputs(self, stage: Stage, object_id: str, parts: Mapping[str, Any]) -> dict[str, Path]:
-        paths = {}
-        for product in stage.inputs:
-            content = self._version.content(product.kind, object_id)
-            if content is None:
-                raise InputError(product.kind.name, "the version has none of this object", "Run `dvc repro`.")
-            paths[product.kind.name] = self._place(content)
+        kinds = [product.kind for product in stage.inputs]
+        paths = {kind.name: self._place(self._content(kind, object_id)) for kind in kinds}
         if stage.sources is not None:
             paths |= self._sources(stage, object_id, _mapping(parts, "inputs"))
         return paths
@@ -198,24 +192,17 @@ class _Bench:
         return found
 
     def _read_table(self) -> Mapping[str, Mapping[str, Any]]:
-        said = self._version.lock.parameter("objects")
-        name = str(said.get("table", TABLE)) if isinstance(said, dict) else TABLE
+        name = self._version.lock.table or TABLE
         if self._version.commit is None:
             return read_table(self._contents.root, ObjectsParameters(name, ())).rows
         for path in (name, MATERIALS.as_posix()):
-            self._write(path)
+            if path in self._version.texts:
+                self._inside(path).write_bytes(self._version.texts[path])
         for path, out in self._version.lock.outs.items():
             if out.is_folder and path not in self._version.folders:
                 for inner, md5 in self._contents.folder(out.md5, path).items():
                     self._place(Content(md5, where=f"{path}/{inner}"))
         return read_table(self._root, ObjectsParameters(name, ())).rows
-
-    def _write(self, path: str) -> None:
-        text = self._version.texts.get(path)
-        target = self._root / path
-        if text is not None and target.resolve().is_relative_to(self._root.resolve()):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(text)
 
 
 def _mapping(parts: Mapping[str, Any], name: str) -> Mapping[str, Any]:

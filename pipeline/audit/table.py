@@ -108,9 +108,7 @@ def _stages(audit: Audit) -> list[str]:
     if not found:
         return []
     columns = ("changed", "made", "gone", "= arrays", "~ arrays", "!= arrays", "not read", "CPU s")
-    lines = ["stage".ljust(10) + "".join(name.rjust(10) for name in columns)]
-    for one in found:
-        lines.append(one.stage.ljust(10) + "".join(cell.rjust(10) for cell in one.cells))
+    lines = _columns([("stage", *columns), *((one.stage, *one.cells) for one in found)], 1)
     if not audit.arrays_read:
         lines.append("Arrays compared by their checksums (= equal, != different); --arrays reads them.")
     else:
@@ -131,12 +129,7 @@ def _fidelity(found: Sequence[FidelityChange]) -> list[str]:
         name = f"{one.measure} ({unit})" if unit not in ("", "bytes") else one.measure
         before, after = value(one.measure, one.before), value(one.measure, one.after)
         rows.append((printable(one.object_id), name, before, after, change(one)))
-    widths = [max(len(row[column]) for row in rows) for column in range(5)]
-    lines = ["fidelity, worst changes first"]
-    for row in rows:
-        texts = "  ".join(cell.ljust(width) for cell, width in zip(row[:2], widths[:2], strict=True))
-        numbers = "  ".join(cell.rjust(width) for cell, width in zip(row[2:4], widths[2:4], strict=True))
-        lines.append(f"{texts}  {numbers}  {row[4]}")
+    lines = ["fidelity, worst changes first", *_columns(rows, 2)]
     if len(found) > len(shown):
         smaller = len(found) - len(felt)
         lines.append(
@@ -161,6 +154,18 @@ def _problems(audit: Audit, width: int) -> list[str]:
     for error in audit.problems:
         lines += _wrapped(f"incomplete: {error}", width, "", "  ")
     return lines
+
+
+def _columns(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
+    """Return rows as lines; the first columns are texts, the others numbers."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if index < texts else cell.rjust(width)
+            for index, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
 
 
 def _wrapped(text: str, width: int, first: str = "", others: str = "  ") -> list[str]:

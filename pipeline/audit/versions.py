@@ -116,6 +116,11 @@ class Version:
         text = self.texts.get(MATERIALS.as_posix(), b"").decode(errors="replace")
         return {row.get("name") or "": row for row in csv.DictReader(io.StringIO(text))}
 
+    def material(self, object_id: str) -> str:
+        """Return the name of an object's material; empty where the version does not say."""
+        material = self.rows.get(object_id, {}).get("material")
+        return str(material.get("name") or "") if isinstance(material, dict) else ""
+
     def content(self, kind: ProductKind, object_id: str) -> Content | None:
         """Return the content of a product, None where there is none."""
         return self.folders[kind.folder].products.get(object_id)
@@ -167,9 +172,9 @@ def commit_version(git: GitRepository, contents: Contents, revision: str, stages
         raise InputError(f"{revision} ({commit.short})", f"it has no {LOCK}", remedy)
     lock = read_lock(f"{LOCK} of {revision}", texts[LOCK])
     # Outputs that DVC does not cache are in git, and so is the table of objects.
-    said = lock.parameter("objects")
-    table = str(said.get("table", "")) if isinstance(said, dict) else ""
-    texts |= _texts(git, commit, [path for path, out in lock.outs.items() if not out.is_folder] + [table])
+    texts |= _texts(
+        git, commit, [path for path, out in lock.outs.items() if not out.is_folder] + [lock.table]
+    )
     folders = {kind.folder: _locked(contents, lock, kind) for stage in stages for kind in stage.products}
     return Version(revision, commit, lock, texts, folders)
 

@@ -52,6 +52,12 @@ class Lock:
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     paths: frozenset[str] = frozenset()
 
+    @property
+    def table(self) -> str:
+        """Path of the table of objects; empty where no stage names it."""
+        said = self.parameter("objects")
+        return str(said.get("table", "")) if isinstance(said, dict) else ""
+
     def parameter(self, name: str) -> Any:
         """Return a parameter that any stage has, None where none has it."""
         return next((said[name] for said in self.parameters.values() if name in said), None)
