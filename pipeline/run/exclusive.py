@@ -6,14 +6,12 @@ share a disk depends on the file system, so one checkout is for one driving mach
 """
 
 import contextlib
-import json
 import math
 import os
 import signal
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TextIO
@@ -25,18 +23,6 @@ from pipeline.dataset.run_id import RUN_ID, new_run_id
 
 WAIT = "OBJECTFOLDER_WAIT"
 REPEAT_S = 60.0  # between lines about waiting
-
-
-@dataclass(frozen=True)
-class Owner:
-    """Who holds the lock: process id, what it runs, and since when (local time)."""
-
-    pid: int
-    what: str
-    since: str
-
-    def __str__(self) -> str:
-        return f"process {self.pid}, which has run {self.what} since {self.since}"
 
 
 @contextlib.contextmanager
@@ -82,8 +68,8 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
     named.parent.mkdir(parents=True, exist_ok=True)
     _acquire(lock, root, most_seconds(), stream or sys.stderr)
     try:
-        owner = Owner(os.getpid(), what, datetime.now().isoformat(" ", "seconds"))
-        named.write_text(json.dumps(asdict(owner)))
+        since = datetime.now().isoformat(" ", "seconds")
+        named.write_text(f"process {os.getpid()}, which has run {what} since {since}")
         yield
     finally:
         named.unlink(missing_ok=True)
@@ -110,16 +96,15 @@ def most_seconds() -> float:
     return seconds
 
 
-def owner(root: Path) -> Owner | None:
-    """Return who holds a checkout now; None where nobody does."""
-    found = _read_owner(root)
-    if found is None or found.pid == os.getpid():
-        return found
+def owner(root: Path) -> str | None:
+    """Return which process holds a checkout now, what it runs and since when; None where nobody does."""
+    if not _owner_file(root).exists():
+        return None
     try:
         with _lock(root).acquire(timeout=0):
             return None
     except Timeout:
-        return found
+        return _named(root)
 
 
 def _acquire(lock: FileLock, root: Path, most: float, stream: TextIO) -> None:
@@ -129,7 +114,7 @@ def _acquire(lock: FileLock, root: Path, most: float, stream: TextIO) -> None:
         with contextlib.suppress(Timeout):
             lock.acquire(timeout=pause)
             break
-        holder = _read_owner(root) or "another run"
+        holder = _named(root)
         left = most - (time.monotonic() - begin)
         if left <= 0:
             remedy = (
@@ -147,12 +132,11 @@ def _lock(root: Path) -> FileLock:
 
 
 def _owner_file(root: Path) -> Path:
-    return root / ".objectfolder" / "run.json"
+    return root / ".objectfolder" / "run.owner"
 
 
-def _read_owner(root: Path) -> Owner | None:
-    """Return the owner named last; None for one that has not yet written itself."""
+def _named(root: Path) -> str:
     try:
-        return Owner(**json.loads(_owner_file(root).read_text()))
-    except (OSError, ValueError, TypeError):
-        return None
+        return _owner_file(root).read_text() or "another run"
+    except FileNotFoundError:  # it has just begun, or ended
+        return "another run"

@@ -89,11 +89,11 @@ def test_no_number_of_seconds_is_an_error(tmp_path, monkeypatch, text):
 def test_a_killed_owner_blocks_nobody(tmp_path, monkeypatch):
     monkeypatch.setenv(WAIT, "0")
     with holder(tmp_path) as first:
-        assert owner(tmp_path).pid == first.pid
+        assert f"process {first.pid}, " in owner(tmp_path)
         os.kill(first.pid, signal.SIGKILL)
         first.wait(PATIENCE_S)
         with exclusive(tmp_path, "stage modes"):
-            assert owner(tmp_path).what == "stage modes"
+            assert "stage modes" in owner(tmp_path)
 
 
 def test_programs_that_a_killed_owner_started_do_not_hold_its_lock(tmp_path, monkeypatch):
