@@ -206,13 +206,11 @@ def work_tree_version(contents: Contents, stages: Sequence[Stage]) -> Version:
         raise InputError(
             WORK_TREE, f"there is no {LOCK} and no product", "Run `dvc repro` or `make dataset`."
         )
-    reported = {}
-    for stage in stages:
-        try:
-            failures = read_failures(root, stage.name)
-        except (OSError, ValueError, TypeError, ObjectFolderError):
-            continue  # what a kill cut short says nothing
-        reported.update({(stage.name, failure.object_id): failure for failure in failures})
+    reported = {
+        (stage.name, failure.object_id): failure
+        for stage in stages
+        for failure in read_failures(root, stage.name)
+    }
     return Version(WORK_TREE, None, lock, texts, folders, reported, damage)
 
 

@@ -22,7 +22,7 @@ from pipeline.run.costs import Costs
 from pipeline.run.failure_table import failure_table
 from pipeline.run.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
-from pipeline.run.run_log import write_run
+from pipeline.run.run_log import write_failures
 from pipeline.run.run_record import RunRecord
 from pipeline.store import memo
 
@@ -115,7 +115,7 @@ def converge(
         for stage in stages:
             earlier = tuple(refused) if stage is stages[0] else ()
             summary = _summary(stage.name, flow, removed[stage.name], earlier)
-            _log(summary, root, flow.fingerprints(stage.name), costs)
+            write_failures(root, stage.name, summary.failures, flow.fingerprints(stage.name))
             record.stage(
                 stage.name,
                 len(summary.kept),
@@ -189,27 +189,3 @@ def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: tuple[Fa
         removed,
         (*refused, *flow.failures(stage)),
     )
-
-
-def _log(summary: Summary, root: Path, fingerprints: Mapping[str, str], costs: Costs) -> None:
-    outcomes = {
-        **dict.fromkeys(summary.kept, KEPT),
-        **dict.fromkeys(summary.restored, RESTORED),
-        **dict.fromkeys(summary.computed, COMPUTED),
-        **{failure.object_id: FAILED for failure in summary.failures},
-    }
-    lines = []
-    for object_id, outcome in sorted(outcomes.items()):
-        known = costs.of(fingerprints.get(object_id, "")) if outcome != FAILED else None
-        lines.append(
-            {
-                "object_id": object_id,
-                "stage": summary.stage,
-                "fingerprint": fingerprints.get(object_id),
-                "outcome": outcome,
-                "wall_s": known.wall_s if known else None,
-                "cpu_s": known.cpu_s if known else None,
-                "peak_memory_mb": known.peak_memory_mb if known else None,
-            }
-        )
-    write_run(root, summary.stage, lines, summary.failures)

@@ -22,6 +22,7 @@ from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import OBJECTS, STAGES
 from pipeline.dataset.verified import FINGERPRINT, Verified
 from pipeline.run.exclusive import owner
+from pipeline.run.run_log import read_failures
 
 CURRENT, STALE, MISSING, FAILED, WAITING, UNLISTED = (
     "current", "stale", "missing", "failed", "waiting", "unlisted",
@@ -83,8 +84,11 @@ def status(
     """
     parameters = parameters or read_parameters(root / "params.yaml")
     refused: dict[str, str] = {}
+    listed = frozenset(rows or ())
     if rows is None:
         records = read_table(root, parameters.objects)
+        listed = records.listed
+        records = records.selected(parameters.objects.only)
         rows = records.rows
         refused = {failure.object_id: failure.error for failure in records.refused}
     verified = Verified(root)
@@ -99,7 +103,7 @@ def status(
             found.append(one)
     for stage in stages:
         present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
-        found += [Status(object_id, stage.name, UNLISTED) for object_id in sorted(present - set(rows))]
+        found += [Status(object_id, stage.name, UNLISTED) for object_id in sorted(present - listed)]
     if owner(root) is None:
         verified.save()
     return found
@@ -167,11 +171,9 @@ def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Difference, ...]
 
 def _failures(root: Path, stage: str) -> dict[str, tuple[str, str]]:
     """Return fingerprint and error of the objects that failed when the stage last ran."""
-    try:
-        entries = json.loads((root / "runs" / f"{stage}-failures.json").read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return {entry["object_id"]: (entry.get("fingerprint") or "", entry["error"]) for entry in entries}
+    return {
+        failure.object_id: (wanted, failure.error) for failure, wanted in read_failures(root, stage).items()
+    }
 
 
 def table(statuses: Sequence[Status]) -> str:

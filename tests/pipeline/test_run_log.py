@@ -1,7 +1,6 @@
 """What is kept of runs: costs, the last failures, and a record that survives kills and two writers."""
 
 import csv
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +15,7 @@ from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
 from pipeline.run.costs import COLUMNS, QUERY, Costs, compact, costs_path, known_costs
 from pipeline.run.forecast.estimates import last_taken
-from pipeline.run.run_log import read_failures, write_run
+from pipeline.run.run_log import read_failures, write_failures
 from pipeline.run.run_record import RunRecord, read_record, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
@@ -198,16 +197,11 @@ def test_records_are_capped_in_number_and_in_size(tmp_path, monkeypatch):
 
 def test_failures_of_the_last_run_are_read_back(tmp_path):
     failures = [Failure("cup", "no faces", "Export it again."), Failure("dish", "input missing")]
-    lines = [
-        {"object_id": "cup", "fingerprint": FINGERPRINTS[3], "outcome": "failed"},
-        {"object_id": "mug", "fingerprint": FINGERPRINTS[1], "outcome": "kept"},
-    ]
-    write_run(tmp_path, "views", lines, failures)
-    assert read_failures(tmp_path, "views") == failures
-    assert [
-        json.loads(line) for line in (tmp_path / "runs" / "views.jsonl").read_text().splitlines()
-    ] == lines
-    assert read_failures(tmp_path, "modes") == []
+    write_failures(tmp_path, "views", failures, {"cup": FINGERPRINTS[3]})
+    assert read_failures(tmp_path, "views") == {failures[0]: FINGERPRINTS[3], failures[1]: ""}
+    assert read_failures(tmp_path, "modes") == {}
+    (tmp_path / "runs" / "views-failures.json").write_text('[{"object_id": "cu')
+    assert read_failures(tmp_path, "views") == {}
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
@@ -218,4 +212,4 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(SimulationError, match="nothing finished is lost"):
         Costs(tmp_path).add("views", outcome("mug"))
     with pytest.raises(SimulationError, match="cannot be written"):
-        write_run(tmp_path, "views", [], [])
+        write_failures(tmp_path, "views", [], {})

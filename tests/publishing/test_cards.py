@@ -14,6 +14,9 @@ from objectfolder.errors import InputError
 from objectfolder.provenance import file_digest
 from objectfolder.splits import OBJECT_SPLITS, object_split
 from pipeline.cli import main
+from pipeline.dataset.failures import write_failures
+from pipeline.dataset.stages import STAGES
+from pipeline.dataset.task import Failure
 from pipeline.publish.cards.all_cards import CARDS, write_cards
 
 HOSTILE = '<script>alert(1)</script> | `x` [a](javascript:b) *b* "q" \\ ünïcode 陶'
@@ -131,9 +134,8 @@ def test_equal_data_sets_give_equal_bytes(folder, tmp_path, tmp_path_factory):
 
 def test_failures_and_statements_that_are_missing_are_said(tmp_path):
     rows = {"cup": row("Cup", "", "", ""), "fork": row("Fork"), "gone": row("Gone")}
-    (tmp_path / "runs").mkdir()
-    failure = {"object_id": "gone", "error": f"{tmp_path}/data/x.obj: <b>no</b>\nfaces", "remedy": ""}
-    (tmp_path / "runs" / "modes-failures.json").write_text(json.dumps([failure]))
+    failure = Failure("gone", f"{tmp_path}/data/x.obj: <b>no</b>\nfaces")
+    write_failures(tmp_path, [("modes", failure)], STAGES)
     refused = [("odd", "objects.csv row 4: length_m is -1")]
     folder = write_data_set(tmp_path, rows, made={"cup", "fork"}, refused=refused)
     write_cards(tmp_path, folder)

@@ -14,11 +14,11 @@ from objectfolder.errors import FormatError, InputError
 from objectfolder.provenance import canonical_json, file_digest
 from objectfolder.splits import object_split
 from objectfolder.store import read_attributes
+from pipeline.dataset.failures import read_failures
 from pipeline.dataset.records import read_records
-from pipeline.dataset.stages import FIDELITY, OBJECT_FILES, STAGES
+from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.publish.cards.licences import Licence
 from pipeline.publish.cards.publication import Publication, read_publication
-from pipeline.run.run_log import read_failures
 
 PARAMETERS = Path("params.yaml")
 PER_OBJECT = "per_object.csv"
@@ -173,13 +173,8 @@ def _definitions(path: Path) -> dict[str, str]:
 
 
 def _reasons(root: Path) -> dict[str, tuple[str, str]]:
-    """Return the first stage in which each object failed in the last runs, and why, paths from `root`."""
-    reasons: dict[str, tuple[str, str]] = {}
-    for stage in STAGES:
-        for failure in read_failures(root, stage):
-            error = _line(failure.error.replace(f"{root.resolve()}/", "").replace(f"{root}/", ""))
-            reasons.setdefault(failure.object_id, (stage, error))
-    return reasons
+    """Return the stage in which each object failed, and why."""
+    return {failed.object: (failed.stage, _line(failed.error)) for failed in read_failures(root)}
 
 
 def _figures(path: Path) -> tuple[tuple[str, ...], dict[str, dict[str, str]]]:

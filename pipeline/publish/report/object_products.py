@@ -12,9 +12,11 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.provenance import canonical_json, file_digest
 from objectfolder.tensor_file import read_metadata, read_tensor_file
+from pipeline.dataset.products import ZARR
+from pipeline.dataset.stages import STAGES
 from pipeline.publish.report.archive import Archive, content_digest
 
-ARCHIVES = ("objects", "views", "modes", "touches", "fidelity")
+ARCHIVES = tuple(kind.name for stage in STAGES.values() for kind in stage.products if kind.suffix == ZARR)
 # What a product that is whole, but not what a stage writes, makes its readers raise.
 UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
 

@@ -4,9 +4,10 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from pipeline.dataset.stages import STAGES
 from pipeline.publish.report.object_products import ObjectProducts
 
-STAGES = ("objects", "views", "modes", "touches", "encoded", "fidelity")
+KINDS = tuple(stage.products[-1].name for stage in STAGES.values())
 
 
 class Origin(NamedTuple):
@@ -24,7 +25,7 @@ class Origin(NamedTuple):
 def origins(products: ObjectProducts) -> list[Origin]:
     """Return the origin of every product that names one, in the order of the pipeline."""
     found = []
-    for stage in STAGES:
+    for stage in KINDS:
         attributes = products.attributes(stage)
         stated = attributes.get("provenance")
         with products.reading(f"provenance of {stage}"):
