@@ -1,243 +1,198 @@
-"""What a task costs beside its own work: 100,000 empty tasks, and 100,000 objects with nothing to do.
+"""How well Dask orders the tasks of a hundred scans, and what a task costs beside its own work.
 
-    python -m bench.scale [--tasks 100000] [--crew-tasks 20000] [--objects 20000]
+    python -m bench.scale [--tasks 10000] [--seconds 45]
 
-Empty tasks go through plain Dask (`client.submit` of all at once), and through `pipeline.run.dispatch` and
-the crew of Dask workers (each task in a child process, answers as events).
-Scheduler, workers and driver are processes of their own; CPU seconds and resident memory are theirs,
-messages and bytes are those of Dask's streams between them. Objects with nothing to do are planned by
-`pipeline.run.flow`, first with nothing remembered and then again.
+The measured seconds and memory of a hundred scans (``pipeline/run/forecast/known_costs.csv``) go through
+the real scheduler, workers and driver as tasks that sleep. All times are divided by one number, so that the
+lower bound takes `--seconds`. Priorities come from the seconds themselves, or from what the other scans
+foretell, as in a first run. The bound is the longer of work / threads and the longest chain of one object.
 
-Then what many objects take, in proportion to the scans of ``pipeline/run/forecast/known_costs.csv``.
-Prices are assumptions (`CPU_HOUR`, `GB_MONTH`).
+Empty tasks show the CPU seconds and the memory that driver and scheduler take. In both, a function that
+sleeps stands in place of a task's child process.
 """
 
 import argparse
-import json
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
-import numpy as np
 import psutil
-from pipeline.dataset.crew import Job, Lost
-from pipeline.run.dispatch import Dispatch
 
 from bench.record import write
-from objectfolder.tensor_file import TensorFile
-from pipeline.dataset import products
-from pipeline.dataset.parameters import read_parameters
-from pipeline.dataset.products import TENSORS, ProductKind
-from pipeline.dataset.stage import ProductInput, Stage
+from pipeline.cluster import dask_runner
+from pipeline.cluster.dask_settings import settings
+from pipeline.cluster.run_task import Answer
+from pipeline.cluster.workers import WaitLimits
+from pipeline.dataset.job import BLENDER, Job
 from pipeline.dataset.stages import STAGES
-from pipeline.dataset.task import Call, Request
-from pipeline.dataset.verified import Verified
-from pipeline.run.flow import Flow
-from pipeline.run.forecast.estimates import Estimates, packaged_costs
+from pipeline.dataset.task import Call, Outcome, Request
+from pipeline.run.forecast.estimates import Estimate, fit, packaged_costs
+from pipeline.sandbox.isolation import ChildSettings
 
 REPOSITORY = Path(__file__).parents[1]
-WORKERS = 2
-PROJECTED = (1000, 100_000, 10_000_000)
-CPU_HOUR, GB_MONTH = 0.04, 0.023  # US dollars, of the order of list prices on demand in 2025
+CLUSTERS = ((1, 2), (1, 8), (8, 8), (64, 1))  # workers, and threads of each
+MEMORY_GB_A_THREAD = 8.0
 COMPARED = (
-    "Empty tasks through plain Dask and through this project's dispatch and crew of Dask workers: CPU "
-    "seconds, messages, bytes and memory a task; planning of objects that are as they should be: CPU seconds "
-    "an object"
+    "Wall seconds of the tasks of a hundred scans, asleep, over the lower bound; CPU milliseconds of driver "
+    "and scheduler a task, and growth of the driver's memory"
 )
+Costs = Mapping[tuple[str, str], Estimate]  # by object and stage
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="what a task costs beside its own work")
-    parser.add_argument("--tasks", type=int, default=100_000, help="through plain Dask")
-    parser.add_argument("--crew-tasks", type=int, default=20_000, help="through dispatch and workers")
-    parser.add_argument("--objects", type=int, default=20_000, help="to plan")
+    parser = argparse.ArgumentParser(description="order of tasks, and their cost beside their work")
+    parser.add_argument("--tasks", type=int, default=10_000, help="empty tasks")
+    parser.add_argument("--seconds", type=float, default=45.0, help="that the lower bound is scaled to")
     given = parser.parse_args()
-    os.environ["PYTHONPATH"] = str(REPOSITORY)  # of scheduler, workers and children
-    figures: dict[str, Any] = {}
-    for name, measure, count in (
-        ("plain_dask", plain_dask, given.tasks),
-        ("dispatch_and_crew", through_crew, given.crew_tasks),
-        ("planning", planning, given.objects),
-    ):
-        figures[name] = measure(count)
-        print(name, json.dumps(figures[name]), flush=True)
-    figures["projection"] = {str(count): projection(count) for count in PROJECTED}
-    settings = {
-        "workers": WORKERS,
-        "assumed_price_of_a_cpu_hour": CPU_HOUR,
-        "assumed_price_of_a_gb_month": GB_MONTH,
-        "load_of_the_machine": os.getloadavg()[0],
+    os.environ["PYTHONPATH"] = str(REPOSITORY)  # of scheduler and workers
+    with mock.patch.object(dask_runner, "run_task", sleep):
+        figures: dict[str, Any] = {"empty_tasks": empty_tasks(given.tasks)}
+        print(figures["empty_tasks"], flush=True)
+        known = {(one.object_id, one.stage): one for one in packaged_costs()}
+        taken = {key: Estimate(one.wall_s, one.cpu_s, one.memory_bytes, 0) for key, one in known.items()}
+        figures["makespans"] = []
+        for workers, threads in CLUSTERS:
+            with cluster(workers, threads) as (runner, _):
+                for knowledge, expected in (("known", taken), ("first", foretold())):
+                    row = makespan(runner, workers * threads, taken, expected, given.seconds)
+                    row = {"knowledge": knowledge, "workers": workers, "threads_of_each": threads, **row}
+                    figures["makespans"].append(row)
+                    print(row, flush=True)
+    write("scale", figures, {"processors": os.cpu_count(), "load": os.getloadavg()[0]}, COMPARED)
+
+
+def sleep(call: Call, *rest: Any) -> Answer:
+    """Sleep as long as a call says, in place of `pipeline.cluster.run_task.run_task`."""
+    time.sleep(call.request.parameters["seconds"])
+    return Answer("", "", Outcome(call.request.object_id))
+
+
+def foretold() -> Costs:
+    """Return what the costs of all other objects foretell for each."""
+    tasks = packaged_costs()
+    return {
+        (one.object_id, one.stage): fit(
+            [other for other in tasks if other.stage == one.stage and other.object_id != one.object_id]
+        ).at(one.load)
+        for one in tasks
     }
-    write("scale", figures, settings, COMPARED)
 
 
-def nothing(request: Request | None = None) -> tuple[()]:
-    """The empty task."""
-    return ()
+def chain_s(costs: Costs, object_id: str, stage: str) -> float:
+    """Return the seconds of a stage and of the longest chain behind it."""
+    behind = [name for name, other in STAGES.items() if stage in other.follows]
+    longest = max((chain_s(costs, object_id, name) for name in behind), default=0.0)
+    return costs[object_id, stage].wall_s + longest
 
 
-def plain_dask(count: int) -> dict[str, Any]:
-    from distributed import Client, wait
-    from distributed.deploy.subprocess import SubprocessCluster
+def makespan(
+    runner: dask_runner.DaskRunner, threads: int, taken: Costs, expected: Costs, bound_s: float
+) -> dict[str, Any]:
+    """Run all objects; return how long it took, beside the bound, in seconds of the bench."""
+    objects = sorted({object_id for object_id, _ in taken})
+    chain = max(chain_s(taken, object_id, "objects") for object_id in objects)
+    work = sum(one.wall_s for one in taken.values())
+    scale = max(work / threads, chain) / bound_s
+    done: dict[str, set[str]] = {object_id: set() for object_id in objects}
+    begun: set[tuple[str, str]] = set()
 
-    with (
-        SubprocessCluster(n_workers=WORKERS, worker_kwargs={"nthreads": 1}) as cluster,
-        Client(cluster) as client,
-    ):
-        client.wait_for_workers(WORKERS)
-        wait([client.submit(nothing, pure=False) for _ in range(100)])
+    def ready(object_id: str) -> Iterator[Job]:
+        for stage, declared in STAGES.items():
+            key = object_id, stage
+            if key not in begun and set(declared.follows) <= done[object_id]:
+                begun.add(key)
+                one = expected[key]
+                request = Request(object_id, {}, {"seconds": taken[key].wall_s / scale}, {}, 0)
+                yield Job(
+                    Call(stage, "", request, (), "", {}),
+                    one.wall_s,
+                    chain_s(expected, *key),
+                    one.memory_bytes,
+                    declared.needs,
+                )
 
-        def run() -> None:
-            wait([client.submit(nothing, key=f"empty-{index}", pure=False) for index in range(count)])
-
-        return _observed(client, run, count)
-
-
-def through_crew(count: int) -> dict[str, Any]:
-    from distributed import Client
-    from distributed.deploy.subprocess import SubprocessCluster
-
-    from pipeline.cluster.cluster import crew, read_place
-
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        SubprocessCluster(n_workers=WORKERS, worker_kwargs={"nthreads": 1}) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        client.wait_for_workers(WORKERS)
-        place = read_place(Path(folder), cluster.scheduler_address)
-        with crew(place, Path(folder), count) as workers:
-            _run_all(Dispatch(workers), [_job(f"warm{index}") for index in range(100)])
-            jobs = [_job(f"o{index}") for index in range(count)]
-
-            def run() -> None:
-                _run_all(Dispatch(workers), jobs)
-
-            return _observed(client, run, count)
+    first = [job for object_id in objects for job in ready(object_id)]
+    begin = time.perf_counter()
+    for job in sorted(first, key=lambda job: job.path_seconds, reverse=True):
+        runner.submit(job)
+    for ended in runner.finished(lambda running, total: None):
+        done[ended.job.object_id].add(ended.job.call.stage)
+        for job in ready(ended.job.object_id):
+            runner.submit(job)
+    wall = time.perf_counter() - begin
+    assert all(names == set(STAGES) for names in done.values())
+    return {
+        "times_divided_by": scale,
+        "bound_s": bound_s,
+        "wall_s": wall,
+        "over_bound": wall / bound_s,
+    }
 
 
-def planning(count: int) -> dict[str, Any]:
-    """An input and a product for each object, both as they should be."""
-    made, wanted = ProductKind("data/made", TENSORS), ProductKind("data/wanted", TENSORS)
-    stage = Stage("wanted", "pipeline.tasks.touches:press_sensor", (wanted,), inputs=(ProductInput(made),))
-    parameters = read_parameters(REPOSITORY / "params.yaml")
-    rows: dict[str, dict[str, Any]] = {f"o{index:07d}": {} for index in range(count)}
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
-        for kind in (made, wanted):
-            (root / kind.folder).mkdir(parents=True)
-        tensors = TensorFile({"weights": np.arange(5, dtype=np.float16)}, {"format": "toy"})
-        for object_id in rows:
-            products.write(made.path(root, object_id), tensors, "a" * 64, {"task": "made"})
-        first = _plan(root, stage, parameters, rows)
-        from objectfolder.provenance import fingerprint
-
-        verified = Verified(root)
-        for object_id in rows:
-            parts = stage.prepare(root, parameters, object_id, {}, verified).parts
-            products.write(wanted.path(root, object_id), tensors, fingerprint(parts), {})
-        fresh = _plan(root, stage, parameters, rows)
-        again = _plan(root, stage, parameters, rows)
-        assert (first["kept"], fresh["kept"], again["kept"]) == (0, count, count)
+def empty_tasks(count: int) -> dict[str, float]:
+    """Return what driver and scheduler spend on a task that does nothing."""
+    request = Request("", {}, {"seconds": 0.0}, {}, 0)
+    jobs = [
+        Job(Call("empty", "", replace(request, object_id=f"o{index}"), (), "", {}), 1.0, 1.0, 10**8)
+        for index in range(count + 100)
+    ]
+    with cluster(1, 2) as (runner, client):
+        scheduler, driver = psutil.Process(client.run_on_scheduler(os.getpid)), psutil.Process()
+        for job in jobs[:100]:
+            runner.submit(job)
+        assert sum(1 for _ in runner.finished(lambda running, total: None)) == 100
+        memory = driver.memory_info().rss
+        before = [cpu_s(process) for process in (driver, scheduler)]
+        begin = time.perf_counter()
+        for job in jobs[100:]:
+            runner.submit(job)
+        ends = sum(end.outcome.failure is None for end in runner.finished(lambda running, total: None))
+        wall = time.perf_counter() - begin
+        assert ends == count
+        spent = [cpu_s(process) - s for process, s in zip((driver, scheduler), before, strict=True)]
         return {
-            "objects": count,
-            "all_to_compute": first,
-            "all_kept_nothing_remembered": fresh,
-            "all_kept": again,
-            "remembered_bytes_an_object": (root / ".objectfolder" / "verified.json").stat().st_size / count,
+            "tasks": count,
+            "tasks_a_second": count / wall,
+            "driver_cpu_ms_a_task": 1e3 * spent[0] / count,
+            "scheduler_cpu_ms_a_task": 1e3 * spent[1] / count,
+            "driver_memory_growth_mb": (driver.memory_info().rss - memory) / 1e6,
         }
 
 
-def _plan(root: Path, stage: Stage, parameters: Any, rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    begin, before = time.process_time(), psutil.Process().memory_info().rss
-    verified = Verified(root)
-    flow = Flow([stage], root, parameters, rows, verified, lambda: Estimates(root, parameters))
-    jobs = flow.begin()
-    verified.save()
-    return {
-        "cpu_ms_an_object": (time.process_time() - begin) / len(rows) * 1e3,
-        "bytes_an_object": (psutil.Process().memory_info().rss - before) / len(rows),
-        "kept": len(rows) - len(jobs),
-    }
+@contextmanager
+def cluster(workers: int, threads: int) -> Iterator[tuple[dask_runner.DaskRunner, Any]]:
+    """Start scheduler and workers as processes of their own, and a runner on them."""
+    from distributed import Client
+    from distributed.deploy.subprocess import SubprocessCluster
 
-
-def projection(count: int) -> dict[str, float]:
-    """What so many objects take in all."""
-    costs = packaged_costs()
-    objects = len({one.object_id for one in costs})
-    cpu_h = sum(one.cpu_s for one in costs) / objects / 3600
-    gigabytes = sum(one.product_bytes for one in costs) / objects / 1e9
-    return {
-        "tasks": count * len(STAGES),
-        "product_files": count * sum(len(stage.products) for stage in STAGES.values()),
-        "cpu_hours": count * cpu_h,
-        "cpu_price": count * cpu_h * CPU_HOUR,
-        "gigabytes": count * gigabytes,
-        "price_of_a_month_of_store": count * gigabytes * GB_MONTH,
-    }
-
-
-def _job(name: str) -> Job:
-    call = Call("empty", "bench.scale:nothing", Request(name, {}, {}, {}, 0), (), f"{name:0>64}"[-64:], {})
-    return Job(call, 1.0, 1.0, 10**8)
-
-
-def _run_all(dispatch: Dispatch, jobs: list[Job]) -> None:
-    for job in jobs:
-        dispatch.add(job)
-    for event in dispatch.events():
-        if not isinstance(event, Lost) and event.outcome.failure is not None:
-            raise RuntimeError(event.outcome.failure.error)
-
-
-def _observed(client: Any, run: Callable[[], None], count: int) -> dict[str, Any]:
-    """What driver and scheduler spent on a run, and what went between them and the workers."""
-    scheduler = psutil.Process(client.run_on_scheduler(os.getpid))
-    driver = psutil.Process()
-    sent = _sent(client)
-    before = [(_cpu(process), process.memory_info().rss) for process in (driver, scheduler)]
-    begin = time.perf_counter()
-    run()
-    wall = time.perf_counter() - begin
-    after = [(_cpu(process), process.memory_info().rss) for process in (driver, scheduler)]
-    found: dict[str, Any] = {"tasks": count, "wall_s": wall, "tasks_a_second": count / wall}
-    for name, (cpu, memory), (cpu_then, memory_then) in zip(
-        ("driver", "scheduler"), after, before, strict=True
+    with (
+        settings(),
+        tempfile.TemporaryDirectory() as folder,
+        SubprocessCluster(
+            n_workers=workers,
+            worker_kwargs={"nthreads": threads, "resources": {BLENDER: 1}, "memory_limit": 0},
+            scheduler_kwargs={"dashboard": False},
+        ) as started,
+        Client(started, set_as_default=False) as client,
     ):
-        found[f"{name}_cpu_ms_a_task"] = (cpu - cpu_then) / count * 1e3
-        found[f"{name}_memory_growth_bytes"] = memory - memory_then
-    for name, value in _sent(client).items():
-        found[f"{name}_a_task"] = (value - sent[name]) / count
-    return found
+        client.wait_for_workers(workers)
+        memory_gb = MEMORY_GB_A_THREAD * threads
+        with dask_runner.DaskRunner(
+            client, Path(folder), ChildSettings(), WaitLimits(300.0), memory_gb=memory_gb
+        ) as runner:
+            yield runner, client
 
 
-def _cpu(process: psutil.Process) -> float:
+def cpu_s(process: psutil.Process) -> float:
+    """Return the CPU seconds of a process so far."""
     times = process.cpu_times()
     return float(times.user + times.system)
-
-
-def _sent(client: Any) -> dict[str, float]:
-    """Messages, batches and bytes sent so far on all streams between client, scheduler and workers."""
-
-    def of_scheduler(dask_scheduler: Any) -> list[tuple[int, int, int]]:
-        streams = [*dask_scheduler.stream_comms.values(), *dask_scheduler.client_comms.values()]
-        return [(stream.message_count, stream.batch_count, stream.byte_count) for stream in streams]
-
-    def of_worker(dask_worker: Any) -> tuple[int, int, int]:
-        stream = dask_worker.batched_stream
-        return stream.message_count, stream.batch_count, stream.byte_count
-
-    own = client.scheduler_comm
-    counts = [
-        *client.run_on_scheduler(of_scheduler),
-        *client.run(of_worker).values(),
-        (own.message_count, own.batch_count, own.byte_count),
-    ]
-    names = ("messages", "batches", "bytes")
-    return {name: float(sum(count[place] for count in counts)) for place, name in enumerate(names)}
 
 
 if __name__ == "__main__":
