@@ -52,7 +52,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.cluster.cluster import crew
+from pipeline.cluster.cluster import runner
 from pipeline.run.converge import converge
 from pipeline.dataset.parameters import read_parameters
 from pipeline.cluster.places import read_place
@@ -65,7 +65,7 @@ if __name__ == "__main__":
     rows = read_table(root, parameters.objects).rows
     stages = [replace(STAGES[name], task=f"PACKAGE.tasks:{name}") for name in ("objects", "touches")]
     place = read_place(root)
-    summaries = converge(stages, root, parameters, rows, lambda jobs: crew(place, root, jobs, stages))
+    summaries = converge(stages, root, parameters, rows, lambda jobs: runner(place, root, jobs, stages))
     sys.exit(max(summary.exit_code(allow_failures=False) for summary in summaries))
 '''
 

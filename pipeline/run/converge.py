@@ -9,7 +9,7 @@ fail, go. Over several stages an object goes on to its next stage as soon as its
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -111,26 +111,21 @@ def converge(
                 _sweep(stage, root)
             verified.save()
             memo.prune(root)
-        summaries = []
-        for stage in stages:
-            earlier = tuple(refused) if stage is stages[0] else ()
-            summary = _summary(stage.name, flow, removed[stage.name], earlier)
-            write_failures(root, stage.name, summary.failures, flow.fingerprints(stage.name))
+        summaries = [_summary(stage.name, flow, removed[stage.name]) for stage in stages]
+        if refused:
+            summaries[0] = replace(summaries[0], failures=(*refused, *summaries[0].failures))
+        for summary in summaries:
+            write_failures(root, summary.stage, summary.failures, flow.fingerprints(summary.stage))
             record.stage(
-                stage.name,
+                summary.stage,
                 len(summary.kept),
                 len(summary.restored),
                 len(summary.computed),
                 len(summary.failures),
                 summary.removed,
             )
-            summaries.append(summary)
-    first: dict[str, Failure] = {}
-    for summary in summaries:
-        for failure in summary.failures:
-            first.setdefault(failure.object_id, failure)
-    if first:
-        print(failure_table(list(first.values())), file=sys.stderr)
+    if failures := _first_failures(summaries):
+        print(failure_table(failures), file=sys.stderr)
     return summaries
 
 
@@ -177,7 +172,7 @@ def _sweep(stage: Stage, root: Path) -> None:
         kind.sweep(root)
 
 
-def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: tuple[Failure, ...]) -> Summary:
+def _summary(stage: str, flow: Flow, removed: tuple[str, ...]) -> Summary:
     by_outcome: dict[str, list[str]] = {KEPT: [], RESTORED: [], COMPUTED: [], FAILED: []}
     for object_id, outcome in flow.outcomes(stage).items():
         by_outcome[outcome].append(object_id)
@@ -187,5 +182,14 @@ def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: tuple[Fa
         tuple(by_outcome[RESTORED]),
         tuple(sorted(by_outcome[COMPUTED])),
         removed,
-        (*refused, *flow.failures(stage)),
+        tuple(flow.failures(stage)),
     )
+
+
+def _first_failures(summaries: Sequence[Summary]) -> list[Failure]:
+    """Return the failure of each object in the first stage where it failed."""
+    first: dict[str, Failure] = {}
+    for summary in summaries:
+        for failure in summary.failures:
+            first.setdefault(failure.object_id, failure)
+    return list(first.values())

@@ -277,7 +277,7 @@ def test_scheduler_killed_and_restarted_at_its_address(site, make):
     with run.fault(*WORKERS):
         site["scheduler"].kill()
     site.start_scheduler()
-    run.finish()
+    run.finish(runs=2)
 
 
 def test_driver_killed_and_run_again(site, make):
