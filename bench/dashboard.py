@@ -126,7 +126,7 @@ def made(root: Path, pairs: int, *, keep: bool = False) -> dict[str, Any]:
         for path in (root / "reports/objects").glob("*"):
             path.unlink()
     begin, wall = cpu_seconds(), time.perf_counter()
-    write_report(root / "data/fidelity", root / "costs.csv", root / "reports", pairs=pairs, results=RESULTS)
+    write_report(root / "data/fidelity", root / "costs.csv", root / "reports", pairs=pairs)
     return {"cpu_s": cpu_seconds() - begin, "wall_s": time.perf_counter() - wall}
 
 
@@ -151,9 +151,6 @@ def sizes(reports: Path) -> dict[str, Any]:
 def cpu_seconds() -> float:
     own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
-
-
-RESULTS = Path(__file__).parent / "results"
 
 
 if __name__ == "__main__":

@@ -191,7 +191,7 @@ def static(browser: Any, path: Path) -> dict[str, Any]:
         error = gain_error_db(page, file)
         page.close()
     return {
-        "static_bytes": written.size,
+        "static_bytes": written.stat().st_size,
         "static_bake_cpu_ms": 1e3 * fresh,
         "static_cached_cpu_ms": 1e3 * cached,
         **spread("static_strike_ms", strikes),

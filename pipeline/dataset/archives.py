@@ -47,7 +47,7 @@ def read_attributes(path: Path) -> dict[str, Any]:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            attributes = _json(archive, archive.getinfo("zarr.json"))["attributes"]
+            attributes = read_json(archive, archive.getinfo("zarr.json"))["attributes"]
     except FileNotFoundError:
         raise
     except (
@@ -91,11 +91,11 @@ def _check(archive: zipfile.ZipFile) -> None:
     for entry in entries:
         name, _, rest = entry.filename.partition("/")
         if entry.filename == "zarr.json":
-            _check_group(_json(archive, entry))
+            _check_group(read_json(archive, entry))
         elif not rest or not _NAME.fullmatch(name):
             raise ValueError(f"entry {entry.filename!r} is no part of a product")
         elif rest == "zarr.json":
-            arrays[name], whole = _bytes(name, _json(archive, entry))
+            arrays[name], whole = described_bytes(name, read_json(archive, entry))
             total += whole
     if total > LARGEST_PRODUCT_BYTES:
         raise ValueError(f"its arrays would take {total} bytes")
@@ -107,7 +107,8 @@ def _check(archive: zipfile.ZipFile) -> None:
             _check_chunk(archive, entry, arrays[name])
 
 
-def _json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
+def read_json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
+    """Return what an entry of JSON holds; raises ValueError for one that no product has."""
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > LARGEST_JSON_BYTES:
         raise ValueError(f"entry {entry.filename} is compressed or of {entry.file_size} bytes")
     return json.loads(archive.read(entry))
@@ -124,8 +125,14 @@ def _check_group(said: dict[str, Any]) -> None:
         raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(more)}")
 
 
-def _bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
-    """Return the bytes of a chunk and of the array in memory, after checking what it says of itself."""
+def described_bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
+    """Return the bytes of a chunk and of the array in memory.
+
+    Raises
+    ------
+    LookupError, TypeError, ValueError
+        The description is not that of an array of a product.
+    """
     shape, grid = said["shape"], said["chunk_grid"]
     chunks = grid["configuration"]["chunk_shape"]
     codecs = [codec["name"] for codec in said["codecs"]]

@@ -15,7 +15,7 @@ from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 
 from objectfolder.errors import InputError
 from objectfolder.store import Product, write_product
-from pipeline.dataset.measures import HEADLINE, number_at
+from pipeline.dataset.measures import HEADLINE, Measure, number_at
 from pipeline.publish.report.charts import histogram, speed_error_chart
 from pipeline.publish.report.effort import setting_medians
 from pipeline.publish.report.formats import (
@@ -31,6 +31,7 @@ from pipeline.publish.report.formats import (
     web_link,
 )
 from pipeline.publish.report.sounds import sound_pair
+from pipeline.publish.report.summary import MeasureSummary
 from pipeline.publish.report.writing import write_report
 
 HOSTILE = "<script>alert('x')</script> & \"mug\""
@@ -236,13 +237,17 @@ def test_a_chart_needs_two_settings_that_differ() -> None:
 
 
 def test_charts_follow_the_colours_of_the_page_and_hold_text_of_any_kind() -> None:
-    chart, within = histogram("h", HOSTILE, [1.0, 2.0, 4.0], lambda value: "$\\frac{<b>$", 3.0)
+    summary = MeasureSummary(
+        Measure("a.b", HOSTILE, "$", 1, True, "", 3.0), [(1.0, "x"), (2.0, "y"), (4.0, "z")]
+    )
+    chart, within = histogram(summary)
     assert within
     assert not re.search("#[0-9a-f]{6}", chart)
     assert {"var(--ink)", "var(--accent)"} <= set(re.findall(r"var\(--\w+\)", chart))
-    assert "<b>" not in chart
     assert "<script>" not in chart
-    assert histogram("h", "", [1.0], str, 3.0)[1] is False
+    assert histogram(MeasureSummary(summary.measure, summary.values[:2]))[1] is False
+    formula = [row | {"setting": "$\\frac{<b>$"} for row in speed_error_rows()]
+    assert "$\\frac{&lt;b&gt;$ 1" in (speed_error_chart("a", "Sight", formula, "bytes") or "")
     many = [
         {**row, "object": str(index), "error": row["error"] + index}
         for index in range(50)

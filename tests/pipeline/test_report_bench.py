@@ -19,9 +19,9 @@ def test_unchanged_pages_are_timed_with_as_many_queries_as_they_show(
     asked: list[int] = []
     pages: list[set[int]] = []
 
-    def write_report(fidelity: Path, costs: Path, reports: Path, *, pairs: int, results: Path) -> None:
+    def write_report(fidelity: Path, costs: Path, reports: Path, *, pairs: int) -> None:
         asked.append(pairs)
-        real(fidelity, costs, reports, pairs=pairs, results=results)
+        real(fidelity, costs, reports, pairs=pairs)
         pages.append({path.stat().st_mtime_ns for path in (reports / "objects").glob("*.html")})
 
     real = dashboard.write_report

@@ -141,8 +141,8 @@ def test_the_index_says_what_is_known(root: Path) -> None:
     assert set(rows) == {"hostile", "die", "deaf", "mug"}
     assert "broken" in index.text
     assert "1 silent object" in index.text
-    for text in ("Own words of the product.", "Distributions over objects", "Against rivals"):
-        assert (text in index.text) == (text != "Against rivals"), "no comparison lies beside this data set"
+    assert "Own words of the product." in index.text
+    assert "Distributions over objects" in index.text
     numbers = json.loads(re.search(r'id="values">(.*?)</script>', index.source)[1])  # type: ignore[index]
     assert len(numbers) == 5
     assert numbers[0][1] == 31.0

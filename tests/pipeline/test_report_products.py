@@ -82,7 +82,7 @@ def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
     [
         ("items", [5, 3_000_000, 400], [1, 3_000_000, 400], "too large"),
         ("zeros", [90, 100_000_000], [1, 100_000_000], "too large"),
-        ("zeros", [1_000_001, 1], [1, 1], "too large"),
+        ("zeros", [1_000_001, 1], [1, 1], "lies in 1000001 chunks"),
     ],
 )
 def test_sizes_that_no_product_has_are_refused_before_anything_is_made(

@@ -5,7 +5,6 @@ Zarr's own reader takes some twenty milliseconds for what is read here in two. W
 """
 
 import hashlib
-import json
 import math
 import os
 import struct
@@ -21,14 +20,12 @@ from numcodecs.blosc import decompress
 from objectfolder.errors import FormatError
 from pipeline.dataset.archives import (
     BLOSC_HEADER_BYTES,
-    CODECS,
     END,
     END_MARK,
-    ITEM_BYTES,
-    LARGEST_JSON_BYTES,
     LARGEST_PRODUCT_BYTES,
-    MOST_CHUNKS,
     REMEDY,
+    described_bytes,
+    read_json,
 )
 
 DAMAGE = (
@@ -159,41 +156,31 @@ class Archive:
     def _read_form(self, name: str) -> tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]:
         """Return shape, shape of a chunk, and type of an array, after checking what it says of itself."""
         said = self._json(f"{name}/zarr.json")
+        chunk_bytes, whole_bytes = described_bytes(name, said)
         shape, chunk = tuple(said["shape"]), tuple(said["chunk_grid"]["configuration"]["chunk_shape"])
         stored = tuple(max(1, size) for size in shape)
-        if tuple(codec["name"] for codec in said["codecs"]) != CODECS or said["data_type"] not in ITEM_BYTES:
-            raise ValueError(f"{name} is stored in another way than products are")
         if chunk not in (stored, (1, *stored[1:])):
             raise ValueError(f"{name} has shape {shape} in chunks of {chunk}")
-        item = ITEM_BYTES[said["data_type"]]
         # A chunk that is all zeros is not stored: a few bytes may declare any number of them.
-        if (
-            math.prod(chunk) * item > LARGEST_CHUNK_BYTES
-            or math.prod(shape) * item > LARGEST_PRODUCT_BYTES
-            or (chunk != stored and shape[0] > MOST_CHUNKS)
-        ):
+        if chunk_bytes > LARGEST_CHUNK_BYTES or whole_bytes > LARGEST_PRODUCT_BYTES:
             raise ValueError(f"{name} has shape {shape} in chunks of {chunk}, which is too large")
         return shape, chunk, np.dtype(said["data_type"])
 
     def _chunk(self, name: str, item: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> np.ndarray:
         entry = _entry(name, item, len(shape))
-        if entry not in self._zip.NameToInfo:
+        stored = self._zip.NameToInfo.get(entry)
+        if stored is None:
             return np.zeros(shape, dtype)  # Zarr writes no chunk that is all zeros
-        content = self._read(entry, LARGEST_CHUNK_BYTES)
+        if stored.compress_type != zipfile.ZIP_STORED:
+            raise ValueError(f"entry {entry} is compressed twice")
+        content = self._zip.read(stored)
         expected = math.prod(shape) * dtype.itemsize
         if len(content) < BLOSC_HEADER_BYTES or int.from_bytes(content[4:8], "little") != expected:
             raise ValueError(f"entry {entry} does not hold {expected} bytes")
         return np.frombuffer(decompress(content), dtype).reshape(shape)
 
     def _json(self, entry: str) -> Any:
-        return json.loads(self._read(entry, LARGEST_JSON_BYTES))
-
-    def _read(self, name: str, most: int) -> bytes:
-        """Return what an entry holds; its checksum is compared."""
-        entry = self._zip.getinfo(name)
-        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > most:
-            raise ValueError(f"entry {name} is compressed or too large")
-        return self._zip.read(entry)
+        return read_json(self._zip, self._zip.getinfo(entry))
 
 
 def _entry(name: str, item: int, axes: int) -> str:

@@ -1,10 +1,10 @@
 """Charts of the first page, drawn by matplotlib as SVG in the colours of the page, light or dark."""
 
 import io
-import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 
 from pipeline.publish.report import formats
 from pipeline.publish.report.effort import setting_medians, steps
+from pipeline.publish.report.summary import MeasureSummary
 
 # What stands for a colour of the page's style while matplotlib draws.
 COLOURS = {
@@ -30,10 +31,8 @@ COLOURS = {
 INK, _, _, ACCENT, CURVE = COLOURS
 STYLE = Path(__file__).parent / "template" / "charts.mplstyle"
 WIDTH, HEIGHT = 3.6, 2.3  # inches
-LEFT, RIGHT, TOP, BOTTOM, LEGEND_ROW = 0.55, 0.12, 0.12, 0.4, 0.17  # margins in inches
+LEFT, RIGHT, TOP, BOTTOM = 0.55, 0.12, 0.12, 0.4  # margins in inches
 MOST_CURVES = 40  # more objects are drawn as a band
-MARKERS = "os^DXP*v"
-FILLS = ("full", "none")
 BAND = (0.05, 0.95)
 
 
@@ -46,7 +45,7 @@ class Chart:
 
 
 @contextmanager
-def drawing(name: str, label: str, height: float = HEIGHT, legend_rows: int = 0) -> Iterator[Chart]:
+def drawing(name: str, label: str, height: float = HEIGHT) -> Iterator[Chart]:
     """Draw one chart.
 
     Parameters
@@ -56,23 +55,20 @@ def drawing(name: str, label: str, height: float = HEIGHT, legend_rows: int = 0)
     label
         What the chart shows, for those who cannot see it.
     height
-        Without the legend, inches.
-    legend_rows
-        Names of curves below the axes.
+        Of the drawing, inches.
     """
     with matplotlib.style.context(STYLE, after_reset=True):
-        whole = height + LEGEND_ROW * legend_rows
-        figure = Figure(figsize=(WIDTH, whole))
-        place = (LEFT / WIDTH, 1 - (height - BOTTOM) / whole, 1 - (LEFT + RIGHT) / WIDTH)
-        chart = Chart(figure.add_axes((*place, (height - BOTTOM - TOP) / whole)))
+        figure = Figure(figsize=(WIDTH, height))
+        size = (1 - (LEFT + RIGHT) / WIDTH, 1 - (BOTTOM + TOP) / height)
+        chart = Chart(figure.add_axes((LEFT / WIDTH, BOTTOM / height, *size)))
         yield chart
         text = io.StringIO()
         figure.savefig(text, format="svg", metadata={"Date": None})
     svg = re.sub(r"<(metadata|style)\b.*?</\1>", "", text.getvalue().partition("<svg")[2], flags=re.DOTALL)
     svg = re.sub(r'( id="|href="#|url\(#)', lambda found: f"{found[1]}{name}-", svg)
     svg = re.sub("|".join(COLOURS), lambda found: COLOURS[found[0]], svg)
-    size, _, rest = svg.partition(">")
-    box = re.search(r'viewBox="[^"]*"', size)
+    opening, _, rest = svg.partition(">")
+    box = re.search(r'viewBox="[^"]*"', opening)
     assert box is not None
     chart.svg = Markup(f'<svg {box[0]} role="img" aria-label="{escape(label)}">{rest}')
 
@@ -114,23 +110,20 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
     return chart.svg
 
 
-def histogram(
-    name: str,
-    label: str,
-    values: Sequence[float],
-    text: Callable[[float], str],
-    target: float | None,
-) -> tuple[Markup, bool]:
-    """Draw how values are spread; a dashed line stands at the target.
+def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
+    """Draw how a measure is spread over the objects; a dashed line stands at its target.
 
     Returns
     -------
     tuple
         The drawing, and whether the target lies within it.
     """
-    low, high = min(values), max(values)
-    within = target is not None and low <= target <= high
-    with drawing(name, label, height=1.4) as chart:
+    measure, values = summary.measure, [value for value, _ in summary.values]
+    target, text = measure.target, partial(formats.number, decimals=measure.decimals)
+    if measure.unit == "bytes":
+        text = partial(formats.short_bytes)
+    within = target is not None and min(values) <= target <= max(values)
+    with drawing(measure.key, f"Histogram of {measure.label}", height=1.4) as chart:
         chart.axes.hist(values, bins="sqrt", color=ACCENT, alpha=0.75, rwidth=0.9)
         if target is not None and within:
             chart.axes.axvline(target, color=INK, linestyle="--", linewidth=1)
@@ -138,32 +131,6 @@ def histogram(
         chart.axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
         chart.axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
     return chart.svg, within
-
-
-def curves(
-    name: str, title: str, x_label: str, y_label: str, logarithmic_y: bool, ways: Mapping[str, Any]
-) -> Markup:
-    """Draw (x, y) points of several ways, each with a marker of its own; x in seconds.
-
-    Parameters
-    ----------
-    ways
-        By name, those of the factory begin with VisionNet, AudioNet or ours.
-    """
-    label = f"{title}: {y_label} against {x_label} of {len(ways)} ways"
-    with drawing(name, label, legend_rows=len(ways)) as chart:
-        looks = itertools.cycle(itertools.product(FILLS, MARKERS))
-        for way, (fill, marker) in zip(ways, looks, strict=False):
-            colour = ACCENT if way.startswith(("VisionNet", "AudioNet", "ours")) else CURVE
-            places = zip(*ways[way], strict=True)
-            chart.axes.plot(*places, f"{marker}-", color=colour, label=way, markersize=4, fillstyle=fill)
-        scale = "log" if logarithmic_y else "linear"
-        chart.axes.set(xlabel=x_label, ylabel=y_label, xscale="log", yscale=scale)
-        mark(chart.axes.xaxis, formats.seconds)
-        if logarithmic_y:
-            mark(chart.axes.yaxis, "{:g}".format)
-        chart.axes.legend(loc="upper left", bbox_to_anchor=(-0.16, -0.22), borderaxespad=0)
-    return chart.svg
 
 
 def mark(axis: Axis, text: Callable[[float], str]) -> None:

@@ -1,10 +1,8 @@
 """The first page of a report: all objects in a table, and what is known of them together."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -17,9 +15,7 @@ from pipeline.publish.report.charts import histogram, speed_error_chart
 from pipeline.publish.report.effort import setting_medians
 from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
 from pipeline.publish.report.object_page import SENSE_NAMES, page_name
-from pipeline.publish.report.rivals import rival_charts
 from pipeline.publish.report.summary import (
-    MeasureSummary,
     cost_summary,
     definitions_of,
     mean,
@@ -90,27 +86,9 @@ class Row:
         ]
 
 
-class Effort(NamedTuple):
-    """What more or less effort of a sense costs and gives."""
-
-    sense: str
-    charts: list[Markup]
-    medians: list[dict[str, Any]]
-
-
-class Distribution(NamedTuple):
-    """How a measure is spread over the objects; its target in words, empty without one."""
-
-    summary: MeasureSummary
-    words: str
-    target: str
-    svg: Markup
-
-
 def render_index(
     objects: Sequence[MeasuredObject],
     failures: Sequence[FailedObject],
-    results: Path,
     paged: frozenset[str],
 ) -> str:
     """Return the first page.
@@ -119,8 +97,6 @@ def render_index(
     ----------
     failures
         All, those of reading products too.
-    results
-        Folder of results of comparisons; may be absent.
     paged
         Ids of the objects that have a page.
     """
@@ -147,9 +123,8 @@ def render_index(
         summary=measured,
         noise_floor_db=mean([number_at(one.attributes, "vision.noise_floor_db") for one in objects]),
         ranking=RANKING,
-        distributions=[_distribution(one) for one in [*measured, cost] if len(one.values) > 1],
+        distributions=[(one, *histogram(one)) for one in [*measured, cost] if len(one.values) > 1],
         efforts=_efforts(objects),
-        rivals=rival_charts(results),
         sense_names=SENSE_NAMES,
         stages=stage_rows(objects),
         cost=cost,
@@ -194,31 +169,13 @@ def _number(one: MeasuredObject, column: Column) -> float | None:
     return float(f"{value * column.scale:.7g}")
 
 
-def _distribution(summary: MeasureSummary) -> Distribution:
-    measure, values = summary.measure, [value for value, _ in summary.values]
-    text: Callable[[float], str] = partial(formats.number, decimals=measure.decimals)
-    if measure.unit == "bytes":
-        text = formats.short_bytes
-    assert summary.median is not None
-    assert summary.worst is not None
-    objects = f"{len(values)} object{'' if len(values) == 1 else 's'}"
-    words = f"{objects}: median {text(summary.median)}, worst {text(summary.worst)}"
-    label = f"Histogram of {measure.label}; {words}"
-    svg, within = histogram(measure.key, label, values, text, measure.target)
-    target = (
-        "" if measure.target is None else f"{text(measure.target)}{'' if within else ', beyond the axis'}"
-    )
-    return Distribution(summary, words, target, svg)
-
-
-def _efforts(objects: Sequence[MeasuredObject]) -> list[Effort]:
+def _efforts(objects: Sequence[MeasuredObject]) -> list[tuple[str, list[Markup], list[dict[str, Any]]]]:
+    """Return, for each sense, its name, charts of error against effort, and medians by setting."""
     rows = speed_error_rows(objects)
     efforts = []
     for sense in SENSES:
         own = [row for row in rows if row["sense"] == sense]
-        drawn = [
-            speed_error_chart(sense, SENSE_NAMES[sense], own, column)
-            for column in ("seconds_per_query", "bytes")
-        ]
-        efforts.append(Effort(sense, [chart for chart in drawn if chart], setting_medians(own)))
+        title = SENSE_NAMES[sense]
+        drawn = [speed_error_chart(sense, title, own, column) for column in ("seconds_per_query", "bytes")]
+        efforts.append((title, [chart for chart in drawn if chart], setting_medians(own)))
     return efforts

@@ -2,10 +2,12 @@
 
 import base64
 import io
-import wave
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib import colormaps
+from scipy.fft import rfft
+from scipy.io import wavfile
 
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from pipeline.publish.report.pictures import indexed_uri
@@ -20,28 +22,10 @@ RANGE_DB = 80.0
 SPECTROGRAM_S = 0.5
 HANN = np.hanning(WINDOW).astype(np.float32)
 SPECTROGRAM_SIZE = (96, 96)
-# Dark to bright with even steps of lightness.
-COLOURS = np.array(
-    [
-        (0, 0, 4),
-        (28, 16, 68),
-        (80, 18, 123),
-        (130, 37, 129),
-        (183, 55, 121),
-        (230, 82, 99),
-        (252, 137, 97),
-        (254, 196, 136),
-        (252, 253, 191),
-    ],
-    dtype=np.float64,
-)
-
 # Levels drawn, from `RANGE_DB` below the reference up to it.
 SHADES = 64
-PALETTE = np.stack(
-    [np.interp(np.linspace(0, 1, SHADES), np.linspace(0, 1, len(COLOURS)), channel) for channel in COLOURS.T],
-    1,
-).round()
+# Dark to bright with even steps of lightness.
+PALETTE = np.round(255 * colormaps["magma"](np.linspace(0, 1, SHADES))[:, :3])
 
 
 @dataclass(frozen=True)
@@ -93,11 +77,7 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
 def wave_uri(levels: np.ndarray) -> str:
     """Return (samples,) int16 as a mono WAV data URI."""
     buffer = io.BytesIO()
-    with wave.open(buffer, "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(round(SAMPLE_RATE_HZ))
-        file.writeframes(levels.astype("<i2").tobytes())
+    wavfile.write(buffer, round(SAMPLE_RATE_HZ), levels)
     return "data:audio/wav;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
@@ -112,8 +92,6 @@ def spectrograms(sounds: np.ndarray) -> np.ndarray:
     sounds
         (2, samples) at 44100 Hz.
     """
-    from scipy.fft import rfft
-
     padded = np.zeros((len(sounds), int(SPECTROGRAM_S * SAMPLE_RATE_HZ) + WINDOW), np.float32)
     kept = sounds[:, : padded.shape[1]]
     padded[:, : kept.shape[1]] = kept

@@ -22,8 +22,6 @@ from pipeline.publish.report.tables import (
 )
 from pipeline.run.costs import read_costs
 
-RESULTS = "bench/results"
-
 
 def write_report(
     fidelity_folder: Path,
@@ -31,7 +29,6 @@ def write_report(
     reports_folder: Path,
     failures: Iterable[FailedObject] = (),
     *,
-    results: Path | None = None,
     pairs: int = PAIRS,
 ) -> None:
     """Write metrics.json, per_object.csv, speed_error.csv, index.html and a page an object in ``objects/``.
@@ -49,8 +46,6 @@ def write_report(
         Made where it is missing.
     failures
         What the run before could not make.
-    results
-        Folder with results of comparisons; ``bench/results`` beside `reports_folder` by default.
     pairs
         Held-out queries of each sense that a page shows, at most.
 
@@ -68,12 +63,11 @@ def write_report(
         objects, fidelity_folder.parent, own, reports_folder / OBJECTS, pairs, reports_folder.parent / PLAYERS
     )
     known += damaged
-    results = reports_folder.parent / RESULTS if results is None else results
     texts = {
         "metrics.json": metrics_text(summaries(objects), objects, known),
         "per_object.csv": object_table(objects),
         "speed_error.csv": csv_text(SPEED_ERROR_COLUMNS, speed_error_rows(objects)),
-        "index.html": render_index(objects, known, results, paged),
+        "index.html": render_index(objects, known, paged),
     }
     for name, text in texts.items():
         with atomic_write(reports_folder / name) as file:

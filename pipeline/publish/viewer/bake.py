@@ -6,6 +6,8 @@ AudioNet's control points, which are spread out in every leading part; the page 
 AudioNet's own covariance. Frequencies and dampings are the file's.
 """
 
+import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,14 +16,17 @@ from objectfolder.audio.audionet import DETOUR_STEP, AudioNet, control_barycentr
 from objectfolder.geometry.surface import Surface
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
-from pipeline.publish.viewer.colours import surface_colours
-from pipeline.publish.viewer.live_sound import listening_gain
-from pipeline.publish.viewer.packing import packed
+from objectfolder.vision.export.base_colour import network_colour
 
 # Gains are one byte each; this many keep an object's script within its budget.
 MOST_GAINS = 190_000
 LEAST_POINTS = 200
 GAIN_STEPS = 127
+# An export has 24, for it is lit anew elsewhere; these colours differ from it by less than what is left out.
+LIGHT_DIRECTIONS = 4
+USUAL_IMPULSE_N_S = 0.05
+PEAK_OF_FULL_SCALE = 0.33
+ARRAY_NAMES = {"int8": "Int8Array", "uint8": "Uint8Array", "int16": "Int16Array", "int32": "Int32Array"}
 # Raise it when what is stored changes: kept players of another format are made anew.
 FORMAT = 2
 
@@ -29,7 +34,7 @@ FORMAT = 2
 def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     """Return what a static player is told of an object, and its arrays, compressed.
 
-    The first has the places of the arrays in the second, see `packing.packed`.
+    The first has the places of the arrays in the second, see `packed`.
     """
     arrays: dict[str, np.ndarray] = {}
     surface = file.surface
@@ -91,3 +96,67 @@ def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict
         "detours": np.diff(np.rint(detours / step).astype(np.int32), axis=0, prepend=0).astype(np.int32),
         "gains": np.rint(gains / scale).astype(np.int8).transpose(2, 1, 0),
     }
+
+
+def surface_colours(file: ObjectFile) -> np.ndarray:
+    """Return (vertices + edges, 3) uint8 sRGB at the vertices and in the middle of the edges.
+
+    It is the share of light from all directions that leaves along the normal, by the VisionNet, without what
+    a clear coat reflects.
+    """
+    faces = file.surface.faces
+    sides = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    code = np.sort(sides, axis=1) @ np.array([faces.max() + 1, 1])
+    _, first = np.unique(code, return_index=True)
+    edge_face, edge_corner = np.divmod(np.sort(first), 3)
+    corners = np.zeros(len(file.surface.vertices), dtype=np.int64)
+    corners[faces.ravel()] = np.arange(faces.size)
+    vertex_face, vertex_corner = np.divmod(corners, 3)
+    middles = (np.eye(3) + np.roll(np.eye(3), 1, axis=1)) / 2
+    face = np.concatenate([vertex_face, edge_face])
+    barycentric = np.concatenate([np.eye(3)[vertex_corner], middles[edge_corner]])
+    metallic = float((file.description["material"] or {}).get("metallic", 0.0))
+    colours = network_colour(
+        file.vision, file.surface, file.frame, face, barycentric, metallic, LIGHT_DIRECTIONS
+    )
+    return np.asarray(np.rint(colours[:, :3] * 255), dtype=np.uint8)
+
+
+def listening_gain(file: ObjectFile) -> float:
+    """Return the factor at which a usual blow at a typical place peaks at a third of full scale.
+
+    One factor an object: a harder blow is louder, as it is.
+    """
+    points, normals = file.sample_contacts(9, seed=0)
+    if not len(file.modes.eigenvalues):
+        return 1.0
+    sounds = file.strike(points, -USUAL_IMPULSE_N_S * normals, duration=0.05)
+    peak = float(np.median(np.abs(sounds).max(axis=1)))
+    return PEAK_OF_FULL_SCALE / peak if peak > 0 else 1.0
+
+
+def packed(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], bytes]:
+    """Return where each array lies, and all of them, deflated.
+
+    The bytes of an array are stored in planes, all lowest bytes first: the upper ones are nearly
+    constant and compress to little.
+
+    Returns
+    -------
+    tuple
+        For each name ``type`` (a JavaScript typed array), ``shape`` and ``offset`` in bytes; a zlib stream.
+    """
+    described: dict[str, Any] = {}
+    parts: list[bytes] = []
+    offset = 0
+    for name, array in arrays.items():
+        values = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<"))
+        described[name] = {
+            "type": ARRAY_NAMES[array.dtype.name],
+            "shape": list(array.shape),
+            "offset": offset,
+        }
+        planes = values.reshape(-1).view(np.uint8).reshape(-1, array.dtype.itemsize).T
+        parts.append(planes.tobytes())
+        offset += values.nbytes
+    return described, zlib.compress(b"".join(parts), 6)

@@ -9,7 +9,7 @@ import numpy as np
 from objectfolder.audio.synthesis.oscillators import HIGHEST_RATIO
 from objectfolder.errors import QueryError
 from objectfolder.object_file import ObjectFile
-from pipeline.publish.viewer.live_sound import listening_gain
+from pipeline.publish.viewer.bake import listening_gain
 
 MOST_PIXELS = 1024
 LONGEST_S = 10.0

@@ -7,7 +7,6 @@ Nothing is fetched: everything works in a page opened from disk.
 
 import base64
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.atomic import atomic_write
@@ -39,24 +38,8 @@ STATIC_SCRIPTS = (
 )
 
 
-@dataclass(frozen=True)
-class PlayerFiles:
-    """What was written for one object.
-
-    Attributes
-    ----------
-    script : its data
-    size : bytes of it
-    baked : whether the Object File had to be opened; False where a file of the same bytes was before
-    """
-
-    script: Path
-    size: int
-    baked: bool
-
-
-def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | None = None) -> PlayerFiles:
-    """Write ``<folder>/<object_id>.player.js``.
+def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | None = None) -> Path:
+    """Write ``<folder>/<object_id>.player.js``, and return its path.
 
     Parameters
     ----------
@@ -81,35 +64,30 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
     if object_id in ("", ".", "..") or "/" in object_id or "\\" in object_id or "\0" in object_id:
         raise InputError(repr(object_id), "no file name", "Give an id without separators.")
     kept = None if cache is None else cache / f"{file_digest(object_file)}.{FORMAT}"
-    data = kept.read_bytes() if kept is not None and kept.is_file() else None
-    baked = data is None
-    if data is None:
+    if kept is not None and kept.is_file():
+        data = kept.read_bytes()
+    else:
         data = _data_of(object_file)
         if kept is not None:
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_write(kept) as file:
-                file.write(data)
-    # An object without a prototype: any id is a plain key of it.
-    script = (
-        f"(window.objectfolderPlayers ??= Object.create(null))[{_quoted(object_id)}] = ".encode()
-        + data
-        + b";\n"
-    )
-    folder.mkdir(parents=True, exist_ok=True)
+            _write(kept, data)
     target = folder / f"{object_id}.player.js"
-    with atomic_write(target) as file:
-        file.write(script)
-    return PlayerFiles(target, len(script), baked)
+    # An object without a prototype: any id is a plain key of it.
+    own = f"(window.objectfolderPlayers ??= Object.create(null))[{_quoted(object_id)}] = "
+    _write(target, own.encode() + data + b";\n")
+    return target
 
 
 def write_player_assets(folder: Path) -> set[str]:
     """Write ``player.js`` and ``player.css``, once for all objects of a page; return their names."""
-    folder.mkdir(parents=True, exist_ok=True)
     code = "".join((PAGE / name).read_text(encoding="utf-8") for name in (*SHARED_SCRIPTS, *STATIC_SCRIPTS))
-    for name, text in (("player.js", code), ("player.css", (PAGE / "player.css").read_text("utf-8"))):
-        with atomic_write(folder / name) as file:
-            file.write(text.encode())
+    _write(folder / "player.js", code.encode())
+    _write(folder / "player.css", (PAGE / "player.css").read_bytes())
     return {"player.js", "player.css"}
+
+
+def _write(path: Path, content: bytes) -> None:
+    with atomic_write(path) as file:
+        file.write(content)
 
 
 def _data_of(object_file: Path) -> bytes:
