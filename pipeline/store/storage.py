@@ -31,9 +31,7 @@ NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT})
 # Errors of libraries for object stores that another try does not mend.
 CREDENTIALS = frozenset({"NoCredentialsError", "PartialCredentialsError", "ProfileNotFound"})
 MISNAMED = frozenset({"InvalidBucketName", "ParamValidationError", "InvalidRegionError"})
-LIBRARIES = frozenset(
-    {"aiobotocore", "aiohttp", "asyncio", "botocore", "gcsfs", "google", "requests", "urllib3"}
-)
+REFUSED = frozenset({"401", "403"})  # of HTTP
 KEPT = "Nothing finished is lost: run again."
 
 T = TypeVar("T")
@@ -181,7 +179,10 @@ class Store:
             except Exception as error:
                 if (told := self._told(error, local)) is not None:
                     raise told from error
-                if isinstance(error, FileNotFoundError) or not _foreign(error):
+                # Each library for object stores has errors of its own: all of them are the store's.
+                if isinstance(error, FileNotFoundError) or (
+                    self._folder is not None and not isinstance(error, OSError | EOFError)
+                ):
                     raise
                 if time.monotonic() + pause > end:
                     finding = f"no success in {self._patience_s:g} s of tries (last: {_said(error)})"
@@ -199,7 +200,8 @@ class Store:
                 return disk_error(error, local or Path(self._base)) if here or local else None
             if error.errno == errno.EROFS or (isinstance(error, PermissionError) and here):
                 return disk_error(error, Path(str(error.filename or local or self._base)))
-        if isinstance(error, PermissionError):
+        status = getattr(error, "status_code", None) or getattr(error, "code", None)  # of Azure, of Google
+        if isinstance(error, PermissionError) or str(status) in REFUSED:
             remedy = "Check the credentials; they need the rights to list, read, write and delete."
             return InputError(self.url, f"access denied ({error})", remedy)
         if any("NoSuchBucket" in str(cause) for cause in _causes(error)):
@@ -268,11 +270,6 @@ def _file_system(url: str) -> tuple[Any, str]:
     if protocol in ("s3", "s3a"):
         files.retries = 1
     return files, base.rstrip("/")
-
-
-def _foreign(error: Exception) -> bool:
-    """Whether an error comes from outside: the network, a server, a file system."""
-    return isinstance(error, OSError | EOFError) or type(error).__module__.partition(".")[0] in LIBRARIES
 
 
 def _causes(error: BaseException | None) -> list[BaseException]:

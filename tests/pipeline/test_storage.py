@@ -236,6 +236,26 @@ def test_a_store_that_cannot_be_used_says_why(bucket, faults, impatient, monkeyp
         Store(f"file://{tmp_path}")
 
 
+@pytest.mark.parametrize(
+    ("status", "kind", "finding"),
+    [(503, SimulationError, "no success in 0 s"), (403, InputError, "access denied")],
+)
+def test_errors_of_any_library_are_those_of_the_store(tmp_path, monkeypatch, status, kind, finding):
+    class HttpResponseError(Exception):
+        """As Azure's library has it: no error of the operating system, and of a module nobody lists."""
+
+        status_code = status
+
+    def fail(*_arguments, **_options):
+        raise HttpResponseError("the server says no")
+
+    store = Store("memory://azure", patience_s=0)
+    (tmp_path / "source").write_bytes(b"x")
+    monkeypatch.setattr(type(store._files), "put_file", fail)
+    with pytest.raises(kind, match=finding):
+        store.put(tmp_path / "source", NAME)
+
+
 def test_a_store_without_its_library_says_what_to_install(monkeypatch):
     pytest.importorskip("fsspec")
     monkeypatch.delitem(sys.modules["fsspec.registry"]._registry, "s3", raising=False)
