@@ -99,9 +99,13 @@ def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list
     """Compare two products by the checksums in them, where they have any; a damaged list is a defect."""
     if not (before.listing and after.listing):
         return Arrays(unread=1), []
-    damage = (("earlier", before.damage), ("later", after.damage))
-    defects = [Reason(CORRUPTED, note=f"the {which} one: {text}") for which, text in damage if text]
-    return (Arrays(unread=1), defects) if defects else (by_checksums(before, after), [])
+    try:
+        return by_checksums(before, after), []
+    except ValueError:
+        damage = (("earlier", before.damage), ("later", after.damage))
+    return Arrays(unread=1), [
+        Reason(CORRUPTED, note=f"the {which} one: {text}") for which, text in damage if text
+    ]
 
 
 def _damage(which: str, path: Path) -> list[Reason]:

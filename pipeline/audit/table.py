@@ -1,14 +1,13 @@
 """An audit as plain text of a terminal's width."""
 
 import math
-import textwrap
 from collections.abc import Sequence
 
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import Audit
 from pipeline.audit.groups import counts, groups, names, totals
 from pipeline.audit.reasons import UPSTREAM
-from pipeline.audit.texts import printable
+from pipeline.audit.texts import printable, wrapped
 
 NARROWEST, WIDEST = 72, 120
 GROUPS = 40
@@ -78,8 +77,7 @@ def cost(audit: Audit) -> str:
 
 
 def _heading(audit: Audit, width: int) -> list[str]:
-    labels = (f"from  {audit.old}", f"to    {audit.new}")
-    lines = [line for label in labels for line in _wrapped(label, width, "", "      ")]
+    lines = wrapped(f"from  {audit.old}", width) + wrapped(f"to    {audit.new}", width)
     return [*lines, "", f"{len(audit.objects)} objects: {counts(audit)}"]
 
 
@@ -88,16 +86,16 @@ def _groups(audit: Audit, width: int) -> list[str]:
     lines = []
     for one in found[:GROUPS]:
         count = f" ({len(one.objects)})" if len(one.objects) > 1 else ""
-        lines += _wrapped(f"{one.state}{count}: {names(one.objects)}", width, "", "  ")
+        lines += wrapped(f"{one.state}{count}: {names(one.objects)}", width)
         for reason in one.reasons:
-            lines += _wrapped(reason, width, "    ", "      ")
+            lines += wrapped(reason, width, "    ")
         places = []
         if one.direct:
             places.append("in " + ", ".join(one.direct))
         if one.behind:
             places.append(f"{UPSTREAM} of {', '.join(one.behind)}")
         if places:
-            lines += _wrapped("; ".join(places), width, "    ", "      ")
+            lines += wrapped("; ".join(places), width, "    ")
     if len(found) > GROUPS:
         lines.append(f"... and {len(found) - GROUPS} groups more (--json and --html have all)")
     return lines
@@ -146,14 +144,11 @@ def _costs(audit: Audit, width: int) -> list[str]:
         unknown += f", and what {', '.join(map(printable, fetch.unlisted))} has, of which the list is unknown"
     parts = ", ".join(f"{path} {size(count)}" for path, count in fetch.by_out.items() if count)
     text = f"to fetch: {size(fetch.bytes)} in {fetch.files} files{unknown}{f' ({parts})' if parts else ''}"
-    return lines + _wrapped(text, width, "", "  ")
+    return lines + wrapped(text, width)
 
 
 def _problems(audit: Audit, width: int) -> list[str]:
-    lines = []
-    for error in audit.problems:
-        lines += _wrapped(f"incomplete: {error}", width, "", "  ")
-    return lines
+    return [line for error in audit.problems for line in wrapped(f"incomplete: {error}", width)]
 
 
 def _columns(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
@@ -166,9 +161,3 @@ def _columns(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
         )
         for row in rows
     ]
-
-
-def _wrapped(text: str, width: int, first: str = "", others: str = "  ") -> list[str]:
-    return textwrap.wrap(
-        text, width, initial_indent=first, subsequent_indent=others, break_on_hyphens=False
-    ) or [first]

@@ -5,8 +5,7 @@ from typing import Any
 import yaml
 
 import objectfolder
-from pipeline.publish.cards.credited_sources import Source, sources
-from pipeline.publish.cards.published_data_set import DataSet
+from pipeline.publish.cards.published_data_set import DataSet, Source
 from pipeline.publish.cards.statements import description
 
 SOFTWARE = "ObjectFolder Factory"
@@ -38,7 +37,7 @@ def citation_text(data_set: DataSet) -> str:
             "version": objectfolder.__version__,
             "authors": [{"name": f"{SOFTWARE} contributors"}],
         },
-        *(_reference(group) for group in sources(data_set)),
+        *(_reference(group) for group in data_set.sources()),
     ]
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=1000)
 

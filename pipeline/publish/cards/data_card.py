@@ -14,7 +14,6 @@ import yaml
 from objectfolder.splits import OBJECT_SPLITS
 from pipeline.dataset.measures import HEADLINE, Measure
 from pipeline.dataset.stages import STAGES
-from pipeline.publish.cards.credited_sources import licences, sources
 from pipeline.publish.cards.published_data_set import DataSet
 from pipeline.publish.cards.statements import LIMITS, citation, counted, description, materials
 
@@ -54,8 +53,8 @@ def card_text(data_set: DataSet, root: Path, folder: Path) -> str:
         fidelity=list(_fidelity(data_set)),
         silent=data_set.metrics.get("audio", {}).get("silent_objects") or 0,
         costs=list(_costs(data_set)),
-        licences=licences(data_set),
-        sources=sources(data_set),
+        licences=data_set.licences(),
+        sources=data_set.sources(),
         unstated=sum(not entry.licence.stated for entry in objects),
         limits=LIMITS,
         example=objects[0].object_id if objects else "ID",
@@ -69,7 +68,7 @@ def escape(text: str) -> str:
 
 
 def _front_matter(data_set: DataSet, reports: str) -> dict[str, Any]:
-    known = licences(data_set)
+    known = data_set.licences()
     names = list(dict.fromkeys(licence.hugging_face for licence, _ in known))
     front: dict[str, Any] = {"pretty_name": data_set.publication.title}
     if names:

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,6 +73,16 @@ class Missing:
 
 
 @dataclass(frozen=True)
+class Source:
+    """Objects of one origin under one licence with one attribution; empty text is what was not stated."""
+
+    source: str
+    licence: Licence
+    attribution: str
+    object_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class DataSet:
     """What cards are made of; `parameters` are those of the size that was made."""
 
@@ -98,10 +109,20 @@ class DataSet:
         """What measures mean, by name; the same for all objects that one version of the code measured."""
         return {name: text for entry in self.objects for name, text in entry.definitions.items()}
 
-    @property
-    def total_bytes(self) -> int:
-        """Bytes of all Object Files."""
-        return sum(entry.file.bytes for entry in self.objects)
+    def sources(self) -> list[Source]:
+        """Return every source once, most objects first; each object is in exactly one."""
+        groups: dict[tuple[str, Licence, str], list[str]] = {}
+        for entry in self.objects:
+            groups.setdefault((entry.source, entry.licence, entry.attribution), []).append(entry.object_id)
+        made = [Source(*key, tuple(sorted(ids))) for key, ids in groups.items()]
+        return sorted(
+            made, key=lambda one: (-len(one.object_ids), one.source, one.licence.label, one.attribution)
+        )
+
+    def licences(self) -> list[tuple[Licence, int]]:
+        """Return every licence, the absence of one included, with its number of objects, most first."""
+        counts = Counter(entry.licence for entry in self.objects)
+        return sorted(counts.items(), key=lambda item: (-item[1], item[0].label))
 
 
 def read_data_set(root: Path, folder: Path) -> DataSet:
@@ -156,7 +177,7 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
 
 
 def _line(text: object) -> str:
-    """Return one line of text: statements of strangers may have breaks in them."""
+    """Return one line of text: what others state may have breaks in it."""
     return " ".join(str(text or "").split())
 
 
