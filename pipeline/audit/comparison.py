@@ -6,8 +6,8 @@ from typing import Any
 from objectfolder.errors import FormatError, ObjectFolderError
 from pipeline.audit import reasons
 from pipeline.audit.arrays import Arrays
+from pipeline.audit.change_costs import KnownCosts, to_fetch
 from pipeline.audit.contents import Content, Contents
-from pipeline.audit.costs import KnownCosts, to_fetch
 from pipeline.audit.descriptions import Description
 from pipeline.audit.fidelity import FidelityChange, changes, worst_first
 from pipeline.audit.findings import (

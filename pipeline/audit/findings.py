@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit import reasons
 from pipeline.audit.arrays import Arrays
-from pipeline.audit.costs import Fetch
+from pipeline.audit.change_costs import Fetch
 from pipeline.audit.fidelity import FidelityChange
 from pipeline.audit.reasons import Reason
 from pipeline.dataset.task import Failure

@@ -27,6 +27,7 @@ AT_ONCE = 4  # files read at the same time: disks and hashes, not processors, ar
 DAMAGED, OTHER, MISSING, UNLISTED, MISLABELLED, MADE_FROM_ANOTHER = (
     "damaged", "other content", "missing", "not listed", "mislabelled", "made from another",
 )  # fmt: skip
+REMAKE = "Delete it, then run `dvc repro`."
 Progress = Callable[[int, int, int], None]
 
 
@@ -75,6 +76,9 @@ class _Item:
     kind: ProductKind | None = None
     object_id: str = ""
     text: bytes | None = None  # for what git holds
+
+    def finding(self, kind: str, text: str, remedy: str) -> Finding:
+        return Finding(self.where, kind, text, remedy)
 
 
 def verify(
@@ -154,27 +158,20 @@ def _check(
     item: _Item, contents: Contents, version: Version, scratch: Path
 ) -> tuple[int, list[Finding], Description | None]:
     """Return bytes read, what is wrong, and what the product says of itself."""
-
-    def finding(kind: str, text: str, remedy: str) -> Finding:
-        return Finding(item.where, kind, text, remedy)
-
-    if item.path is None or not item.path.is_file():
-        if item.text is None:
-            return 0, [finding(MISSING, "there is no such file", _restore(item, contents))], None
-        size, digest = len(item.text), hashlib.md5(item.text).hexdigest()
-    else:
-        try:
-            size, digest = item.path.stat().st_size, md5_of(item.path)
-        except OSError as error:
-            text = f"cannot be read ({error.strerror})"
-            return 0, [finding(DAMAGED, text, "See the disk and its access rights.")], None
+    try:
+        size, digest = _hashed(item)
+    except FileNotFoundError:
+        return 0, [item.finding(MISSING, "there is no such file", _restore(item, contents))], None
+    except OSError as error:
+        text = f"cannot be read ({error.strerror})"
+        return 0, [item.finding(DAMAGED, text, "See the disk and its access rights.")], None
     found = []
     if item.md5 and digest != item.md5:
         text = f"its MD5 is {digest}, the version lists {item.md5}"
-        found = [finding(OTHER, text, _restore(item, contents))]
+        found = [item.finding(OTHER, text, _restore(item, contents))]
     elif not item.md5 and version.damage is None:
         remedy = "Run `dvc repro`, or `dvc commit` if it is meant to be."
-        found = [finding(UNLISTED, "whole, but dvc.lock does not list it", remedy)]
+        found = [item.finding(UNLISTED, "whole, but dvc.lock does not list it", remedy)]
     if item.kind is None or item.path is None:
         return size, found, None
     try:
@@ -182,11 +179,20 @@ def _check(
     except (ObjectFolderError, OSError) as error:
         text = error.finding if isinstance(error, ObjectFolderError) else str(error)
         # One finding a file: that it is not what the list says follows from its damage.
-        return size, [finding(DAMAGED, text, _restore(item, contents))], None
+        return size, [item.finding(DAMAGED, text, _restore(item, contents))], None
     if not is_labelled_truly(description):
         text = "its fingerprint is not that of the parts it names"
-        found.append(finding(MISLABELLED, text, "Delete it, then run `dvc repro`."))
+        found.append(item.finding(MISLABELLED, text, REMAKE))
     return size, found, description
+
+
+def _hashed(item: _Item) -> tuple[int, str]:
+    """Return size and MD5 of a file, or of what git has in its place."""
+    if item.path is not None and (item.text is None or item.path.is_file()):
+        return item.path.stat().st_size, md5_of(item.path)
+    if item.text is None:
+        raise FileNotFoundError(item.where)
+    return len(item.text), hashlib.md5(item.text).hexdigest()
 
 
 def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Description:
@@ -208,9 +214,7 @@ def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Descript
     except ObjectFolderError as error:
         raise FormatError(str(path), error.finding.replace(f"{named}: ", ""), error.remedy) from error
     except RecursionError as error:
-        raise FormatError(
-            str(path), "its attributes are too deep", "Delete it, then run `dvc repro`."
-        ) from error
+        raise FormatError(str(path), "its attributes are too deep", REMAKE) from error
     finally:
         named.unlink(missing_ok=True)
     return description
@@ -224,7 +228,7 @@ def _restore(item: _Item, contents: Contents) -> str:
     """
     folder = item.where.rpartition("/")[0] or item.where
     if not item.md5:
-        return "Delete it, then run `dvc repro`."
+        return REMAKE
     near = contents.path(item.md5)
     if near is None:
         return f"Delete what lies there, then `dvc pull {folder}` if a remote has it, or run `dvc repro`."

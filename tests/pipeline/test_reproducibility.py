@@ -104,6 +104,7 @@ def verdicts(first: Path, second: Path, stages: object) -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 def test_geometry_and_touch_are_as_declared_on_another_processor(tmp_path, bar, made):
     other = run(tmp_path, QUICK, bar, **OTHER)
     found = verdicts(made, other, QUICK)
