@@ -11,6 +11,7 @@ from pipeline.publish.report.surface_picture import PIXELS, Picture, Surface, pi
 
 # Of the object's diagonal: how far out the arrow that shows the sensor's way begins.
 ARROW = 0.22
+TOUCH_ARRAYS = ("points", "normals", "sensor_to_object", "depth_m", "tilt_deg", "contact_area_m2")
 
 
 @dataclass(frozen=True)
@@ -93,16 +94,7 @@ def contacts(fidelity: Archive, touches: Archive, objects: Archive) -> list[Cont
     if not any(index is not None for index in found):
         return [None] * len(found)
     surface = read_surface(objects)
-    names = (
-        "points",
-        "normals",
-        "sensor_to_object",
-        "depth_m",
-        "tilt_deg",
-        "penetration_m",
-        "contact_area_m2",
-    )
-    values = {name: touches.array(name) for name in names}
+    values = {name: touches.array(name) for name in TOUCH_ARRAYS}
     sensor = touches.attributes().get("sensor")
     if len({len(value) for value in values.values()}) != 1 or not isinstance(sensor, dict):
         raise FormatError(str(touches.path), "its touches do not agree in number, or have no sensor")
@@ -136,13 +128,6 @@ def _contact(drawn: Picture, touch: dict[str, np.ndarray], sensor: dict[str, Any
         ("tilt", touch["tilt_deg"], "°"),
         ("contact area", 1e6 * touch["contact_area_m2"], "mm²"),
     ]
-    return Contact(
-        drawn.uri,
-        drawn.shows(point),
-        x,
-        y,
-        from_x,
-        from_y,
-        " ".join(f"{column:.1f},{row:.1f}" for column, row in pixels[2:]),
-        [(name, float(value), unit) for name, value, unit in labels],
-    )
+    gel = " ".join(f"{column:.1f},{row:.1f}" for column, row in pixels[2:])
+    facts = [(name, float(value), unit) for name, value, unit in labels]
+    return Contact(drawn.uri, drawn.shows(point), x, y, from_x, from_y, gel, facts)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ SAME_DB = 1e-6
 IMPULSE = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class Fact:
+class Fact(NamedTuple):
     """A number of a query, with its unit and as many decimals as it is worth."""
 
     name: str
@@ -30,8 +29,7 @@ class Fact:
     decimals: int = 1
 
 
-@dataclass(frozen=True)
-class Seen:
+class Seen(NamedTuple):
     """Truth and answer of a held-out view or touch."""
 
     place: str
@@ -43,8 +41,7 @@ class Seen:
     contact: Contact | None = None
 
 
-@dataclass(frozen=True)
-class Heard:
+class Heard(NamedTuple):
     """Truth and answer of a held-out strike."""
 
     place: str
@@ -88,43 +85,52 @@ def queries(products: ObjectProducts, attributes: Mapping[str, Any], pairs: int)
     )
 
 
-def places(count: int) -> list[str]:
-    """Name ranks from the worst to the best."""
-    if count == 1:
-        return ["the only one stored"]
-    return ["worst", *[f"rank {rank} of {count} stored" for rank in range(2, count)], "best"][:count]
+class Stored(NamedTuple):
+    """A query that the fidelity product stores: its rank, worst first, out of `of`, with truth and answer."""
+
+    rank: int
+    of: int
+    truth: np.ndarray
+    answer: np.ndarray
+
+    def seen(self, facts: list[Fact], contact: Contact | None = None) -> Seen:
+        """Return it as a page shows it."""
+        place = f"rank {self.rank + 1} of {self.of} stored"
+        if self.of == 1:
+            place = "the only one stored"
+        elif self.rank in (0, self.of - 1):
+            place = "best" if self.rank else "worst"
+        height, width = self.truth.shape[:2]
+        return Seen(place, picture_uri(self.truth), picture_uri(self.answer), width, height, facts, contact)
 
 
-def _pairs(fidelity: Archive, sense: str, most: int) -> list[tuple[int, np.ndarray, np.ndarray]]:
+def _stored(fidelity: Archive, sense: str, most: int) -> list[Stored]:
     truth_name, answer_name = f"{sense}_truth", f"{sense}_answer"
     if truth_name not in fidelity or answer_name not in fidelity:
         return []
     truth, answer = fidelity.array(truth_name), fidelity.array(answer_name)
     if truth.shape != answer.shape:
         raise FormatError(str(fidelity.path), f"{sense}: {truth.shape} of truth, {answer.shape} of answer")
-    chosen = np.unique(np.linspace(0, len(truth) - 1, min(most, len(truth))).round().astype(int))
-    return [(int(index), truth[index], answer[index]) for index in chosen]
+    chosen = _evenly(len(truth), most)
+    return [Stored(rank, len(truth), truth[rank], answer[rank]) for rank in chosen]
 
 
-def _seen(
-    index: int, count: int, truth: np.ndarray, answer: np.ndarray, facts: list[Fact], contact: Contact | None
-) -> Seen:
-    height, width = truth.shape[:2]
-    place = places(count)[index]
-    return Seen(place, picture_uri(truth), picture_uri(answer), width, height, facts, contact)
+def _evenly(count: int, most: int) -> list[int]:
+    """Return at most `most` of `count` places, evenly spread with both ends."""
+    places: list[int] = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist()
+    return places
 
 
 def _views(fidelity: Archive, views: Archive | None, attributes: Mapping[str, Any], most: int) -> list[Seen]:
-    pairs = _pairs(fidelity, "vision", most)
     vision = attributes.get("vision")
     rows = vision.get("per_view") or [] if isinstance(vision, Mapping) else []
+    order = np.argsort([number_at(row, "psnr_db") or 0.0 for row in rows], kind="stable")
     poses = _poses(views) if views else None
-    stored = len(fidelity.array("vision_truth")) if pairs else 0
     shown = []
-    ranked = _stored_rows(rows, stored)
-    for index, truth, answer in pairs:
-        score = psnr_db(truth, answer)
-        row = ranked[index] if index < len(ranked) else {}
+    for pair in _stored(fidelity, "vision", most):
+        score = psnr_db(pair.truth, pair.answer)
+        ranks = _evenly(len(rows), pair.of)
+        row = rows[order[ranks[pair.rank]]] if pair.rank < len(ranks) else {}
         if abs((number_at(row, "psnr_db") or 0.0) - score) > SAME_DB:
             row = {}  # another rule chose what is stored: nothing more is known of this view
         facts = [
@@ -135,18 +141,8 @@ def _views(fidelity: Archive, views: Archive | None, attributes: Mapping[str, An
         view = number_at(row, "view")
         if poses is not None and view is not None and view < len(poses[0]):
             facts += _pose_facts("camera", poses[0][int(view)]) + _pose_facts("light", poses[1][int(view)])
-        shown.append(_seen(index, stored, truth, answer, facts, None))
+        shown.append(pair.seen(facts))
     return shown
-
-
-def _stored_rows(rows: Sequence[Mapping[str, Any]], stored: int) -> list[Mapping[str, Any]]:
-    """Return the rows of the views that are stored: `stored` of all by rank, evenly, worst first."""
-    order = np.argsort([number_at(row, "psnr_db") or 0.0 for row in rows], kind="stable")
-    if not stored or not len(order):
-        return []
-    return [
-        rows[order[rank]] for rank in np.unique(np.linspace(0, len(order) - 1, stored).round().astype(int))
-    ]
 
 
 def _poses(views: Archive) -> tuple[np.ndarray, np.ndarray]:
@@ -162,18 +158,19 @@ def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
 
 
 def _strikes(fidelity: Archive, modes: Archive | None, most: int) -> list[Heard]:
-    pairs = _pairs(fidelity, "strike", most)
+    pairs = _stored(fidelity, "strike", most)
     points = modes.array("points")[modes.array("held_out")] if modes and pairs else np.zeros((0, 3))
     shown = []
-    for index, truth, answer in pairs:
+    for rank, _, truth, answer in pairs:
         sound = sound_pair(truth, answer)
-        facts = [Fact("difference", sound.difference_db, "dB of the truth's energy")]
-        if index < len(points):
-            facts += [
-                Fact(axis, 1e3 * float(value), "mm")
-                for axis, value in zip(IMPULSE, points[index], strict=True)
-            ]
-        place = f"1 N s along {IMPULSE[index % 3]}" if index < len(points) else f"strike {index + 1}"
+        facts, place = (
+            [Fact("difference", sound.difference_db, "dB of the truth's energy")],
+            f"strike {rank + 1}",
+        )
+        if rank < len(points):
+            axes = zip(IMPULSE, points[rank], strict=True)
+            facts += [Fact(axis, 1e3 * float(value), "mm") for axis, value in axes]
+            place = f"1 N s along {IMPULSE[rank % 3]}"
         shown.append(Heard(place, sound, facts))
     return shown
 
@@ -186,13 +183,11 @@ def _contacts(fidelity: Archive, products: ObjectProducts) -> list[Contact | Non
 
 
 def _touches(fidelity: Archive, found: Sequence[Contact | None], most: int) -> list[Seen]:
-    pairs = _pairs(fidelity, "touch", most)
-    stored = len(fidelity.array("touch_truth")) if pairs else 0
     shown = []
-    for index, truth, answer in pairs:
-        contact = found[index] if index < len(found) else None
-        facts = [Fact("whole image", psnr_db(truth, answer), "dB")]
+    for pair in _stored(fidelity, "touch", most):
+        contact = found[pair.rank] if pair.rank < len(found) else None
+        facts = [Fact("whole image", psnr_db(pair.truth, pair.answer), "dB")]
         for name, value, unit in contact.labels if contact else []:
             facts.append(Fact(name, value, unit, 2 if name == "depth" else 1))
-        shown.append(_seen(index, stored, truth, answer, facts, contact))
+        shown.append(pair.seen(facts, contact))
     return shown

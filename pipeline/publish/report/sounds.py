@@ -2,7 +2,7 @@
 
 import base64
 import io
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -28,17 +28,14 @@ SHADES = 64
 PALETTE = np.round(255 * colormaps["magma"](np.linspace(0, 1, SHADES))[:, :3])
 
 
-@dataclass(frozen=True)
-class SoundPair:
+class SoundPair(NamedTuple):
     """Two playable sounds of one held-out strike, scaled alike, and pictures of them and their difference."""
 
     factor: float
     seconds: float
     truth: str
     answer: str
-    truth_spectrogram: str
-    answer_spectrogram: str
-    difference_spectrogram: str
+    spectrograms: list[str]
     difference_db: float | None
 
 
@@ -61,17 +58,10 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
     )
     energy = float(np.sum(np.square(pair[0], dtype=np.float64)))
     error = float(np.sum(np.square(pair[1] - pair[0], dtype=np.float64)))
+    truth_uri, answer_uri = (wave_uri(sound[:length]) for sound in levels)
     pictures = [indexed_uri(picture, PALETTE) for picture in spectrograms(sounds)]
-    return SoundPair(
-        factor,
-        length / SAMPLE_RATE_HZ,
-        wave_uri(levels[0, :length]),
-        wave_uri(levels[1, :length]),
-        pictures[0],
-        pictures[1],
-        pictures[2],
-        10 * float(np.log10(error / energy)) if energy > 0 and error > 0 else None,
-    )
+    difference_db = 10 * float(np.log10(error / energy)) if energy > 0 and error > 0 else None
+    return SoundPair(factor, length / SAMPLE_RATE_HZ, truth_uri, answer_uri, pictures, difference_db)
 
 
 def wave_uri(levels: np.ndarray) -> str:

@@ -33,22 +33,24 @@ FILES = {"/": "live.html", "/player.css": "player.css", "/live.css": "live.css"}
     f"/{name}": name for name in SCRIPTS
 }
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
+# The browser takes nothing from elsewhere, and keeps nothing.
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+    "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
 
 
 class Guarded(RequestHandler):
-    """Refuses what does not come from the page itself."""
+    """Refuses what does not come from the page itself, and has nothing to tell."""
 
     def set_default_headers(self) -> None:
-        """Tell the browser to take nothing from elsewhere."""
-        self.set_header("Content-Security-Policy", POLICY)
-        self.set_header("X-Content-Type-Options", "nosniff")
-        self.set_header("Cross-Origin-Resource-Policy", "same-origin")
-        self.set_header("Referrer-Policy", "no-referrer")
-        self.set_header("Cache-Control", "no-store")
+        """Set `HEADERS`."""
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
 
     def prepare(self) -> None:
         """Check the names under which the request was made and by whom."""
@@ -66,6 +68,13 @@ class Guarded(RequestHandler):
         """Say nothing of the inside."""
         self._refuse(HTTPStatus(status_code), HTTPStatus(status_code).phrase)
 
+    def get(self) -> Awaitable[None] | None:
+        """Answer that there is no such page."""
+        self._refuse(HTTPStatus.NOT_FOUND, "no such page")
+        return None
+
+    post = get
+
     def _refuse(self, status: HTTPStatus, reason: str) -> None:
         self.set_status(status)
         self.set_header("Content-Type", "application/json")
@@ -80,16 +89,6 @@ class PageFile(Guarded):
         name, content = self.settings["files"][self.request.path]
         self.set_header("Content-Type", f"{TYPES[Path(name).suffix]}; charset=utf-8")
         self.finish(content)
-
-
-class Unknown(Guarded):
-    """Anything else."""
-
-    def get(self) -> None:
-        """Answer that it is not there."""
-        self._refuse(HTTPStatus.NOT_FOUND, "no such page")
-
-    post = get
 
 
 class Query(Guarded):
@@ -172,7 +171,7 @@ class Server:
                 (path, Query, {"answer": answer, "threads": threads})
                 for path, (answer, threads) in queries.items()
             ],
-            default_handler_class=Unknown,
+            default_handler_class=Guarded,
             hosts={f"{name}:{self._port}" for name in (ADDRESS, "localhost")},
             files={path: (name, _content(name)) for path, name in FILES.items()},
             log_function=lambda _: None,
