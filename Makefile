@@ -21,7 +21,7 @@ $(STAMP): pyproject.toml requirements.lock environment.sh
 	@touch $@
 
 dataset: $(STAMP) ## Make the data set, doing only what is left to do
-	@python -m pipeline select $(if $(OBJECTS),--objects "$(OBJECTS)") --only "$(ONLY)"
+	@objectfolder select $(if $(OBJECTS),--table "$(OBJECTS)") --only "$(ONLY)"
 	@dvc repro
 
 hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the data set of them

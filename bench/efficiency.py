@@ -65,7 +65,7 @@ def run(inputs: Path, workers: int) -> dict[str, Any]:
             environment.pop(name, None)
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         subprocess.run(
-            [sys.executable, "-m", "pipeline", "products"],
+            [sys.executable, "-m", "pipeline.cli", "products"],
             cwd=root, env=environment, check=True, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         wall_s = time.perf_counter() - begin

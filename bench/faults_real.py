@@ -46,7 +46,7 @@ def touches(request):
 '''
 
 DRIVER = '''
-"""Make the products of these stages, as ``python -m pipeline`` does."""
+"""Make the products of these stages, as ``objectfolder stage`` does."""
 
 import sys
 from dataclasses import replace

@@ -50,7 +50,7 @@ def measure(root: Path, objects: int, rounds: int) -> dict[str, Any]:
             (root / ".objectfolder" / name).unlink(missing_ok=True)
 
     def status() -> None:
-        found = json.loads(repository.run("python", "-m", "pipeline", "status", "--json").stdout)
+        found = json.loads(repository.run("python", "-m", "pipeline.cli", "status", "--json").stdout)
         if len(found) != 6 * objects or any(one["state"] != "current" for one in found):
             raise RuntimeError("not all is current")
 
@@ -155,7 +155,7 @@ def main() -> None:
         "overhead",
         figures,
         {**vars(given), "python": sys.version.split()[0]},
-        "CPU seconds, child processes included, of `dvc repro` and `python -m pipeline status` over trivial "
+        "CPU seconds, child processes included, of `dvc repro` and `objectfolder status` over trivial "
         "tasks; the rival is one DVC stage per object, one product of six, carried on in proportion.",
     )
     plot(figures, RESULTS / "overhead.png")

@@ -40,8 +40,6 @@ UNPICKLES = {
 }
 IMPORTS_BY_NAME = {
     "pipeline/sandbox/child.py": "the module of a stage's task, named by code in pipeline/dataset/stages.py",
-    "pipeline/__main__.py": "a command, one of a list in that file",
-    "pipeline/cli/data_set_commands.py": "a command, one of a list in that file",
 }
 PICKLES = {"pickle", "_pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
 

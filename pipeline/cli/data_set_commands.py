@@ -1,26 +1,154 @@
-"""The commands `status`, `plan` and `clean`, for the data set in the current folder."""
+"""Commands for a whole data set: what ``dvc.yaml`` runs, select, failures, status, plan, clean."""
 
-import argparse
-import importlib
-from collections.abc import Sequence
-from typing import Any
+import json as json_text
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Literal
 
-COMMANDS = {
-    "status": ("pipeline.run.status", "say what is as the inputs ask for, what is not, and why"),
-    "plan": ("pipeline.run.forecast.plan", "say what a run would do and take, or what the last one took"),
-    "clean": ("pipeline.run.clean", "list what is safe to remove, and remove it with --yes"),
-}
+from cyclopts import Group, Parameter
+from cyclopts.validators import MutuallyExclusive, Number
 
+from pipeline.cli.options import PLACE, AtLeastOne, Cluster, Json, Root
+from pipeline.cli.printing import FAILED, FINE
 
-def add_commands(commands: Any, chosen: Sequence[str]) -> None:
-    """Add the commands of this module; of modules that are slow to import, only the chosen one's is."""
-    for name, (module, text) in COMMANDS.items():
-        command = commands.add_parser(name, help=text, description=text)
-        if [name] == list(chosen):
-            importlib.import_module(module).add_arguments(command)
-        command.set_defaults(run=run, module=module)
+StageName = Literal["objects", "views", "modes", "touches", "encode", "fidelity"]
+Counts = Parameter(consume_multiple=True, validator=Number(gte=1))
+remove_or_list = Group(show=False, validator=MutuallyExclusive())
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the command; return its exit status."""
-    return int(importlib.import_module(options.module).main(options))
+def stage(name: StageName, /, *, root: Root = Path("."), cluster: Cluster = None) -> int:
+    """Run one stage of dvc.yaml over all objects, doing only what is left to do.
+
+    Parameters
+    ----------
+    name
+        the stage
+    """
+    from pipeline.run.stage_run import make_stage
+
+    _run_at(cluster)
+    return make_stage(root.absolute(), name)
+
+
+def products(*, root: Root = Path("."), cluster: Cluster = None) -> int:
+    """Run all stages that make products, with no barrier between them."""
+    from pipeline.run.stage_run import make_products
+
+    _run_at(cluster)
+    return make_products(root.absolute())
+
+
+def starter(*, root: Root = Path(".")) -> int:
+    """Write the meshes and textures of the starter set."""
+    from pipeline.run.stage_run import make_starter_set
+
+    return make_starter_set(root.absolute())
+
+
+def report(*, root: Root = Path(".")) -> int:
+    """Write the tables, the pages and the cards of the data set."""
+    from pipeline.publish.data_set import make_report
+
+    return make_report(root.absolute())
+
+
+def failures(*, root: Root = Path(".")) -> int:
+    """Show which objects failed; the exit status is 1 if any did."""
+    from pipeline.run.stage_run import show_failures
+
+    return show_failures(root.absolute())
+
+
+def select(*, table: str | None = None, only: str | None = None, root: Root = Path(".")) -> None:
+    """Choose objects in params.yaml, and say what changed.
+
+    Parameters
+    ----------
+    table
+        table of objects, a CSV file
+    only
+        ids with commas between them; empty for all
+    """
+    from pipeline.dataset.parameters import PARAMETERS
+    from pipeline.dataset.selection import select as chosen
+
+    for line in chosen(root / PARAMETERS, table, only):
+        print(line)
+
+
+def status(*, json: Json = False, root: Root = Path(".")) -> int:
+    """Say what is as the inputs ask for, what is not, and why.
+
+    The exit status is 1 where a run has something to do.
+    """
+    from pipeline.run.exclusive import owner
+    from pipeline.run.status import CURRENT, table
+    from pipeline.run.status import status as states
+
+    found = states(root.absolute())
+    if json:
+        print(json_text.dumps([asdict(one) for one in found], indent=1))
+    else:
+        running = owner(root.absolute())
+        print(f"in use by {running}\n\n{table(found)}" if running else table(found))
+    return FINE if all(one.state == CURRENT for one in found) else FAILED
+
+
+def plan(
+    *,
+    table: Path | None = None,
+    workers: Annotated[tuple[int, ...], Counts] = (),
+    count: Annotated[int | None, AtLeastOne] = None,
+    compare: bool = False,
+    json: Json = False,
+    root: Root = Path("."),
+) -> None:
+    """Say what a run would do and take, or what the last one took.
+
+    Parameters
+    ----------
+    table
+        table of objects, a CSV file (default: that of params.yaml)
+    workers
+        also with these numbers of workers
+    count
+        for this number of objects that do not exist yet
+    compare
+        the last plan against the runs since then
+    """
+    from pipeline.run.forecast.plan import show_comparison, show_plan
+
+    if compare:
+        show_comparison(root.absolute(), as_json=json)
+    else:
+        show_plan(root.absolute(), objects=table, workers=workers, count=count, as_json=json)
+
+
+def clean(
+    *,
+    yes: Annotated[bool, Parameter(group=remove_or_list)] = False,
+    dry_run: Annotated[bool, Parameter(group=remove_or_list)] = False,
+    memo: bool = False,
+    root: Root = Path("."),
+) -> None:
+    """List what is safe to remove, and remove it with --yes.
+
+    Parameters
+    ----------
+    yes
+        remove what is listed
+    dry_run
+        only list it (the default)
+    memo
+        also products of other settings, which then are computed again
+    """
+    from pipeline.run.clean import clean_data_set
+
+    clean_data_set(root.absolute(), remove=yes, with_memo=memo)
+
+
+def _run_at(cluster: str | None) -> None:
+    """Choose the place for this process and those that it starts."""
+    if cluster:
+        os.environ[PLACE] = cluster

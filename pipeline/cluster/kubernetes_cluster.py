@@ -130,7 +130,7 @@ def _pod(
     container: dict[str, Any] = {
         "name": role,
         "image": wanted.image,
-        "command": ["python", "-m", "pipeline"],
+        "command": ["python", "-m", "pipeline.cli"],
         "args": arguments,
         "env": [{"name": name, "value": value} for name, value in wanted.environment.items()],
         "envFrom": [{"secretRef": {"name": name}} for name in wanted.secrets],

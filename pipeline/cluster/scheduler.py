@@ -1,4 +1,4 @@
-"""``python -m pipeline scheduler``: a scheduler of its own, which workers and drivers come and go to."""
+"""``objectfolder scheduler``: a scheduler of its own, which workers and drivers come and go to."""
 
 import argparse
 import asyncio

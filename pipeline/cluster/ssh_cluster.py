@@ -113,7 +113,7 @@ class SshMachine(ProcessInterface):
 def script(scheduler: str, place: Place, root: Path, certificates: Path | None) -> str:
     """Return what a shell on the machine is to run; secrets come this way, not by a command line."""
     ssh = place.ssh
-    command = [ssh.python or sys.executable, "-m", "pipeline", "worker", scheduler, "--end-with-input"]
+    command = [ssh.python or sys.executable, "-m", "pipeline.cli", "worker", scheduler, "--end-with-input"]
     if place.workers is not None:
         command += ["--workers", str(place.workers)]
     if place.memory_gb is not None:

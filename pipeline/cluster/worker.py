@@ -1,4 +1,4 @@
-"""``python -m pipeline worker ADDRESS``: this machine works for a scheduler, and returns when it does."""
+"""``objectfolder worker ADDRESS``: this machine works for a scheduler, and returns when it does."""
 
 import argparse
 import asyncio

@@ -4,7 +4,6 @@ Nothing under ``data/`` or ``reports/``, nothing that git tracks and nothing tha
 ever touched, but for half-written files. DVC's own cache is left to ``dvc gc``.
 """
 
-import argparse
 import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator
@@ -43,42 +42,28 @@ class Removable:
         return sum(map(_size, self.paths))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the command."""
-    parser.add_argument("--yes", action="store_true", help="remove what is listed")
-    parser.add_argument("--dry-run", action="store_true", help="only list it (the default)")
-    parser.add_argument(
-        "--memo", action="store_true", help="also products of other settings, which then are computed again"
-    )
-
-
-def main(options: argparse.Namespace) -> int:
-    """Run the command in the current folder; return its exit code."""
-    return clean_main(Path.cwd(), options)
-
-
-def clean_main(root: Path, options: argparse.Namespace) -> int:
-    """List what may be removed, and remove it with ``--yes``; return the exit code.
+def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False) -> None:
+    """List what may be removed, and remove it where that is asked for.
 
     Parameters
     ----------
     root
         Root of the data set.
-    options
-        ``yes``, ``dry_run`` and ``memo`` (see `add_arguments`).
+    remove
+        Remove what is listed.
+    with_memo
+        Also products of other settings, which then are computed again.
 
     Raises
     ------
     InputError
-        A run goes on here; or both ``--yes`` and ``--dry-run``.
+        A run goes on here.
     """
-    if options.yes and options.dry_run:
-        raise InputError("clean", "both --yes and --dry-run", "Give one of them.")
     holder = owner(root)
     if holder is not None:
         raise InputError(str(root), f"in use by {holder}", "Wait until it has ended, or end it.")
     with exclusive(root, "clean"):
-        found = [entry for entry in removable(root, options.memo) if entry.paths]
+        found = [entry for entry in removable(root, with_memo) if entry.paths]
         for entry in found:
             print(f"{gigabytes(entry.size_bytes):>10}  {entry.kind}: {entry.why}")
             for path in entry.paths[:LONGEST_LIST]:
@@ -86,14 +71,13 @@ def clean_main(root: Path, options: argparse.Namespace) -> int:
             if len(entry.paths) > LONGEST_LIST:
                 print(f"{'':12}and {len(entry.paths) - LONGEST_LIST} more")
         total = gigabytes(sum(entry.size_bytes for entry in found))
-        if options.yes:
+        if remove:
             for entry in found:
                 _remove(entry.paths)
             print(f"{total} removed" if found else "nothing to remove")
         else:
             print(f"{total} could be removed: run again with --yes" if found else "nothing to remove")
     print(DVC_HINT)
-    return 0
 
 
 def removable(root: Path, with_memo: bool = False) -> list[Removable]:

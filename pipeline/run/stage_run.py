@@ -55,16 +55,6 @@ def make_starter_set(root: Path) -> int:
     return 0
 
 
-def select(root: Path, objects: str | None, only: str | None) -> int:
-    """Choose objects in ``params.yaml``; say what changed."""
-    from pipeline.dataset import selection
-    from pipeline.dataset.parameters import PARAMETERS
-
-    for line in selection.select(root / PARAMETERS, objects, only):
-        print(line)
-    return 0
-
-
 def show_failures(root: Path) -> int:
     """Print the objects of the data set that failed; return 1 if there are any."""
     from pipeline.dataset.failures import read_failures

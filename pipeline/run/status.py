@@ -1,14 +1,13 @@
-"""``python -m pipeline status``: what of the data set is as the inputs ask for, what is not, and why.
+"""``objectfolder status``: what of the data set is as the inputs ask for, what is not, and why.
 
 Only attributes of products are read, and those only where a file changed since it was last read. Whether
 a product is whole is for the next run to see, which reads changed ones through.
 """
 
-import argparse
 import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -211,22 +210,3 @@ def table(statuses: Sequence[Status]) -> str:
 def _names(names: Sequence[str]) -> str:
     text = ", ".join(names[:NAMED])
     return text if len(names) <= NAMED else f"{text} and {len(names) - NAMED} more"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.add_argument("--json", action="store_true", help="print every object and stage as JSON")
-
-
-def main(options: argparse.Namespace) -> int:
-    """Print the status of the data set in the current folder; return 1 where a run has something to do."""
-    root = Path.cwd()
-    found = status(root)
-    if options.json:
-        print(json.dumps([asdict(one) for one in found], indent=1))
-    else:
-        running = owner(root)
-        if running is not None:
-            print(f"in use by {running}\n")
-        print(table(found))
-    return 0 if all(one.state == CURRENT for one in found) else 1

@@ -33,8 +33,9 @@ def cup(path: Path, *, scale: float = 1.0, wall: float = 0.004) -> Path:
 
 
 def add(mesh: Path, table: Path, *options: str) -> int:
-    required = ["--material", "ceramic", "--licence", "CC0-1.0", "--table", str(table)]
-    return main(["add", str(mesh), *required, *options])
+    required = {"--material": "ceramic", "--licence": "CC0-1.0", "--table": str(table)}
+    missing = [word for name, value in required.items() if name not in options for word in (name, value)]
+    return main(["add", str(mesh), *missing, *options])
 
 
 def records(table: Path) -> dict:

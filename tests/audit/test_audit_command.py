@@ -11,7 +11,7 @@ from objectfolder.errors import InputError
 from objectfolder.store import read_product, write_product
 from pipeline import cli as command_line
 from pipeline.audit.fidelity import MEASURES, changes, exceeded, thresholds, worst_first
-from pipeline.cli.audit import ERROR, EXCEEDED, FINE
+from pipeline.cli.printing import FAILED, FINE
 from pipeline.dataset import stages
 from pipeline.dataset.lock_file import read_folder, read_lock
 from pipeline.dataset.stages import FIDELITY, VIEWS
@@ -78,7 +78,7 @@ def test_threshold(run):
     status, out, _ = run(
         "audit", "HEAD~1", "HEAD", "--max-loss", "vision.psnr_db=0.5", "--max-loss", "touch.ssim=0"
     )
-    assert status == EXCEEDED
+    assert status == FAILED
     assert "too much: dish: vision.psnr_db worse by 1.50, more than the 0.5 allowed" in out
     assert run("audit", "HEAD", "HEAD~1", "--max-loss", "vision.psnr_db=0")[0] == FINE  # a gain
 
@@ -94,7 +94,7 @@ def test_threshold(run):
 )
 def test_threshold_that_is_none(run, text, said):
     status, _, error = run("audit", "HEAD", "HEAD", "--max-loss", text)
-    assert status == ERROR
+    assert status == FAILED
     assert said in error
 
 
@@ -102,14 +102,14 @@ def test_threshold_that_is_none(run, text, said):
 def test_unknown_revision(run, revision):
     # What looks like an option is argparse's to refuse, unless it is told otherwise.
     status, _, error = run("audit", "--", revision, "HEAD")
-    assert status == ERROR
+    assert status == FAILED
     assert "no such revision" in error
 
 
 def test_revision_without_a_data_set(run, made):
     empty = made.git("commit-tree", made.git("hash-object", "-t", "tree", "/dev/null"), "-m", "empty")
     status, _, error = run("audit", empty, "HEAD")
-    assert status == ERROR
+    assert status == FAILED
     assert "it has no dvc.lock" in error
     assert "git log" in error
 
@@ -123,7 +123,7 @@ def test_damaged_lock(run, made):
     commit = made.git("commit-tree", made.git("write-tree"), "-m", "broken")
     made.git("reset", "-q")
     status, _, error = run("audit", commit, "HEAD")
-    assert status == ERROR
+    assert status == FAILED
     assert "no lock file of DVC" in error
 
 
@@ -134,10 +134,10 @@ def test_damaged_lock_of_the_work_tree_is_a_finding(run, made, text):
     lock.write_bytes(text)
     try:
         status, _, error = run("audit")
-        assert status == ERROR
+        assert status == FAILED
         assert "dvc.lock: no lock file of DVC" in error
         status, out, _ = run("verify")
-        assert status == EXCEEDED
+        assert status == FAILED
         assert "damaged: dvc.lock: no lock file of DVC" in out
         assert "Restore it from git" in out
         # Every product is still held against its own checksums, and nothing else is wrong.
@@ -155,7 +155,7 @@ def test_detached_head_and_a_folder_inside_the_data_set(run, made, monkeypatch):
 
 def test_not_a_data_set(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run("audit")[0] == run("verify")[0] == run("history", "cup")[0] == ERROR
+    assert run("audit")[0] == run("verify")[0] == run("history", "cup")[0] == FAILED
 
 
 def test_json_has_everything(run):
@@ -189,7 +189,7 @@ def test_content_that_is_nowhere_is_said_and_judged_by_no_threshold(run, made):
         assert "incomplete" in out
         assert "dvc fetch" in out
         status, _, error = run("audit", "HEAD~1", "HEAD", "--max-loss", "vision.psnr_db=0.5")
-        assert status == ERROR
+        assert status == FAILED
         assert "was not judged" in error
     finally:
         away.rename(path)
@@ -218,7 +218,7 @@ def test_damaged_measures_are_judged_by_no_threshold(run, made):
     path.write_bytes(whole[: len(whole) // 2])
     try:
         status, out, error = run("audit", "HEAD", "--max-loss", "vision.psnr_db=100")
-        assert status == ERROR
+        assert status == FAILED
         assert "corrupted" in out
         assert "incomplete: data/fidelity/dish.zarr.zip" in out
         assert "was not judged" in error
@@ -239,7 +239,7 @@ def test_object_that_is_removed_lost_all_its_measures(run, made):
         status, out, _ = run("audit", "HEAD", "--max-loss", "vision.psnr_db=100")
         assert "removed: dish" in out
         assert "too much: dish: vision.psnr_db lost" in out
-        assert status == EXCEEDED
+        assert status == FAILED
     finally:
         records.write_text(text)
         path.write_bytes(whole)
@@ -263,7 +263,7 @@ def test_history_of_an_object(run):
 
 def test_history_of_an_object_that_never_was(run):
     status, _, error = run("history", "teapot")
-    assert status == ERROR
+    assert status == FAILED
     assert "no version behind HEAD has it" in error
 
 
@@ -274,7 +274,7 @@ def test_verify_says_what_is_wrong_by_its_status(run, made):
     whole = path.read_bytes()
     path.write_bytes(whole[:-3])
     status, out, _ = run("verify")
-    assert status == EXCEEDED
+    assert status == FAILED
     assert "damaged: data/views/cup.zarr.zip" in out
     path.write_bytes(whole)
 

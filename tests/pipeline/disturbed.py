@@ -57,7 +57,7 @@ class Round:
                 if self._place == ADDRESS:
                     self._start_scheduler()
                     self._workers = [
-                        self.ground.start("-m", "pipeline", "worker", self._address, "--workers", "1")
+                        self.ground.start("-m", "pipeline.cli", "worker", self._address, "--workers", "1")
                         for _ in "ab"
                     ]
                 for index, kind in enumerate(what):
@@ -103,7 +103,7 @@ class Round:
     def _start_scheduler(self) -> None:
         command = (
             "-m",
-            "pipeline",
+            "pipeline.cli",
             "scheduler",
             "--host",
             "127.0.0.1",
@@ -200,7 +200,7 @@ class Round:
         self._litter = self.ground.litter()
         if self._litter:
             self.ground.run()
-            self.ground.start("-m", "pipeline", "clean", "--yes").wait()
+            self.ground.start("-m", "pipeline.cli", "clean", "--yes").wait()
 
 
 def undisturbed(ground: Ground) -> dict[str, str]:

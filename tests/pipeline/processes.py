@@ -54,12 +54,12 @@ def eventually(condition: Callable[[], object], limit_s: float = LIMIT_S) -> Non
 
 @contextlib.contextmanager
 def command(folder: Path, *arguments: str, **environment: str) -> Iterator[subprocess.Popen]:
-    """Run ``python -m pipeline ...`` in a folder until the context ends; its output is in ``NAME.log``."""
+    """Run ``objectfolder ...`` in a folder until the context ends; its output is in ``NAME.log``."""
     log = folder / f"{arguments[0]}.log"
     path = os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")])
     with open(log, "a") as output:
         process = subprocess.Popen(
-            [sys.executable, "-m", "pipeline", *arguments],
+            [sys.executable, "-m", "pipeline.cli", *arguments],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": path, **environment},
             stdin=subprocess.DEVNULL,

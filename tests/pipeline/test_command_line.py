@@ -1,6 +1,10 @@
 """The `objectfolder` command as a user types it."""
 
+import errno
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +16,8 @@ from scipy.io import wavfile
 
 import objectfolder
 from objectfolder.audio.synthesis import ContactBody
-from pipeline.cli import main
+from objectfolder.errors import InputError
+from pipeline.cli import COMMANDS, main
 from tests.conftest import REPOSITORY
 
 BAR = {
@@ -29,12 +34,80 @@ def _last_line(capsys: pytest.CaptureFixture[str]) -> str:
     return error
 
 
-def test_help_shows_every_command_with_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--help"])
+def test_help_shows_every_command_and_examples(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for command in ("build", "info", "sample", "render", "strike", "press", "modes", "export"):
-        assert f"objectfolder {command} " in text
+    for functions in COMMANDS.values():
+        for function in functions:
+            assert f" {function.__name__} " in text
+            assert main([function.__name__, "--help"]) == 0
+    assert "objectfolder build mug.obj --material ceramic" in text
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.endswith(f"{objectfolder.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["biuld", "mug.obj"], 'Unknown command "biuld". Did you mean "build"?'),
+        (["info", "mug.safetensors", "--jsn"], "Unknown option: --jsn. Did you mean --json?"),
+        (["build", "mug.obj", "-o", "mug.safetensors"], "--material requires an argument"),
+        (["info"], "requires an argument"),
+        (["info", "a.safetensors", "b.safetensors"], "b.safetensors"),
+        (["plan", "--workers", "0"], 'Invalid value "(0,)" for --workers. Must be >= 1.'),
+        (["plan", "--count", "many"], '"many" into int'),
+        (["stage", "viewz"], "Did you mean"),
+    ],
+)
+def test_wrong_usage_is_named(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    error = _last_line(capsys)
+    assert error.startswith("objectfolder: ")
+    assert said in error
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (InputError("mug", "too thick", "Cut it."), 1, "mug: too thick. Cut it."),
+        (FileNotFoundError(errno.ENOENT, "", "x.npy"), 1, "x.npy: no such file. Check the path."),
+        (PermissionError(errno.EACCES, "Permission denied", "x.npy"), 1, "x.npy: Permission denied."),
+        (OSError(errno.ENOSPC, "No space left on device", "x.npy"), 1, "x.npy"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_what_ends_a_command_decides_its_status_and_is_one_line(
+    error: BaseException,
+    status: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(path: Path) -> None:
+        raise error
+
+    monkeypatch.setattr(objectfolder, "load", fail)
+    assert main(["info", "x.safetensors"]) == status
+    line = _last_line(capsys)
+    assert line.startswith("objectfolder: ")
+    assert said in line
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_command_as_the_keyboard_does(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = signal.getsignal(number)
+    monkeypatch.setattr(objectfolder, "load", lambda path: signal.raise_signal(number))
+    assert main(["info", "x.safetensors"]) == 130
+    assert signal.getsignal(number) == before
+
+
+def test_the_command_starts_fast_and_imports_nothing_heavy() -> None:
+    heavy = ["numpy", "torch", "dask", "distributed", "dvc", "pydantic", "scipy", "yaml"]
+    code = f"import sys, pipeline.cli as c; c.main(['--help']); print(sys.modules.keys() & set({heavy}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=REPOSITORY)
+    assert done.stdout.splitlines()[-1] == "set()"
 
 
 def test_info_tells_licence_size_and_fidelity(small_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -110,12 +110,12 @@ def test_life_of_a_data_set(repository):
 
     # A selection restricts what is made; other products stay as they are, and nothing of it is remembered.
     before = repository.times()
-    repository.run("python", "-m", "pipeline", "select", "--only", FIRST)
+    repository.run("python", "-m", "pipeline.cli", "select", "--only", FIRST)
     for name in (FIRST, SECOND):
         repository.write_mesh(name, 0.8)
     assert "objects.only selects 1 of 3 objects" in repository.repro().stdout
     assert repository.changed(before) == {path for path in before if FIRST in path}
-    repository.run("python", "-m", "pipeline", "select", "--only", "")
+    repository.run("python", "-m", "pipeline.cli", "select", "--only", "")
     repository.repro()
     assert repository.changed(before) == {path for path in before if FIRST in path or SECOND in path}
 

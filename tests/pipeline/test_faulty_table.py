@@ -8,7 +8,7 @@ from toys import REPOSITORY, python
 
 from objectfolder.geometry.starter.die import die
 from objectfolder.geometry.starter.write import write_obj
-from pipeline import __main__ as command
+from pipeline.cli import main
 from pipeline.run.run_log import read_failures
 
 HEAD = "id,name,mesh,texture,material,length_m\n"
@@ -52,7 +52,7 @@ def root(tmp_path: Path) -> Path:
 
 def test_each_fault_is_named_and_the_others_finish(root, monkeypatch, capsys):
     monkeypatch.chdir(root)
-    assert command.main(["objects"]) == 0
+    assert main(["stage", "objects"]) == 0
     assert [path.name for path in root.glob("data/objects/*")] == ["good.zarr.zip"]
     assert not list(root.parent.glob("escape*"))
     failures = {failure.object_id: failure for failure in read_failures(root, "objects")}
@@ -65,7 +65,7 @@ def test_each_fault_is_named_and_the_others_finish(root, monkeypatch, capsys):
         assert not failures[object_id].detail  # an error of the input has no traceback
     table = capsys.readouterr().err
     assert all(object_id in table for object_id in FAULTS)
-    assert command.main(["failures"]) == 1
+    assert main(["failures"]) == 1
     assert str(root) not in capsys.readouterr().out
 
 
@@ -73,7 +73,7 @@ def test_failures_stop_the_run_where_they_are_not_allowed(root, monkeypatch):
     monkeypatch.chdir(root)
     parameters = root / "params.yaml"
     parameters.write_text(parameters.read_text().replace("allow_failures: true", "allow_failures: false"))
-    assert command.main(["objects"]) == 1
+    assert main(["stage", "objects"]) == 1
     assert (root / "data/objects/good.zarr.zip").exists()
 
 
@@ -91,7 +91,7 @@ def test_faults_of_the_whole_are_one_line(root, file, old, new, message):
     path = root / file
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new, 1))
-    done = python(root, "-m", "pipeline", "objects")
+    done = python(root, "-m", "pipeline.cli", "stage", "objects")
     assert done.returncode == 1
     assert message in done.stderr
     assert done.stderr.count("\n") == 1

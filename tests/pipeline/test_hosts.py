@@ -98,14 +98,14 @@ class Site:
 
     def start_scheduler(self) -> None:
         self.scheduler = self["scheduler"].python(
-            *("-m", "pipeline", "scheduler", "--tls", "tls", "--dashboard", "127.0.0.1:0"),
+            *("-m", "pipeline.cli", "scheduler", "--tls", "tls", "--dashboard", "127.0.0.1:0"),
             *("--host", self["scheduler"].address, "--port", str(SCHEDULER_PORT)),
             environment=self.environment,
         )
 
     def start_worker(self, name: str) -> None:
         self[name].python(
-            *("-m", "pipeline", "worker", self.address, "--tls", "tls", "--workers", "1"),
+            *("-m", "pipeline.cli", "worker", self.address, "--tls", "tls", "--workers", "1"),
             environment={**self.environment, "PATIENCE": "2"},
         )
 

@@ -36,7 +36,7 @@ def test_the_commands_of_the_pods_are_ones_that_exist():
 
     found = containers(resource(PLACE, 100, encrypted=True))
     for name, declare in (("worker", worker_arguments), ("scheduler", scheduler_arguments)):
-        assert found[name]["command"] == ["python", "-m", "pipeline"]
+        assert found[name]["command"] == ["python", "-m", "pipeline.cli"]
         command, *arguments = found[name]["args"]
         assert command == name
         parser = argparse.ArgumentParser()

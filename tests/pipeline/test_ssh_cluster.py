@@ -126,7 +126,7 @@ def test_what_a_machine_is_to_run(tmp_path):
     place = Place(kind="ssh", workers=3, memory_gb=2, ssh=ssh)
     text = ssh_cluster.script("tls://head:1", place, tmp_path, tmp_path / "tls")
     assert text.startswith("set -e\ncd /data\nexport KEY='a'\"'\"'b'\n")
-    assert "'/opt/my python' -m pipeline worker tls://head:1 --end-with-input --workers 3" in text
+    assert "'/opt/my python' -m pipeline.cli worker tls://head:1 --end-with-input --workers 3" in text
     assert "--memory-gb 2" in text
     assert '--tls "$tls"' in text
     for name in tls.FILES:

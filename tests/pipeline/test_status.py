@@ -1,17 +1,17 @@
 """What the status says of every object and stage, and why."""
 
-import argparse
 import json
 import shutil
 
 import pytest
 from workshop import made as all_made
 
+from pipeline.cli import main
 from pipeline.dataset.differences import Difference, differences
 from pipeline.dataset.stages import ENCODED, MODES, OBJECTS, STAGES, VIEWS
 from pipeline.run import status as status_module
 from pipeline.run.exclusive import exclusive
-from pipeline.run.status import CURRENT, FAILED, MISSING, STALE, UNLISTED, WAITING, main, status, table
+from pipeline.run.status import CURRENT, FAILED, MISSING, STALE, UNLISTED, WAITING, status, table
 
 
 @pytest.fixture(scope="module")
@@ -173,10 +173,10 @@ def test_what_a_mesh_says_of_itself_is_shown(workshop):
 def test_command(workshop, monkeypatch, capsys):
     monkeypatch.chdir(workshop.root)
     monkeypatch.setattr(status_module.status, "__defaults__", (workshop.stages, None, None))
-    assert main(argparse.Namespace(json=False)) == 0
+    assert main(["status"]) == 0
     assert "objects              2" in capsys.readouterr().out
     workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
-    assert main(argparse.Namespace(json=True)) == 1
+    assert main(["status", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert found[1]["differences"] == [
         {"part": "parameter", "name": "vision.resolution", "old": 128, "new": 64}

@@ -141,7 +141,7 @@ def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path):
     path = tmp_path / "listen.html"
     settings = ["-o", str(path), "--trials", "4", "--duration", "0.1"]
     for words in (["rod", *settings], [*settings, "rod"]):
-        assert main(["listen", str(small_set), *words]) == 0
+        assert main(["listen", "--root", str(small_set), *words]) == 0
         text = path.read_text()
         assert '"object_id": "rod"' in text
         assert '"object_id": "bar"' not in text
@@ -293,5 +293,5 @@ def test_a_seed_that_the_form_refuses_is_not_taken_from_the_address(open_page, p
     ],
 )
 def test_wrong_sizes_are_refused(tmp_path, capsys, options):
-    assert main(["listen", str(tmp_path), "-o", str(tmp_path / "x.html"), *options]) == 1
-    assert "Give" in capsys.readouterr().err
+    assert main(["listen", "--root", str(tmp_path), "-o", str(tmp_path / "x.html"), *options]) == 2
+    assert f"for {options[0]}. Must be" in capsys.readouterr().err

@@ -22,6 +22,7 @@ from pipeline.intake.add.naming import checked_id, object_id_of, words_of
 from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
+from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.check.licence_rule import likely_spdx, spdx
 
 AS_IN_FILE = "as in file"
@@ -29,27 +30,6 @@ WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0")
 """Licences that do not ask for the author to be named."""
 COARSE = 10_000
 """Nodes of a grid that shows most hollows in a tenth of the time."""
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What is to be added, as its owner says it; None is what can be known otherwise."""
-
-    mesh: Path
-    material: str
-    licence: str
-    materials: Path
-    attribution: str | None = None
-    length_m: float | None = None
-    object_id: str | None = None
-    name: str | None = None
-    texture: Path | None = None
-    source: str = ""
-    wall_m: float | None = None
-    shell_m: float | None = None
-    roughness: float | None = None
-    metallic: float | None = None
-    mass_kg: float | None = None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 
 from objectfolder.atomic import atomic_write
 from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.mesh_product import textured_mesh_of
+from objectfolder.geometry.vessels import THIN, TORN
 from objectfolder.geometry.wall_measures import FACING_AWAY, WALL_SHARE
+from objectfolder.geometry.walls_of_materials import limits_of
+from pipeline.intake.add.addition import Checked, up_axis
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views
 
 PIXELS = 300
@@ -78,3 +82,27 @@ def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
 
 def _blended(colours: Floats, chosen: NDArray[np.bool_], colour: Floats) -> Floats:
     return np.where(chosen[:, None], 0.35 * colours + 0.65 * colour, colours)
+
+
+def preview_of(checked: Checked, mesh: Path, path: Path, lines: Sequence[str]) -> None:
+    """Write the picture of an object that can be added; doubtful walls are marked.
+
+    Parameters
+    ----------
+    checked
+        The object.
+    mesh
+        The file that it was read from.
+    path
+        The picture, PNG.
+    lines
+        Text below it.
+    """
+    marked = any(finding.kind in (THIN, TORN) for finding in checked.findings)
+    write_preview(
+        path,
+        textured_mesh_of(checked.product),
+        lines,
+        least_wall_m=limits_of(checked.material.name).least_wall_m if marked else None,
+        up_axis=up_axis(mesh),
+    )

@@ -1,6 +1,5 @@
-"""``python -m pipeline plan``: what a run would do and take, and later what it took."""
+"""``objectfolder plan``: what a run would do and take, and later what it took."""
 
-import argparse
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -60,45 +59,52 @@ class Comparison:
     product_bytes: int
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.add_argument("--objects", help="table of objects, a CSV file; that of params.yaml without it")
-    parser.add_argument(
-        "--workers", type=int, nargs="*", default=[], help="also with these numbers of workers"
-    )
-    parser.add_argument("--count", type=int, help="for this number of objects that do not exist yet")
-    parser.add_argument("--compare", action="store_true", help="the last plan against the runs since then")
-    parser.add_argument("--json", action="store_true", help="print all of it as JSON")
+def show_plan(
+    root: Path,
+    *,
+    objects: Path | None = None,
+    workers: Sequence[int] = (),
+    count: int | None = None,
+    as_json: bool = False,
+) -> None:
+    """Print the plan of a data set, and keep it.
 
-
-def main(options: argparse.Namespace) -> int:
-    """Print the plan for the data set in the current folder, and keep it."""
-    root = Path.cwd()
-    if options.compare:
-        kept = read_plan(root)
-        found, wall_s = compare(root, kept)
-        if options.json:
-            shown = {"stages": {name: asdict(one) for name, one in found.items()}, "wall_s": wall_s}
-            print(json.dumps(shown, indent=1))
-        else:
-            print(comparison_table(kept, found, wall_s))
-        return 0
+    Parameters
+    ----------
+    root
+        Root of the data set.
+    objects
+        Table of objects; that of ``params.yaml`` without it.
+    workers
+        Also with these numbers of workers.
+    count
+        For this number of objects that do not exist yet; such a plan is not kept.
+    as_json
+        Print all of it as JSON.
+    """
     parameters = read_parameters(root / "params.yaml")
     machines = machines_of(read_place(root))
-    if any(number < 1 for number in (*options.workers, options.count or 1)):
-        raise InputError("plan", "a number below 1", "Give --workers and --count as whole numbers from 1.")
-    if options.count:
-        made = plan_for_count(root, parameters, options.count, machines, options.workers)
+    if count:
+        made = plan_for_count(root, parameters, count, machines, workers)
     else:
         listed = parameters.objects
-        if options.objects:
-            listed = replace(listed, table=options.objects, only=())
-        made = plan(
-            root, parameters, read_table(root, listed).selected(listed.only).rows, machines, options.workers
-        )
+        if objects:
+            listed = replace(listed, table=str(objects), only=())
+        rows = read_table(root, listed).selected(listed.only).rows
+        made = plan(root, parameters, rows, machines, workers)
         write_plan(root, made)
-    print(json.dumps(asdict(made), indent=1) if options.json else table(made))
-    return 0
+    print(json.dumps(asdict(made), indent=1) if as_json else table(made))
+
+
+def show_comparison(root: Path, *, as_json: bool = False) -> None:
+    """Print what the runs since the last plan took, against it."""
+    kept = read_plan(root)
+    found, wall_s = compare(root, kept)
+    if as_json:
+        shown = {"stages": {name: asdict(one) for name, one in found.items()}, "wall_s": wall_s}
+        print(json.dumps(shown, indent=1))
+    else:
+        print(comparison_table(kept, found, wall_s))
 
 
 def table(made: Plan) -> str:
@@ -231,11 +237,9 @@ def read_plan(root: Path) -> Plan:
         machines = Machines(**content["machines"])
         return Plan(**{**content, "stages": stages, "wall": wall, "machines": machines})
     except FileNotFoundError as error:
-        raise InputError(
-            str(PLAN), "there is no plan", "Run `python -m pipeline plan` before a run."
-        ) from error
+        raise InputError(str(PLAN), "there is no plan", "Run `objectfolder plan` before a run.") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(str(PLAN), f"cannot be read ({error})", "Run `python -m pipeline plan`.") from error
+        raise InputError(str(PLAN), f"cannot be read ({error})", "Run `objectfolder plan`.") from error
 
 
 def size(count: float) -> str:

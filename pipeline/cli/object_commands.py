@@ -1,0 +1,160 @@
+"""Commands for one object: build, info, sample, render, strike, press, modes, view."""
+
+import json as json_text
+import os
+import sys
+from typing import Annotated
+
+from cyclopts import Group, Parameter
+from cyclopts.validators import MutuallyExclusive
+
+from pipeline.cli.options import Fields, Json, Mesh, ObjectFilePath, Output
+from pipeline.publish.queries.requests import ModesOfMesh, Pressing, Rendering, Striking
+from pipeline.run.single_build import Building
+
+one_pulse = Group(show=False, validator=MutuallyExclusive())
+one_goal = Group(show=False, validator=MutuallyExclusive())
+
+
+def build(mesh: Mesh, /, *, wanted: Annotated[Building, Fields], output: Output) -> None:
+    """Make one verified Object File from a mesh, a material and a size.
+
+    Parameters
+    ----------
+    output
+        the Object File (.safetensors)
+    """
+    import objectfolder
+    from pipeline.publish.queries.description import fidelity_lines
+    from pipeline.run.single_build import build_object_file
+
+    seconds = build_object_file(mesh, wanted, output)
+    print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
+    print("\n".join(fidelity_lines(objectfolder.load(output))))
+    steps = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items())
+    print(f"cost         {sum(seconds.values()):.1f} CPU-s ({steps})")
+
+
+def info(file: ObjectFilePath, /, *, json: Json = False) -> None:
+    """Print what an Object File holds and how faithful it is."""
+    import objectfolder
+    from pipeline.publish.queries.description import info_lines
+
+    opened = objectfolder.load(file)
+    if json:
+        described = {**opened.description, "bytes": opened.bytes_by_part()}
+        print(json_text.dumps(described, indent=2, ensure_ascii=False))
+    else:
+        print("\n".join(info_lines(opened, file)))
+
+
+def sample(
+    file: ObjectFilePath, /, *, views: int = 8, contacts: int = 8, seed: int = 0, output: Output
+) -> None:
+    """Draw valid queries and write them as .npy files.
+
+    Parameters
+    ----------
+    views
+        number of views
+    contacts
+        number of contacts
+    seed
+        of the draw
+    output
+        folder for views.npy, points.npy and forces.npy
+    """
+    from pipeline.publish.queries.query_files import sample_queries
+
+    print(sample_queries(file, views, contacts, seed, output))
+
+
+def render(file: ObjectFilePath, /, *, wanted: Annotated[Rendering, Fields], output: Output) -> None:
+    """Render views to PNG.
+
+    Parameters
+    ----------
+    output
+        folder for 0000.png and so on
+    """
+    from pipeline.publish.queries.render_views import render_views
+
+    print(render_views(file, wanted, output))
+
+
+def strike(
+    file: ObjectFilePath,
+    /,
+    *,
+    wanted: Annotated[Striking, Fields],
+    pulse_s: Annotated[float | None, Parameter(group=one_pulse)] = None,
+    striker: Annotated[tuple[str, float, float] | None, Parameter(group=one_pulse)] = None,
+    output: Output,
+) -> None:
+    """Strike points and write float WAV files.
+
+    Parameters
+    ----------
+    pulse_s
+        seconds: spend each impulse as half a sine of this length
+    striker
+        MATERIAL RADIUS MASS of what strikes, metres and kilograms: the pulse is that of the Hertz contact
+    output
+        folder for 0000.wav and so on
+    """
+    from pipeline.publish.queries.strike_points import strike_points
+
+    print(strike_points(file, wanted, output, pulse_s, striker))
+
+
+def press(
+    file: ObjectFilePath,
+    /,
+    *,
+    wanted: Annotated[Pressing, Fields],
+    depth_m: Annotated[float | None, Parameter(group=one_goal)] = None,
+    force_n: Annotated[float | None, Parameter(group=one_goal)] = None,
+    output: Output,
+) -> None:
+    """Press the sensor and write PNG images and depth maps.
+
+    Parameters
+    ----------
+    depth_m
+        metres into the gel (default: 0.001)
+    force_n
+        newtons along the sensor's axis; the gel is elastic then
+    output
+        folder for 0000.png, depth.npy and labels.json
+    """
+    from pipeline.publish.queries.press_points import press_points
+
+    print(press_points(file, wanted, output, depth_m, force_n))
+
+
+def modes(mesh: Mesh, /, *, wanted: Annotated[ModesOfMesh, Fields], json: Json = False) -> None:
+    """Solve the modes of a mesh: frequencies, dampings, certificate, error estimate."""
+    from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
+
+    result = solve_modes(mesh, wanted)
+    print(json_text.dumps(result) if json else modes_table(result, wanted.material))
+
+
+def view(file: ObjectFilePath, /, *, port: int = 0, no_browser: bool = False) -> None:
+    """Turn, strike and press an object in the browser; served to this machine alone.
+
+    Parameters
+    ----------
+    port
+        of 127.0.0.1; 0 for any free one
+    no_browser
+        print the address, open nothing
+    """
+    from pipeline.publish.viewer.live import serve_until_stopped
+
+    serve_until_stopped(str(file), port, not no_browser)
+    # Code may still be compiled, or an image computed, in a thread that nothing can stop and that Python
+    # would wait for. No result is awaited any more, and no file is left to be written.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)

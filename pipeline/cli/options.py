@@ -1,0 +1,33 @@
+"""Options that commands share, each declared once."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+PLACE = "OBJECTFOLDER_CLUSTER"
+UNIT = re.compile(r"_(m|s|hz|kg|deg|n)$")
+
+
+def option_name(name: str) -> str:
+    """Return the option of a parameter; units are in the help, not in the option."""
+    return {"object_id": "id"}.get(name, UNIT.sub("", name)).replace("_", "-")
+
+
+# The fields of a request of a room below, each an option.
+Fields = Parameter(name="*")
+AtLeastOne = Parameter(validator=Number(gte=1))
+
+Root = Annotated[Path, Parameter(help="folder of the data set")]
+Output = Annotated[Path, Parameter(alias="-o")]
+ObjectFilePath = Annotated[Path, Parameter(help="an Object File (.safetensors)")]
+Mesh = Annotated[Path, Parameter(help="OBJ, glTF, GLB, PLY or STL")]
+Materials = Annotated[Path, Parameter(help="materials table (CSV)")]
+Json = Annotated[bool, Parameter(help="print JSON")]
+Remote = Annotated[str, Parameter(help="DVC remote to read from (default: the repository's)")]
+Cluster = Annotated[
+    str | None,
+    Parameter(env_var=PLACE, help="where to run: a name in cluster/, a YAML file or a scheduler's address"),
+]

@@ -1,0 +1,29 @@
+"""What all commands print alike: errors, and a line on the terminal that is written over."""
+
+import contextlib
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+
+FINE, FAILED = 0, 1
+Show = Callable[[str], None]
+
+
+def print_error(error: object) -> None:
+    """Print an error on standard error, in a line."""
+    print(f"objectfolder: {error}", file=sys.stderr)
+
+
+def terminal_width(otherwise: int = 100) -> int:
+    """Return the columns of the terminal."""
+    return shutil.get_terminal_size((otherwise, 24)).columns
+
+
+@contextlib.contextmanager
+def status_line() -> Iterator[Show]:
+    """Yield what shows a line on the terminal in place of the line before; without a terminal, nothing."""
+    from rich.console import Console
+    from rich.text import Text
+
+    with Console(stderr=True).status("") as status:
+        yield lambda line: status.update(Text(line))

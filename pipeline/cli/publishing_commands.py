@@ -1,0 +1,156 @@
+"""Commands around a published data set: cards, get, export, listen."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from pipeline.cli.options import AtLeastOne, Fields, Output, Remote, Root
+from pipeline.cli.printing import FAILED, FINE, print_error, status_line
+from pipeline.publish.export.export_request import Exporting
+
+if TYPE_CHECKING:
+    from pipeline.publish.cards.single_objects import Got
+
+MOST_TRIALS = 500
+LARGEST_SEED = 999_999_999  # what the page takes
+SHORTEST_S, LONGEST_S = 0.05, 10.0
+
+
+def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(alias="-o")] = None) -> None:
+    """Write the cards of a data set: croissant.json, data_card.md, CITATION.cff.
+
+    Parameters
+    ----------
+    output
+        folder of its reports (default: reports in the root)
+    """
+    from pipeline.publish.cards.all_cards import CARDS, write_cards
+
+    folder = output or root / "reports"
+    write_cards(root, folder)
+    print("\n".join(str(folder / name) for name in CARDS))
+
+
+def get(
+    repository: str,
+    /,
+    *ids: str,
+    output: Output = Path("."),
+    stage: tuple[str, ...] = (),
+    list_ids: Annotated[bool, Parameter(name="--list")] = False,
+    remote: Remote = "",
+    jobs: Annotated[int, AtLeastOne] = 4,
+) -> int:
+    """Fetch single objects of a published data set: only what is missing, checked.
+
+    Parameters
+    ----------
+    repository
+        path or URL of a git repository under DVC, with @REV for a revision
+    ids
+        objects (default: all of them)
+    output
+        folder for them
+    stage
+        products in place of Object Files, to FOLDER/data/STAGE: object_files, objects, views, modes, touches
+        or fidelity; may be given several times
+    list_ids
+        print the ids that can be fetched, and fetch nothing
+    jobs
+        files at a time
+    """
+    from pipeline.publish.cards.published_revision import split_revision
+    from pipeline.publish.cards.single_objects import get as fetched
+    from pipeline.publish.cards.single_objects import known_ids
+
+    address, revision = split_revision(repository)
+    if list_ids:
+        print("\n".join(known_ids(address, revision=revision, remote=remote)))
+        return FINE
+    read = 0
+    with status_line() as show:
+
+        def progress(count: int) -> None:
+            nonlocal read
+            read += count
+            show(f"{read / 1e6:.1f} MB")
+
+        got = fetched(
+            address,
+            ids,
+            output,
+            revision=revision,
+            stages=stage,
+            remote=remote,
+            jobs=jobs,
+            done=_print_outcome,
+            progress=progress,
+        )
+    failed = sum(entry.error is not None for entry in got)
+    if failed:
+        print_error(f"{failed} of {len(got)} failed. Run the same command again: it fetches what is missing.")
+    return FAILED if failed else FINE
+
+
+def export(
+    object_: Annotated[str, Parameter(name="OBJECT")],
+    /,
+    *,
+    wanted: Annotated[Exporting, Fields],
+    output: Output,
+    root: Root = Path("."),
+) -> None:
+    """Write views as NeRF or COLMAP data, or a surface as textured glTF.
+
+    Parameters
+    ----------
+    object_
+        an id of the data set, a product of views or objects (.zarr.zip), an Object File (.safetensors), or,
+        for glTF, a mesh in metres
+    output
+        a folder that does not exist yet
+    """
+    from pipeline.publish.export.export_gltf import export_gltf
+    from pipeline.publish.export.export_views import export_views
+    from pipeline.publish.export.found_products import find_products
+
+    write = export_gltf if wanted.format == "gltf" else export_views
+    print(write(find_products(object_, root), wanted, output))
+
+
+def listen(
+    *ids: str,
+    root: Root = Path("."),
+    output: Output,
+    trials: Annotated[int, Parameter(validator=Number(gte=1, lte=MOST_TRIALS))] = 24,
+    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=LARGEST_SEED))] = 0,
+    duration_s: Annotated[float, Parameter(validator=Number(gte=SHORTEST_S, lte=LONGEST_S))] = 1.0,
+) -> None:
+    """Write a page for an ABX listening test: truth against Object Files at held-out points.
+
+    Parameters
+    ----------
+    ids
+        objects (default: all that are audible)
+    output
+        the page (.html)
+    trials
+        number of trials
+    seed
+        of the draw of strikes and trials
+    duration_s
+        seconds of each sound
+    """
+    from pipeline.publish.listening.listening_page import write_page
+
+    write_page(root, output, trials=trials, seed=seed, objects=ids or None, duration_s=duration_s)
+    print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")
+
+
+def _print_outcome(got: "Got") -> None:
+    if got.error:
+        print_error(got.error)
+    else:
+        print(f"{got.path}  {got.path.stat().st_size / 1e6:.2f} MB, {got.outcome}")

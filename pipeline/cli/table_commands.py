@@ -1,0 +1,209 @@
+"""Commands for tables of objects: add, check, fetch."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from objectfolder.errors import InputError, ObjectFolderError
+from pipeline.cli.options import Fields, Json, Materials
+from pipeline.cli.printing import FAILED, FINE, print_error, status_line, terminal_width
+from pipeline.dataset.project_files import MATERIALS
+from pipeline.intake.add.wanted import Wanted
+from pipeline.intake.sources.fetch_request import Fetching
+
+if TYPE_CHECKING:
+    from pipeline.intake.sources.fetching import Fetcher
+    from pipeline.intake.sources.registry import Resolutions
+
+AS_USUAL = Fetching()
+Several = Parameter(consume_multiple=True)
+
+
+def add(
+    wanted: Annotated[Wanted, Fields],
+    *,
+    table: Path = Path("data/my_objects.csv"),
+    replace: bool = False,
+    preview: Path | None = None,
+    no_preview: bool = False,
+    dry_run: bool = False,
+) -> None:
+    """Check one's own mesh, copy it with what it refers to, and add it to a table of objects.
+
+    Parameters
+    ----------
+    table
+        CSV table, made if absent
+    replace
+        replace the object of this id
+    preview
+        the picture (default: beside the object)
+    no_preview
+        make no picture
+    dry_run
+        check only; write no row and no copy
+    """
+    from pipeline.intake.add.addition import check_object, put_object
+    from pipeline.intake.add.addition_summary import lines_about
+    from pipeline.intake.add.preview import preview_of
+
+    checked = check_object(wanted)
+    lines = lines_about(checked)
+    print("\n".join(lines))
+    if not dry_run:
+        added = put_object(checked, table, replace=replace)
+        count = len(checked.layout.files)
+        what = "added to" if added.changed else "is in"
+        print(f"{checked.object_id} {what} {table}; {count} file{'s'[: count > 1]} in {added.folder}")
+        preview = preview or added.folder.parent / f"{checked.object_id}.png"
+    if preview and not no_preview:
+        preview_of(checked, wanted.mesh, preview, lines)
+        print(f"picture      {preview}")
+    if not dry_run:
+        print(f"next         make dataset OBJECTS={table} ONLY={checked.object_id}")
+
+
+def check(
+    table: Path,
+    *,
+    json: Json = False,
+    strict: bool = False,
+    no_meshes: bool = False,
+    materials: Materials = MATERIALS,
+) -> int:
+    """Find what is wrong or doubtful in a table of objects: units, masses, materials, licences, walls.
+
+    Nothing is changed. The exit status is 1 where there are errors. A doubt that was looked at and stays is
+    listed in the column `accepted`, by the name of its rule (length, mass, walls, surface, material,
+    licence, provenance, duplicate); the notes say why.
+
+    Parameters
+    ----------
+    table
+        a table of objects (CSV)
+    strict
+        warnings count as errors
+    no_meshes
+        look at the table alone, at once (a mesh takes a second)
+    """
+    from pipeline.intake.check import finding
+    from pipeline.intake.check.listing import as_json, text
+    from pipeline.intake.check.table_check import check_table
+
+    with status_line() as show:
+        found = check_table(
+            table,
+            materials,
+            with_meshes=not no_meshes,
+            progress=lambda done, rows, object_id: show(f"{done} of {rows}  {object_id}"),
+        )
+    print(as_json(found, table) if json else text(found, table, terminal_width(120)))
+    failing = found.count(finding.ERROR) + (found.count(finding.WARNING) if strict else 0)
+    return FAILED if failing else FINE
+
+
+def fetch(
+    *ids: str,
+    table: Path | None = None,
+    only: Annotated[tuple[str, ...], Several] = (),
+    list_source: Annotated[str | None, Parameter(name="--list")] = None,
+    dry_run: bool = False,
+    resolution: tuple[str, ...] = (),
+    wanted: Annotated[Fetching, Fields] = AS_USUAL,
+) -> int:
+    """Fetch objects of published collections (YCB, Google Scanned Objects, Poly Haven), checked.
+
+    What is there and whole is not fetched again; what was interrupted goes on where it was. Without --table
+    files are where data/objects.csv expects them.
+
+    Parameters
+    ----------
+    ids
+        SOURCE:NAME, as ycb:025_mug
+    table
+        fetch the objects of a table that have a source_id
+    only
+        of the table, these ids alone
+    list_source
+        print the ids of all that a source has
+    dry_run
+        print what would be fetched
+    resolution
+        [SOURCE=]NAME, as polyhaven=2k or google_64k (default: 1k, google_16k); may be given several times
+    """
+    from pipeline.intake.sources.registry import Resolutions, source_named
+    from pipeline.intake.sources.source_table import chosen_rows, read_source_rows
+
+    if sum(map(bool, (ids, table, list_source))) != 1:
+        raise InputError("fetch", "names no objects, or in several ways", "Give ids, or --table, or --list.")
+    if only and not table:
+        raise InputError("--only", "chooses from a table", "Give --table too.")
+    where = table or Path("data/objects.csv")
+    resolutions = Resolutions(resolution)
+    with status_line() as show:
+        fetcher = wanted.fetcher(where, lambda url, count, total: show(_progress(url, count, total)))
+        if list_source:
+            source = source_named(list_source)
+            names = fetcher.names(source)
+            print("\n".join(map(source.source_id, names)))
+            return FINE
+        if table:
+            ids = tuple(row.source_id for row in chosen_rows(table, read_source_rows(table), only))
+        ids = tuple(dict.fromkeys(ids))
+        return (_list_missing if dry_run else _fetch)(fetcher, ids, resolutions, where)
+
+
+def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
+    """Fetch all; say of each what it is, and at the end what failed."""
+    from pipeline.intake.sources.fetch_summary import differences, lines_of, summary
+    from pipeline.intake.sources.fetching_all import Failed, fetch_all
+    from pipeline.intake.sources.source_table import read_source_rows
+
+    try:
+        rows = read_source_rows(table)
+    except InputError:
+        rows = []  # a table that was not asked for need not be there
+    fetched, failed = [], []
+    for number, outcome in enumerate(fetch_all(fetcher, ids, resolutions), start=1):
+        count = f"{number}/{len(ids)} " if len(ids) > 1 else ""
+        if isinstance(outcome, Failed):
+            failed.append(outcome)
+            print_error(f"{count}{outcome.error}")
+            continue
+        fetched.append(outcome)
+        print(f"{count}{lines_of(outcome)}", flush=True)
+        for difference in differences(outcome, table, rows):
+            print_error(difference)
+    if said := summary(fetched, table, rows, len(ids)):
+        print(said)
+    if failed and len(ids) > 1:
+        print_error(f"{len(failed)} of {len(ids)} failed; the same command goes on where it was:")
+        for failure in failed:
+            print_error(f"  {failure.source_id}: {failure.error.finding}")
+    return FAILED if failed else FINE
+
+
+def _list_missing(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
+    """Print addresses and sizes of what is not there; lists of files are asked for, files are not."""
+    failed = total = unknown = 0
+    for source_id in ids:
+        try:
+            missing = fetcher.missing(resolutions.asked(source_id))
+        except ObjectFolderError as error:
+            failed += 1
+            print_error(error)
+            continue
+        print(f"{source_id}  {f'{len(missing)} to fetch' if missing else 'already there'}")
+        for entry in missing:
+            total += entry.size or 0
+            unknown += entry.size is None
+            size = "size not told" if entry.size is None else f"{entry.size / 1e6:.2f} MB"
+            print(f"  {entry.url}  {size}")
+    print(f"{total / 1e6:.1f} MB{f' and {unknown} files of unknown size' if unknown else ''}")
+    return FAILED if failed else FINE
+
+
+def _progress(url: str, count: int, total: int | None) -> str:
+    size = f" of {total / 1e6:.1f}" if total is not None else ""
+    return f"{count / 1e6:.1f}{size} MB  {url.rpartition('/')[2]}"

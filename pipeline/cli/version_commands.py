@@ -1,0 +1,201 @@
+"""Commands for versions of a data set: audit, verify, history."""
+
+import contextlib
+import gc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from pipeline.cli.options import Json, Remote, Root
+from pipeline.cli.printing import FAILED, FINE, print_error, status_line, terminal_width
+
+
+def audit(
+    old: str = "HEAD",
+    new: str | None = None,
+    /,
+    *,
+    arrays: bool = False,
+    max_loss: tuple[str, ...] = (),
+    json: Json = False,
+    html: Path | None = None,
+    remote: Remote = "",
+    root: Root = Path("."),
+) -> int:
+    """Say what changed between two versions of the data set, why, and what it did to fidelity.
+
+    Nothing is checked out; of products only attributes are read. The exit status is 1 where a limit of
+    --max-loss is exceeded.
+
+    Parameters
+    ----------
+    old
+        a git revision
+    new
+        a git revision (default: the work tree)
+    arrays
+        read the arrays of what changed
+    max_loss
+        MEASURE=LOSS, the largest loss of an object that is allowed, as vision.psnr_db=0.5; may be given
+        several times
+    html
+        write a page that needs no network
+    """
+    from pipeline.audit.as_json import audit_json
+    from pipeline.audit.comparison import Comparison
+    from pipeline.audit.contents import Contents
+    from pipeline.audit.fidelity import exceeded, thresholds
+    from pipeline.audit.git import GitRepository
+    from pipeline.audit.table import change, table
+    from pipeline.audit.versions import commit_version, data_set_root, work_tree_version
+    from pipeline.dataset.stages import STAGES
+    from pipeline.publish.report.audit_page import write_page
+
+    stages = tuple(STAGES.values())
+    allowed = thresholds(max_loss)
+    with _no_garbage_collection():
+        folder = data_set_root(root.absolute())
+        git = GitRepository(folder)
+        with Contents(folder, remote) as contents:
+            before = commit_version(git, contents, old, stages)
+            after = (
+                work_tree_version(contents, stages)
+                if new is None
+                else commit_version(git, contents, new, stages)
+            )
+            found = Comparison(contents, before, after, stages, arrays).audit()
+        too_much = exceeded(found.fidelity, allowed)
+        if html:
+            write_page(found, html, too_much, allowed)
+    if json:
+        print(audit_json(found, too_much, allowed))
+    else:
+        print(table(found, terminal_width()))
+        for one in too_much:
+            limit = f"more than the {allowed[one.measure]:g} allowed"
+            print(f"too much: {one.object_id}: {one.measure} {change(one)}, {limit}")
+    if allowed and found.problems:
+        print_error("what could not be read was not judged.")
+        return FAILED
+    return FAILED if too_much else FINE
+
+
+def verify(
+    revision: str | None = None,
+    /,
+    *,
+    recompute: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    seed: int = 0,
+    json: Json = False,
+    root: Root = Path("."),
+) -> int:
+    """Read every file of a version and say which is damaged, and what to do.
+
+    Checked are hashes against dvc.lock, checksums, fingerprints and lineage. The exit status is 1 where
+    something is wrong with a file, or where a product made again is different.
+
+    Parameters
+    ----------
+    revision
+        a git revision (default: the work tree)
+    recompute
+        make this number of products, drawn at random, again and compare them
+    seed
+        of the draw
+    """
+    from pipeline.audit.as_json import verified_json
+    from pipeline.audit.contents import Contents
+    from pipeline.audit.git import GitRepository
+    from pipeline.audit.listings import remade_text, verified_text
+    from pipeline.audit.recomputation import FAILED as NOT_MADE
+    from pipeline.audit.recomputation import recompute as make_again
+    from pipeline.audit.reproducibility import DIFFERENT
+    from pipeline.audit.verification import verify as verified
+    from pipeline.audit.versions import commit_version, data_set_root, work_tree_version
+    from pipeline.dataset.stages import STAGES
+
+    stages = tuple(STAGES.values())
+    folder = data_set_root(root.absolute())
+    with Contents(folder) as contents, status_line() as show:
+        version = (
+            work_tree_version(contents, stages)
+            if revision is None
+            else commit_version(GitRepository(folder), contents, revision, stages)
+        )
+        found = verified(
+            contents,
+            version,
+            stages,
+            lambda done, count, read: show(f"{done} of {count} files, {read / 1e9:.2f} GB"),
+        )
+        remade = (
+            make_again(
+                contents,
+                version,
+                stages,
+                recompute,
+                seed,
+                started=lambda stage, object_id: show(f"making {stage} {object_id} again"),
+            )
+            if recompute
+            else []
+        )
+    if json:
+        print(verified_json(found, remade))
+    else:
+        print(verified_text(found, version.label, terminal_width()))
+        if remade:
+            print(remade_text(remade, terminal_width()))
+    wrong = found.findings or any(one.verdict in (DIFFERENT, NOT_MADE) for one in remade)
+    return FAILED if wrong else FINE
+
+
+def history(
+    object_: Annotated[str, Parameter(name="OBJECT")],
+    /,
+    *,
+    rev: str = "HEAD",
+    json: Json = False,
+    remote: Remote = "",
+    root: Root = Path("."),
+) -> None:
+    """List the versions of one object: commits, why it changed, fidelity.
+
+    Parameters
+    ----------
+    object_
+        an id
+    rev
+        the last version, a git revision
+    """
+    from pipeline.audit.as_json import history_json
+    from pipeline.audit.contents import Contents
+    from pipeline.audit.git import GitRepository
+    from pipeline.audit.history import history as versions_of
+    from pipeline.audit.listings import history_text
+    from pipeline.audit.versions import data_set_root
+    from pipeline.dataset.stages import STAGES
+
+    folder = data_set_root(root.absolute())
+    with Contents(folder, remote) as contents:
+        found, unreadable = versions_of(GitRepository(folder), contents, object_, tuple(STAGES.values()), rev)
+    print(
+        history_json(object_, found, unreadable)
+        if json
+        else history_text(object_, found, unreadable, terminal_width())
+    )
+
+
+@contextlib.contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Pause the search for reference cycles: among a million dictionaries without any it takes seconds."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()

@@ -1,0 +1,104 @@
+"""The surface of an object as textured glTF."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import objectfolder
+from objectfolder.audio.materials import find_material, read_materials
+from objectfolder.errors import InputError
+from objectfolder.geometry.surface import Surface
+from objectfolder.store import read_attributes
+from objectfolder.tensor_file import read_metadata
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.export.base_colour import nearest_texture_colour, network_colour
+from objectfolder.vision.export.folder import new_folder
+from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
+from pipeline.publish.export.export_request import Exporting
+from pipeline.publish.export.found_products import FoundProducts
+from pipeline.publish.export.manifest import write_manifest
+
+
+def export_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
+    """Write a surface; return what was written, in a line.
+
+    Raises
+    ------
+    InputError
+        What is asked for is not there, or a folder that cannot be written.
+    """
+    surface = wanted.surface or ("stored" if found.object_file is not None else "source")
+    appearance, credit = _appearance(found, wanted), found.credit()
+    name = f"{found.object_id}.glb"
+    if surface == "source" and wanted.vertex_colours:
+        raise InputError("--vertex-colours", "the source mesh has its own textures", "Leave one of them out.")
+    with new_folder(output, overwrite=wanted.overwrite) as folder:
+        if surface == "source":
+            written = write_mesh(folder / name, found.source_mesh(), appearance, credit)
+        else:
+            stored, colour_of, colour, finest_m = _stored_colours(found, wanted, appearance)
+            written = write_surface(
+                folder / name,
+                stored,
+                colour_of,
+                appearance,
+                credit,
+                colour=colour,
+                side=wanted.texture_side,
+                finest_m=finest_m,
+                vertex_colours=wanted.vertex_colours,
+            )
+        write_manifest(folder, wanted.format, credit, {"surface": surface, "file": name, **written})
+    pitch = f", a texel each {written['texel_pitch_m'] * 1e3:.3g} mm" if "texel_pitch_m" in written else ""
+    return (
+        f"{output / name}: {written['triangles']} triangles of the {surface} surface{pitch}, "
+        f"{written['bytes'] / 1e6:.2f} MB; {credit.licence}"
+    )
+
+
+def _stored_colours(
+    found: FoundProducts, wanted: Exporting, appearance: Appearance
+) -> tuple[Surface, ColourOf, str, float]:
+    """Return the stored surface, its colours, these in words, and the texel pitch that suffices (metres)."""
+    if found.object_file is None:
+        remedy = "Give one, or --surface source."
+        raise InputError(found.object_id, "has no Object File, so no stored surface", remedy)
+    file = objectfolder.load(found.object_file)
+    surface = file.surface
+    if (wanted.colour or ("network" if found.objects is None else "source")) == "source":
+        mesh = found.source_mesh()
+        return (
+            surface,
+            lambda face, at: nearest_texture_colour(
+                mesh, surface.points_at(face, at), surface.face_normals[face]
+            ),
+            "the source's texture at the nearest point",
+            0.0,
+        )
+    # A quarter of a cell of the network's grid: between, its colours are nearly linear.
+    finest_m = file.frame.scale / file.description["vision"]["grid_resolution"] / 4
+    return (
+        surface,
+        lambda face, at: network_colour(file.vision, surface, file.frame, face, at, appearance.metallic),
+        "VisionNet's reflectance along the normal, without the clear coat",
+        finest_m,
+    )
+
+
+def _appearance(found: FoundProducts, wanted: Exporting) -> Appearance:
+    """Return roughness and metallic as asked, as rendered, or as the materials table has them."""
+    known: dict[str, Any] = {}
+    if found.views is not None:
+        known = dict(read_attributes(found.views)["appearance"])
+    elif found.record is not None:
+        known = dict(found.record["appearance"])
+    elif found.object_file is not None:
+        material = json.loads(read_metadata(found.object_file)["material"])
+        row = find_material(read_materials(wanted.materials), material["name"], str(wanted.materials))
+        known = {"roughness": row.roughness, "metallic": row.metallic}
+    for name, value in (("roughness", wanted.roughness), ("metallic", wanted.metallic)):
+        if value is not None:
+            known[name] = value
+        if name not in known:
+            raise InputError(found.object_id, f"its {name} is not known", f"Give --{name}.")
+    return Appearance(**known)

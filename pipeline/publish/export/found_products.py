@@ -1,0 +1,116 @@
+"""The products of one object, found by its id or by the path of one of them."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import objectfolder
+from objectfolder.errors import InputError
+from objectfolder.geometry.clean import clean
+from objectfolder.geometry.load import load_mesh
+from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.geometry.mesh_product import textured_mesh_of
+from objectfolder.geometry.surface import Surface
+from objectfolder.store import read_attributes, read_product
+from objectfolder.tensor_file import read_metadata
+from objectfolder.vision.export.credit import Credit
+from pipeline.dataset.records import RECORDS, read_records
+from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, VIEWS
+
+VIEWS_SUFFIX = ".zarr.zip"
+OBJECT_FILE_SUFFIX = ".safetensors"
+KINDS = {"views": VIEWS, "object_file": OBJECT_FILES, "objects": OBJECTS}
+
+
+@dataclass(frozen=True)
+class FoundProducts:
+    """Where the products of one object lie; None for what is not there."""
+
+    object_id: str
+    views: Path | None = None
+    object_file: Path | None = None
+    objects: Path | None = None
+    mesh: Path | None = None
+    record: Mapping[str, Any] | None = None
+
+    def credit(self) -> Credit:
+        """Return the credit from the data set's records, else from the Object File."""
+        record = self.record
+        if record is None and self.object_file is not None:
+            record = json.loads(read_metadata(self.object_file).get("object", "null"))
+        return Credit.of_record(self.object_id, record)
+
+    def source_mesh(self) -> TexturedMesh:
+        """Return the mesh that was rendered.
+
+        Raises
+        ------
+        InputError
+            It is not there.
+        """
+        if self.objects is not None:
+            return textured_mesh_of(read_product(self.objects))
+        if self.mesh is not None:
+            return clean(load_mesh(self.mesh), str(self.mesh))[0]
+        remedy = "Name it by id with --root, or give a product of objects; or export the stored surface."
+        raise InputError(self.object_id, "its source mesh is not at hand", remedy)
+
+    def rendered_surface(self) -> Surface | None:
+        """Return the surface that the views show: the mesh that was rendered, else its stored form."""
+        if self.objects is not None:
+            return self.source_mesh().surface
+        return None if self.object_file is None else objectfolder.load(self.object_file).surface
+
+
+def find_products(name: str, root: Path) -> FoundProducts:
+    """Find the products of an object named by its id or by the path of one of them.
+
+    Other products that lie in the same data set are found, too.
+
+    Raises
+    ------
+    InputError
+        Nothing of that name.
+    """
+    path = Path(name)
+    named: dict[str, Any] = {}
+    object_id = name
+    if path.is_file():
+        object_id = path.name.removesuffix(VIEWS_SUFFIX).removesuffix(OBJECT_FILE_SUFFIX)
+        kind = _kind(path)
+        if kind == "mesh":
+            return FoundProducts(path.stem, mesh=path)
+        named[kind] = path
+        if path.parent.name not in [known.name for known in KINDS.values()]:
+            return FoundProducts(object_id, **named)
+        root = path.resolve().parents[2]
+    elif path.suffix or path.parent != Path("."):
+        raise InputError(name, "no such file", "Check the path.")
+    for kind, known in KINDS.items():
+        beside = known.path(root, object_id)
+        if beside.is_file():
+            named.setdefault(kind, beside)
+    if not named:
+        ids = VIEWS.object_ids(root)
+        remedy = (
+            f"Use one of {', '.join(ids)}." if ids else "Give the data set's folder by --root, or a path."
+        )
+        raise InputError(object_id, f"no product of it in {root / 'data'}", remedy)
+    record = read_records(root).rows.get(object_id) if (root / RECORDS).is_file() else None
+    return FoundProducts(object_id, **named, record=record)
+
+
+def _kind(path: Path) -> str:
+    """Return what a file is; a product's attributes tell."""
+    if path.name.endswith(OBJECT_FILE_SUFFIX):
+        return "object_file"
+    if not path.name.endswith(VIEWS_SUFFIX):
+        return "mesh"
+    attributes = read_attributes(path)
+    if "camera_radius" in attributes and "light_power_w" in attributes:
+        return "views"
+    if "digests" in attributes:
+        return "objects"
+    raise InputError(str(path), "is a product of neither views nor objects", "Give one of those.")

@@ -1,0 +1,66 @@
+"""What an Object File holds and how faithful it is, in lines for people."""
+
+from pathlib import Path
+
+import numpy as np
+
+from objectfolder.object_file import ObjectFile
+
+
+def info_lines(file: ObjectFile, path: Path) -> list[str]:
+    """Return what a file holds."""
+    said = file.description["object"]
+    modes = file.modes.frequencies_hz
+    parts = ", ".join(f"{name} {count}" for name, count in file.bytes_by_part().items())
+    sound = f"{len(modes)} modes, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else "no audible mode"
+    return [
+        f"{said['name']} ({said['id']}), {file.description['material']['name']}",
+        f"licence      {said['licence']}; {said['attribution']}",
+        f"size         {' x '.join(f'{side:.4g}' for side in np.ptp(file.surface.bounds, axis=0))} m",
+        f"surface      {len(file.surface.faces)} triangles",
+        *_body(file),
+        f"sound        {sound}",
+        f"bytes        {path.stat().st_size} ({parts})",
+        *fidelity_lines(file),
+    ]
+
+
+def fidelity_lines(file: ObjectFile) -> list[str]:
+    """Return the file's own fidelity on held-out queries, a line a sense."""
+    fidelity = file.description.get("fidelity")
+    if not fidelity:
+        return ["fidelity     not measured"]
+    vision, audio, touch = fidelity["vision"], fidelity["audio"], fidelity["touch"]
+    heard = "no audible mode"
+    if audio["audible"]:
+        heard = (
+            f"gain error {audio['gain_error_db']:.1f} dB, "
+            f"frequencies within {audio['frequency_error_cents']:.2g} cents of the solver, "
+            f"solver within about {_number(audio['solver_error_estimate_cents'])} cents"
+        )
+    return [
+        f"vision       PSNR {vision['psnr_db']:.2f} dB, foreground {vision['psnr_foreground_db']:.2f} dB, "
+        f"SSIM {vision['ssim']:.4f} ({vision['held_out_views']} held-out views)",
+        f"audio        {heard}",
+        f"touch        PSNR {touch['psnr_db']:.2f} dB, in contact {_number(touch['psnr_contact_db'])} dB "
+        f"({touch['held_out_touches']} held-out touches); "
+        f"{100 * touch['unreachable_share']:.0f} % of the surface out of the sensor's reach",
+    ]
+
+
+def _body(file: ObjectFile) -> list[str]:
+    body = file.description["body"]
+    if not body:
+        return []
+    closed = "watertight" if body["watertight"] else "open: mass of the filled solid"
+    mass = body["mass_kg"] if body["mass_kg"] is not None else body["filled_mass_kg"]
+    wall = "unknown" if body["wall_median_m"] is None else f"{body['wall_median_m'] * 1e3:.2g} mm"
+    warnings = [f"warning      {warning}" for warning in body.get("warnings") or []]
+    return [
+        f"body         {mass:.4g} kg ({closed}), pieces {body['components']}, median wall {wall}",
+        *warnings,
+    ]
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.1f}"

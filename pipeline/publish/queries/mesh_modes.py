@@ -1,0 +1,88 @@
+"""The modal sound of a mesh, without making an Object File."""
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+from objectfolder.audio.materials import find_material, read_materials
+from objectfolder.audio.modes import simulate_modes
+from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
+from pipeline.publish.queries.requests import ModesOfMesh
+
+POINTS = 8  # with mode shapes; the command shows none
+
+
+def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
+    """Return frequencies, dampings, error estimates and the certificate of their count, as JSON has them.
+
+    Raises
+    ------
+    InputError
+        A mesh or a material that cannot be used.
+    SimulationError
+        The solver did not reach its accuracy.
+    """
+    material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
+    started = time.process_time()
+    surface = textured_mesh_of(
+        ingest_object(mesh, None, wanted.length_m, mesh.stem, with_textures=False)
+    ).surface
+    seconds = {"ingest": time.process_time() - started}
+    modes = simulate_modes(
+        surface,
+        material,
+        max_frequency_hz=wanted.max_frequency_hz,
+        max_modes=wanted.max_modes,
+        accuracy_cents=wanted.accuracy_cents,
+        wall_m=wanted.wall_m,
+        shell_m=wanted.shell_m,
+        training_points=POINTS,
+        held_out_points=POINTS,
+        seed=wanted.seed,
+        name=mesh.name,
+        seconds=seconds,
+    )
+    attributes = modes.attributes
+    dampings = modes["dampings_per_s"].tolist()
+    errors = modes["error_estimates_cents"].tolist()
+    return {
+        "frequencies_hz": modes["frequencies_hz"].tolist(),
+        "dampings_per_s": dampings,
+        "t60_s": [math.log(1000) / damping if damping > 0 else None for damping in dampings],
+        "error_estimates_cents": [None if math.isnan(error) else error for error in errors],
+        "count_certificate": attributes["count_certificate"],
+        "error_estimate_cents": attributes["error_estimate_cents"],
+        "geometry_error_estimate_cents": attributes["geometry_error_estimate_cents"],
+        "frequency_limit_hz": attributes["stated_frequency_limit_hz"],
+        "bodies": attributes["discretisation"].get("bodies"),
+        "discretisation": attributes["discretisation"],
+        "seconds": seconds,
+    }
+
+
+def modes_table(result: dict[str, Any], material: str) -> str:
+    """Return the result of `solve_modes` for people."""
+    lines = [
+        f"{len(result['frequencies_hz'])} modes below {result['frequency_limit_hz']:.0f} Hz in {material}"
+    ]
+    columns = ("frequencies_hz", "dampings_per_s", "t60_s", "error_estimates_cents")
+    for index, row in enumerate(zip(*(result[name] for name in columns), strict=True)):
+        frequency, damping, t60, error = row
+        rings = f"T60 {t60:8.3f} s" if t60 is not None else "undamped      "
+        known = f"error {error:6.1f} cents" if error is not None else ""
+        lines.append(
+            f"{index:4d} {frequency:10.2f} Hz  damping {damping:10.3f} 1/s  {rings}  {known}".rstrip()
+        )
+    certificate = result["count_certificate"]
+    lines.append(
+        f"count: {certificate['counted']} eigenvalues below the limit = {certificate['rigid']} rigid + "
+        f"{certificate['elastic_found']} found ({certificate['method']})"
+    )
+    geometry = result["geometry_error_estimate_cents"]
+    if geometry is not None:
+        lines.append(
+            f"shape: the error of the solid's mean wall changes frequencies by about {geometry:.1f} cents"
+        )
+    seconds = ", ".join(f"{name} {value:.1f}" for name, value in result["seconds"].items())
+    return "\n".join([*lines, f"CPU seconds: {seconds}"])

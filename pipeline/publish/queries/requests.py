@@ -1,0 +1,155 @@
+"""What a command asks of an Object File or a mesh, with all options; light to import."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pipeline.dataset.project_files import MATERIALS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendering:
+    """Views to render.
+
+    Parameters
+    ----------
+    views
+        .npy file, (n, 6): camera and light positions, unit frame; (n, 3) with --light or --environment
+    light
+        X,Y,Z[:R,G,B]: a light for all views, unit frame, with linear colour factors (default 1,1,1);
+        may be given several times; --light=-1,0,0 where the first number is negative
+    environment
+        light all views by an equirectangular .exr or .hdr map of linear radiance, oriented as in Blender
+    environment_lights
+        lights that stand for the map
+    environment_radius
+        distance of these lights from the centre, unit frame (default: that of the data set's lights)
+    resolution
+        pixels a side
+    field_of_view_deg
+        degrees
+    sub_rays
+        rays in an edge pixel: slower and closer (default 64)
+    crop
+        TOP,LEFT,HEIGHT,WIDTH in pixels: render this part of the image alone
+    passes
+        names with commas between them: depth (0000_depth.npy, metres along the camera's axis), normal
+        (0000_normal.npy, object frame), mask (0000_mask.png)
+    device
+        where VisionNet runs
+    backend
+        way to render (default: compiled where numba is installed and the device is the CPU)
+    """
+
+    views: Path
+    light: tuple[str, ...] = ()
+    environment: Path | None = None
+    environment_lights: int = 64
+    environment_radius: float | None = None
+    resolution: int = 256
+    field_of_view_deg: float = 39.6
+    sub_rays: int | None = None
+    crop: str | None = None
+    passes: str = ""
+    device: Literal["cpu", "cuda"] = "cpu"
+    backend: Literal["compiled", "reference"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Striking:
+    """Points to strike.
+
+    Parameters
+    ----------
+    points
+        .npy file, (n, 3) metres, object frame
+    forces
+        .npy file, (n, 3) impulses in newton seconds, or (n, k, 3) newtons at the samples
+    duration_s
+        seconds
+    sample_rate_hz
+        hertz
+    listener
+        X Y Z, metres, object frame: write the pressure there (Pa, approximate), not surface velocity
+        (m/s); twice for stereo
+    gain
+        factor of what is written
+    materials
+        materials table (CSV)
+    """
+
+    points: Path
+    forces: Path
+    duration_s: float = 2.0
+    sample_rate_hz: int = 44100
+    listener: tuple[tuple[float, float, float], ...] = ()
+    gain: float = 1.0
+    materials: Path = MATERIALS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressing:
+    """Points to press.
+
+    Parameters
+    ----------
+    points
+        .npy file, (n, 3) metres, object frame
+    tilt_deg
+        degrees from the surface normal
+    azimuth_deg
+        degrees from the image's right to its top
+    contact
+        contact model (default: the file's own)
+    resolution
+        HEIGHT WIDTH in pixels (default: the sensor's)
+    background
+        image of a real sensor that nothing touches, to lay the touches over; 'synthetic' draws one
+    noise_seed
+        add the sensor's noise (default: none)
+    """
+
+    points: Path
+    tilt_deg: float = 0.0
+    azimuth_deg: float = 0.0
+    contact: Literal["rigid", "elastic"] | None = None
+    resolution: tuple[int, int] | None = None
+    background: str | None = None
+    noise_seed: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModesOfMesh:
+    """Modes of a mesh to solve.
+
+    Parameters
+    ----------
+    material
+        a row of the materials table
+    materials
+        materials table (CSV)
+    length_m
+        longest side in metres (default: as in the file)
+    max_frequency_hz
+        hertz
+    max_modes
+        largest number of modes
+    accuracy_cents
+        wanted error of the first 50 frequencies
+    wall_m
+        least thickness of walls in metres, where a scan fused them
+    shell_m
+        wall of a vessel that was scanned solid, metres
+    seed
+        of the points
+    """
+
+    material: str
+    materials: Path = MATERIALS
+    length_m: float | None = None
+    max_frequency_hz: float = 20000.0
+    max_modes: int = 256
+    accuracy_cents: float = 5.0
+    wall_m: float | None = None
+    shell_m: float | None = None
+    seed: int = 0
