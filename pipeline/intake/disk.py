@@ -18,7 +18,7 @@ def writing(path: Path) -> Iterator[None]:
         raise InputError(
             str(path),
             f"cannot be read or written ({error.strerror or error})",
-            "Check space and permissions of the folder, or name another: what has come is kept.",
+            "Check space and permissions of the folder, or name another: what was downloaded is kept.",
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""Archives as strangers might make them: any names, kinds, flags and sizes, whole or damaged."""
+"""Archives as anybody might make them: any names, kinds, flags and sizes, whole or damaged."""
 
 import gzip
 import io

@@ -189,9 +189,7 @@ def test_no_more_than_allowed(file_server, address, cache_folder, kind):
     assert not list(cache_folder.rglob(".partial*"))
 
 
-def test_a_server_that_brings_nothing_new_is_given_up_and_what_came_is_kept(
-    file_server, address, cache_folder
-):
+def test_a_server_that_sends_nothing_new_is_given_up_and_the_part_is_kept(file_server, address, cache_folder):
     file_server.plan = scripted(*["stall"] * 1000)
     file_server.cut = lambda length: 100_000 if length == len(CONTENT) else 0
     with pytest.raises(InputError, match="does not answer in time") as refused:

@@ -368,9 +368,9 @@ def test_a_gltf_that_names_what_is_not_listed_is_refused(place):
     [
         ({}, "it holds no file"),
         ({"another/google_16k/textured.obj": b"v 0 0 0"}, "holds nothing that is wanted in 901_test_bar/"),
-        ({f"{YCB}/google_16k/other.obj": b"v 0 0 0"}, "not among the files that came"),
+        ({f"{YCB}/google_16k/other.obj": b"v 0 0 0"}, "not among the downloaded files"),
         ({f"{YCB}/google_16k/textured.obj": b"mtllib none.mtl\n"}, "names the material library 'none.mtl'"),
-        ({f"{YCB}/source.json.txt": b"", f"{YCB}/source.json": b"{}"}, "not among the files that came"),
+        ({f"{YCB}/source.json.txt": b"", f"{YCB}/source.json": b"{}"}, "not among the downloaded files"),
     ],
 )  # fmt: skip
 def test_an_archive_laid_out_otherwise_is_refused(place, members, finding):

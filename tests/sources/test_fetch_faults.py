@@ -49,7 +49,7 @@ def run_once(tmp_path: Path, seed: int) -> str:
             assert read_hashes(hashes) == {}
         assert not [path for path in fetched.glob("*/.*") if path.suffix != ".lock"]
         sources.server.plan = lambda path: ""
-        # What an honest network brings afterwards is not harmed by what the faulty one left in the cache.
+        # What the faulty network left in the cache does no harm to a later fetch.
         got = Fetcher(fetched, sources.downloader(base, tmp_path / "cache"), hashes).fetch(asked)
     assert files_in(got.folder) == sources.expected[source_id]
     record = read_record(got.folder)

@@ -12,14 +12,6 @@ RULE = "length"
 SAME = 0.03
 """Relative difference within which two lengths of a scan are the same."""
 
-UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
-
-LIKELY_METRES = (0.03, 3.0)
-"""Longest sides of meshes in metres; the same thing in centimetres or millimetres is longer."""
-
-NORMALISED = (1.0, 2.0)
-"""Longest sides of meshes that were scaled into a box."""
-
 
 def check(entry: Entry) -> Iterator[Finding]:
     """Find lengths that the mesh or the published list contradicts."""
@@ -40,25 +32,13 @@ def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding
     for other, axis in sorted(zip(shape.file_extents, "xyz", strict=True), reverse=True)[1:]:
         if is_close(stated / other, 1) and not is_close(side / other, 1):
             found = f"{what}; it is the side along {axis} ({other:.4g})"
-            yield entry.found(
-                RULE, WARNING, "length_m", found, f"Give the longest side ({side:.4g}), or 'as in file'"
-            )
+            remedy = f"Give the longest side ({side:.4g}), or 'as in file'"
+            yield entry.found(RULE, WARNING, "length_m", found, remedy)
             return
-    if source_of(entry) is None:  # the meshes of all public sources are in metres
-        # A mesh may come in any unit: the stated length is what gives it one.
-        if LIKELY_METRES[0] <= side <= LIKELY_METRES[1] and not any(
-            is_close(side, one) for one in NORMALISED
-        ):
-            remedy = "Right if its own unit is not the metre; else write 'as in file'"
-            yield entry.found(RULE, NOTE, "length_m", what, remedy)
-        return
-    unit = next((name for size, name in UNITS.items() if is_close(factor * size, 1)), None)
-    if unit is not None:
-        found = f"{what}: {unit} were taken for metres"
-        yield entry.found(RULE, ERROR, "length_m", found, f"Write {side:.4g}, or 'as in file'")
-    else:
+    # A mesh of one's own may be in any unit; those of all public sources are in metres.
+    if source_of(entry) is not None:
         severity = ERROR if not 1 / 3 <= factor <= 3 else WARNING
-        remedy = "Write 'as in file': this source is in metres"
+        remedy = f"Write {side:.4g}, or 'as in file'"
         yield entry.found(RULE, severity, "length_m", f"{what}, which is in metres", remedy)
 
 

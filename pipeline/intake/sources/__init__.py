@@ -1,1 +1,1 @@
-"""Where objects come from: published collections, and what carries their files here safely."""
+"""Published collections of objects, and the download of their files: resumed, checked, whole."""

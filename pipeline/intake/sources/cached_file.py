@@ -49,7 +49,7 @@ class CachedFile:
         return (count, note["validator"]) if usable and note["validator"] else (0, "")
 
     def begin(self, validator: str) -> None:
-        """Forget what has come, and note the version that is to come."""
+        """Discard the part that is there, and note the version of the next."""
         # In this order a killed process leaves nothing that looks like a part of another version.
         self.discard()
         with writing(self.partial):
@@ -58,7 +58,7 @@ class CachedFile:
                 file.write(json.dumps({"asked": self._asked, "validator": validator}).encode())
 
     def finish(self) -> None:
-        """Give what has come its name."""
+        """Give the whole file its name."""
         with writing(self.path):
             with self.partial.open("rb") as file:
                 os.fsync(file.fileno())
@@ -66,13 +66,13 @@ class CachedFile:
             self._note.unlink(missing_ok=True)
 
     def discard(self) -> None:
-        """Remove what has come of the file."""
+        """Remove the part that is there."""
         with writing(self.partial):
             self._note.unlink(missing_ok=True)
             self.partial.unlink(missing_ok=True)
 
     def forget(self) -> None:
-        """Remove the file and what has come of it."""
+        """Remove the file and its part."""
         with writing(self.path):
             self.path.unlink(missing_ok=True)
         self.discard()

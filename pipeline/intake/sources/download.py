@@ -75,7 +75,7 @@ class Downloader:
     proxies, mirrors, timeout_s
         As `HttpClient` takes them.
     retries
-        How often to ask again while nothing new comes. A server that asks for a wait of more than
+        How often to ask again while nothing new arrives. A server that asks for a wait of more than
         `http_client.LONGEST_WAIT_S` is given up at once.
     backoff_s
         Wait before the second retry; it doubles from there.
@@ -216,7 +216,7 @@ class Downloader:
                         file.flush()
                     self._progress(expected.url, count, total)
         if total is not None and count < total:
-            raise InterruptedBodyError(f"the connection was lost: {count} bytes came of {total}")
+            raise InterruptedBodyError(f"the connection was lost: after {count} of {total} bytes")
         return resumed
 
     def _document(self, expected: Expected) -> bytes:

@@ -75,7 +75,7 @@ class Fetcher:
     Parameters
     ----------
     folder
-        An object comes to ``<folder>/<source>/<name>``.
+        Of all; an object's is ``<folder>/<source>/<name>``.
     downloader
         Fetches files and documents.
     hashes

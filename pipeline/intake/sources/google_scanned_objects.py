@@ -4,9 +4,10 @@ from pathlib import Path
 from urllib.parse import quote
 
 from objectfolder.errors import FormatError
+from pipeline.intake.sources.download import Downloader
 from pipeline.intake.sources.http_client import AbsentError
 from pipeline.intake.sources.obj_layout import obj_texture
-from pipeline.intake.sources.source import Documents, Download, Source, check_file_name
+from pipeline.intake.sources.source import Download, Source, check_file_name
 
 FUEL = "https://fuel.gazebosim.org/1.0/GoogleResearch/"
 VERSION = 1  # the first of a model: what is recorded of it stays true when another is published
@@ -15,7 +16,7 @@ MOST_PAGES = 200
 MESH = "meshes/model.obj"
 
 
-def downloads(name: str, resolution: str, documents: Documents) -> list[Download]:
+def downloads(name: str, resolution: str, documents: Downloader) -> list[Download]:
     """Return the archive of an object, whose members lie at its top."""
     quoted = quote(name, safe="")
     return [Download(f"{FUEL}models/{quoted}/{VERSION}/{quoted}.zip", f"{name}.zip", top="")]
@@ -26,7 +27,7 @@ def mesh_and_texture(folder: Path, name: str, resolution: str) -> tuple[str, str
     return MESH, obj_texture(folder, MESH)
 
 
-def names(documents: Documents) -> list[str]:
+def names(documents: Downloader) -> list[str]:
     """Return the names of all pages; past the last one the server answers that it is not there."""
     found: dict[str, None] = {}
     for page in range(1, MOST_PAGES + 1):

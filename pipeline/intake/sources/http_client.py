@@ -29,8 +29,8 @@ RETRIED_STATUSES = (408, 425, 429, 500, 502, 503, 504)
 MOST_REDIRECTS = 8
 BLOCK = 256 << 10  # bytes
 LEAST_BYTES = 64 << 10
-"""Bytes that must arrive within the timeout; a connection that brings fewer is given up."""
-RETRY_REMEDY = "Try again later, or check the network, proxy or mirror: what has come is kept."
+"""Bytes that must arrive within the timeout; a slower connection is given up."""
+RETRY_REMEDY = "Try again later, or check the network, proxy or mirror: what was downloaded is kept."
 
 FINDINGS = {
     "ProxyError": "its proxy cannot be reached or refuses",
@@ -167,7 +167,7 @@ class HttpClient:
         Raises
         ------
         InterruptedBodyError
-            The connection broke, or fewer than `LEAST_BYTES` came within the timeout.
+            The connection broke, or fewer than `LEAST_BYTES` arrived within the timeout.
         """
         count, since = 0, time.monotonic()
         while True:
@@ -233,7 +233,7 @@ def _check_answer(url: str, response: requests.Response) -> None:
 
 
 def _failure(url: str, error: Exception) -> InputError:
-    """Return the error of a request that brought no answer."""
+    """Return the error of a request without an answer."""
     said = str(error)
     if isinstance(error, requests.exceptions.SSLError) and "CERTIFICATE_VERIFY_FAILED" in said:
         return InputError(

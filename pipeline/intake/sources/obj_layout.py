@@ -27,7 +27,7 @@ def obj_texture(folder: Path, mesh: str) -> str | None:
     """
     path = folder / mesh
     if not path.is_file():
-        raise FormatError(mesh, "not among the files that came", REMEDY)
+        raise FormatError(mesh, "not among the downloaded files", REMEDY)
     try:
         libraries = [read_material_library(path, name) for name in dict.fromkeys(material_libraries(path))]
     except InputError as problem:

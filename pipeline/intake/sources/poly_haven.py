@@ -9,7 +9,8 @@ from pydantic import BaseModel, Field, StrictInt, ValidationError
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.geometry.gltf_file import read_gltf_file
-from pipeline.intake.sources.source import Documents, Download, Source
+from pipeline.intake.sources.download import Downloader
+from pipeline.intake.sources.source import Download, Source
 
 API = "https://api.polyhaven.com/"
 FILES = "https://dl.polyhaven.org/"
@@ -27,7 +28,7 @@ class _ListedFile(BaseModel):
     include: dict[str, "_ListedFile"] = {}
 
 
-def downloads(name: str, resolution: str, documents: Documents) -> list[Download]:
+def downloads(name: str, resolution: str, documents: Downloader) -> list[Download]:
     """Return the glTF and what it includes, as the API lists them with their own addresses and hashes.
 
     Raises
@@ -69,12 +70,12 @@ def mesh_and_texture(folder: Path, name: str, resolution: str) -> tuple[str, str
     """
     found = sorted(path.name for path in folder.glob(f"*_{resolution}.gltf"))
     if len(found) != 1:
-        raise FormatError(name, f"{len(found)} glTF files of {resolution} came", "There should be one.")
+        raise FormatError(name, f"has {len(found)} glTF files of {resolution}", "There should be one.")
     _check_complete(folder / found[0])
     return found[0], None
 
 
-def names(documents: Documents) -> list[str]:
+def names(documents: Downloader) -> list[str]:
     """Return the slugs of all models."""
     address = f"{API}assets?type=models"
     listed = documents.json(address)

@@ -4,31 +4,24 @@ import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
 
 from objectfolder.errors import InputError
+from pipeline.intake.sources.download import Downloader
 
 LONGEST_NAME_BYTES = 200  # of a file system's 255, which temporary names share
 _NOT_IN_NAMES = frozenset('/\\:*?"<>|')
 
 
-class Documents(Protocol):
-    """Whatever brings small JSON documents: a `pipeline.intake.sources.download.Downloader`."""
-
-    def json(self, url: str, limit_bytes: int = ...) -> Any:
-        """Return the document at an address."""
-
-
 @dataclass(frozen=True)
 class Download:
-    """One file to be brought.
+    """One file to download.
 
     Parameters
     ----------
     url
         Its address.
     path
-        Where it comes to in the object's folder; of an archive its file name.
+        Its place in the object's folder; of an archive its file name.
     size, md5
         Bytes and hash, where the source states them.
     top
@@ -49,7 +42,7 @@ class Source:
     Parameters
     ----------
     id
-        What stands before the colon of ``ycb:025_mug``, and the folder its objects come to.
+        What stands before the colon of ``ycb:025_mug``, and the folder of its objects.
     title, page
         Of the collection; `page` is the address to read about it.
     licence, attribution
@@ -59,7 +52,7 @@ class Source:
     resolutions
         That can be asked for, the default first.
     downloads
-        From name, resolution and documents, what is to be brought.
+        From name, resolution and documents, what is to be downloaded.
     wanted
         Whether a member of an archive is, by its path in the object's folder.
     mesh_and_texture
@@ -81,10 +74,10 @@ class Source:
     attribution: str
     addresses: tuple[str, ...]
     resolutions: tuple[str, ...]
-    downloads: Callable[[str, str, Documents], list[Download]]
+    downloads: Callable[[str, str, Downloader], list[Download]]
     wanted: Callable[[str], bool]
     mesh_and_texture: Callable[[Path, str, str], tuple[str, str | None]]
-    names: Callable[[Documents], list[str]]
+    names: Callable[[Downloader], list[str]]
     object_page: Callable[[str], str]
     absent: str
     check_name: Callable[[str], None]
@@ -124,12 +117,12 @@ class SourceObject:
         """What names it among all sources, as ``ycb:025_mug``."""
         return self.source.source_id(self.name)
 
-    def downloads(self, documents: Documents) -> list[Download]:
-        """Return what is to be brought."""
+    def downloads(self, documents: Downloader) -> list[Download]:
+        """Return what is to be downloaded."""
         return self.source.downloads(self.name, self.resolution, documents)
 
     def folder(self, root: Path) -> Path:
-        """Return where it comes to."""
+        """Return its folder."""
         return root / self.source.id / self.name
 
 

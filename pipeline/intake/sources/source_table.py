@@ -1,4 +1,4 @@
-"""The rows of a table of objects that come from sources, read without asking that their files are there."""
+"""The rows of a table of objects that name a source; their files need not be there."""
 
 import difflib
 from collections.abc import Collection
@@ -39,12 +39,12 @@ def read_source_rows(table: Path) -> list[SourceRow]:
 
 
 def chosen_rows(table: Path, rows: list[SourceRow], only: Collection[str]) -> list[SourceRow]:
-    """Return the rows that come from a source, of those named by id; all where none is named.
+    """Return the rows that name a source, of those with the ids `only`; all for an empty `only`.
 
     Raises
     ------
     InputError
-        A row that is named is not there, or comes from no source.
+        An id that is not there, or names no source.
     """
     known = {row.id: row for row in rows}
     for object_id in only:

@@ -4,8 +4,9 @@ import re
 from pathlib import Path, PurePosixPath
 
 from objectfolder.errors import FormatError
+from pipeline.intake.sources.download import Downloader
 from pipeline.intake.sources.obj_layout import obj_texture
-from pipeline.intake.sources.source import Documents, Download, Source, check_file_name
+from pipeline.intake.sources.source import Download, Source, check_file_name
 
 BUCKET = "https://ycb-benchmarks.s3.amazonaws.com/data/"
 RESOLUTIONS = ("google_16k", "google_64k", "google_512k")  # thousands of triangles of the Google scan
@@ -14,7 +15,7 @@ LIST = BUCKET + "objects.json"
 _WANTED = re.compile(r"(?!\._).*\.(obj|mtl|png|jpe?g|xml|txt)", re.IGNORECASE)
 
 
-def downloads(name: str, resolution: str, documents: Documents) -> list[Download]:
+def downloads(name: str, resolution: str, documents: Downloader) -> list[Download]:
     """Return the archive of an object."""
     archive = f"{name}_{resolution}.tgz"
     return [Download(f"{BUCKET}google/{archive}", archive, top=name)]
@@ -26,7 +27,7 @@ def mesh_and_texture(folder: Path, name: str, resolution: str) -> tuple[str, str
     return mesh, obj_texture(folder, mesh)
 
 
-def names(documents: Documents) -> list[str]:
+def names(documents: Downloader) -> list[str]:
     """Return the names of the list, of which not all were scanned by Google."""
     listed = documents.json(LIST)
     found = listed.get("objects") if isinstance(listed, dict) else None
