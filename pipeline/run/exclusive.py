@@ -8,7 +8,6 @@ share a disk depends on the file system, so one checkout is for one driving mach
 import contextlib
 import math
 import os
-import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -27,7 +26,7 @@ REPEAT_S = 60.0  # between lines about waiting
 
 @contextlib.contextmanager
 def running(root: Path, what: str) -> Iterator[None]:
-    """Run something that changes the data set: alone, with an id, and ended by a signal as by the keyboard.
+    """Run something that changes the data set: alone, and with an id.
 
     Raises
     ------
@@ -35,15 +34,8 @@ def running(root: Path, what: str) -> Iterator[None]:
         As `exclusive`.
     """
     os.environ[RUN_ID] = new_run_id()
-    # A terminal that closes, or a batch system that stops a run.
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupted)
     with exclusive(root, what):
         yield
-
-
-def _interrupted(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
