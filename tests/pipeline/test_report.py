@@ -140,10 +140,8 @@ def test_without_costs_nothing_is_measured_here(report: Path, tmp_path: Path) ->
     assert "No object failed." in text
 
 
-@pytest.mark.parametrize("folder", ["empty", "absent"])
-def test_no_objects_still_make_a_report(tmp_path: Path, folder: str) -> None:
-    (tmp_path / "empty").mkdir()
-    write_report(tmp_path / folder, tmp_path / "costs.csv", tmp_path / "reports", [])
+def test_no_objects_still_make_a_report(tmp_path: Path) -> None:
+    write_report(tmp_path / "absent", tmp_path / "costs.csv", tmp_path / "reports", [])
     text = (tmp_path / "reports" / "metrics.json").read_text()
     metrics = json.loads(text)
     assert "NaN" not in text

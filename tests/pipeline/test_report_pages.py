@@ -279,73 +279,60 @@ def whole(path: Path, **arrays: np.ndarray) -> None:
     write_product(path, Product({**product.arrays, **more}, product.attributes))
 
 
-@pytest.mark.parametrize("said", [["walls of <b>one</b> layer", 7], "no list", None])
-def test_warnings_of_an_object_stand_on_its_page(tmp_path: Path, said: object) -> None:
-    write_object(tmp_path / "data", "mug")
-    path = tmp_path / "data" / "fidelity" / "mug.zarr.zip"
-    product = read_product(path)
-    write_product(path, product.with_attributes(body={"warnings": said}))
+def test_warnings_of_an_object_stand_on_its_page(tmp_path: Path) -> None:
+    for name, said in {"list": ["walls of <b>one</b> layer", 7], "text": "no list", "none": None}.items():
+        write_object(tmp_path / "data", name)
+        path = tmp_path / "data" / "fidelity" / f"{name}.zarr.zip"
+        write_product(path, read_product(path).with_attributes(body={"warnings": said}))
     report(tmp_path)
-    text = Page(tmp_path / "reports" / "objects" / "mug.html").text
-    assert ("Warning: walls of <b>one</b> layer" in text) == isinstance(said, list)
-    assert text.count("Warning:") == isinstance(said, list)
+    texts = {
+        name: Page(tmp_path / "reports/objects" / f"{name}.html").text for name in ("list", "text", "none")
+    }
+    assert "Warning: walls of <b>one</b> layer" in texts["list"]
+    assert {name: text.count("Warning:") for name, text in texts.items()} == {"list": 1, "text": 0, "none": 0}
 
 
-@pytest.mark.parametrize(
-    ("watertight", "change", "said"),
-    [
-        (
-            False,
-            0.0512,
-            "has 13\u202f568 cm³, 5.1 % more than the open surface encloses (itself known to ± 1.4 %)",
-        ),
-        (False, -0.001, "0.1 % less than"),
-        (True, 0.0512, None),
-        (False, "much", None),
-    ],
-)
-def test_an_open_surface_says_how_it_was_filled(tmp_path: Path, watertight, change, said) -> None:
-    write_object(tmp_path / "data", "stool")
-    path = tmp_path / "data" / "fidelity" / "stool.zarr.zip"
-    product = read_product(path)
-    body = {"watertight": watertight, "filled_volume_m3": 0.013568}
-    write_product(path, product.with_attributes(body=body))
-    filled = {"discretisation": {"volume_error": change, "volume_uncertainty": 0.0137}}
-    write_product(tmp_path / "data" / "modes" / "stool.zarr.zip", Product({}, filled))
+def test_an_open_surface_says_how_it_was_filled(tmp_path: Path) -> None:
+    known = "has 13\u202f568 cm³, 5.1 % more than the open surface encloses (itself known to ± 1.4 %)"
+    cases = {
+        "more": (False, 0.0512, known),
+        "less": (False, -0.001, "0.1 % less than"),
+        "watertight": (True, 0.0512, None),
+        "text": (False, "much", None),
+    }
+    for name, (watertight, change, _) in cases.items():
+        write_object(tmp_path / "data", name)
+        path = tmp_path / "data" / "fidelity" / f"{name}.zarr.zip"
+        body = {"watertight": watertight, "filled_volume_m3": 0.013568}
+        write_product(path, read_product(path).with_attributes(body=body))
+        filled = {"discretisation": {"volume_error": change, "volume_uncertainty": 0.0137}}
+        write_product(tmp_path / "data" / "modes" / f"{name}.zarr.zip", Product({}, filled))
     report(tmp_path)
-    text = Page(tmp_path / "reports" / "objects" / "stool.html").text
-    assert ("Filled for sound" in text) == (said is not None)
-    assert said is None or said in text
+    for name, (*_, said) in cases.items():
+        text = Page(tmp_path / "reports" / "objects" / f"{name}.html").text
+        assert ("Filled for sound" in text) == (said is not None), name
+        assert said is None or said in text, name
 
 
-NO_TRIANGLES = np.array([[0, 1, 2_000_000_000]])
-
-
-@pytest.mark.parametrize(
-    ("stage", "arrays", "finding"),
-    [
-        (
-            "fidelity",
-            {"vision_truth": np.zeros((4, 9)), "vision_answer": np.zeros((4, 9))},
-            "views: not what",
-        ),
-        ("fidelity", {"strike_truth": np.zeros(3), "strike_answer": np.ones(3)}, "strikes: not what"),
-        ("modes", {"held_out": np.arange(50) < 40}, "strikes: not what"),
-        ("touches", {"sensor_to_object": np.zeros((7, 2))}, "contacts: not what"),
-        ("objects", {"faces": NO_TRIANGLES}, "objects/mug.zarr.zip: its vertices and faces are no triangles"),
-    ],
-)
-def test_a_whole_product_of_another_kind_costs_its_part_of_the_page_alone(
-    tmp_path: Path, stage: str, arrays: dict[str, np.ndarray], finding: str
-) -> None:
-    for object_id in ("mug", "other"):
-        write_object(tmp_path / "data", object_id)
-    whole(tmp_path / "data" / stage / "mug.zarr.zip", **arrays)
+def test_a_whole_product_of_another_kind_costs_its_part_of_the_page_alone(tmp_path: Path) -> None:
+    flat = {"vision_truth": np.zeros((4, 9)), "vision_answer": np.zeros((4, 9))}
+    mute = {"strike_truth": np.zeros(3), "strike_answer": np.ones(3)}
+    no_triangles = "objects/faces.zarr.zip: its vertices and faces are no triangles"
+    cases: dict[str, tuple[str, dict[str, np.ndarray], str]] = {
+        "flat": ("fidelity", flat, "views: not what"),
+        "mute": ("fidelity", mute, "strikes: not what"),
+        "split": ("modes", {"held_out": np.arange(50) < 40}, "strikes: not what"),
+        "poses": ("touches", {"sensor_to_object": np.zeros((7, 2))}, "contacts: not what"),
+        "faces": ("objects", {"faces": np.array([[0, 1, 2_000_000_000]])}, no_triangles),
+    }
+    for name, (stage, arrays, _) in cases.items():
+        write_object(tmp_path / "data", name)
+        whole(tmp_path / "data" / stage / f"{name}.zarr.zip", **arrays)
     report(tmp_path)
-    page = Page(tmp_path / "reports" / "objects" / "mug.html")
-    assert f"Left out: {finding}" in page.text
-    assert page.tags.count("canvas") >= 4
-    assert (tmp_path / "reports" / "objects" / "other.html").exists()
+    for name, (*_, finding) in cases.items():
+        page = Page(tmp_path / "reports" / "objects" / f"{name}.html")
+        assert f"Left out: {finding}" in page.text, name
+        assert page.tags.count("canvas") >= 4, name
 
 
 ODD = {"number": 5, "text": "text", "list": [1], "names": {"a": 1}, "huge": 10**400}
