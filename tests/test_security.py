@@ -36,6 +36,7 @@ MEGABYTE = 1 << 20
 
 # What may run code that data names, and where it is right all the same.
 UNPICKLES = {
+    "pipeline/cluster/dask_runner.py": "it sends code of its own to workers, and reads none",
     "pipeline/sandbox/child.py": "the pipe between a worker and the child process that it started itself",
 }
 IMPORTS_BY_NAME = {
@@ -89,9 +90,8 @@ def test_no_code_here_runs_what_data_names():
     assert not found
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
+def test_the_walk_finds(subtests, tmp_path, monkeypatch):
+    for code in [
         "import pickle",
         "from dill import loads",
         "eval('1')",
@@ -102,12 +102,11 @@ def test_no_code_here_runs_what_data_names():
         "archive.extractall('/')",
         "importlib.import_module(name)",
         "tempfile.mktemp()",
-    ],
-)
-def test_the_walk_finds(code, tmp_path, monkeypatch):
-    monkeypatch.setitem(globals(), "REPOSITORY", tmp_path)
-    (tmp_path / "module.py").write_text(code)
-    assert list(dangers(tmp_path / "module.py"))
+    ]:
+        with subtests.test(code=code):
+            monkeypatch.setitem(globals(), "REPOSITORY", tmp_path)
+            (tmp_path / "module.py").write_text(code)
+            assert list(dangers(tmp_path / "module.py"))
 
 
 class Trap:
@@ -189,22 +188,23 @@ WITH_PICKLE: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("kind", WITH_PICKLE)
-def test_pickles_in_a_product_are_refused_and_not_run(kind, tmp_path, sprung):
-    trap = pickle.dumps(Trap(sprung))
-    entries = {"zarr.json": GROUP, "x/c/0": trap, **WITH_PICKLE[kind]}
-    if "x/0" in entries:
-        entries["x/0"] = trap
-    path = archive(tmp_path / "x.zarr.zip", entries)
-    with pytest.raises(FormatError):
-        products.verify(path)
-    try:
-        read = read_product(path)
-    except FormatError:
-        pass
-    else:
-        assert "x" not in read  # an array of version 2 is none of this group's
-    assert not sprung.exists()
+def test_pickles_in_a_product_are_refused_and_not_run(subtests, tmp_path, sprung):
+    for kind in WITH_PICKLE:
+        with subtests.test(kind=kind):
+            trap = pickle.dumps(Trap(sprung))
+            entries = {"zarr.json": GROUP, "x/c/0": trap, **WITH_PICKLE[kind]}
+            if "x/0" in entries:
+                entries["x/0"] = trap
+            path = archive(tmp_path / "x.zarr.zip", entries)
+            with pytest.raises(FormatError):
+                products.verify(path)
+            try:
+                read = read_product(path)
+            except FormatError:
+                pass
+            else:
+                assert "x" not in read  # an array of version 2 is none of this group's
+            assert not sprung.exists()
 
 
 def test_pickles_in_other_files_are_refused_and_not_run(tmp_path, sprung):
@@ -265,16 +265,17 @@ GREEDY: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", GREEDY)
-def test_archives_that_declare_what_no_product_has_are_refused_in_little_memory(kind, tmp_path):
-    path = archive(tmp_path / "x.zarr.zip", {"zarr.json": GROUP, **GREEDY[kind]})
-    before = set(tmp_path.parent.iterdir())
-    tracemalloc.start()
-    with pytest.raises(FormatError):
-        products.verify(path)
-    assert tracemalloc.get_traced_memory()[1] < 20 * MEGABYTE
-    tracemalloc.stop()
-    assert set(tmp_path.parent.iterdir()) == before
+def test_archives_that_declare_what_no_product_has_are_refused_in_little_memory(subtests, tmp_path):
+    for kind in GREEDY:
+        with subtests.test(kind=kind):
+            path = archive(tmp_path / "x.zarr.zip", {"zarr.json": GROUP, **GREEDY[kind]})
+            before = set(tmp_path.parent.iterdir())
+            tracemalloc.start()
+            with pytest.raises(FormatError):
+                products.verify(path)
+            assert tracemalloc.get_traced_memory()[1] < 20 * MEGABYTE
+            tracemalloc.stop()
+            assert set(tmp_path.parent.iterdir()) == before
 
 
 def test_a_header_that_unpacks_to_more_is_not_unpacked(tmp_path):
@@ -305,9 +306,8 @@ def test_real_products_pass(tmp_path):
         products.verify(path)
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
+def test_tensor_files_that_declare_what_they_do_not_hold_are_refused(subtests, tmp_path):
+    for header in [
         {"x": {"dtype": "F64", "shape": [HUGE], "data_offsets": [0, 8]}},
         {"x": {"dtype": "F64", "shape": [1], "data_offsets": [0, HUGE]}},
         {"x": {"dtype": "F64", "shape": [-1, -1], "data_offsets": [0, 8]}},
@@ -316,17 +316,16 @@ def test_real_products_pass(tmp_path):
         {"x": {"dtype": "F64", "shape": [True], "data_offsets": [0, 8, 8]}},
         {"__metadata__": {"a": 1}},
         ["x"],
-    ],
-)
-def test_tensor_files_that_declare_what_they_do_not_hold_are_refused(header, tmp_path):
-    text = json.dumps(header).encode()
-    path = tmp_path / "x.safetensors"
-    path.write_bytes(len(text).to_bytes(8, "little") + text + bytes(8))
-    with pytest.raises(FormatError):
-        read_tensor_file(path)
-    path.write_bytes((1 << 62).to_bytes(8, "little") + text)
-    with pytest.raises(FormatError, match="truncated"):
-        read_tensor_file(path)
+    ]:
+        with subtests.test(header=header):
+            text = json.dumps(header).encode()
+            path = tmp_path / "x.safetensors"
+            path.write_bytes(len(text).to_bytes(8, "little") + text + bytes(8))
+            with pytest.raises(FormatError):
+                read_tensor_file(path)
+            path.write_bytes((1 << 62).to_bytes(8, "little") + text)
+            with pytest.raises(FormatError, match="truncated"):
+                read_tensor_file(path)
 
 
 HOSTILE_IDS = (
@@ -349,24 +348,28 @@ def test_a_table_names_no_file_outside(tmp_path):
         assert catalogue.errors, hostile
 
 
-@pytest.mark.parametrize("object_id", [*HOSTILE_IDS, "../../x", ""])
-def test_records_name_no_file_outside(object_id, tmp_path):
-    (tmp_path / "data").mkdir()
-    said = {"objects": {"mug": {"name": "Mug"}}, "refused": []}
-    (tmp_path / RECORDS).write_text(json.dumps(said))
-    assert list(read_records(tmp_path).rows) == ["mug"]
-    said["objects"][object_id] = {"name": "Mug"}
-    (tmp_path / RECORDS).write_text(json.dumps(said))
-    with pytest.raises(InputError):
-        read_records(tmp_path)
+def test_records_name_no_file_outside(subtests, tmp_path_factory):
+    for object_id in [*HOSTILE_IDS, "../../x", ""]:
+        with subtests.test(object_id=object_id):
+            tmp_path = tmp_path_factory.mktemp("case")
+            (tmp_path / "data").mkdir()
+            said = {"objects": {"mug": {"name": "Mug"}}, "refused": []}
+            (tmp_path / RECORDS).write_text(json.dumps(said))
+            assert list(read_records(tmp_path).rows) == ["mug"]
+            said["objects"][object_id] = {"name": "Mug"}
+            (tmp_path / RECORDS).write_text(json.dumps(said))
+            with pytest.raises(InputError):
+                read_records(tmp_path)
 
 
-@pytest.mark.parametrize("content", ["[]", "5", "[" * 100_000, '{"objects": [1], "refused": []}', "\x00"])
-def test_records_that_are_none_are_refused(content, tmp_path):
-    (tmp_path / "data").mkdir()
-    (tmp_path / RECORDS).write_text(content)
-    with pytest.raises(InputError):
-        read_records(tmp_path)
+def test_records_that_are_none_are_refused(subtests, tmp_path_factory):
+    for content in ["[]", "5", "[" * 100_000, '{"objects": [1], "refused": []}', "\x00"]:
+        with subtests.test(content=content):
+            tmp_path = tmp_path_factory.mktemp("case")
+            (tmp_path / "data").mkdir()
+            (tmp_path / RECORDS).write_text(content)
+            with pytest.raises(InputError):
+                read_records(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"[]", b'{"products": {"data/x": 5}}', b"\xff", b"\x00"])
@@ -429,26 +432,28 @@ def test_an_obj_may_name_what_lies_in_the_folder_around_its_own_and_no_further(t
     assert "root:x" not in str(refused.value)
 
 
-@pytest.mark.parametrize("uri", ["../secret.bin", "%2e%2e/secret.bin", "{absolute}", "file://{absolute}"])
-def test_a_gltf_reads_no_buffer_outside_its_folder(uri, tmp_path):
-    folder = tmp_path / "mesh"
-    folder.mkdir()
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
-    (tmp_path / "secret.bin").write_bytes(points)
-    uri = uri.format(absolute=tmp_path / "secret.bin")
-    described = {
-        "asset": {"version": "2.0"},
-        "buffers": [{"byteLength": 36, "uri": uri}],
-        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 36}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
-                       "min": [0, 0, 0], "max": [1, 1, 0]}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}], "scene": 0,
-    }  # fmt: skip
-    (folder / "m.gltf").write_text(json.dumps(described))
-    with pytest.raises(InputError):
-        load_mesh(folder / "m.gltf")
-    (folder / "inside.bin").write_bytes(points)
-    described["buffers"] = [{"byteLength": 36, "uri": "inside.bin"}]
-    (folder / "m.gltf").write_text(json.dumps(described))
-    assert len(load_mesh(folder / "m.gltf").vertices) == 3
+def test_a_gltf_reads_no_buffer_outside_its_folder(subtests, tmp_path_factory):
+    for uri in ["../secret.bin", "%2e%2e/secret.bin", "{absolute}", "file://{absolute}"]:
+        with subtests.test(uri=uri):
+            tmp_path = tmp_path_factory.mktemp("case")
+            folder = tmp_path / "mesh"
+            folder.mkdir()
+            points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+            (tmp_path / "secret.bin").write_bytes(points)
+            uri = uri.format(absolute=tmp_path / "secret.bin")
+            described = {
+                "asset": {"version": "2.0"},
+                "buffers": [{"byteLength": 36, "uri": uri}],
+                "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 36}],
+                "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+                               "min": [0, 0, 0], "max": [1, 1, 0]}],
+                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+                "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}], "scene": 0,
+            }  # fmt: skip
+            (folder / "m.gltf").write_text(json.dumps(described))
+            with pytest.raises(InputError):
+                load_mesh(folder / "m.gltf")
+            (folder / "inside.bin").write_bytes(points)
+            described["buffers"] = [{"byteLength": 36, "uri": "inside.bin"}]
+            (folder / "m.gltf").write_text(json.dumps(described))
+            assert len(load_mesh(folder / "m.gltf").vertices) == 3

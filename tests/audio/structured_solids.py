@@ -1,12 +1,16 @@
-"""Solids meshed by formula, so that physics is tested apart from the mesher."""
+"""Solids meshed by formula, so that physics is tested apart from the mesher; and a ball that it fills."""
 
 import itertools
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
+import trimesh
 
 from objectfolder.audio.materials import Material
 from objectfolder.audio.solid import Solid, clean
+from objectfolder.audio.tetrahedra import Filling, fill
+from objectfolder.geometry.surface import Surface
 
 
 def box(cells: Sequence[int], size: Sequence[float]) -> Solid:
@@ -67,3 +71,14 @@ def material(poisson_ratio: float = 0.19, youngs_modulus_pa: float = 7.2e10, **c
         citation="",
         **given,
     )
+
+
+@cache
+def filled_ball() -> Solid:
+    """Some 500 tetrahedra in a finely drawn unit sphere.
+
+    Bent onto it, they have Lamb's frequencies to 3e-5 at order 4, and to 5e-4 at order 3.
+    """
+    sphere = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
+    coarse = Filling(edge_length=0.25, bulk_elements=60, surface_error=0.01)
+    return fill(Surface(np.array(sphere.vertices), np.array(sphere.faces)), coarse)

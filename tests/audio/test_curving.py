@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
-from structured_solids import box
+from structured_solids import box, filled_ball
 
 from objectfolder.audio.boundary import Boundary
 from objectfolder.audio.curving import curve
@@ -16,7 +15,6 @@ from objectfolder.audio.references.bodies import BODIES
 from objectfolder.audio.solid import Solid, clean
 from objectfolder.audio.space import Space
 from objectfolder.audio.spectrum import solve_spectrum, space_on
-from objectfolder.audio.tetrahedra import fill
 from objectfolder.geometry.surface import Surface
 
 
@@ -32,9 +30,7 @@ def _rms_height(solid: Solid, space: Space) -> float:
 
 @pytest.fixture(scope="module")
 def solid() -> Solid:
-    """A few tetrahedra in a finely drawn unit sphere."""
-    sphere = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
-    return fill(Surface(sphere.vertices, sphere.faces))
+    return filled_ball()
 
 
 def test_a_bent_ball_has_the_volume_and_radius_of_its_target(solid: Solid) -> None:

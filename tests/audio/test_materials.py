@@ -27,9 +27,8 @@ def test_an_unknown_material_names_the_place_and_the_known_ones() -> None:
         find_material(materials, "stel", "objects.csv, row 3")
 
 
-@pytest.mark.parametrize(
-    ("column", "value"),
-    [
+def test_an_impossible_value_names_file_row_and_column(subtests: pytest.Subtests, tmp_path: Path) -> None:
+    for column, value in [
         ("poisson_ratio", "0.5"),
         ("poisson_ratio", "-1"),
         ("density_kg_m3", "0"),
@@ -38,16 +37,15 @@ def test_an_unknown_material_names_the_place_and_the_known_ones() -> None:
         ("rayleigh_beta_s", "-1e-7"),
         ("roughness", "1.5"),
         ("metallic", "shiny"),
-    ],
-)
-def test_an_impossible_value_names_file_row_and_column(tmp_path: Path, column: str, value: str) -> None:
-    header, *rows = TABLE.read_text().splitlines()
-    cells = rows[1].split(",", 8)
-    cells[header.split(",").index(column)] = value
-    path = tmp_path / "materials.csv"
-    path.write_text("\n".join([header, rows[0], ",".join(cells)]) + "\n")
-    with pytest.raises(InputError, match=rf"materials\.csv, row 3: {column}"):
-        read_materials(path)
+    ]:
+        with subtests.test(column=column):
+            header, *rows = TABLE.read_text().splitlines()
+            cells = rows[1].split(",", 8)
+            cells[header.split(",").index(column)] = value
+            path = tmp_path / "materials.csv"
+            path.write_text("\n".join([header, rows[0], ",".join(cells)]) + "\n")
+            with pytest.raises(InputError, match=rf"materials\.csv, row 3: {column}"):
+                read_materials(path)
 
 
 def test_missing_columns_doubles_and_files_are_named(tmp_path: Path) -> None:

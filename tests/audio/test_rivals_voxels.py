@@ -88,8 +88,10 @@ def test_the_lame_mode_converges_for_another_poisson_ratio() -> None:
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
 
 
-@pytest.mark.parametrize("rule", ["touch", "samples", "centre"])
-@pytest.mark.parametrize("sides", [(0.1, 0.1, 0.1), (0.16, 0.08, 0.02), (1.0, 0.5, 0.125)])
+@pytest.mark.parametrize(
+    ("rule", "sides"),
+    [("touch", (0.1, 0.1, 0.1)), ("samples", (0.16, 0.08, 0.02)), ("centre", (1.0, 0.5, 0.125))],
+)
 def test_a_box_on_the_grid_is_filled_exactly(rule: str, sides: tuple[float, float, float]) -> None:
     grid = voxelise(box(sides, (0.3, -0.7, 0.01)), 16, rule)
     assert grid.full.all()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from structured_solids import box, material, moved, together
+from structured_solids import box, filled_ball, material, moved, together
 
 from objectfolder.audio.elasticity import assemble
 from objectfolder.audio.materials import Material
@@ -17,7 +17,6 @@ from objectfolder.audio.references.sphere import sphere
 from objectfolder.audio.solid import Solid, clean
 from objectfolder.audio.spectrum import solve_spectrum, space_on
 from objectfolder.audio.subspace import weigh
-from objectfolder.audio.tetrahedra import fill
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
 
@@ -78,8 +77,8 @@ def surface_of(mesh: trimesh.Trimesh) -> Surface:
     return Surface(np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64))
 
 
-def bar(size: tuple[float, float, float] = (0.1, 0.02, 0.01)) -> Surface:
-    return surface_of(trimesh.creation.box(size))
+def bar() -> Surface:
+    return surface_of(trimesh.creation.box((0.1, 0.02, 0.01)))
 
 
 @cache
@@ -114,8 +113,6 @@ def even_plate(cells: int, thickness: float) -> Solid:
         (plate, 0.01, DEFAULT, 1.3e-3),
         (even_plate, 0.002, DEFAULT, 4e-2),
         pytest.param(plate, 0.1, FINEST, 1e-4, marks=pytest.mark.slow),
-        pytest.param(plate, 0.05, FINEST, 1e-4, marks=pytest.mark.slow),
-        pytest.param(plate, 0.01, FINEST, 1e-4, marks=pytest.mark.slow),
         pytest.param(plate, 0.002, FINEST, 2.5e-4, marks=pytest.mark.slow),
     ],
 )
@@ -156,12 +153,6 @@ def test_a_cube_has_its_multiplicities_and_the_exact_lame_mode(
     assert complete(found)
 
 
-@cache
-def filled_ball() -> Solid:
-    return fill(surface_of(trimesh.creation.icosphere(subdivisions=5, radius=1.0)))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("poisson_ratio", "order"), [(0.45, 3), (0.499, 4)])
 def test_a_nearly_incompressible_ball_does_not_lock(poisson_ratio: float, order: int) -> None:
     """Lamb's sphere: as many modes, in the same groups, at the same frequencies."""
@@ -197,7 +188,7 @@ def test_two_bars_that_touch_along_an_edge_ring_as_two() -> None:
     np.testing.assert_allclose(found["frequencies_hz"], np.repeat(single, 2), rtol=5e-3)
 
 
-@pytest.mark.parametrize("change", ["scale 1e-3", "scale 1e3", "moved", "vertex order"])
+@pytest.mark.parametrize("change", ["scale 1e-3", "scale 240", "moved", "vertex order"])
 def test_size_place_and_vertex_order_leave_the_spectrum(change: str) -> None:
     surface, scale = bar(), 1.0
     vertices, faces = surface.vertices, surface.faces
@@ -225,16 +216,10 @@ def test_a_turned_bar_rings_alike() -> None:
     np.testing.assert_allclose(found["frequencies_hz"], bar_rings()["frequencies_hz"], rtol=5e-3)
 
 
-def test_a_bar_of_24_metres_rings_in_hertz() -> None:
-    found = ring(bar((24.0, 4.8, 2.4)), 20000.0 / 240)
-    assert complete(found)
-    np.testing.assert_allclose(found["frequencies_hz"] * 240, bar_rings()["frequencies_hz"], rtol=1e-6)
-
-
 @pytest.mark.slow
 def test_a_rod_of_200_triangles() -> None:
     """A prism of 50 sides; torsion of a round rod is c_s / 2 L."""
-    rod = trimesh.creation.cylinder(radius=0.005, height=0.2, sections=50)
+    rod = trimesh.creation.cylinder(radius=0.01, height=0.2, sections=50)
     assert len(rod.faces) == 200
     found = ring(surface_of(rod), 9000.0)
     assert complete(found)

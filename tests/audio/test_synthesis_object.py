@@ -220,9 +220,8 @@ def test_parts_are_the_whole(bar: ObjectFile) -> None:
     assert_equal_but_for_rounding(parts, whole)
 
 
-@pytest.mark.parametrize(
-    ("change", "where"),
-    [
+def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests, bar: ObjectFile) -> None:
+    for change, where in [
         ({"forces": np.full((2, 3), np.nan)}, "forces"),
         ({"forces": np.full((2, 5, 3), np.nan)}, "forces"),
         ({"forces": np.zeros((2, 5, 2))}, "forces"),
@@ -237,12 +236,11 @@ def test_parts_are_the_whole(bar: ObjectFile) -> None:
         ({"duration": np.nan}, "duration"),
         ({"duration": 0.0}, "duration"),
         ({"sample_rate": -8000}, "sample_rate"),
-    ],
-)
-def test_what_is_impossible_is_refused_by_name(bar: ObjectFile, change: dict, where: str) -> None:
-    points, normals = bar.sample_contacts(2, seed=9)
-    with pytest.raises(QueryError, match=where):
-        bar.strike(**({"points": points, "forces": -normals, "duration": 0.01} | change))
+    ]:
+        with subtests.test(change=change):
+            points, normals = bar.sample_contacts(2, seed=9)
+            with pytest.raises(QueryError, match=where):
+                bar.strike(**({"points": points, "forces": -normals, "duration": 0.01} | change))
 
 
 def test_without_a_mass_there_is_no_pressure(small_file: Path) -> None:

@@ -160,9 +160,8 @@ def test_no_mode_is_silence_and_zero_force_is_zeros() -> None:
     assert not voices.block(1000).any()
 
 
-@pytest.mark.parametrize(
-    ("amplitudes", "options"),
-    [
+def test_impossible_contacts_are_refused(subtests: pytest.Subtests) -> None:
+    for amplitudes, options in [
         ([np.nan], {}),
         ([1.0, 2.0], {}),
         ([1.0], {"at": -1}),
@@ -170,13 +169,12 @@ def test_no_mode_is_silence_and_zero_force_is_zeros() -> None:
         ([1.0], {"pulse_s": 0.0}),
         ([1.0], {"pulse_s": np.nan}),
         ([1.0], {"pulse_s": np.inf}),
-    ],
-)
-def test_impossible_contacts_are_refused(amplitudes: list, options: dict) -> None:
-    voices = Voices.of_modes([1e7], [1.0], RATE)
-    with pytest.raises(QueryError):
-        voices.strike(amplitudes, **options)
-    assert voices.waiting == 0
+    ]:
+        with subtests.test(amplitudes=amplitudes):
+            voices = Voices.of_modes([1e7], [1.0], RATE)
+            with pytest.raises(QueryError):
+                voices.strike(amplitudes, **options)
+            assert voices.waiting == 0
 
 
 def test_a_sample_that_has_passed_and_an_empty_block_are_refused() -> None:

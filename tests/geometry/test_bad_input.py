@@ -92,10 +92,11 @@ def test_unknown_material(good):
     assert "'steel'" in problem.remedy
 
 
-@pytest.mark.parametrize("length", ["0", "-0.1", "nan", "inf", "twelve", "0.0001", "116.98"])
-def test_zero_negative_or_absurd_length(good, length):
-    path = table(good, f"bad,good/model.obj,,steel,{length}", GOOD_ROW)
-    assert_only_bad_fails(path, "length_m", "")
+def test_zero_negative_or_absurd_length(subtests, good):
+    for length in ["0", "-0.1", "nan", "inf", "twelve", "0.0001", "116.98"]:
+        with subtests.test(length=length):
+            path = table(good, f"bad,good/model.obj,,steel,{length}", GOOD_ROW)
+            assert_only_bad_fails(path, "length_m", "")
 
 
 def test_length_in_millimetres(good):
@@ -248,16 +249,26 @@ def test_duplicate_ids(good, second):
     assert re.search(r"line 3, field id: .* is also used in line 2", str(catalogue.errors[second]))
 
 
-@pytest.mark.parametrize(
-    "object_id",
-    ["../escape", "/absolute", "a/b", "a\\b", "..", ".hidden", "", "with space", "tab\there", "x" * 101, "ü"],
-)
-def test_ids_that_would_escape_the_folder(good, object_id):
-    path = table(good, GOOD_ROW, f'"{object_id}",good/model.obj,,steel,0.1')
-    catalogue = read_catalogue(path, MATERIALS)
-    assert [record.id for record in catalogue.records] == ["good"]
-    (error,) = catalogue.errors.values()
-    assert re.search(r"line 3, field id: .* cannot be a file name", str(error))
+def test_ids_that_would_escape_the_folder(subtests, good):
+    for object_id in [
+        "../escape",
+        "/absolute",
+        "a/b",
+        "a\\b",
+        "..",
+        ".hidden",
+        "",
+        "with space",
+        "tab\there",
+        "x" * 101,
+        "ü",
+    ]:
+        with subtests.test(object_id=object_id):
+            path = table(good, GOOD_ROW, f'"{object_id}",good/model.obj,,steel,0.1')
+            catalogue = read_catalogue(path, MATERIALS)
+            assert [record.id for record in catalogue.records] == ["good"]
+            (error,) = catalogue.errors.values()
+            assert re.search(r"line 3, field id: .* cannot be a file name", str(error))
 
 
 @pytest.mark.parametrize("suffix", ["obj", "glb", "gltf", "ply", "stl"])
@@ -278,19 +289,17 @@ def test_mesh_of_an_unknown_format(tmp_path):
     assert ".glb" in problem.remedy
 
 
-@pytest.mark.parametrize(
-    ("line", "finding"),
-    [
+def test_obj_line_that_cannot_be_read(subtests, tmp_path):
+    for line, finding in [
         ("f 1 2 9", "vertex 9 of 3 defined so far"),
         ("f 1 2 0", "vertex 0 of 3"),
         ("f 1 2", "three corners"),
         ("v 1 two 3", "could not convert"),
         ("f 1/1 2/1 3/1", "texture coordinate 1 of 0"),
-    ],
-)
-def test_obj_line_that_cannot_be_read(tmp_path, line, finding):
-    path = tmp_path / "model.obj"
-    path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\n")
-    problem = refused(path, None, None, "thing")
-    assert "model.obj line 4" in problem.where
-    assert finding in problem.finding
+    ]:
+        with subtests.test(line=line):
+            path = tmp_path / "model.obj"
+            path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\n")
+            problem = refused(path, None, None, "thing")
+            assert "model.obj line 4" in problem.where
+            assert finding in problem.finding

@@ -54,9 +54,8 @@ def test_length_as_in_file(folder, length):
     assert read_catalogue(path, MATERIALS).records[0].length_m is None
 
 
-@pytest.mark.parametrize(
-    ("text", "finding"),
-    [
+def test_table_that_cannot_be_used(subtests, folder):
+    for text, finding in [
         ("id,mesh\ncube,cube/model.obj\n", "has no column 'material'. Add a column 'material'"),
         (
             "id,material,lenght_m\ncube,steel,0.1\n",
@@ -67,12 +66,11 @@ def test_length_as_in_file(folder, length):
         ("id,material\n", "lists no objects"),
         ("", "has no column 'id'"),
         ('id,material\n"cube,steel\n', "is not a CSV table"),
-    ],
-)
-def test_table_that_cannot_be_used(folder, text, finding):
-    with pytest.raises(InputError) as caught:
-        read_catalogue(write(folder, text), MATERIALS)
-    assert finding in str(caught.value)
+    ]:
+        with subtests.test(text=text):
+            with pytest.raises(InputError) as caught:
+                read_catalogue(write(folder, text), MATERIALS)
+            assert finding in str(caught.value)
 
 
 def test_table_that_is_not_there(tmp_path):

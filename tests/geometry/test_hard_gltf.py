@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from hard_checks import BOX, GREY_BOX, PICTURE, SINGLE, Make, check, colours_at, refused, single
 from hard_meshes import (
     BOX_QUADS,
@@ -279,13 +278,14 @@ GLTF: dict[str, Make] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", GLTF)
-def test_gltf_of_every_kind(name, tmp_path):
-    path, truth = GLTF[name](tmp_path)
-    if name == "webp in a file":
-        (tmp_path / "skin.webp").write_bytes(encoded(quarters(), "WEBP", lossless=True))
-    first, second = check(path, truth), ingest_object(path, None, None, "hard")
-    assert first.attributes["digests"] == second.attributes["digests"]
+def test_gltf_of_every_kind(subtests, tmp_path):
+    for name in GLTF:
+        with subtests.test(name=name):
+            path, truth = GLTF[name](tmp_path)
+            if name == "webp in a file":
+                (tmp_path / "skin.webp").write_bytes(encoded(quarters(), "WEBP", lossless=True))
+            first, second = check(path, truth), ingest_object(path, None, None, "hard")
+            assert first.attributes["digests"] == second.attributes["digests"]
 
 
 def test_y_stays_up(tmp_path):
@@ -404,24 +404,37 @@ REFUSED: dict[str, tuple[Callable[[GltfWriter, dict[str, Any]], None], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_gltf_that_is_refused(name, tmp_path):
-    change, said = REFUSED[name]
-    path, _ = gltf(change)(tmp_path)
-    refused(path, said)
+def test_gltf_that_is_refused(subtests, tmp_path):
+    for name in REFUSED:
+        with subtests.test(name=name):
+            change, said = REFUSED[name]
+            path, _ = gltf(change)(tmp_path)
+            refused(path, said)
 
 
-@pytest.mark.parametrize(
-    "uri",
-    ["../skin.png", "%2e%2e/skin.png", "/etc/passwd", "file:///etc/passwd", "http://localhost/x.png",
-     "..\\skin.png", "", ".", "nowhere.png", "data:image/png,abc", "data:image/png;base64,!!", "\x00",
-     "x" * 5000, "//skin.png", "~/skin.png"],
-)  # fmt: skip
-def test_gltf_reads_no_image_elsewhere(tmp_path, uri):
-    (tmp_path / "skin.png").write_bytes(PICTURE)
-    path = write_gltf_box(tmp_path / "model" / "model.gltf", image=uri)
-    refused(path)
-    assert source_files(path) == (path, tmp_path / "model" / "model.bin")
+def test_gltf_reads_no_image_elsewhere(subtests, tmp_path):
+    for uri in [
+        "../skin.png",
+        "%2e%2e/skin.png",
+        "/etc/passwd",
+        "file:///etc/passwd",
+        "http://localhost/x.png",
+        "..\\skin.png",
+        "",
+        ".",
+        "nowhere.png",
+        "data:image/png,abc",
+        "data:image/png;base64,!!",
+        "\x00",
+        "x" * 5000,
+        "//skin.png",
+        "~/skin.png",
+    ]:
+        with subtests.test(uri=uri):
+            (tmp_path / "skin.png").write_bytes(PICTURE)
+            path = write_gltf_box(tmp_path / "model" / "model.gltf", image=uri)
+            refused(path)
+            assert source_files(path) == (path, tmp_path / "model" / "model.bin")
 
 
 def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):

@@ -85,9 +85,11 @@ TEXTS: dict[str, Make] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_an_obj_in_any_writing(name, tmp_path):
-    check(*TEXTS[name](tmp_path))
+def test_an_obj_in_any_writing(subtests, tmp_path_factory):
+    for name in TEXTS:
+        with subtests.test(name=name):
+            tmp_path = tmp_path_factory.mktemp("case")
+            check(*TEXTS[name](tmp_path))
 
 
 # Material libraries, names and folders
@@ -137,18 +139,19 @@ LIBRARIES: dict[str, Make] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LIBRARIES)
-def test_a_material_library_in_any_writing(name, tmp_path):
-    path, truth = LIBRARIES[name](tmp_path)
-    check(path, truth)
-    files = source_files(path)
-    assert len(files) == 3
-    assert {file.suffix.lower() for file in files} == {".obj", ".mtl", ".png"}
+def test_a_material_library_in_any_writing(subtests, tmp_path_factory):
+    for name in LIBRARIES:
+        with subtests.test(name=name):
+            tmp_path = tmp_path_factory.mktemp("case")
+            path, truth = LIBRARIES[name](tmp_path)
+            check(path, truth)
+            files = source_files(path)
+            assert len(files) == 3
+            assert {file.suffix.lower() for file in files} == {".obj", ".mtl", ".png"}
 
 
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
+def test_a_line_of_a_material_library_that_is_refused(subtests, tmp_path_factory):
+    for line, said in [
         ("map_Kd -o", "names no texture after its options"),
         ("map_Kd -s 1 1 1", "names no texture after its options"),
         ("map_Kd -clamp on", "names no texture after its options"),
@@ -160,14 +163,14 @@ def test_a_material_library_in_any_writing(name, tmp_path):
         ("map_Kd \x00.png", "which is not there"),
         ("map_Kd .", "which is not there"),
         ("map_d -imfchan m nowhere.png", "which is not there"),
-    ],
-)
-def test_a_line_of_a_material_library_that_is_refused(tmp_path, line, said):
-    path = write_obj_box(tmp_path / "a", library=f"newmtl skin\n{line}\n")
-    (tmp_path / "outside.png").write_bytes(PICTURE)
-    problem = refused(path, said)
-    assert "model.mtl line 2" in problem.where
-    assert check_shape_alone(path)
+    ]:
+        with subtests.test(line=line):
+            tmp_path = tmp_path_factory.mktemp("case")
+            path = write_obj_box(tmp_path / "a", library=f"newmtl skin\n{line}\n")
+            (tmp_path / "outside.png").write_bytes(PICTURE)
+            problem = refused(path, said)
+            assert "model.mtl line 2" in problem.where
+            assert check_shape_alone(path)
 
 
 def check_shape_alone(path: Path) -> bool:

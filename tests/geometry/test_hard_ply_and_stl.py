@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from hard_checks import BOX, GREY_BOX, PICTURE, Make, check, refused, single
 from hard_meshes import (
     BLUE,
@@ -103,15 +102,15 @@ STL: dict[str, Make] = {
 }
 
 
-@pytest.mark.parametrize("name", [*PLY, *(f"STL: {name}" for name in STL)])
-def test_ply_and_stl_of_every_kind(name, tmp_path):
-    make = STL[name.removeprefix("STL: ")] if name.startswith("STL: ") else PLY[name]
-    check(*make(tmp_path))
+def test_ply_and_stl_of_every_kind(subtests, tmp_path):
+    for name in [*PLY, *(f"STL: {name}" for name in STL)]:
+        with subtests.test(name=name):
+            make = STL[name.removeprefix("STL: ")] if name.startswith("STL: ") else PLY[name]
+            check(*make(tmp_path))
 
 
-@pytest.mark.parametrize(
-    ("name", "data", "said"),
-    [
+def test_ply_and_stl_that_are_refused(subtests, tmp_path):
+    for name, data, said in [
         ("m.stl", BINARY[:-20], "says 12 triangles, more than it holds"),
         ("m.stl", TEXT[:-100], "facets"),
         ("m.stl", TEXT.replace("vertex", "vortex", 1), "35 vertices for 12"),
@@ -121,22 +120,29 @@ def test_ply_and_stl_of_every_kind(name, tmp_path):
         ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "")[:-4], "it ends within 'face'"),
         ("m.ply", ply_bytes(box(OBJ_SIDES), [[0, 1, 9]], "<"), "names a vertex that is not there"),
         ("m.ply", ply_bytes(box(OBJ_SIDES), [[0, 1]], "<"), "fewer than three corners"),
-        ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "<").replace(b"vertex 8", b"vertex 900000000"),
-         "cannot hold 900000000"),
-        ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "<").replace(b"element face", b"element tristrips"),
-         "triangle strips"),
+        (
+            "m.ply",
+            ply_bytes(box(OBJ_SIDES), BOX_QUADS, "<").replace(b"vertex 8", b"vertex 900000000"),
+            "cannot hold 900000000",
+        ),
+        (
+            "m.ply",
+            ply_bytes(box(OBJ_SIDES), BOX_QUADS, "<").replace(b"element face", b"element tristrips"),
+            "triangle strips",
+        ),
         ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "<").replace(b"double y", b"double w"), "no 'y'"),
-        ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "<", comments=["TextureFile ../x.png"]),
-         "texture file does not exist"),
-    ],
-)  # fmt: skip
-def test_ply_and_stl_that_are_refused(tmp_path, name, data, said):
-    refused(write_text(tmp_path / name, data), said)
+        (
+            "m.ply",
+            ply_bytes(box(OBJ_SIDES), BOX_QUADS, "<", comments=["TextureFile ../x.png"]),
+            "texture file does not exist",
+        ),
+    ]:
+        with subtests.test(name=name):
+            refused(write_text(tmp_path / name, data), said)
 
 
-@pytest.mark.parametrize(
-    ("name", "data"),
-    [
+def test_errors_quote_little_of_a_file(subtests, tmp_path):
+    for name, data in [
         ("m.obj", "v 0 0 " + 9000 * "[" + "\n"),
         ("m.obj", "v 0 0 0\nf " + 9000 * "9" + " 1 1\n"),
         ("m.stl", TEXT.replace("5.000000000e-02", 9000 * "x")),
@@ -144,8 +150,7 @@ def test_ply_and_stl_that_are_refused(tmp_path, name, data, said):
         ("m.ply", ply_bytes(box(OBJ_SIDES), BOX_QUADS, "").replace(b"\n4 ", b"\n" + 9000 * b"x" + b" ")),
         ("m.gltf", '{"asset": {"version": "' + 9000 * "9" + '"}}'),
         ("m.gltf", '{"asset": {"version": "2.0"}, "meshes": [1], "nodes": [{"mesh": "' + 9000 * "9" + '"}]}'),
-    ],
-)
-def test_errors_quote_little_of_a_file(tmp_path, name, data):
-    problem = refused(write_text(tmp_path / name, data))
-    assert len(problem.finding) < 400
+    ]:
+        with subtests.test(name=name):
+            problem = refused(write_text(tmp_path / name, data))
+            assert len(problem.finding) < 400

@@ -68,9 +68,10 @@ POLYGONS: dict[str, Make] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", POLYGONS)
-def test_polygons_of_any_shape(name, tmp_path):
-    check(*POLYGONS[name](tmp_path))
+def test_polygons_of_any_shape(subtests, tmp_path):
+    for name in POLYGONS:
+        with subtests.test(name=name):
+            check(*POLYGONS[name](tmp_path))
 
 
 @pytest.mark.parametrize("name", ["L", "star", "corners on straight sides", "hole by a cut"])

@@ -85,9 +85,8 @@ def test_obj_with_several_materials_colours_and_textures(tmp_path):
     assert len(mesh.textures) == 2
 
 
-@pytest.mark.parametrize(
-    ("statement", "file"),
-    [
+def test_texture_of_a_material_library_is_found(subtests, tmp_path):
+    for statement, file in [
         ("map_Kd texture.png  ", "texture.png"),
         ("map_Kd my texture.png", "my texture.png"),
         ("map_Kd -clamp on -s 1 1 1 texture.png", "texture.png"),
@@ -95,16 +94,15 @@ def test_obj_with_several_materials_colours_and_textures(tmp_path):
         ("map_Kd C:\\work\\texture.png", "texture.png"),
         ("map_Kd texture.png", "textures/texture.png"),
         ("map_Kd texture.png", "../materials/textures/texture.png"),
-    ],
-)
-def test_texture_of_a_material_library_is_found(tmp_path, statement, file):
-    path = write_textured_cube(tmp_path / "meshes")
-    texture = path.parent / "texture.png"
-    wanted = path.parent / file
-    wanted.parent.mkdir(parents=True, exist_ok=True)
-    texture.rename(wanted)
-    (path.parent / "model.mtl").write_text(f"newmtl skin\n{statement}\n")
-    np.testing.assert_array_equal(load_mesh(path).textures[0][..., :3], checker())
+    ]:
+        with subtests.test(statement=statement):
+            path = write_textured_cube(tmp_path / "meshes")
+            texture = path.parent / "texture.png"
+            wanted = path.parent / file
+            wanted.parent.mkdir(parents=True, exist_ok=True)
+            texture.rename(wanted)
+            (path.parent / "model.mtl").write_text(f"newmtl skin\n{statement}\n")
+            np.testing.assert_array_equal(load_mesh(path).textures[0][..., :3], checker())
 
 
 def test_scaled_texture_is_refused(tmp_path):
@@ -135,17 +133,18 @@ def test_obj_vertex_colours_become_a_texture(tmp_path):
     )
 
 
-@pytest.mark.parametrize("suffix", ["stl", "ply", "glb", "gltf", "obj"])
-def test_all_formats_give_the_same_cube(tmp_path, suffix):
-    exported = trimesh.Trimesh(0.1 * CUBE_VERTICES, CUBE_FACES, process=False)
-    path = tmp_path / f"model.{suffix}"
-    if suffix == "gltf":
-        for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(exported)).items():
-            (tmp_path / name).write_bytes(data)
-    else:
-        exported.export(path)
-    mesh, _ = clean(load_mesh(path))
-    np.testing.assert_allclose(canonical_triangles(mesh), canonical_triangles(cube(0.1)), atol=1e-7)
+def test_all_formats_give_the_same_cube(subtests, tmp_path):
+    for suffix in ["stl", "ply", "glb", "gltf", "obj"]:
+        with subtests.test(suffix=suffix):
+            exported = trimesh.Trimesh(0.1 * CUBE_VERTICES, CUBE_FACES, process=False)
+            path = tmp_path / f"model.{suffix}"
+            if suffix == "gltf":
+                for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(exported)).items():
+                    (tmp_path / name).write_bytes(data)
+            else:
+                exported.export(path)
+            mesh, _ = clean(load_mesh(path))
+            np.testing.assert_allclose(canonical_triangles(mesh), canonical_triangles(cube(0.1)), atol=1e-7)
 
 
 def test_ascii_stl(tmp_path):

@@ -65,10 +65,11 @@ def test_gaps_never_close() -> None:
     assert gap == pytest.approx(0.0006 / 3, rel=1e-3)
 
 
-@pytest.mark.parametrize("wall", [0.0, -0.001, float("nan"), float("inf")])
-def test_a_wall_is_a_positive_number(wall: float) -> None:
-    with pytest.raises(InputError, match=r"bowl, wall_m: .* positive number of metres"):
-        thicken(spherical_cap(0.08, 0.001), wall, "bowl")
+def test_a_wall_is_a_positive_number(subtests: pytest.Subtests) -> None:
+    for wall in [0.0, -0.001, float("nan"), float("inf")]:
+        finding = r"bowl, wall_m: .* positive number of metres"
+        with subtests.test(wall=wall), pytest.raises(InputError, match=finding):
+            thicken(spherical_cap(0.08, 0.001), wall, "bowl")
 
 
 def test_a_wall_thicker_than_the_object_is_refused() -> None:

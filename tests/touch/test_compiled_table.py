@@ -29,12 +29,11 @@ def test_compiled_look_ups_are_those_of_the_reference() -> None:
     np.testing.assert_allclose(compiled, reference, atol=3e-6)
 
 
-@pytest.mark.parametrize(
-    "normal", [(-1, 0, 0), (-1, -0.0, -0.0), (0, 1, 0), (0, 0, -1), (0.9, 0.3, -0.2), (-1, 1e-30, 0)]
-)
-def test_flat_vertical_and_turned_away(normal: tuple[float, float, float]) -> None:
-    compiled, reference = looked_up(np.array([normal]).T, np.array([SENSOR.gel_apex_m]).T)
-    np.testing.assert_allclose(compiled, reference, atol=3e-6)
+def test_flat_vertical_and_turned_away(subtests: pytest.Subtests) -> None:
+    for normal in [(-1, 0, 0), (-1, -0.0, -0.0), (0, 1, 0), (0, 0, -1), (0.9, 0.3, -0.2), (-1, 1e-30, 0)]:
+        with subtests.test(normal=normal):
+            compiled, reference = looked_up(np.array([normal]).T, np.array([SENSOR.gel_apex_m]).T)
+            np.testing.assert_allclose(compiled, reference, atol=3e-6)
 
 
 def test_only_as_many_as_asked_for() -> None:

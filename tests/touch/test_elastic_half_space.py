@@ -32,8 +32,9 @@ def hertz(radius: float, depth: float) -> tuple[float, float, float]:
     return 4 / 3 * MODULUS * a * depth, 2 * MODULUS * a / (np.pi * radius), a
 
 
-@pytest.mark.parametrize("radius", [0.012, 0.02, 0.04])
-@pytest.mark.parametrize("depth", [0.00025, 0.0005, 0.001])
+@pytest.mark.parametrize(
+    ("radius", "depth"), [(0.012, 0.00025), (0.012, 0.001), (0.02, 0.0005), (0.04, 0.001)]
+)
 def test_force_and_peak_pressure_are_those_of_hertz(radius: float, depth: float) -> None:
     contact = solve_contact(paraboloid(radius), PITCH, SILICONE, indentation_m=depth)
     force, peak, a = hertz(radius, depth)
@@ -97,16 +98,17 @@ def test_force_control_finds_the_depth_and_depth_control_the_force() -> None:
         assert np.abs(by_force.pressure_pa - by_depth.pressure_pa).max() < 1e-3 * by_depth.peak_pressure_pa
 
 
-@pytest.mark.parametrize("force", [1e-6, 1e-3, 0.1, 3.0, 30.0])
-def test_the_depth_of_a_force_is_that_of_hertz(force: float) -> None:
-    radius = 0.03
-    pitch = (1.5 * force / MODULUS * radius) ** (1 / 3) / 14
-    shape = (48, 48)
-    y, x = places(shape, (pitch, pitch))
-    contact = solve_contact((y * y + x * x) / (2 * radius), pitch, SILICONE, force_n=force)
-    expected = (9 * force**2 / (16 * MODULUS**2 * radius)) ** (1 / 3)
-    assert contact.force_n == pytest.approx(force, rel=1e-9)
-    assert contact.indentation_m == pytest.approx(expected, rel=0.01)
+def test_the_depth_of_a_force_is_that_of_hertz(subtests: pytest.Subtests) -> None:
+    for force in [1e-6, 1e-3, 0.1, 3.0, 30.0]:
+        with subtests.test(force=force):
+            radius = 0.03
+            pitch = (1.5 * force / MODULUS * radius) ** (1 / 3) / 14
+            shape = (48, 48)
+            y, x = places(shape, (pitch, pitch))
+            contact = solve_contact((y * y + x * x) / (2 * radius), pitch, SILICONE, force_n=force)
+            expected = (9 * force**2 / (16 * MODULUS**2 * radius)) ** (1 / 3)
+            assert contact.force_n == pytest.approx(force, rel=1e-9)
+            assert contact.indentation_m == pytest.approx(expected, rel=0.01)
 
 
 def test_force_grows_with_depth_and_a_warm_start_changes_nothing_but_the_work() -> None:
@@ -142,8 +144,10 @@ def test_influence_coefficients_are_integrals_of_the_point_load() -> None:
     assert own == pytest.approx(4 * np.log(1 + np.sqrt(2)) * side / (np.pi * MODULUS), rel=1e-12)
 
 
-@pytest.mark.parametrize("elastomer", [SILICONE, Elastomer(1e5, 0.5, 0.002)])
-@pytest.mark.parametrize("shape", [(7, 10), (16, 9), (1, 5)])
+@pytest.mark.parametrize(
+    ("elastomer", "shape"),
+    [(SILICONE, (7, 10)), (Elastomer(1e5, 0.5, 0.002), (16, 9)), (SILICONE, (1, 5))],
+)
 def test_displacement_is_the_sum_over_all_cells_without_wrapping(
     elastomer: Elastomer, shape: tuple[int, int]
 ) -> None:

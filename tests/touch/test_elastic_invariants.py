@@ -188,28 +188,23 @@ def test_what_does_not_converge_is_an_error_with_a_remedy() -> None:
         solve_contact(bumps(1), PITCH, Elastomer(2e5, 0.5, 0.002), indentation_m=0.0005, maximum_iterations=2)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_impossible_requests_are_refused(subtests: pytest.Subtests) -> None:
+    for arguments, message in [
         ({}, "Give one of them"),
         ({"indentation_m": 0.001, "force_n": 1.0}, "Give one of them"),
         ({"force_n": -1.0}, "cannot be carried"),
         ({"force_n": np.nan}, "must be a number"),
         ({"indentation_m": np.inf}, "must be a number"),
         ({"indentation_m": 0.001, "initial_pressure_pa": np.zeros((2, 2))}, "Use the gap's"),
-    ],
-)
-def test_impossible_requests_are_refused(arguments: dict[str, float], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        solve_contact(bumps(0), PITCH, Elastomer(2e5, 0.3), **arguments)
+    ]:
+        with subtests.test(arguments=arguments), pytest.raises(InputError, match=message):
+            solve_contact(bumps(0), PITCH, Elastomer(2e5, 0.3), **arguments)
 
 
-@pytest.mark.parametrize(
-    "gap", [np.zeros(5), np.zeros((0, 3)), np.full((3, 3), np.nan), np.full((3, 3), -np.inf)]
-)
-def test_gaps_that_are_no_heights_are_refused(gap: np.ndarray) -> None:
-    with pytest.raises(InputError, match="gap_m"):
-        solve_contact(gap, PITCH, Elastomer(2e5, 0.3), indentation_m=0.001)
+def test_gaps_that_are_no_heights_are_refused(subtests: pytest.Subtests) -> None:
+    for gap in [np.zeros(5), np.zeros((0, 3)), np.full((3, 3), np.nan), np.full((3, 3), -np.inf)]:
+        with subtests.test(gap=gap), pytest.raises(InputError, match="gap_m"):
+            solve_contact(gap, PITCH, Elastomer(2e5, 0.3), indentation_m=0.001)
 
 
 def test_a_force_on_nothing_is_refused() -> None:

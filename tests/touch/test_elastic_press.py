@@ -257,32 +257,33 @@ HARD_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "sensor_name"), HARD_CASES)
-def test_hard_cases_have_finite_answers_with_true_labels(name: str, sensor_name: str) -> None:
-    cube = box((-0.01, -0.01, -0.01), (0.01, 0.01, 0.01))
-    cup = Surface(*mug())
-    surface, point = {
-        "box edge": (Surface(*cube), (0.01, 0.01, 0.0)),
-        "box corner": (Surface(*cube), (0.01, 0.01, 0.01)),
-        "blade": (Surface(*box((-0.02, -0.0005, -0.03), (0.02, 0.0005, 0.0))), (0.0, 0.0, 0.0)),
-        "inside a mug": (cup, (0.041, 0.0, 0.05)),
-        "flipped": (Surface(cube[0], cube[1][:, ::-1]), (0.01, 0.0, 0.0)),
-        "small ball": (Surface(*sphere(0.001, 3)), (0.0, 0.0, 0.001)),
-        "metre-wide face": (Surface(*box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.0))), (0.0, 0.0, 0.0)),
-    }[name]
-    sensor = read_sensor(sensor_name)
-    touch = press_elastic(surface, sensor, np.array([point]), depth_m=0.0004, samples=1)
-    rigid = press(surface, sensor, np.array([point]), depth_m=0.0004, samples=1)
-    assert touch.reachable[0] == rigid.reachable[0]
-    assert np.isfinite(touch.force_n).all()
-    assert np.isfinite(touch.depth).all()
-    assert touch.depth.max() <= max(touch.penetration_m[0], 0) + 1e-7
-    if rigid.penetration_m[0] > 0:
-        assert touch.penetration_m[0] == 0.0004
-        assert touch.force_n[0] > 0
-    else:
-        assert touch.force_n[0] == touch.penetration_m[0] == 0
-        assert not touch.mask.any()
+def test_hard_cases_have_finite_answers_with_true_labels(subtests: pytest.Subtests) -> None:
+    for name, sensor_name in HARD_CASES:
+        with subtests.test(name=name):
+            cube = box((-0.01, -0.01, -0.01), (0.01, 0.01, 0.01))
+            cup = Surface(*mug())
+            surface, point = {
+                "box edge": (Surface(*cube), (0.01, 0.01, 0.0)),
+                "box corner": (Surface(*cube), (0.01, 0.01, 0.01)),
+                "blade": (Surface(*box((-0.02, -0.0005, -0.03), (0.02, 0.0005, 0.0))), (0.0, 0.0, 0.0)),
+                "inside a mug": (cup, (0.041, 0.0, 0.05)),
+                "flipped": (Surface(cube[0], cube[1][:, ::-1]), (0.01, 0.0, 0.0)),
+                "small ball": (Surface(*sphere(0.001, 3)), (0.0, 0.0, 0.001)),
+                "metre-wide face": (Surface(*box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.0))), (0.0, 0.0, 0.0)),
+            }[name]
+            sensor = read_sensor(sensor_name)
+            touch = press_elastic(surface, sensor, np.array([point]), depth_m=0.0004, samples=1)
+            rigid = press(surface, sensor, np.array([point]), depth_m=0.0004, samples=1)
+            assert touch.reachable[0] == rigid.reachable[0]
+            assert np.isfinite(touch.force_n).all()
+            assert np.isfinite(touch.depth).all()
+            assert touch.depth.max() <= max(touch.penetration_m[0], 0) + 1e-7
+            if rigid.penetration_m[0] > 0:
+                assert touch.penetration_m[0] == 0.0004
+                assert touch.force_n[0] > 0
+            else:
+                assert touch.force_n[0] == touch.penetration_m[0] == 0
+                assert not touch.mask.any()
 
 
 def test_the_flat_face_of_a_box_is_flat_in_the_gel_and_steep_round_it() -> None:
@@ -311,9 +312,8 @@ def test_the_surface_of_the_gel_is_known_by_its_slope() -> None:
     assert normal[2] / -normal[0] == pytest.approx(slope_z, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("query", "message"),
-    [
+def test_impossible_queries_are_refused_by_name(subtests: pytest.Subtests) -> None:
+    for query, message in [
         ({}, "Ask for one of them"),
         ({"depth_m": 0.001, "force_n": 1.0}, "Ask for one of them"),
         ({"depth_m": -0.001}, "out of range"),
@@ -323,11 +323,9 @@ def test_the_surface_of_the_gel_is_known_by_its_slope() -> None:
         ({"depth_m": 0.001, "tilt_deg": 60.0}, "tilt_deg: 60.0 is out of range"),
         ({"depth_m": 0.001, "cell_m": 0.0}, "cell_m"),
         ({"depth_m": 0.001, "cell_m": 0.1}, "cell_m"),
-    ],
-)
-def test_impossible_queries_are_refused_by_name(query: dict[str, float], message: str) -> None:
-    with pytest.raises(QueryError, match=message):
-        press_elastic(BALL, SENSOR, BALL_POINT, **query)
+    ]:
+        with subtests.test(query=query), pytest.raises(QueryError, match=message):
+            press_elastic(BALL, SENSOR, BALL_POINT, **query)
 
 
 @pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 2)), np.full((1, 3), np.nan)])

@@ -42,14 +42,15 @@ def test_the_roll_is_smooth_away_from_its_pole(normal: np.ndarray, towards: np.n
     assert change <= 12 * np.linalg.norm(moved - normal) + 1e-12
 
 
-@pytest.mark.parametrize("lateral", [0.0, 1e-300, 1e-160, 1e-16, 1e-9])
-def test_the_roll_is_defined_at_and_round_its_pole(lateral: float) -> None:
-    frame = contact_frame(np.array([lateral, 0.0, -np.sqrt(1 - lateral**2)]))
-    assert is_rotation(frame)
-    assert np.allclose(frame, contact_frame(np.array([0.0, 0.0, -1.0])), atol=1e-8)
+def test_the_roll_is_defined_at_and_round_its_pole(subtests: pytest.Subtests) -> None:
+    for lateral in [0.0, 1e-300, 1e-160, 1e-16, 1e-9]:
+        with subtests.test(lateral=lateral):
+            frame = contact_frame(np.array([lateral, 0.0, -np.sqrt(1 - lateral**2)]))
+            assert is_rotation(frame)
+            assert np.allclose(frame, contact_frame(np.array([0.0, 0.0, -1.0])), atol=1e-8)
 
 
-@pytest.mark.parametrize("turn", np.linspace(0, 2 * np.pi, 9))
+@pytest.mark.parametrize("turn", [0.0, 1.0, np.pi, 5.0])
 def test_the_roll_is_smooth_within_its_pole(turn: float) -> None:
     lean = POLE_RAD * 0.99 * np.array([np.cos(turn), np.sin(turn)])
     frame = contact_frame(np.array([*lean, -np.sqrt(1 - lean @ lean)]))

@@ -25,19 +25,16 @@ def test_a_finer_image_sees_the_same_part_of_the_gel(height: int) -> None:
     assert np.allclose(fine.u.reshape(-1, factor).mean(axis=1), coarse.u, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "finding"),
-    [
+def test_a_sensor_that_cannot_be_is_refused(subtests: pytest.Subtests) -> None:
+    for field, value, finding in [
         ("gel_poisson_ratio", 0.5, "gel_poisson_ratio is 0.5"),
         ("gel_youngs_modulus_pa", 0.0, "Young's modulus"),
         ("gel_thickness_m", 0.0, "thickness"),
         ("image_height", 1, "2 x 2 pixels"),
         ("gel_radius_m", 0.018, "gel_radius_m"),
-    ],
-)
-def test_a_sensor_that_cannot_be_is_refused(field: str, value: float, finding: str) -> None:
-    with pytest.raises(ValueError, match=finding):
-        Sensor(**{field: value})
+    ]:
+        with subtests.test(field=field), pytest.raises(ValueError, match=finding):
+            Sensor(**{field: value})
 
 
 def test_a_description_with_a_wrong_key_is_refused_by_name() -> None:

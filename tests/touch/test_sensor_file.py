@@ -55,9 +55,8 @@ def test_a_user_puts_a_calibrated_table_in_place(tmp_path: Path) -> None:
     assert image[120, -1] == pytest.approx(0.5 + 0.25 * 20.29 / 25.25, abs=0.004)
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong", "message"),
-    [
+def test_a_mistake_is_named_with_its_file_and_field(subtests: pytest.Subtests, tmp_path) -> None:
+    for right, wrong, message in [
         ("width_m: 0.020", "widht_m: 0.020", "unknown key gel.widht_m. Did you mean gel.width_m?"),
         ("width_m: 0.020 #", "#", "no key gel.width_m"),
         ("width_m: 0.020", "width_m: 1e-3", r"gel.width_m is '1e-3'. It must be a finite number (write"),
@@ -72,22 +71,22 @@ def test_a_user_puts_a_calibrated_table_in_place(tmp_path: Path) -> None:
         ("blur_pixels: 7", "blur_pixels: 6", "background_blur_pixels is 6, not odd"),
         ("poisson_ratio: 0.48", "poisson_ratio: 0.5", "gel_poisson_ratio is 0.5"),
         ("field_of_view_deg: 60.0", "field_of_view_deg: 75.0", "the camera sees past the gel's borders"),
-    ],
-)
-def test_a_mistake_is_named_with_its_file_and_field(tmp_path, right: str, wrong: str, message: str) -> None:
-    assert right in DIGIT
-    (tmp_path / "mine.yaml").write_text(DIGIT.replace(right, wrong))
-    with pytest.raises(InputError) as caught:
-        read_sensor(tmp_path / "mine.yaml")
-    assert str(caught.value).startswith("mine.yaml: ")
-    assert message in str(caught.value)
+    ]:
+        with subtests.test(right=right):
+            assert right in DIGIT
+            (tmp_path / "mine.yaml").write_text(DIGIT.replace(right, wrong))
+            with pytest.raises(InputError) as caught:
+                read_sensor(tmp_path / "mine.yaml")
+            assert str(caught.value).startswith("mine.yaml: ")
+            assert message in str(caught.value)
 
 
-@pytest.mark.parametrize("content", ["", "- a list", "gel: {", "\x00"])
-def test_what_is_no_sensor_file_is_refused(tmp_path: Path, content: str) -> None:
-    (tmp_path / "mine.yaml").write_text(content)
-    with pytest.raises(InputError, match=r"mine\.yaml"):
-        read_sensor(tmp_path / "mine.yaml")
+def test_what_is_no_sensor_file_is_refused(subtests: pytest.Subtests, tmp_path: Path) -> None:
+    for content in ["", "- a list", "gel: {", "\x00"]:
+        with subtests.test(content=content):
+            (tmp_path / "mine.yaml").write_text(content)
+            with pytest.raises(InputError, match=r"mine\.yaml"):
+                read_sensor(tmp_path / "mine.yaml")
 
 
 @pytest.mark.parametrize("source", ["digits", "no/such.yaml", "README.md"])
@@ -96,23 +95,21 @@ def test_an_unknown_sensor_is_refused_with_those_known(source: str) -> None:
         read_sensor(source)
 
 
-@pytest.mark.parametrize(
-    ("table", "finding"),
-    [
+def test_what_is_no_table_is_refused_by_file(subtests: pytest.Subtests, tmp_path: Path) -> None:
+    for table, finding in [
         (None, "no photometric table"),
         (np.zeros((3, 2, 3, 5)), r"shape \(3, 2, 3, 5\)"),
         (np.full((3, 2, 3, 6), np.inf), "not finite"),
         (np.zeros((3, 2, 3, 6), dtype=int), "int64"),
         (np.arange(108.0).reshape(3, 2, 3, 6), "direction at slope 0"),
-    ],
-)
-def test_what_is_no_table_is_refused_by_file(tmp_path: Path, table, finding: str) -> None:
-    if table is not None:
-        np.save(tmp_path / "gelsight.npy", table)
-    (tmp_path / "mine.yaml").write_text(GELSIGHT)
-    with pytest.raises(InputError, match=finding) as caught:
-        read_sensor(tmp_path / "mine.yaml")
-    assert "gelsight.npy" in str(caught.value)
+    ]:
+        with subtests.test(table=table):
+            if table is not None:
+                np.save(tmp_path / "gelsight.npy", table)
+            (tmp_path / "mine.yaml").write_text(GELSIGHT)
+            with pytest.raises(InputError, match=finding) as caught:
+                read_sensor(tmp_path / "mine.yaml")
+            assert "gelsight.npy" in str(caught.value)
 
 
 def test_a_table_of_lights_is_for_a_flat_gel(tmp_path: Path) -> None:

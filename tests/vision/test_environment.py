@@ -155,14 +155,15 @@ def test_a_black_environment_has_no_lights() -> None:
     assert lights.shape == colours.shape == (0, 3)
 
 
-@pytest.mark.parametrize(("change", "word"), [
-    ({"radiance": np.ones((4, 8))}, "environment: shape"),
-    ({"radiance": -np.ones((4, 8, 3))}, "negative"),
-    ({"radiance": np.full((4, 8, 3), np.nan)}, "not finite"),
-    ({"count": 0}, "at least one"),
-    ({"radius": 0.5}, "radius: 0.5"),
-])  # fmt: skip
-def test_what_is_no_environment_is_refused(change, word) -> None:
-    query = {"radiance": np.ones((4, 8, 3)), "count": 4, "radiance_scale": SCALE}
-    with pytest.raises(QueryError, match=word):
-        environment_lights(**{**query, **change})
+def test_what_is_no_environment_is_refused(subtests: pytest.Subtests) -> None:
+    for change, word in [
+        ({"radiance": np.ones((4, 8))}, "environment: shape"),
+        ({"radiance": -np.ones((4, 8, 3))}, "negative"),
+        ({"radiance": np.full((4, 8, 3), np.nan)}, "not finite"),
+        ({"count": 0}, "at least one"),
+        ({"radius": 0.5}, "radius: 0.5"),
+    ]:
+        with subtests.test(change=change):
+            query = {"radiance": np.ones((4, 8, 3)), "count": 4, "radiance_scale": SCALE}
+            with pytest.raises(QueryError, match=word):
+                environment_lights(**{**query, **change})

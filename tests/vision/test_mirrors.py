@@ -184,17 +184,18 @@ def test_a_fit_with_mirrors_is_nearer_a_path_traced_conductor_and_its_file_answe
     assert errors[0] > errors[1] + 5.0
 
 
-@pytest.mark.parametrize(("roughness", "metallic", "shown", "rays"), [
-    (0.1, 1.0, True, 24),
-    (0.25, 1.0, True, 12),
-    (0.0, 1.0, True, 24),
-    (0.4, 1.0, False, 8),
-    (0.1, 0.0, False, 24),
-])  # fmt: skip
-def test_smooth_conductors_alone_show_themselves(roughness, metallic, shown, rays):
-    appearance = Appearance(roughness=roughness, metallic=metallic)
-    assert shows_itself(appearance) is shown
-    assert rays_to_meet(appearance) == rays
+def test_smooth_conductors_alone_show_themselves(subtests):
+    for roughness, metallic, shown, rays in [
+        (0.1, 1.0, True, 24),
+        (0.25, 1.0, True, 12),
+        (0.0, 1.0, True, 24),
+        (0.4, 1.0, False, 8),
+        (0.1, 0.0, False, 24),
+    ]:
+        with subtests.test(roughness=roughness):
+            appearance = Appearance(roughness=roughness, metallic=metallic)
+            assert shows_itself(appearance) is shown
+            assert rays_to_meet(appearance) == rays
 
 
 @pytest.mark.parametrize("lost", ["log_mirror_alpha", "facing.weight", "facing.bias"])

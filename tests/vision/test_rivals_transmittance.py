@@ -24,8 +24,10 @@ def relative(found: torch.Tensor, truth: float) -> float:
     return abs(float(found.double()) / truth - 1)
 
 
-@pytest.mark.parametrize("extinction", [1e-6, 1e-3, 0.7, 20.0])
-@pytest.mark.parametrize("samples", [1, 192, 100_000])
+@pytest.mark.parametrize(
+    ("extinction", "samples"),
+    [(1e-6, 100_000), (1e-3, 192), (0.7, 1), (0.7, 192), (20.0, 1), (20.0, 100_000)],
+)
 def test_a_uniform_medium_follows_the_law_of_beer_and_lambert(extinction, samples):
     depths = uniform(extinction, 1.5, samples)
     truth = -extinction * 1.5
