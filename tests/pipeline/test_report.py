@@ -27,7 +27,6 @@ from pipeline.publish.report.formats import (
     megabytes,
     number,
     seconds,
-    short_bytes,
     web_link,
 )
 from pipeline.publish.report.sounds import sound_pair
@@ -265,7 +264,7 @@ def test_numbers_and_links_are_printed_for_people() -> None:
     )
     assert (digits(0.00123), digits(1.5e-7), digits(0.0)) == ("0.00123", f"1.50 {TIMES} 10⁻⁷", "0")
     assert (megabytes(60_000), megabytes(1_504_000), megabytes(None)) == ("60 kB", "1.50 MB", NOTHING)
-    assert (seconds(0.15), seconds(2e-5), short_bytes(2000)) == ("150 ms", "20 µs", "2 kB")
+    assert (seconds(0.15), seconds(2e-5)) == ("150 ms", "20 µs")
     assert licence_link("cc-by-4.0") == "https://creativecommons.org/licenses/by/4.0/"
     assert licence_link("all rights reserved") is None
     assert web_link("javascript:alert(1)") is None

@@ -106,7 +106,7 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
             axes.annotate(text, (x, y), (0, 5), textcoords="offset points", ha="center", fontsize=7)
         axes.set(xlabel=x_label, ylabel=y_label, xscale="log")
         axes.margins(0.12)
-        mark(axes.xaxis, formats.seconds if timed else formats.short_bytes)
+        mark(axes.xaxis, formats.seconds if timed else formats.megabytes)
     return chart.svg
 
 
@@ -121,7 +121,7 @@ def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
     measure, values = summary.measure, [value for value, _ in summary.values]
     target, text = measure.target, partial(formats.number, decimals=measure.decimals)
     if measure.unit == "bytes":
-        text = partial(formats.short_bytes)
+        text = partial(formats.megabytes)
     within = target is not None and min(values) <= target <= max(values)
     with drawing(measure.key, f"Histogram of {measure.label}", height=1.4) as chart:
         chart.axes.hist(values, bins="sqrt", color=ACCENT, alpha=0.75, rwidth=0.9)

@@ -54,14 +54,6 @@ def seconds(value: float) -> str:
     return f"{value * 1e9:.3g} ns"
 
 
-def short_bytes(size: float) -> str:
-    """Return bytes with a decimal unit and three digits: 1 MB is a million."""
-    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if size >= factor * 0.9999:
-            return f"{size / factor:.3g} {unit}"
-    return f"{size:.0f} B"
-
-
 def percent(share: Any) -> str:
     """Return a share of one in percent."""
     return NOTHING if share is None else f"{number(100 * share, 1 if share < 0.1 else 0)} %"
