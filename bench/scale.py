@@ -36,7 +36,7 @@ from pipeline.run.forecast.estimates import Estimate, fit, packaged_costs
 from pipeline.sandbox.isolation import ChildSettings
 
 REPOSITORY = Path(__file__).parents[1]
-CLUSTERS = ((1, 2), (1, 8), (8, 8), (64, 1))  # workers, and threads of each
+CLUSTERS = ((1, 2), (1, 8), (8, 8))  # workers, and threads of each
 MEMORY_GB_A_THREAD = 8.0
 COMPARED = (
     "Wall seconds of the tasks of a hundred scans, asleep, over the lower bound; CPU milliseconds of driver "
@@ -64,7 +64,28 @@ def main() -> None:
                     row = {"knowledge": knowledge, "workers": workers, "threads_of_each": threads, **row}
                     figures["makespans"].append(row)
                     print(row, flush=True)
-    write("scale", figures, {"processors": os.cpu_count(), "load": os.getloadavg()[0]}, COMPARED)
+    path = write("scale", figures, {"processors": os.cpu_count(), "load": os.getloadavg()[0]}, COMPARED)
+    plot(figures["makespans"], path.with_suffix(".png"))
+
+
+def plot(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw wall time over the bound, by cluster and by what was known."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6, 3), layout="constrained")
+    for place, knowledge in enumerate(("known", "first")):
+        chosen = [row for row in rows if row["knowledge"] == knowledge]
+        positions = [index + 0.4 * place for index in range(len(chosen))]
+        bars = axes.bar(positions, [row["over_bound"] for row in chosen], 0.38, label=knowledge)
+        axes.bar_label(bars, fmt="%.2f")
+    names = [f"{row['workers']} x {row['threads_of_each']}" for row in chosen]
+    axes.set_xticks([index + 0.2 for index in range(len(names))], names)
+    axes.set(xlabel="workers x threads", ylabel="wall time / lower bound", ylim=(0.9, None))
+    axes.legend(title="seconds of tasks")
+    figure.savefig(path, dpi=120)
 
 
 def sleep(call: Call, *rest: Any) -> Answer:

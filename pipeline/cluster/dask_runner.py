@@ -6,6 +6,7 @@ import math
 import os
 import queue
 import secrets
+from asyncio import CancelledError
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from pipeline.store.storage import STORE, Store
 
 MOST_KILLS = 2  # of a task's own process, after which it fails
 MOST_DAMAGED = 3  # copies of a product in the store, after which its task fails
+RESULT_S = 30.0  # within which a result of a few bytes arrives
 TRANSFERS = 8  # tasks whose files are on their way to or from the store at once
 FEWER = "Out of memory, most likely: run fewer workers, or lower the settings of this stage."
 
@@ -110,7 +112,10 @@ class DaskRunner:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # The plugin stays: it ends the children of tasks that are given up now.
+        if (
+            error is None and not self._tasks
+        ):  # else the plugin stays, and ends the child processes of what is given up now
+            self._client.unregister_worker_plugin(self._plugin.name)
         self._transfers.shutdown(cancel_futures=True)
         for task in self._tasks:
             if task.step is not None and hasattr(task.step, "release"):
@@ -209,7 +214,13 @@ class DaskRunner:
             raise gone()
         if step.status == "error":
             return self._after_error(task, step.exception())
-        task.answer = answer = step.result()
+        try:
+            task.answer = answer = step.result(timeout=RESULT_S)
+        except TimeoutError:  # its worker died with the result; Dask runs it again
+            self._await(task, step, self._after_run)
+            return None
+        except CancelledError as error:
+            raise gone() from error
         step.release()
         if answer.killed:
             return self._after_kill(task)

@@ -24,7 +24,6 @@ SAME = "Install on it what the driver has: the same checkout, and requirements.l
 SHARE = "Share the folder, or set OBJECTFOLDER_STORE to a store that the worker reaches."
 GIVEN_UP = ("executing", "released")  # what Dask calls a running task that nobody waits for any more
 CHECK_LIMIT_S = 600.0
-READY_S = 0.05
 
 
 class Admission(WorkerPlugin):
@@ -75,8 +74,6 @@ class Admission(WorkerPlugin):
     async def _admit(self, worker: Any) -> None:
         try:
             problem = await asyncio.to_thread(self._difference)
-            while worker.status == Status.init:
-                await asyncio.sleep(READY_S)
             if not problem:
                 await self._grant(worker)
         except Exception as error:  # whatever it is, the driver has to know why this worker does not work

@@ -86,10 +86,10 @@ class Workers:
         if admitted.keys() != self._admitted.keys():
             self._changed_at = now
         self._admitted = admitted
-        self._refused = {address: why for address, why in self._refused.items() if address in found}
         self.threads = sum(found[address]["nthreads"] for address in admitted)
         if not admitted:
-            self._check_wait(now - self._changed_at, len(found))
+            refused = [why for address, why in list(self._refused.items()) if address in found]
+            self._check_wait(now - self._changed_at, refused if len(refused) == len(found) else [])
         return True
 
     def largest_bytes(self, needs: Collection[str]) -> int:
@@ -108,11 +108,10 @@ class Workers:
     def _able(self, needs: Collection[str]) -> list[Mapping[str, float]]:
         return [worker for worker in self._admitted.values() if all(worker.get(need) for need in needs)]
 
-    def _check_wait(self, waited_s: float, present: int) -> None:
-        if self._refused and len(self._refused) >= present and waited_s >= self.limits.pools_s:
-            raise SimulationError(
-                "cluster", "no worker may work", "; ".join(sorted(set(self._refused.values())))
-            )
+    def _check_wait(self, waited_s: float, refused: Collection[str]) -> None:
+        """Say that no worker is there; end the run where none can be expected any more."""
+        if refused and waited_s >= self.limits.pools_s:
+            raise SimulationError("cluster", "no worker may work", "; ".join(sorted(set(refused))))
         if self.limits.workers_s is not None and waited_s >= self.limits.workers_s:
             raise SimulationError(
                 "cluster",
@@ -128,6 +127,7 @@ class Workers:
         _, message = event
         if message["name"] == self.name:
             self._refused[message["worker"]] = message["problem"]
+            self._changed_at = time.monotonic()
             print(f"worker {message['worker']} gets no work: {message['problem']}", file=sys.stderr)
 
 
