@@ -17,14 +17,12 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 import objectfolder
 from objectfolder.errors import ObjectFolderError
-from pipeline.cli import (
-    cluster_commands,
-    data_set_commands,
-    object_commands,
-    publishing_commands,
-    table_commands,
-    version_commands,
-)
+from pipeline.cli import cluster_commands as cluster
+from pipeline.cli import data_set_commands as data_set
+from pipeline.cli import object_commands as one
+from pipeline.cli import publishing_commands as publishing
+from pipeline.cli import table_commands as tables
+from pipeline.cli import version_commands as versions
 from pipeline.cli.options import option_name
 from pipeline.cli.printing import FAILED, FINE, print_error
 
@@ -46,39 +44,16 @@ objectfolder plan --count 1000 --workers 2 64
 ```
 """
 COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
-    "One object": (
-        object_commands.build,
-        object_commands.info,
-        object_commands.sample,
-        object_commands.render,
-        object_commands.strike,
-        object_commands.press,
-        object_commands.modes,
-        object_commands.view,
-    ),
-    "Tables of objects": (table_commands.add, table_commands.check, table_commands.fetch),
-    "Data set": (
-        data_set_commands.select,
-        data_set_commands.plan,
-        data_set_commands.status,
-        data_set_commands.clean,
-    ),
+    "One object": (one.build, one.info, one.sample, one.render, one.strike, one.press, one.modes, one.view),
+    "Tables of objects": (tables.add, tables.check, tables.fetch),
+    "Data set": (data_set.select, data_set.plan, data_set.status, data_set.clean),
     "Stages, as dvc.yaml runs them": (
-        data_set_commands.starter,
-        data_set_commands.products,
-        data_set_commands.stage,
-        data_set_commands.report,
-        data_set_commands.failures,
+        data_set.starter, data_set.products, data_set.stage, data_set.report, data_set.failures,
     ),
-    "Machines": (cluster_commands.scheduler, cluster_commands.worker),
-    "Versions": (version_commands.audit, version_commands.verify, version_commands.history),
-    "Publishing": (
-        publishing_commands.cards,
-        publishing_commands.get,
-        publishing_commands.export,
-        publishing_commands.listen,
-    ),
-}
+    "Machines": (cluster.scheduler, cluster.worker),
+    "Versions": (versions.audit, versions.verify, versions.history),
+    "Publishing": (publishing.cards, publishing.get, publishing.export, publishing.listen),
+}  # fmt: skip
 
 
 def application() -> App:

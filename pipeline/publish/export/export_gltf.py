@@ -16,7 +16,6 @@ from objectfolder.vision.export.folder import new_folder
 from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
 from pipeline.publish.export.export_request import Exporting
 from pipeline.publish.export.found_products import FoundProducts
-from pipeline.publish.export.manifest import write_manifest
 
 
 def export_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
@@ -48,7 +47,7 @@ def export_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
                 finest_m=finest_m,
                 vertex_colours=wanted.vertex_colours,
             )
-        write_manifest(folder, wanted.format, credit, {"surface": surface, "file": name, **written})
+        found.write_manifest(folder, wanted.format, {"surface": surface, "file": name, **written})
     pitch = f", a texel each {written['texel_pitch_m'] * 1e3:.3g} mm" if "texel_pitch_m" in written else ""
     return (
         f"{output / name}: {written['triangles']} triangles of the {surface} surface{pitch}, "

@@ -11,7 +11,6 @@ from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.transforms import write_transforms
 from pipeline.publish.export.export_request import Exporting
 from pipeline.publish.export.found_products import FoundProducts
-from pipeline.publish.export.manifest import write_manifest
 
 
 def export_views(found: FoundProducts, wanted: Exporting, output: Path) -> str:
@@ -43,7 +42,7 @@ def export_views(found: FoundProducts, wanted: Exporting, output: Path) -> str:
                 seed=wanted.seed,
                 exr=wanted.exr,
             )
-        write_manifest(folder, wanted.format, credit, {**said, "frame": views.described_frame()})
+        found.write_manifest(folder, wanted.format, {**said, "frame": views.described_frame()})
     extra = f", {said['points']} points" if "points" in said else ""
     return (
         f"{output}: {len(views)} views of {views.size[1]} x {views.size[0]} pixels "

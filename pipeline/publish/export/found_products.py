@@ -16,6 +16,7 @@ from objectfolder.geometry.surface import Surface
 from objectfolder.store import read_attributes, read_product
 from objectfolder.tensor_file import read_metadata
 from objectfolder.vision.export.credit import Credit
+from objectfolder.vision.export.folder import MANIFEST, write_json
 from pipeline.dataset.records import RECORDS, read_records
 from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, VIEWS
 
@@ -41,6 +42,12 @@ class FoundProducts:
         if record is None and self.object_file is not None:
             record = json.loads(read_metadata(self.object_file).get("object", "null"))
         return Credit.of_record(self.object_id, record)
+
+    def write_manifest(self, folder: Path, kind: str, described: Mapping[str, Any]) -> None:
+        """Write what an export of a format says of itself: its manifest and its attribution."""
+        credit = self.credit()
+        write_json(folder / MANIFEST, {"format": kind, "object": credit.to_dict(), **described})
+        (folder / "ATTRIBUTION.txt").write_text(credit.to_text(), encoding="utf-8")
 
     def source_mesh(self) -> TexturedMesh:
         """Return the mesh that was rendered.
