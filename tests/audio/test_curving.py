@@ -40,6 +40,7 @@ def test_a_bent_ball_has_the_volume_and_radius_of_its_target(solid: Solid) -> No
     assert volume(bent) == pytest.approx(4 * np.pi / 3, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_bent_ball_rings_as_lamb_says_and_keeps_six_rigid_motions(solid: Solid) -> None:
     """H. Lamb 1882, nu 0.25: eta = 2.501133 and 2.639869, five-fold each."""
     bent, _ = space_on(solid, 4, 1.0, bend=True)

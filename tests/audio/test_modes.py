@@ -145,6 +145,7 @@ def test_a_die_is_silent_and_still_an_object(tmp_path: Path) -> None:
     assert read_product(tmp_path / "die.zarr.zip")["mode_shapes"].shape == (60, 3, 0)
 
 
+@pytest.mark.slow
 def test_an_open_overlapping_surface_becomes_one_solid_with_the_frequencies_of_a_bar() -> None:
     """Two boxes that overlap, one without its lid: their union is a bar of 100 x 10 x 5 mm."""
     left = trimesh.creation.box((0.06, 0.01, 0.005))

@@ -154,6 +154,7 @@ def test_a_cube_has_its_multiplicities_and_the_exact_lame_mode(
 
 
 @pytest.mark.parametrize(("poisson_ratio", "order"), [(0.45, 3), (0.499, 4)])
+@pytest.mark.slow
 def test_a_nearly_incompressible_ball_does_not_lock(poisson_ratio: float, order: int) -> None:
     """Lamb's sphere: as many modes, in the same groups, at the same frequencies."""
     truth = sphere(1.0, poisson_ratio, 4.0)
@@ -177,6 +178,7 @@ def test_two_bodies_have_the_modes_of_both() -> None:
     np.testing.assert_allclose(both["eigenvalues"], union, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_two_bars_that_touch_along_an_edge_ring_as_two() -> None:
     """A weld of no area would be a hinge: 11 or 12 motions without energy, and wrong bending modes."""
     one = trimesh.creation.box((0.1, 0.02, 0.01))
@@ -207,6 +209,7 @@ def test_size_place_and_vertex_order_leave_the_spectrum(change: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_turned_bar_rings_alike() -> None:
     """The mesher makes another solid of it: alike to the accuracy asked for."""
     turn, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))
@@ -227,6 +230,7 @@ def test_a_rod_of_200_triangles() -> None:
     assert np.abs(found["frequencies_hz"] / torsion - 1).min() < 5e-3
 
 
+@pytest.mark.slow
 def test_needles_and_non_manifold_edges_leave_the_spectrum() -> None:
     """A face cut into a fan of needles, and a fin inside on two edges of the bar."""
     vertices, faces = bar().vertices, bar().faces

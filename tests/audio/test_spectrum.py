@@ -102,6 +102,7 @@ def test_a_wanted_accuracy_is_reached_and_the_estimate_is_of_the_size_of_the_err
     assert np.all(error > -0.05)
 
 
+@pytest.mark.slow
 def test_more_accuracy_takes_more_functions_and_lowers_every_eigenvalue() -> None:
     solid = box((5, 5, 1), (1, 1, 0.02))
     coarse, fine, whole = adapted(solid, 30.0), adapted(solid, 8.0), spectrum(solid, 1.0, 0.3, 20, order=4)

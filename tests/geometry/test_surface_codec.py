@@ -51,6 +51,7 @@ def test_sixteen_thousand_triangles_take_less_than_50_kilobytes() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 60))
+@pytest.mark.slow
 def test_any_soup_of_triangles_survives(seed: int, face_count: int) -> None:
     random = np.random.default_rng(seed)
     vertices = random.normal(size=(20, 3))

@@ -167,6 +167,7 @@ def views_of_a_conductor(surface: UnitSurface, count: int, held_out: int, size: 
     )
 
 
+@pytest.mark.slow
 def test_a_fit_with_mirrors_is_nearer_a_path_traced_conductor_and_its_file_answers_alike():
     surface = corner_of_mirrors()
     views = views_of_a_conductor(surface, 24, 4, 24)

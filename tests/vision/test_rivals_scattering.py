@@ -148,6 +148,7 @@ def test_pixels_drawn_are_those_of_training_views_with_their_rays_and_lights():
     assert len(seen) == 400
 
 
+@pytest.mark.slow
 def test_a_fit_learns_is_repeated_by_its_seed_and_goes_on_from_where_it_stopped(tmp_path):
     views = coloured_views()
     rgba = views["rgba"].copy()

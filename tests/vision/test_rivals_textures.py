@@ -130,6 +130,7 @@ def test_the_unlit_texture_knows_no_light():
     assert first[..., 3].max() == 1.0
 
 
+@pytest.mark.slow
 def test_a_matt_convex_object_is_what_cycles_makes_of_it():
     """No light bounces within a convex object, so that shadowed Lambert is the whole truth of a matt one."""
     mesh = cube()

@@ -53,6 +53,7 @@ def test_held_out_views_are_far_better_than_the_trivial_answers(views, fitted):
     assert psnr(truth, answer) > max(34.0, trivial + 10)
 
 
+@pytest.mark.slow
 def test_the_truth_of_held_out_views_plays_no_part_in_the_fit(views, fitted):
     rgba = views["rgba"].copy()
     rgba[views["held_out"]] = 0.5
