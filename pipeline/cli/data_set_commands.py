@@ -4,7 +4,7 @@ import json as json_text
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive, Number
@@ -12,12 +12,11 @@ from cyclopts.validators import MutuallyExclusive, Number
 from pipeline.cli.options import PLACE, AtLeastOne, Cluster, Json, Root
 from pipeline.cli.printing import FAILED, FINE
 
-StageName = Literal["objects", "views", "modes", "touches", "encode", "fidelity"]
 Counts = Parameter(consume_multiple=True, validator=Number(gte=1))
 remove_or_list = Group(show=False, validator=MutuallyExclusive())
 
 
-def stage(name: StageName, /, *, root: Root = Path("."), cluster: Cluster = None) -> int:
+def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None) -> int:
     """Run one stage of dvc.yaml over all objects, doing only what is left to do.
 
     Parameters

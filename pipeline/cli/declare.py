@@ -35,7 +35,7 @@ WHOLE = (
 
 
 def declared() -> dict[str, dict[str, Any]]:
-    """Return ``deps``, ``params`` and ``outs`` by stage, as far as code declares them."""
+    """Return ``cmd``, ``deps``, ``params`` and ``outs`` by stage, as far as code declares them."""
     found = {name: _product_stage(stage) for name, stage in STAGES.items()}
     found[next(reversed(STAGES))]["outs"].append({str(FAILURES): {"cache": False, "persist": True}})
     products = [kind.folder for stage in STAGES.values() for kind in stage.products]
@@ -80,6 +80,7 @@ def _product_stage(stage: Stage) -> dict[str, Any]:
         selection = "objects"
     sections = {f"sizes.${{size}}.{name.partition('.')[0]}" for name in stage.parameters}
     return {
+        "cmd": f"python -m pipeline.run.converged || python -m pipeline.cli stage {stage.name}",
         "deps": sorted(deps),
         "params": ["allow_failures", selection, "seed", *sorted(sections)],
         "outs": outs,

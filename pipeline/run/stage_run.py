@@ -1,16 +1,17 @@
 """What the stages of ``dvc.yaml`` run: all products at once, one stage, the starter set, the failures.
 
 `make_products` is the first of them in every `dvc repro`. It waits for workers once and converges all
-stages with no barrier between them. The commands of the single stages that follow in the same `dvc repro`
-find everything done and return at once, so that DVC records what there is.
+stages with no barrier between them. The single stages that follow in the same `dvc repro` ask
+`pipeline.run.converged` and do nothing, so that DVC records what there is.
 """
 
-import os
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.dataset.run_id import RUN_ID, driving_dvc, new_run_id
+from objectfolder.errors import InputError
+from pipeline.run.converged import forget_converged, note_converged
 from pipeline.run.exclusive import running
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from pipeline.run.converge import Summary
 
 STARTER = "data/starter"
-CONVERGED = Path(".objectfolder/converged")  # the last run that converged all stages
 NAMED = 8  # objects that a message names
 
 
@@ -29,19 +29,28 @@ def make_products(root: Path) -> int:
     """Converge all stages at once; return 1 where the stages behind cannot go on."""
     from pipeline.dataset.stages import STAGES
 
-    marker = root / CONVERGED
     with running(root, "all products"):
-        marker.unlink(missing_ok=True)
+        forget_converged(root)
         code = _converge(root, list(STAGES))
         if code == 0:
-            marker.write_text(os.environ[RUN_ID])
+            note_converged(root)
     return code
 
 
 def make_stage(root: Path, name: str) -> int:
-    """Converge one stage, unless `make_products` did in the same `dvc repro`; return 1 as it does."""
-    if _converged_in_this_run(root):
-        return 0
+    """Converge one stage; return 1 where those behind it cannot go on.
+
+    Raises
+    ------
+    InputError
+        There is no such stage.
+    """
+    from pipeline.dataset.stages import STAGES
+
+    if name not in STAGES:
+        near = get_close_matches(name, STAGES, n=1)
+        meant = f"Did you mean {near[0]}? " if near else ""
+        raise InputError(name, "no such stage", f"{meant}Stages are {', '.join(STAGES)}.")
     with running(root, f"stage {name}"):
         return _converge(root, [name])
 
@@ -66,13 +75,6 @@ def show_failures(root: Path) -> int:
         print(failure_table(found))
         print("`dvc repro` tries them again.")
     return 1 if found else 0
-
-
-def _converged_in_this_run(root: Path) -> bool:
-    try:
-        return driving_dvc() is not None and (root / CONVERGED).read_text() == new_run_id()
-    except FileNotFoundError:
-        return False
 
 
 def _converge(root: Path, names: Sequence[str]) -> int:
