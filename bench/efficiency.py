@@ -59,7 +59,7 @@ def run(inputs: Path, workers: int) -> dict[str, Any]:
         root = Path(temporary) / "set"
         shutil.copytree(inputs, root)
         place = Path(temporary) / "place.yaml"
-        place.write_text(f"workers: {workers}\n")
+        place.write_text(f"kwargs: {{threads_per_worker: {workers}}}\n")
         environment = {**os.environ, "OBJECTFOLDER_CLUSTER": str(place), "PYTHONPATH": str(REPOSITORY)}
         for name in ("DASK_SCHEDULER_ADDRESS", "OBJECTFOLDER_STORE"):
             environment.pop(name, None)

@@ -115,7 +115,7 @@ class OverheadRepository:
         for name in BODIES:
             write_trivial_body(root / "pipeline" / "tasks" / f"{name}.py")
         (root / "cluster").mkdir()
-        (root / "cluster" / "local.yaml").write_text("workers: 2\n")
+        (root / "cluster" / "local.yaml").write_text("kwargs: {threads_per_worker: 2}\n")
         (root / ".gitignore").write_text(GITIGNORE)
         self.ids = [f"object_{index:05}" for index in range(objects)]
         for index, object_id in enumerate(self.ids):

@@ -17,7 +17,6 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 import objectfolder
 from objectfolder.errors import ObjectFolderError
-from pipeline.cli import cluster_commands as cluster
 from pipeline.cli import data_set_commands as data_set
 from pipeline.cli import object_commands as one
 from pipeline.cli import publishing_commands as publishing
@@ -50,7 +49,6 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "Stages, as dvc.yaml runs them": (
         data_set.starter, data_set.products, data_set.stage, data_set.report, data_set.failures,
     ),
-    "Machines": (cluster.scheduler, cluster.worker),
     "Versions": (versions.audit, versions.verify, versions.history),
     "Publishing": (publishing.cards, publishing.get, publishing.export, publishing.listen),
 }  # fmt: skip

@@ -5,13 +5,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pipeline.cluster.places import Place, read_place
+from pipeline.cluster.places import CUDA, LOCAL, SSH, Place, read_place
 from pipeline.dataset.job import Runner
 
 __all__ = ["Place", "read_place", "runner"]
 
 FEW = 1  # jobs for which a cluster would cost more than it gives
-HERE = ("local", "cuda")  # kinds whose workers are this installation by construction
+HERE = (LOCAL, CUDA)  # classes whose workers are this installation by construction
 STARTED_S = 120.0  # within which workers that are not queued for are there
 
 
@@ -36,7 +36,7 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
         No scheduler answers.
     """
     # Each is imported only where it is used: together they take as long as a small run.
-    if jobs_at_most <= FEW and place.kind == "local":
+    if jobs_at_most <= FEW and place.starts == LOCAL:
         from pipeline.cluster.one_process import OneProcess
 
         with OneProcess(root, place.child) as process:
@@ -49,9 +49,9 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
     from pipeline.cluster.workers import WaitLimits
 
     workers_s = place.workers_within_s
-    if workers_s is None and place.kind in (*HERE, "ssh"):
+    if workers_s is None and place.starts in (*HERE, SSH):
         workers_s = STARTED_S
-    environment = None if place.kind in HERE else environment_of(stages)
+    environment = None if place.starts in HERE else environment_of(stages)
     limits = WaitLimits(workers_s, place.pools_within_s)
     with (
         connect(place, root, jobs_at_most) as client,

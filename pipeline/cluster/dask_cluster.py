@@ -6,18 +6,21 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import SimulationError
-from pipeline.cluster import machine_cluster, tls
+from pipeline.cluster import tls
 from pipeline.cluster.dask_settings import settings
-from pipeline.cluster.places import Place
+from pipeline.cluster.places import CUDA, LOCAL, Place
+from pipeline.cluster.starting import make_cluster, start_workers
 from pipeline.sandbox import scratch
+
+HERE = (LOCAL, CUDA)  # classes whose workers are this installation by construction
 
 
 @contextlib.contextmanager
 def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
     """Start or join the cluster that a place describes; yield a connected client, and end what was started.
 
-    The client's scheduler may have no worker yet. A started worker has a thread for each core that its tasks
-    may use, and a memory limit that is its part of the host's memory.
+    The client's scheduler may have no worker yet, and workers may come and go. A worker that does not start,
+    or ends, is started again.
 
     Parameters
     ----------
@@ -35,53 +38,38 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
 
     Raises
     ------
+    InputError
+        The place names a class that is not installed, or an argument or certificate that cannot be.
     SimulationError
-        The scheduler does not answer.
+        The cluster does not start, or the scheduler does not answer.
     """
     with contextlib.ExitStack() as stack:
         scratch.sweep()
-        dask_files = scratch.Scratch("dask")
-        stack.callback(dask_files.close)
-        stack.enter_context(settings({"temporary-directory": str(dask_files.path), **place.dask}))
-        certificates = _certificates(place, root)
-        security = tls.security(certificates) if certificates else None
-        address = stack.enter_context(_started(place, root, tasks_at_most, security, certificates))
-        tls.warn_if_open(address, certificates)
+        own = dict(place.dask)
+        if place.starts in HERE:
+            dask_files = scratch.Scratch("dask")
+            stack.callback(dask_files.close)
+            own.setdefault("temporary-directory", str(dask_files.path))
+        stack.enter_context(settings(own))
+        security = tls.security(place, root)
+        cluster = None
+        if place.starts:
+            cluster = make_cluster(place, root, tasks_at_most, security)
+            stack.callback(cluster.close)
+        address = str(cluster.scheduler_address if cluster else place.address)
+        tls.warn_if_open(address)
         try:
             client = stack.enter_context(_connected(address, security, place.reconnect_s))
         except OSError as error:
             finding = f"no scheduler answers ({error})"
             raise SimulationError("cluster", finding, "Start it, or correct its address.") from error
+        if place.environment:
+            from distributed.diagnostics.plugin import Environ
+
+            client.register_plugin(Environ(place.environment))
+        if cluster:
+            start_workers(cluster, place, tasks_at_most)
         yield client
-
-
-def _certificates(place: Place, root: Path) -> Path | None:
-    """Return the folder of the certificates, made at need by who starts the scheduler; None for no TLS."""
-    folder = tls.folder_of(root, place.tls)
-    if folder is not None and place.kind not in ("address", "kubernetes"):
-        tls.make(folder)
-    return folder
-
-
-def _started(
-    place: Place, root: Path, jobs_at_most: int, security: Any, certificates: Path | None
-) -> contextlib.AbstractContextManager[str]:
-    if place.kind == "address":
-        assert place.address is not None
-        return contextlib.nullcontext(place.address)
-    if place.kind == "ssh":
-        from pipeline.cluster import ssh_cluster
-
-        return ssh_cluster.start(place, root, jobs_at_most, security, certificates)
-    if place.kind == "slurm":
-        from pipeline.cluster import slurm_cluster
-
-        return slurm_cluster.start(place, root, jobs_at_most, security)
-    if place.kind == "kubernetes":
-        from pipeline.cluster import kubernetes_cluster
-
-        return kubernetes_cluster.start(place, jobs_at_most, security)
-    return machine_cluster.start(place, jobs_at_most, security)
 
 
 def _connected(address: str, security: Any, seconds: float) -> Any:

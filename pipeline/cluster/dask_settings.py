@@ -8,7 +8,7 @@ from typing import Any
 DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.daemon": False,  # workers have child processes
     "distributed.scheduler.worker-ttl": "60s",
-    "distributed.deploy.lost-worker-timeout": "10 minutes",  # for a worker to restart on a busy machine
+    "distributed.deploy.lost-worker-timeout": "2 minutes",  # for a worker to restart on a busy machine
     "distributed.admin.tick.limit": "1 hour",
     # As they come, ticks and samples take 2 to 3 % of a core in every process; so, a fifth of that.
     "distributed.admin.tick.interval": "1s",

@@ -85,9 +85,14 @@ def build_object_file(mesh: Path, wanted: Building, output: Path) -> dict[str, f
     rows = {record.id: row_of(record, material)}
     with _workspace(wanted.keep) as root:
         # One stage at a time, so that one child process serves and a failure ends the rest.
+        place = Place(kwargs={"threads_per_worker": 1})
         for name, stage in STAGES.items():
             (summary,) = converge(
-                [stage], root, parameters, rows, lambda jobs: runner(Place(workers=1), root, jobs)
+                [stage],
+                root,
+                parameters,
+                rows,
+                lambda jobs: runner(place, root, jobs),
             )
             if summary.failures:
                 failure = summary.failures[0]

@@ -14,11 +14,17 @@ from typing import Any
 
 import psutil
 from chaos import Killed, Watcher, kill, redone, unexplained, victims
-from ground import Ground, wait_for
+from ground import REPOSITORY, Ground, wait_for
 
 SCHEDULER, DRIVER, WORKER, CHILD = "scheduler", "driver", "worker", "child"
 LOCAL, ADDRESS = "local", "address"
 SURVIVED = frozenset({WORKER, CHILD})  # kills that no run ends of
+# Becomes the script that keeps a worker, with this Python in front of its path.
+WORKER_SCRIPT = f"""
+import os, sys
+os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["PATH"]
+os.execv({str(REPOSITORY / "cluster" / "worker.sh")!r}, ["worker.sh", *sys.argv[1:]])
+"""
 MOST_RUNS = 3  # that may be needed besides one for each kill of a driver or scheduler
 
 
@@ -57,8 +63,7 @@ class Round:
                 if self._place == ADDRESS:
                     self._start_scheduler()
                     self._workers = [
-                        self.ground.start("-m", "pipeline.cli", "worker", self._address, "--workers", "1")
-                        for _ in "ab"
+                        self.ground.start("-c", WORKER_SCRIPT, self._address, "--nthreads", "1") for _ in "ab"
                     ]
                 for index, kind in enumerate(what):
                     self._kill_one(kind, len(what) - index)
@@ -103,13 +108,13 @@ class Round:
     def _start_scheduler(self) -> None:
         command = (
             "-m",
-            "pipeline.cli",
+            "dask",
             "scheduler",
             "--host",
             "127.0.0.1",
             "--port",
             str(self._port),
-            "--dashboard",
+            "--dashboard-address",
             "127.0.0.1:0",
         )
         self._scheduler = self.ground.start(*command)

@@ -122,7 +122,9 @@ class Ground:
             self.toys.add(object_id, content)
         self.toys.save()
         (root / "cluster").mkdir()
-        (root / "cluster" / "local.yaml").write_text(json.dumps({"workers": 2, **settings}))
+        (root / "cluster" / "local.yaml").write_text(
+            json.dumps({"kwargs": {"threads_per_worker": 2}, **settings})
+        )
 
     @property
     def environment(self) -> dict[str, str]:

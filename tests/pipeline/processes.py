@@ -53,13 +53,12 @@ def eventually(condition: Callable[[], object], limit_s: float = LIMIT_S) -> Non
 
 
 @contextlib.contextmanager
-def command(folder: Path, *arguments: str, **environment: str) -> Iterator[subprocess.Popen]:
-    """Run ``objectfolder ...`` in a folder until the context ends; its output is in ``NAME.log``."""
-    log = folder / f"{arguments[0]}.log"
+def command(folder: Path, name: str, *arguments: str, **environment: str) -> Iterator[subprocess.Popen]:
+    """Run ``dask NAME ...`` in a folder until the context ends; its output is in ``NAME.log``."""
     path = os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")])
-    with open(log, "a") as output:
+    with open(folder / f"{name}.log", "a") as output:
         process = subprocess.Popen(
-            [sys.executable, "-m", "pipeline.cli", *arguments],
+            [sys.executable, "-m", "dask", name, *arguments],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": path, **environment},
             stdin=subprocess.DEVNULL,
@@ -85,19 +84,36 @@ def command(folder: Path, *arguments: str, **environment: str) -> Iterator[subpr
 def scheduler(folder: Path, port: int = 0, *arguments: str) -> Iterator[tuple[str, subprocess.Popen]]:
     """Run a scheduler; yield its address and its process."""
     log = folder / "scheduler.log"
-    seen = log.read_text().count("scheduler at ") if log.exists() else 0
-    options = ("--port", str(port), "--dashboard", "127.0.0.1:0", *arguments)
+    mark = "Scheduler at:"
+    seen = log.read_text().count(mark) if log.exists() else 0
+    options = ("--host", "127.0.0.1", "--port", str(port), "--dashboard-address", "127.0.0.1:0", *arguments)
     with command(folder, "scheduler", *options) as process:
 
         def address() -> str:
             assert process.poll() is None, log.read_text()
-            found = [line for line in log.read_text().splitlines() if line.startswith("scheduler at ")]
+            found = [line for line in log.read_text().splitlines() if mark in line]
             return found[-1].split()[-1] if len(found) > seen else ""
 
         eventually(address)
         yield address(), process
 
 
+def worker(
+    folder: Path, address: str, *arguments: str, **environment: str
+) -> contextlib.AbstractContextManager[subprocess.Popen]:
+    """Run a worker with one thread, with variables of its environment."""
+    options = ("--nworkers", "1", "--nthreads", "1", "--memory-limit", "0", "--no-dashboard", *arguments)
+    return command(folder, "worker", address, *options, **environment)
+
+
 def kill(process: subprocess.Popen) -> None:
     process.send_signal(signal.SIGKILL)
     process.wait()
+
+
+def make_certificate(file: Path) -> Path:
+    """Make a certificate with its key as docs/cluster.md says."""
+    openssl = "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=objectfolder"
+    subprocess.run([*openssl.split(), "-keyout", file, "-out", file], check=True, capture_output=True)
+    file.chmod(0o600)
+    return file

@@ -46,7 +46,7 @@ class Repository:
         (self.root / "dvc.yaml").write_text(yaml.safe_dump({"stages": stages}))
         (self.root / ".gitignore").write_text("/.objectfolder/\n/runs/\n/executed.log\n__pycache__/\n")
         (self.root / "cluster").mkdir()
-        (self.root / "cluster" / "local.yaml").write_text("workers: 1\n")
+        (self.root / "cluster" / "local.yaml").write_text("kwargs: {threads_per_worker: 1}\n")
         self.save()
         self.run("git", "init", "-q")
         self.run("dvc", "init", "-q")

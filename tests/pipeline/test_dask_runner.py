@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import command, eventually, job, kill, run, running, scheduler
+from processes import eventually, job, kill, run, running, scheduler, worker
 
 from objectfolder.errors import SimulationError
 from pipeline.cluster.cluster import runner
@@ -19,7 +19,7 @@ from pipeline.cluster.places import Place
 from pipeline.dataset.job import GPU, Job
 
 STILL = "poison import time; time.sleep(600)"
-TWO = Place(workers=2, memory_gb=4.0)
+TWO = Place(kwargs={"threads_per_worker": 2}, memory_gb=4.0)
 KILL_WORKER = (
     "poison import os, psutil; "
     "[p.kill() for p in psutil.Process().parents() if 'spawn_main' in ' '.join(p.cmdline())][:1]; "
@@ -83,7 +83,7 @@ def local(tmp_path_factory):
         patch.syspath_prepend(str(root))
         patch.setenv("PYTHONPATH", os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")]))
         made = Toys(root, "toys_of_runner")
-        with runner(dataclasses.replace(TWO, pools_within_s=1.0), root, 4) as started:
+        with runner(TWO.model_copy(update={"pools_within_s": 1.0}), root, 4) as started:
             yield made, started
 
 
@@ -173,8 +173,8 @@ def test_a_worker_killed_while_it_starts_is_replaced(toys):
 def test_a_scheduler_that_dies_ends_the_run(toys):
     with contextlib.ExitStack() as stack:
         address, process = stack.enter_context(scheduler(toys.root))
-        stack.enter_context(command(toys.root, "worker", address, "--workers", "1"))
-        started = stack.enter_context(runner(Place(kind="address", address=address), toys.root, 3))
+        stack.enter_context(worker(toys.root, address))
+        started = stack.enter_context(runner(Place(address=address), toys.root, 3))
 
         def run_until_killed() -> None:
             with running(started, job(toys, "still", STILL)):
@@ -186,11 +186,11 @@ def test_a_scheduler_that_dies_ends_the_run(toys):
 
 
 def test_no_scheduler_and_no_workers_are_said_so(toys):
-    gone = Place(kind="address", address="tcp://127.0.0.1:9", reconnect_s=0.5)
+    gone = Place(address="tcp://127.0.0.1:9", reconnect_s=0.5)
     with pytest.raises(SimulationError, match="no scheduler answers"), runner(gone, toys.root, 3):
         pass
     with scheduler(toys.root) as (address, _):
-        empty = Place(kind="address", address=address, workers_within_s=0.5)
+        empty = Place(address=address, workers_within_s=0.5)
         with runner(empty, toys.root, 3) as started, pytest.raises(SimulationError, match="no worker for"):
             run(started, job(toys, "good"))
 
@@ -199,8 +199,8 @@ def test_no_scheduler_and_no_workers_are_said_so(toys):
 def test_the_child_of_a_driver_that_is_gone_ends(toys):
     with contextlib.ExitStack() as stack:
         address, _ = stack.enter_context(scheduler(toys.root))
-        stack.enter_context(command(toys.root, "worker", address, "--workers", "1", "--offers", GPU))
-        place = Place(kind="address", address=address)
+        stack.enter_context(worker(toys.root, address, "--resources", f"{GPU}=1"))
+        place = Place(address=address)
         body = f"poison import os; open({str(toys.root / 'pid')!r}, 'w').write(str(os.getpid())); "
         with runner(place, toys.root, 3) as started:
             still = job(toys, "still", body + STILL.partition(" ")[2])

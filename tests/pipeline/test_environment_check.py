@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from processes import command, job, run, running, scheduler
+from processes import job, run, running, scheduler, worker
 from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
@@ -82,19 +82,19 @@ def test_a_differing_worker_gets_no_work_and_the_run_says_which_and_why(toys, ca
     (older / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n")
     with contextlib.ExitStack() as stack:
         address, _ = stack.enter_context(scheduler(toys.root))
-        place = Place(kind="address", address=address, pools_within_s=2.0)
+        place = Place(address=address, pools_within_s=2.0)
         path = os.pathsep.join([str(older.parent), str(REPOSITORY), os.environ["PYTHONPATH"]])
-        other = stack.enter_context(command(toys.root, "worker", address, "--workers", "1", PYTHONPATH=path))
+        other = stack.enter_context(worker(toys.root, address, PYTHONPATH=path))
         with (
             runner(place, toys.root, 3, [toys.ingest]) as started,
             pytest.raises(SimulationError, match=r"no worker may work.*numpy 1\.0 instead of"),
         ):
             run(started, job(toys, "early"))
-        patient = dataclasses.replace(place, pools_within_s=600.0)
+        patient = place.model_copy(update={"pools_within_s": 600.0})
         with runner(patient, toys.root, 3, [toys.ingest]) as started:
             with running(started, job(toys, "late")) as ends:
                 # A late joiner is looked at as well, and this one may work.
-                stack.enter_context(command(toys.root, "worker", address, "--workers", "1"))
+                stack.enter_context(worker(toys.root, address))
             assert ends[0].outcome.failure is None
         assert other.poll() is None
     said = capfd.readouterr().err

@@ -46,7 +46,7 @@ def root(tmp_path: Path) -> Path:
     rows = ["good,,die/model.obj,,steel,as in file", *(fault[0] for fault in FAULTS.values())]
     (tmp_path / "data" / "starter.csv").write_text(HEAD + "\n".join(rows) + "\n")
     (tmp_path / "cluster").mkdir()
-    (tmp_path / "cluster" / "local.yaml").write_text("workers: 1\n")
+    (tmp_path / "cluster" / "local.yaml").write_text("kwargs: {threads_per_worker: 1}\n")
     return tmp_path
 
 
@@ -83,7 +83,7 @@ def test_failures_stop_the_run_where_they_are_not_allowed(root, monkeypatch):
         ("params.yaml", "seed: 0", "sead: 0", "params.yaml: unknown key sead. Did you mean seed?"),
         ("data/starter.csv", "material", "stuff", "has no column 'material'"),
         ("params.yaml", "only: []", "only: [godo]", "there is no object 'godo'. Did you mean 'good'?"),
-        ("cluster/local.yaml", "workers", "wrokers", "unknown key 'wrokers'"),
+        ("cluster/local.yaml", "kwargs", "kwrags", "unknown key kwrags"),
         ("data/materials.csv", "density_kg_m3", "density", "column density_kg_m3 is missing"),
     ],
 )

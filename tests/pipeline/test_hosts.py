@@ -21,9 +21,8 @@ import pytest
 import s3_server
 from chaos import Watcher, redone
 from ground import PACKAGE, STAGES, Execution, Ground, read_executions, wait_for
-from hosts import Cable, Host, Network, why_no_cable, why_not
-
-from pipeline.cluster import tls
+from hosts import REPOSITORY, Cable, Host, Network, why_no_cable, why_not
+from processes import make_certificate
 
 WORKERS = ("worker-1", "worker-2")
 SCHEDULER_PORT, STORE_PORT = 8786, 9000
@@ -35,9 +34,10 @@ ALL_HERE = f"""
 import pathlib, sys
 from distributed import Client
 from pipeline.cluster import tls
-with Client(sys.argv[1], security=tls.security(pathlib.Path("tls")), timeout=60) as client:
+with Client(sys.argv[1], security=tls.security_of_file(pathlib.Path("tls.pem")), timeout=60) as client:
     client.wait_for_workers({len(WORKERS)}, timeout={RETURN_S})
 """
+CERTIFICATE = [part for name in ("ca-file", "cert", "key") for part in (f"--tls-{name}", "tls.pem")]
 POOR = Cable(delay_s=0.1, rate_bit_s=1e6, loss=0.02, seed=3)
 GOOD = Cable(delay_s=0.0, rate_bit_s=1e9, loss=0.0)
 # Objects of each scenario; all are made once more, here and undisturbed, to compare with.
@@ -67,7 +67,7 @@ class Site:
             "OBJECTFOLDER_STORE": "s3://products/data_set",
             "DASK_DISTRIBUTED__COMM__TIMEOUTS__TCP": f"{SILENT_S}s",
         }
-        tls.make(folder / "tls")
+        self.certificate = make_certificate(folder / "tls.pem")
         self.scheduler: subprocess.Popen[bytes] | None = None
         self.reference = Ground(
             folder / "reference", {k: v for some in CONTENTS.values() for k, v in some.items()}
@@ -82,7 +82,7 @@ class Site:
 
     def start(self) -> None:
         for host in self.network.hosts.values():
-            shutil.copytree(self.folder / "tls", host.folder / "tls")
+            shutil.copy(self.certificate, host.folder)
         store = self["store"]
         server = (str(Path(s3_server.__file__)), store.address, str(STORE_PORT))
         store.python(*server, environment=self.environment)
@@ -98,15 +98,16 @@ class Site:
 
     def start_scheduler(self) -> None:
         self.scheduler = self["scheduler"].python(
-            *("-m", "pipeline.cli", "scheduler", "--tls", "tls", "--dashboard", "127.0.0.1:0"),
+            *("-m", "dask", "scheduler", *CERTIFICATE, "--dashboard-address", "127.0.0.1:0"),
             *("--host", self["scheduler"].address, "--port", str(SCHEDULER_PORT)),
             environment=self.environment,
         )
 
     def start_worker(self, name: str) -> None:
-        self[name].python(
-            *("-m", "pipeline.cli", "worker", self.address, "--tls", "tls", "--workers", "1"),
-            environment={**self.environment, "PATIENCE": "2"},
+        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+        self[name].start(
+            *(str(REPOSITORY / "cluster" / "worker.sh"), self.address, *CERTIFICATE, "--nthreads", "1"),
+            environment={**self.environment, "PATIENCE": "2", "PATH": path},
         )
 
     def wait_for_workers(self) -> None:
@@ -124,8 +125,8 @@ class Run:
     def __init__(self, site: Site, scenario: str) -> None:
         self.site = site
         self.scenario = scenario
-        self.ground = Ground(site["driver"].folder / scenario, CONTENTS[scenario], kind="address")
-        place = {"kind": "address", "address": site.address, "tls": True, "reconnect_s": 90.0}
+        self.ground = Ground(site["driver"].folder / scenario, CONTENTS[scenario])
+        place = {"address": site.address, "reconnect_s": 90.0}
         (self.ground.root / "cluster" / "address.yaml").write_text(repr(place))
         self.allowed: set[tuple[str, str]] = set()
         self.watcher = Watcher(self.ground)
@@ -135,7 +136,7 @@ class Run:
         settings = {
             **self.site.environment,
             "OBJECTFOLDER_CLUSTER": self.site.address,
-            "OBJECTFOLDER_TLS": str(self.site["driver"].folder / "tls"),
+            "OBJECTFOLDER_TLS": str(self.site["driver"].folder / "tls.pem"),
             "PYTHONPATH": self.ground.environment["PYTHONPATH"],
         }
         command = ("env", "-C", str(self.ground.root), sys.executable, "driver.py", STAGES)

@@ -4,7 +4,7 @@ import ipaddress
 
 import psutil
 import pytest
-from processes import command, eventually, job, scheduler
+from processes import eventually, job
 
 from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import read_place
@@ -20,10 +20,10 @@ def listening(process: psutil.Process) -> dict[int, set[str]]:
     return found
 
 
-@pytest.mark.parametrize("settings", ["workers: 2\n", "workers: 2\ntls: true\n"])
+@pytest.mark.parametrize("settings", ["", "tls: false\n"])
 def test_a_run_on_this_machine_listens_on_loopback_alone(toys, settings):
     (toys.root / "cluster").mkdir()
-    (toys.root / "cluster" / "local.yaml").write_text(settings)
+    (toys.root / "cluster" / "local.yaml").write_text("kwargs: {threads_per_worker: 2}\n" + settings)
     before = listening(psutil.Process())
     with runner(read_place(toys.root), toys.root, 4) as started:
         for index in range(2):
@@ -34,15 +34,3 @@ def test_a_run_on_this_machine_listens_on_loopback_alone(toys, settings):
     own = {pid: addresses - before.get(pid, set()) for pid, addresses in found.items()}
     assert len([pid for pid, addresses in own.items() if addresses]) >= 2  # the scheduler's and the worker's
     assert all(ipaddress.ip_address(ip).is_loopback for addresses in own.values() for ip in addresses), own
-
-
-def test_commands_listen_on_loopback_alone_unless_told(toys):
-    with (
-        scheduler(toys.root) as (address, first),
-        command(toys.root, "worker", address, "--workers", "1") as second,
-    ):
-        eventually(lambda: "worker at" in (toys.root / "worker.log").read_text())
-        for process in (first, second):
-            found = listening(psutil.Process(process.pid))
-            assert found
-            assert all(ipaddress.ip_address(ip).is_loopback for ips in found.values() for ip in ips), found

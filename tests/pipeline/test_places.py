@@ -1,20 +1,30 @@
 """Descriptions of where to run: read as they are meant, or refused with file, key and remedy."""
 
+import os
 import sys
+import threading
+import time
 
+import psutil
 import pytest
 
 from objectfolder.errors import InputError
-from pipeline.cluster import machine_cluster
-from pipeline.cluster.cluster import runner
-from pipeline.cluster.places import KINDS, Place, read_place
+from pipeline.cluster.dask_cluster import connect
+from pipeline.cluster.places import Adapt, Place, read_place
 
 ADDRESS = "tls://10.0.0.1:8786"
+CLASSES = {
+    "local": "distributed.LocalCluster",
+    "cuda": "dask_cuda.LocalCUDACluster",
+    "ssh": "distributed.SSHCluster",
+    "slurm": "dask_jobqueue.SLURMCluster",
+    "kubernetes": "dask_kubernetes.operator.KubeCluster",
+}
 
 
 @pytest.fixture
 def root(tmp_path, monkeypatch):
-    for name in ("OBJECTFOLDER_CLUSTER", "DASK_SCHEDULER_ADDRESS"):
+    for name in ("OBJECTFOLDER_CLUSTER", "DASK_SCHEDULER_ADDRESS", "OBJECTFOLDER_TLS"):
         monkeypatch.delenv(name, raising=False)
     (tmp_path / "cluster").mkdir()
     return tmp_path
@@ -26,65 +36,40 @@ def write(root, text, name="local"):
     return path
 
 
-def test_without_a_file_the_defaults_hold(root):
-    assert read_place(root) == Place()
-    assert read_place(root).listen == "127.0.0.1"
-
-
-def test_the_places_that_come_with_the_code_can_be_read(pytestconfig):
-    found = {read_place(pytestconfig.rootpath, kind).kind for kind in KINDS if kind != "address"}
-    assert found == set(KINDS) - {"address"}
+def test_the_places_that_come_with_the_code_name_their_classes(pytestconfig):
+    found = {name: read_place(pytestconfig.rootpath, name) for name in CLASSES}
+    assert {name: place.starts for name, place in found.items()} == CLASSES
+    assert found["slurm"].adapt == Adapt(minimum=0, maximum=8)
+    assert found["slurm"].capacity() == (8, 16, int(0.9 * 64e9))
 
 
 def test_what_is_named_goes_before_the_variables(root, monkeypatch):
-    write(root, "kind: slurm\nslurm: {jobs: 3}\n", "mine")
+    assert read_place(root) == Place()
+    write(root, "memory_gb: 3\nthreads: 2\ntime_limit_s: 60\n", "mine")
     elsewhere = root / "elsewhere.yaml"
-    elsewhere.write_text("workers: 5\n")
+    elsewhere.write_text("memory_gb: 5\n")
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "tcp://10.0.0.2:8786")
     assert read_place(root).address == "tcp://10.0.0.2:8786"
     monkeypatch.setenv("OBJECTFOLDER_CLUSTER", "mine")
-    assert read_place(root).slurm.jobs == 3
-    assert read_place(root, str(elsewhere)).workers == 5
+    mine = read_place(root)
+    assert (mine.memory_gb, mine.child.threads, mine.child.time_limit_s) == (3, 2, 60)
+    assert read_place(root, str(elsewhere)).memory_gb == 5
+    write(root, "reconnect_s: 7\n", "address")
     named = read_place(root, ADDRESS)
-    assert (named.kind, named.address, named.tls) == ("address", ADDRESS, True)
-    write(root, "kind: address\naddress: tcp://a:1\nreconnect_s: 7\ntls: true\n", "address")
-    named = read_place(root, "tcp://10.0.0.3:1")
-    assert (named.address, named.reconnect_s, named.tls) == ("tcp://10.0.0.3:1", 7, True)
-
-
-def test_settings_of_children_stand_beside_the_others(root):
-    write(root, "workers: 2\nthreads: 3\ntime_limit_s: 60\ndask: {distributed.admin.tick.limit: 1 hour}\n")
-    place = read_place(root)
-    assert (place.workers, place.child.threads, place.child.time_limit_s) == (2, 3, 60)
-    assert place.dask == {"distributed.admin.tick.limit": "1 hour"}
+    assert (named.starts, named.address, named.reconnect_s) == ("", ADDRESS, 7)
 
 
 @pytest.mark.parametrize(
     ("text", "finding", "remedy"),
     [
-        ("worker: 2", "unknown key 'worker'", "Did you mean workers?"),
-        ("kind: ssh\nssh: {host: [a]}", "unknown key 'ssh.host'", "Did you mean ssh.hosts?"),
-        ("xyzzy: 2", "unknown key 'xyzzy'", "Known are address, child, cuda"),
-        ("child: {threads: 2}", "unknown key 'child'", "Set memory_limit_bytes, recycle_above"),
-        ("workers: many", "workers is 'many'", "Give a whole number or null."),
-        ("workers: true", "workers is True", "Give a whole number or null."),
-        ("workers: -1", "workers is -1", "Give a whole number or null."),
-        ("memory_gb: 4 GB", "memory_gb is '4 GB'", "Give a number or null."),
-        ("tls: 1", "tls is 1", "Give true or false."),
-        ("kind: ssh\nssh: {hosts: a}", "ssh.hosts is 'a'", "Give a list, each entry a text."),
-        ("kind: ssh\nssh: {hosts: [1]}", "ssh.hosts is [1]", "Give a list, each entry a text."),
-        ("kind: ssh\nssh: [a]", "ssh is ['a']", "Give it settings of its own"),
-        ("kind: ssh", "ssh.hosts is not set", "Name the machines"),
-        ("kind: kubernetes", "kubernetes.image is not set", "Name the image"),
-        ("kind: address", "address is not set", "Name the scheduler"),
-        ("kind: cloud", "unknown kind 'cloud'", "Known are local, ssh, slurm, kubernetes, cuda, address."),
-        (
-            "kubernetes: {environment: {A: 1}}",
-            "kubernetes.environment is {'A': 1}",
-            "names, each with a text",
-        ),
-        ("- 1", "is no mapping", "docs/cluster.md"),
-        ("a: [", "cannot be read", "Set OBJECTFOLDER_CLUSTER to one of local"),
+        ("kwarg: {}", "unknown key kwarg", "Did you mean kwargs?"),
+        ("adapt: {maximun: 2}", "unknown key adapt.maximun", "Did you mean adapt.maximum?"),
+        ("xyzzy: 2", "unknown key xyzzy", "Known are version, module"),
+        ("memory_gb: 4 GB", "memory_gb is '4 GB'", "valid number"),
+        ("memory_gb: -1", "memory_gb is -1", "greater than or equal to 0"),
+        ("version: 2", "version is 2", "1"),
+        ("- 1", "holds no keys", "section with keys"),
+        ("a: [", "cannot be read", "must be a YAML file"),
     ],
 )
 def test_what_cannot_be_is_refused(root, text, finding, remedy):
@@ -97,53 +82,96 @@ def test_what_cannot_be_is_refused(root, text, finding, remedy):
 
 
 def test_a_place_that_is_not_there_is_never_replaced_by_another(root):
-    write(root, "workers: 1")
+    write(root, "memory_gb: 1")
     with pytest.raises(InputError, match=r"slrum.*Set OBJECTFOLDER_CLUSTER to one of local"):
         read_place(root, "slrum")
 
 
 @pytest.mark.parametrize(
-    ("place", "module", "extra"),
+    ("name", "package", "remedy"),
     [
-        (Place(kind="ssh"), "asyncssh", "ssh"),
-        (Place(kind="slurm"), "dask_jobqueue", "slurm"),
-        (Place(kind="kubernetes"), "kr8s", "kubernetes"),
+        ("ssh", "asyncssh", r"'objectfolder-factory\[ssh\]'"),
+        ("slurm", "dask_jobqueue", r"'objectfolder-factory\[slurm\]'"),
+        ("kubernetes", "dask_kubernetes", r"'objectfolder-factory\[kubernetes\]'"),
+        ("cuda", "dask_cuda", "dask-cuda"),
     ],
 )
-def test_a_package_that_is_missing_is_named_with_the_way_to_get_it(root, monkeypatch, place, module, extra):
-    monkeypatch.setitem(sys.modules, module, None)
-    remedy = rf"not installed.*pip install 'objectfolder-factory\[{extra}\]'"
-    with pytest.raises(InputError, match=remedy), runner(place, root, 5):
-        pass
+def test_a_package_that_is_missing_is_named_with_the_way_to_get_it(
+    root, pytestconfig, monkeypatch, name, package, remedy
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    place = read_place(pytestconfig.rootpath, name).model_copy(update={"tls": False})
+    with pytest.raises(InputError, match=rf"{package} is not installed.*pip install {remedy}"):
+        _start(place, root)
 
 
-def test_each_process_gets_a_gpu_of_its_own(root):
-    """The devices are names only; that each process sees its own and no other is what is tested."""
-    place = read_place(root, str(write(root, "kind: cuda\ncuda: {devices: ['3', GPU-abc]}\n", "two")))
-    from distributed import Client
-
-    with (
-        machine_cluster.start(place, 8, None) as address,
-        Client(address, set_as_default=False) as client,
-    ):
-        client.wait_for_workers(2, timeout=120)
-        seen = client.run(_visible)
-    assert sorted(seen.values()) == ["3", "GPU-abc"]
+def test_a_class_or_an_argument_that_does_not_exist_is_named_with_the_nearest(root):
+    with pytest.raises(InputError, match=r"no such class. Did you mean LocalCluster\?"):
+        _start(Place(class_name="LocalClutser"), root)
+    with pytest.raises(InputError, match=r"kwargs\.threads_per_workers. Did you mean threads_per_worker\?"):
+        _start(Place(kwargs={"threads_per_workers": 1}), root)
+    pytest.importorskip("dask_jobqueue")
+    with pytest.raises(InputError, match=r"kwargs\.walltimes. Did you mean walltime\?"):
+        _start(Place(module="dask_jobqueue", class_name="SLURMCluster", kwargs={"walltimes": 1}), root)
 
 
-def test_the_gpus_are_those_that_the_environment_shows(monkeypatch):
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0, 2")
-    assert machine_cluster.devices(Place(kind="cuda")) == ["0", "2"]
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
-    with pytest.raises(InputError, match="no GPU is visible"):
-        machine_cluster.devices(Place(kind="cuda"))
-    monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(InputError, match="nvidia-smi names no GPU"):
-        machine_cluster.devices(Place(kind="cuda"))
+def _start(place, root):
+    with connect(place, root, 5):
+        pytest.fail("it started")
 
 
-def _visible():
-    import os
+def test_a_worker_killed_while_it_starts_is_started_again(root, capfd):
+    """Other users of this machine cannot reach the scheduler, either."""
+    killer = threading.Thread(target=_kill_a_starting_worker)
+    killer.start()
+    with connect(Place(kwargs={"threads_per_worker": 3}), root, 5) as client:
+        client.wait_for_workers(1, timeout=120)
+        killer.join()
+        assert client.submit(sum, [1, 2]).result() == 3
+        assert client.scheduler.address.startswith("tls://127.0.0.1:")
+        assert list(client.nthreads().values()) == [3]
+    said = capfd.readouterr().err
+    assert "worker 0 did not start or has ended; started again" in said
+    assert "Traceback" not in said
 
-    return os.environ["CUDA_VISIBLE_DEVICES"]
+
+def _kill_a_starting_worker() -> None:
+    while True:
+        for one in psutil.Process().children(recursive=True):
+            if "spawn_main" in " ".join(one.cmdline()):
+                time.sleep(0.2)
+                one.kill()
+                return
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+def test_a_cluster_adapts_from_no_worker_to_four_and_back(root):
+    quick = {"distributed.adaptive.interval": "200ms", "distributed.adaptive.wait-count": 3}
+    place = Place(adapt=Adapt(maximum=4), kwargs={"threads_per_worker": 1}, dask=quick)
+    with connect(place, root, 40) as client:
+        assert client.nthreads() == {}
+        sleeps = client.map(time.sleep, [1.0] * 40, pure=False)
+        most = 0
+        while not all(one.done() for one in sleeps):
+            most = max(most, len(client.nthreads()))
+            time.sleep(0.1)
+        assert most == 4
+        del sleeps
+        deadline = time.monotonic() + 60
+        while client.nthreads() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert client.nthreads() == {}
+
+
+@pytest.mark.slow
+def test_one_scheduler_serves_64_worker_processes(root):
+    threads = {"OMP_NUM_THREADS": "1"}
+    with connect(
+        Place(kwargs={"n_workers": 64, "threads_per_worker": 1}, environment=threads), root, 200
+    ) as client:
+        client.wait_for_workers(64, timeout=600)
+        begun = time.monotonic()
+        client.gather(client.map(time.sleep, [2.0] * 192, pure=False))
+        assert time.monotonic() - begun < 3 * 6.0 * 2
+        assert len(set(client.run(os.getpid).values())) == 64

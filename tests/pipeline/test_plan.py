@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from toys import Toys
 
 from objectfolder.errors import InputError
-from pipeline.cluster.places import Place, Slurm, Ssh
+from pipeline.cluster.places import Adapt, Place
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Outcome
@@ -114,10 +115,11 @@ def test_a_plan_at_the_papers_size_costs_more_where_the_law_is_known(tmp_path: P
 
 
 def test_places_say_how_many_tasks_run_at_a_time() -> None:
-    assert machines_of(Place(workers=3, memory_gb=8.0)) == Machines(1, 3, 8 * 10**9)
-    assert machines_of(Place("ssh", workers=4, memory_gb=8.0, ssh=Ssh(hosts=["a", "b"]))).workers == 8
-    slurm = Place("slurm", slurm=Slurm(jobs=5, cores=16, memory_gb=64.0))
-    assert machines_of(slurm).workers == 80
+    assert machines_of(Place(kwargs={"threads_per_worker": 3}, memory_gb=8.0)) == Machines(1, 3, 8 * 10**9)
+    ssh = Place(class_name="SSHCluster", kwargs={"hosts": ["a", "a", "b"]})
+    assert machines_of(ssh).workers == 2 * os.cpu_count()
+    slurm = Place(kwargs={"cores": 16, "memory": "64 GB"}, adapt=Adapt(maximum=5))
+    assert machines_of(slurm) == Machines(5, 16, int(0.9 * 64e9))
     assert side_by_side(3 * 10**9, Machines(1, 8, 8 * 10**9)) == 2
     assert side_by_side(9 * 10**9, Machines(1, 8, 8 * 10**9)) == 1  # alone
 

@@ -1,128 +1,110 @@
-"""Workers in jobs of Slurm: of a real one where it runs, and of stand-ins for its commands everywhere.
+"""Workers in jobs of a real Slurm of one node, with munge: they come with work and go with it."""
 
-The stand-ins run a job's script at once on this machine and end it when told; they have no queue and
-hold no job to its memory.
-"""
-
+import gc
 import os
-import shutil
 import subprocess
+import time
 from pathlib import Path
 
-import psutil
 import pytest
-from processes import eventually, job, run
-from toys import REPOSITORY
+from processes import eventually
+from services import need
+from slurm import PROGRAMS, slurm
 
 from objectfolder.errors import SimulationError
-from pipeline.cluster import slurm_cluster, tls
-from pipeline.cluster.cluster import runner
-from pipeline.cluster.places import Place, Slurm
+from pipeline.cluster.dask_cluster import connect
+from pipeline.cluster.places import Adapt, Place
 
 pytest.importorskip("dask_jobqueue")
 
-SBATCH = """#!/bin/sh
-# Stands in for Slurm: runs the script at once.
-[ "$1" = --test-only ] && exit 0
-folder=$(dirname "$0"); number=$(($(ls "$folder"/*.job 2>/dev/null | wc -l) + 1))
-eval "script=\\${$#}"
-cp "$script" "$folder/$number.job"
-SLURM_JOB_ID=$number setsid sh "$folder/$number.job" > "$folder/$number.out" 2>&1 < /dev/null &
-echo $! > "$folder/$number.pid"
-echo "Submitted batch job $number"
-"""
-SCANCEL = """#!/bin/sh
-# Stands in for Slurm: ends the process group of a job.
-folder=$(dirname "$0")
-for number in "$@"; do kill -TERM -- "-$(cat "$folder/$number.pid")"; done
-"""
-REFUSES = """#!/bin/sh
-echo "sbatch: error: Batch job submission failed: Invalid account" >&2
-exit 1
-"""
+QUICK = {
+    "distributed.adaptive.interval": "500ms",
+    "distributed.adaptive.wait-count": 4,
+    "distributed.deploy.lost-worker-timeout": "1s",
+    "distributed.scheduler.allowed-failures": 3,
+}
 
 
-def place(memory_gb: float = 1.0, **settings) -> Place:
-    path = os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")])
-    slurm = Slurm(
-        jobs=1, cores=1, memory_gb=memory_gb, walltime="00:10:00", prologue=[f"export PYTHONPATH={path}"]
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    need(*PROGRAMS)
+    with slurm(tmp_path_factory.mktemp("slurm")) as found:
+        yield found
+
+
+@pytest.fixture
+def commands(environment, monkeypatch):
+    for name in ("PATH", "SLURM_CONF"):
+        monkeypatch.setenv(name, environment[name])
+
+
+def place(most: int, **kwargs) -> Place:
+    job = {"cores": 1, "memory": "1 GB", "walltime": "00:10:00", "scheduler_options": {"host": "127.0.0.1"}}
+    return Place(
+        module="dask_jobqueue",
+        class_name="SLURMCluster",
+        adapt=Adapt(maximum=most),
+        kwargs={**job, **kwargs},
+        dask=QUICK,
     )
-    return Place(kind="slurm", slurm=slurm, **settings)
 
 
-def commands(folder: Path, **scripts: str) -> str:
-    """Write stand-ins; return a PATH that finds them first."""
-    folder.mkdir()
-    for name, content in scripts.items():
-        (folder / name).write_text(content)
-        (folder / name).chmod(0o755)
-    return os.pathsep.join([str(folder), os.environ["PATH"]])
-
-
-def work(toys, where: Place) -> None:
-    with runner(where, toys.root, 5, (toys.ingest,)) as started:
-        (end,) = run(started, job(toys, "good"))
-        assert started.largest_bytes() == pytest.approx(0.9e9)  # of the job, not of its node
-    assert end.outcome.failure is None
-    assert toys.executed() == ["ingest good"]
-
-
-def _answers() -> bool:
-    return bool(shutil.which("sinfo")) and not subprocess.run(["sinfo"], capture_output=True).returncode
+def jobs() -> list[str]:
+    asked = subprocess.run(
+        ["squeue", "--noheader", "--format=%i"], capture_output=True, text=True, check=True
+    )
+    return asked.stdout.split()
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not _answers(), reason="no Slurm runs here")
-def test_with_slurm_itself(toys):
-    work(toys, place())
-    eventually(lambda: not subprocess.run(["squeue", "-h"], capture_output=True, text=True).stdout)
+def test_jobs_come_with_work_and_go_without_it(commands, tmp_path):
+    with connect(place(3), tmp_path, 12) as client:
+        assert client.scheduler.address.startswith("tls://127.0.0.1:")
+        assert jobs() == []
+        sleeps = client.map(time.sleep, [3.0] * 12, pure=False)
+        eventually(lambda: len(client.scheduler_info()["workers"]) == 3)
+        assert client.submit(os.getenv, "OBJECTFOLDER_WORKER_MEMORY_GB").result() == "0.9"
+        assert client.submit(os.getcwd).result() == str(tmp_path)
+        client.gather(sleeps)
+        del sleeps
+        eventually(lambda: not client.scheduler_info()["workers"] and not jobs())
+        assert client.submit(sum, [1, 2]).result() == 3  # and come again
+    eventually(lambda: not jobs())
+    gc.collect()
+    assert [path.name for path in (tmp_path / ".objectfolder").iterdir()] == ["jobs"]  # no key is left
+
+
+def stays_the_first_time(mark: Path) -> str:
+    if not mark.exists():
+        mark.touch()
+        time.sleep(600)
+    return os.environ["SLURM_JOB_ID"]
 
 
 @pytest.mark.slow
-def test_with_stand_ins_for_its_commands_and_tls(toys, tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", commands(tmp_path / "bin", sbatch=SBATCH, scancel=SCANCEL))
-    monkeypatch.delenv("OBJECTFOLDER_TLS", raising=False)
-    work(toys, place(tls=True))
-    (pid,) = (int(path.read_text()) for path in (tmp_path / "bin").glob("*.pid"))
-    eventually(lambda: not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE)
+def test_a_job_that_reaches_its_walltime_is_replaced_and_its_task_runs_again(commands, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *_path()]))
+    with connect(place(1, walltime="00:01:00"), tmp_path, 1) as client:
+        task = client.submit(stays_the_first_time, tmp_path / "mark")
+        eventually((tmp_path / "mark").exists)
+        (first,) = jobs()
+        assert int(task.result()) > int(first)
 
 
-def test_a_job_that_slurm_refuses_ends_the_run_with_its_words(toys, tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", commands(tmp_path / "bin", sbatch=REFUSES, scancel=SCANCEL))
-    with pytest.raises(SimulationError, match="Invalid account"), runner(place(), toys.root, 5):
+def _path() -> list[str]:
+    return [path for path in [os.environ.get("PYTHONPATH")] if path]
+
+
+@pytest.mark.slow
+def test_a_job_that_slurm_refuses_ends_the_run_with_its_words(commands, tmp_path):
+    with (
+        pytest.raises(SimulationError, match="invalid partition"),
+        connect(place(1, queue="no"), tmp_path, 5),
+    ):
         pass
 
 
-def test_without_slurm_the_run_says_where_to_go(toys, tmp_path, monkeypatch):
+def test_without_slurm_the_run_says_where_to_go(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(SimulationError, match="login node"), runner(place(), toys.root, 5):
+    with pytest.raises(SimulationError, match="login node"), connect(place(1), tmp_path, 5):
         pass
-
-
-def test_the_script_of_a_job(tmp_path):
-    from dask_jobqueue.slurm import SLURMJob
-
-    tls.make(tmp_path / "tls")
-    slurm = Slurm(
-        cores=4,
-        memory_gb=8,
-        partition="long",
-        account="lab",
-        directives=["--gres=gpu:1"],
-        prologue=["module load python"],
-        python="/opt/python",
-    )
-    where = Place(kind="slurm", workers=2, listen=None, slurm=slurm)
-    settings = slurm_cluster.options(where, tmp_path, tls.security(tmp_path / "tls"))
-    for name in ("scheduler_options", "silence_logs"):
-        del settings[name]
-    script = SLURMJob("tls://head:1", "name", **settings).job_script()
-    for line in ("-p long", "-A lab", "--cpus-per-task=4", "--mem=8G", "-t 24:00:00", "--gres=gpu:1"):
-        assert f"#SBATCH {line}\n" in script
-    assert f"cd {tmp_path}\n" in script
-    assert "OBJECTFOLDER_WORKER_MEMORY_GB=7.2\n" in script
-    assert script.index("module load python") < script.index(
-        "/opt/python -m distributed.cli.dask_worker tls://"
-    )
-    for option in ("--nworkers 2", "--nthreads 2", "--protocol tls://", "--tls-ca-file", "--no-dashboard"):
-        assert option in script

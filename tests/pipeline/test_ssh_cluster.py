@@ -1,134 +1,99 @@
-"""Workers on machines reached by SSH: a real SSH server of this machine, in this process."""
+"""Workers on machines reached by SSH: by OpenSSH's server, on loopback."""
 
-import asyncio
-import contextlib
-import threading
-import time
+import getpass
+import os
+import shutil
+import subprocess
+from pathlib import Path
 
+import psutil
 import pytest
-from processes import eventually, job, run
-from toys import REPOSITORY
+from disturbed import free_port
+from processes import eventually, make_certificate
+from services import PATH, need
 
-from objectfolder.errors import SimulationError
-from pipeline.cluster import ssh_cluster, tls
-from pipeline.cluster.cluster import runner
-from pipeline.cluster.places import Place, Ssh
+from objectfolder.errors import InputError
+from pipeline.cluster.dask_cluster import connect
+from pipeline.cluster.places import Place
 
-asyncssh = pytest.importorskip("asyncssh")
+pytest.importorskip("asyncssh")
 
-
-class Server:
-    """An SSH server on loopback that runs what it is asked to run."""
-
-    def __init__(self, folder) -> None:
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
-        host_key, client_key = (asyncssh.generate_private_key("ssh-ed25519") for _ in range(2))
-        self.client_key = folder / "client"
-        client_key.write_private_key(self.client_key)
-        self._authorized = folder / "authorized"
-        client_key.write_public_key(self._authorized)
-        self._host_key = host_key
-        self.known = folder / "known_hosts"
-        self.running: list[asyncio.subprocess.Process] = []
-        self.commands: list[str] = []
-
-    def __enter__(self) -> "Server":
-        self._thread.start()
-        self._server = self._do(self._start())
-        self.port = self._server.get_port()
-        public = self._host_key.export_public_key().decode()
-        self.known.write_text(f"[127.0.0.1]:{self.port} {public}")
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._do(self._end())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-
-    def place(self, toys, **settings) -> Place:
-        connect = {"port": self.port, "client_keys": [str(self.client_key)], "known_hosts": str(self.known)}
-        environment = {"PYTHONPATH": f"{REPOSITORY}:{toys.root}", "GREETING": "it's"}
-        hosts = ["someone@127.0.0.1"]
-        ssh = Ssh(hosts=hosts, connect=connect, environment=environment)
-        return Place(kind="ssh", workers=1, ssh=ssh, **settings)
-
-    def _do(self, coroutine):
-        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(60)
-
-    async def _start(self):
-        return await asyncssh.listen(
-            "127.0.0.1",
-            0,
-            server_host_keys=[self._host_key],
-            authorized_client_keys=str(self._authorized),
-            process_factory=self._run,
-            encoding=None,
-        )
-
-    async def _run(self, process) -> None:
-        self.commands.append(process.command)
-        local = await asyncio.create_subprocess_shell(
-            process.command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=-2
-        )
-        self.running.append(local)
-        await process.redirect(stdin=local.stdin, stdout=local.stdout)
-        with contextlib.suppress(asyncssh.Error, OSError):
-            process.exit(await local.wait())
-
-    async def _end(self) -> None:
-        self._server.close()
-        for one in self.running:
-            if one.returncode is None:
-                one.kill()
-                await one.wait()
+HOST = "127.0.0.1"
+SETTINGS = """
+ListenAddress {host}
+HostKey {folder}/host_key
+AuthorizedKeysFile {folder}/client_key.pub
+PidFile none
+StrictModes no
+UsePAM no
+"""
 
 
 @pytest.fixture
-def server(tmp_path):
-    with Server(tmp_path) as running:
-        yield running
+def options(tmp_path):
+    """Run a server; yield the options with which it can be reached."""
+    need("sshd", "ssh-keygen")
+    for name in ("host_key", "client_key"):
+        command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", tmp_path / name]
+        subprocess.run(command, check=True)
+    (tmp_path / "sshd_config").write_text(SETTINGS.format(host=HOST, folder=tmp_path))
+    if os.getuid() == 0:
+        Path("/run/sshd").mkdir(exist_ok=True)  # which the service makes elsewhere
+    port = free_port()
+    known = (tmp_path / "host_key.pub").read_text()
+    (tmp_path / "known_hosts").write_text(f"[{HOST}]:{port} {known}")
+    program = shutil.which("sshd", path=PATH)
+    with open(tmp_path / "sshd.log", "wb") as log:
+        server = subprocess.Popen(
+            [program, "-D", "-e", "-p", str(port), "-f", tmp_path / "sshd_config"], stderr=log
+        )
+    eventually(lambda: b"listening" in (tmp_path / "sshd.log").read_bytes())
+    yield {
+        "port": port,
+        "username": getpass.getuser(),
+        "client_keys": [str(tmp_path / "client_key")],
+        "known_hosts": str(tmp_path / "known_hosts"),
+    }
+    server.terminate()
+    server.wait()
+
+
+def place(options, hosts, **settings) -> Place:
+    kwargs = {"hosts": hosts, "connect_options": options, "scheduler_options": {"host": HOST}}
+    return Place(class_name="SSHCluster", kwargs=kwargs, tls="tls.pem", **settings)
+
+
+def commands(word: str) -> list[str]:
+    found = (" ".join(process.info["cmdline"] or []) for process in psutil.process_iter(["cmdline"]))
+    return [line for line in found if word in line]
 
 
 @pytest.mark.slow
-def test_workers_over_ssh_with_tls_do_the_work_and_end_with_the_run(toys, server, monkeypatch):
-    monkeypatch.delenv("OBJECTFOLDER_TLS", raising=False)
-    with runner(server.place(toys, tls=True), toys.root, 5, (toys.ingest,)) as started:
-        body = "poison import os; raise OSError(os.environ['GREETING'])"
-        (end,) = run(started, job(toys, "greets", body))
-        assert end.worker.startswith("tls://")
-        assert end.outcome.failure.error == "OSError: it's"
-    assert server.commands == ["sh -s"]  # neither secrets nor certificates stand in a command line
-    eventually(lambda: all(one.returncode is not None for one in server.running))
+def test_workers_over_ssh_work_though_a_machine_cannot_be_reached(options, tmp_path, capfd):
+    key = make_certificate(tmp_path / "tls.pem").read_text().splitlines()[1]
+    where = place(options, [HOST, HOST, "no-such-machine.invalid"], environment={"GREETING": "it's a secret"})
+    with connect(where, tmp_path, 5) as client:
+        client.wait_for_workers(1, timeout=120)
+        assert client.scheduler.address.startswith(f"tls://{HOST}:")
+        assert client.submit(os.getenv, "GREETING").result() == "it's a secret"
+        assert len(commands("distributed.cli.dask_spec")) >= 2
+        assert not commands("it's a secret")
+        assert not commands(key)
+        said = []
+        for part in ("a worker does not start: ", "worker no-such-machine.invalid-1 did not start"):
+            eventually(lambda part=part: said.append(capfd.readouterr().err) or part in "".join(said))
+    eventually(lambda: not commands("distributed.cli.dask_spec"))
 
 
-def test_a_machine_that_refuses_is_said_so(toys, server, capsys):
-    place = server.place(toys, workers_within_s=20.0)
-    server.client_key.write_bytes(asyncssh.generate_private_key("ssh-ed25519").export_private_key())
-    with runner(place, toys.root, 5) as started:
-        said: list[str] = []
-
-        def told() -> bool:
-            said.append(capsys.readouterr().err)
-            return "someone@127.0.0.1: Permission denied" in "".join(said)
-
-        eventually(told)
-        begun = time.monotonic()
-        with pytest.raises(SimulationError, match="no worker for"):
-            run(started, job(toys, "good"))
-        assert time.monotonic() - begun < 120
-    assert "tried again in" in "".join(said)
-
-
-def test_what_a_machine_is_to_run(tmp_path):
-    tls.make(tmp_path / "tls")
-    ssh = Ssh(hosts=["a"], python="/opt/my python", folder="/data", environment={"KEY": "a'b"})
-    place = Place(kind="ssh", workers=3, memory_gb=2, ssh=ssh)
-    text = ssh_cluster.script("tls://head:1", place, tmp_path, tmp_path / "tls")
-    assert text.startswith("set -e\ncd /data\nexport KEY='a'\"'\"'b'\n")
-    assert "'/opt/my python' -m pipeline.cli worker tls://head:1 --end-with-input --workers 3" in text
-    assert "--memory-gb 2" in text
-    assert '--tls "$tls"' in text
-    for name in tls.FILES:
-        assert (tmp_path / "tls" / name).read_text() in text
-    assert "tls" not in ssh_cluster.script("tcp://head:1", place, tmp_path, None)
+def test_machines_without_a_certificate_are_not_started(tmp_path):
+    pytest.importorskip("asyncssh")
+    with (
+        pytest.raises(InputError, match=r"tls\.pem: is missing.*openssl req"),
+        connect(place({}, [HOST, HOST]), tmp_path, 5),
+    ):
+        pass
+    with (
+        pytest.raises(InputError, match="share no certificate"),
+        connect(place({}, [HOST, HOST]).model_copy(update={"tls": True}), tmp_path, 5),
+    ):
+        pass

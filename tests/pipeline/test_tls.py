@@ -1,52 +1,45 @@
-"""Who holds no certificate of ours is not spoken to; nobody but the owner reads the keys."""
+"""Who does not hold the certificate is not spoken to; nobody but the owner may use it."""
 
 import asyncio
-import stat
 
 import pytest
-from processes import job, run
+from processes import make_certificate
 
 from objectfolder.errors import InputError
 from pipeline.cluster import tls
-from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import Place
 
 
 @pytest.fixture
-def certificates(tmp_path):
-    tls.make(tmp_path / "own")
-    return tmp_path / "own"
-
-
-def test_keys_are_for_their_owner_alone_and_made_once(certificates):
-    assert sorted(path.name for path in certificates.iterdir()) == sorted(tls.FILES)
-    assert {stat.S_IMODE(path.stat().st_mode) for path in certificates.iterdir()} == {0o600}
-    assert stat.S_IMODE(certificates.stat().st_mode) == 0o700
-    before = {path: path.read_bytes() for path in certificates.iterdir()}
-    tls.make(certificates)
-    assert {path: path.read_bytes() for path in certificates.iterdir()} == before
-    assert b"PRIVATE" not in (certificates / tls.AUTHORITY).read_bytes()
-
-
-def test_certificates_that_are_incomplete_are_not_mended_by_new_ones(certificates):
-    (certificates / tls.KEY).unlink()
-    with pytest.raises(InputError, match=r"key\.pem: is missing.*OBJECTFOLDER_TLS"):
-        tls.make(certificates)
-    with pytest.raises(InputError, match=r"authority\.pem: is missing"):
-        tls.security(certificates.parent / "none")
-
-
-def test_the_variable_names_the_folder(tmp_path, monkeypatch):
+def certificate(tmp_path, monkeypatch):
     monkeypatch.delenv("OBJECTFOLDER_TLS", raising=False)
-    assert tls.folder_of(tmp_path, wanted=False) is None
-    assert tls.folder_of(tmp_path, wanted=True) == tmp_path / ".objectfolder" / "tls"
-    monkeypatch.setenv("OBJECTFOLDER_TLS", "/somewhere")
-    assert str(tls.folder_of(tmp_path, wanted=False)) == "/somewhere"
+    return make_certificate(tmp_path / "tls.pem")
 
 
-def test_only_holders_of_the_certificate_are_spoken_to(certificates, tmp_path):
-    tls.make(tmp_path / "stranger")
-    outcome = asyncio.run(_attempts(certificates, tmp_path / "stranger"))
+def test_a_place_gets_a_certificate_of_its_own_or_the_file_that_all_have(certificate, tmp_path, monkeypatch):
+    (first, second) = (tls.security(Place(), tmp_path) for _ in range(2))
+    assert first.tls_client_key.startswith("-----BEGIN")
+    assert first.tls_client_key != second.tls_client_key
+    assert tls.security(Place(tls=False), tmp_path) is None
+    assert tls.security(Place(address="tcp://a:1"), tmp_path) is None
+    assert tls.security(Place(tls="tls.pem"), tmp_path).tls_worker_key == str(certificate)
+    with pytest.raises(InputError, match=r"share no certificate.*openssl req"):
+        tls.security(Place(address="tls://a:1"), tmp_path)
+    monkeypatch.setenv("OBJECTFOLDER_TLS", str(certificate))
+    assert tls.security(Place(address="tls://a:1"), tmp_path).tls_ca_file == str(certificate)
+
+
+def test_a_certificate_that_is_missing_or_open_to_others_is_refused(certificate):
+    with pytest.raises(InputError, match=r"none\.pem: is missing.*openssl req"):
+        tls.security_of_file(certificate.with_name("none.pem"))
+    certificate.chmod(0o640)
+    with pytest.raises(InputError, match=r"may be used by others.*chmod 600"):
+        tls.security_of_file(certificate)
+
+
+def test_only_holders_of_the_certificate_are_spoken_to(certificate, tmp_path):
+    stranger = make_certificate(tmp_path / "stranger.pem")
+    outcome = asyncio.run(_attempts(certificate, stranger))
     assert outcome.pop("ours") == "identity"
     # The other side closes, or its certificate is not trusted: nobody of them gets an answer.
     assert outcome == {"another authority": "refused", "no certificate": "refused", "plain": "refused"}
@@ -58,17 +51,18 @@ async def _attempts(own, stranger):
     from distributed import Scheduler, Security
     from distributed.comm import connect
 
-    trusting = ssl.create_default_context(cafile=own / tls.AUTHORITY)
+    security = tls.security_of_file(own)
+    trusting = ssl.create_default_context(cafile=own)
     trusting.check_hostname = False
     who = {
-        "ours": ("tls", tls.security(own).get_connection_args("client")),
-        "another authority": ("tls", tls.security(stranger).get_connection_args("client")),
+        "ours": ("tls", security.get_connection_args("client")),
+        "another authority": ("tls", tls.security_of_file(stranger).get_connection_args("client")),
         "no certificate": ("tls", {"ssl_context": trusting, "require_encryption": True}),
         "plain": ("tcp", Security(require_encryption=False).get_connection_args("client")),
     }
     found = {}
     async with Scheduler(
-        host="127.0.0.1", port=0, protocol="tls", security=tls.security(own), dashboard_address="127.0.0.1:0"
+        host="127.0.0.1", port=0, protocol="tls", security=security, dashboard_address="127.0.0.1:0"
     ) as scheduler:
         for name, (protocol, arguments) in who.items():
             address = f"{protocol}://{scheduler.address.partition('://')[2]}"
@@ -83,20 +77,10 @@ async def _attempts(own, stranger):
     return found
 
 
-def test_a_run_with_tls(toys, monkeypatch):
-    monkeypatch.delenv("OBJECTFOLDER_TLS", raising=False)
-    with runner(Place(workers=1, tls=True), toys.root, 2) as started:
-        (end,) = run(started, job(toys, "good"))
-    assert end.worker.startswith("tls://127.0.0.1:")
-    assert end.outcome.failure is None
-    assert (toys.root / tls.DEFAULT / tls.KEY).exists()
-
-
-def test_listening_openly_is_said_so(capsys, certificates):
-    for address in ("tcp://127.0.0.1:8786", "localhost", "tcp://[::1]:8786"):
-        tls.warn_if_open(address, None)
-    tls.warn_if_open("tls://10.0.0.1:8786", certificates)
+def test_listening_openly_is_said_so(capsys):
+    for address in ("tcp://127.0.0.1:8786", "tcp://localhost:1", "tcp://[::1]:8786", "tls://10.0.0.1:8786"):
+        tls.warn_if_open(address)
     assert capsys.readouterr().err == ""
-    for address in ("tcp://10.0.0.1:8786", "0.0.0.0", "tcp://head:8786"):
-        tls.warn_if_open(address, None)
+    for address in ("tcp://10.0.0.1:8786", "tcp://0.0.0.0:1", "tcp://head:8786"):
+        tls.warn_if_open(address)
         assert f"{address} is reached from other machines without TLS" in capsys.readouterr().err

@@ -189,16 +189,8 @@ def plan_for_count(
 
 def machines_of(place: Place) -> Machines:
     """Return what a place offers, this machine standing for hosts of which nothing is said."""
-    here = place.workers or os.cpu_count() or 1
-    memory = int(place.memory_gb * 1e9) if place.memory_gb else int(MEMORY_SHARE * total_bytes())
-    if place.kind == "ssh":
-        return Machines(max(1, len(place.ssh.hosts)), here, memory)
-    if place.kind == "slurm":
-        slurm = place.slurm
-        return Machines(slurm.jobs, place.workers or slurm.cores, int(MEMORY_SHARE * slurm.memory_gb * 1e9))
-    if place.kind == "kubernetes":
-        return Machines(place.workers or 1, 1, int(MEMORY_SHARE * place.kubernetes.memory_gb * 1e9))
-    return Machines(1, here, memory)
+    hosts, tasks, memory_bytes = place.capacity()
+    return Machines(hosts, tasks or os.cpu_count() or 1, memory_bytes or int(MEMORY_SHARE * total_bytes()))
 
 
 def side_by_side(memory_bytes: int, machines: Machines) -> int:

@@ -1,0 +1,215 @@
+"""Making the cluster class that a place names, and keeping as many workers as it should have."""
+
+import difflib
+import importlib
+import inspect
+import logging
+import math
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import InputError, ObjectFolderError, SimulationError
+from pipeline.cluster import tls
+from pipeline.cluster.places import CUDA, LOCAL, SSH, Place
+from pipeline.cluster.pools import MEMORY
+
+EXTRAS = {"dask_jobqueue": "slurm", "dask_kubernetes": "kubernetes", "asyncssh": "ssh"}
+LOOK_S = 10.0  # between looks for workers that have to be started again
+PRIVATE_DASHBOARD = "127.0.0.1:0"
+IDLE = "1 hour"  # after which a scheduler on another machine, whose driver is gone, ends
+GONE_S = 60  # after which a worker of it ends, too
+WORKER_OPTIONS = ["--memory-limit", "0", "--no-dashboard"]  # the memory is that of the tasks' own processes
+
+
+def make_cluster(place: Place, root: Path, tasks_at_most: int, security: Any) -> Any:
+    """Return the cluster of a place, without workers where its class can start them later.
+
+    Raises
+    ------
+    InputError
+        A class that is not installed or does not exist, or an argument that it does not take.
+    SimulationError
+        It does not start.
+    """
+    kind = _imported(place.module, place.class_name)
+    check_arguments(kind, place)
+    arguments = dict(place.kwargs)
+    try:
+        if place.starts == LOCAL:
+            return kind(*place.args, **_local(arguments, tasks_at_most), **_here(arguments, security))
+        if place.starts == CUDA:
+            return kind(*place.args, **arguments, **_here(arguments, security))
+        if place.starts == SSH:
+            return _ssh(kind, arguments, security)
+        if place.module == "dask_jobqueue":
+            return _accepted(kind(*place.args, **_batch(arguments, place, root, security)))
+        return kind(*place.args, **arguments)
+    except ObjectFolderError:
+        raise
+    except Exception as error:  # classes of others raise what they like
+        raise SimulationError(place.starts, f"does not start ({error})", "See docs/cluster.md.") from error
+
+
+def start_workers(cluster: Any, place: Place, tasks_at_most: int) -> None:
+    """Let a cluster start the workers that the place asks for, again where one does not start or ends."""
+    from distributed import SpecCluster
+    from tornado.ioloop import PeriodicCallback
+
+    useful = math.ceil(tasks_at_most / (place.capacity()[1] or 1))
+    if place.adapt is not None:
+        most = min(place.adapt.maximum, useful)
+        cluster.adapt(minimum=min(place.adapt.minimum, most), maximum=most)
+    elif place.starts == LOCAL or place.module == "dask_jobqueue":
+        cluster.scale(min(place.kwargs.get("n_workers", 1), useful))
+    if isinstance(cluster, SpecCluster):
+        looks = PeriodicCallback(lambda: _start_again(cluster), LOOK_S * 1e3)
+        cluster.periodic_callbacks["start again"] = looks  # stopped with the others
+        cluster.loop.add_callback(looks.start)
+
+
+async def _start_again(cluster: Any) -> None:
+    """Forget workers that did not start or have ended, so that the cluster starts them again."""
+    from distributed.core import Status
+
+    for name, worker in list(cluster.workers.items()):
+        if name in cluster.worker_spec and worker.status in (Status.created, Status.failed, Status.closed):
+            print(f"worker {name} did not start or has ended; started again", file=sys.stderr)
+            await worker.close()
+            cluster.workers.pop(name, None)
+    try:
+        await cluster
+    except Exception as error:  # of SSH, of a batch system, of a process
+        print(f"a worker does not start: {error}; tried again", file=sys.stderr)
+
+
+def _imported(module: str, name: str) -> Callable[..., Any]:
+    try:
+        found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    except ImportError as error:
+        package = (error.name or module).partition(".")[0]
+        extra = EXTRAS.get(package)
+        wanted = f"'objectfolder-factory[{extra}]'" if extra else package.replace("_", "-")
+        finding = f"the package {package} is not installed"
+        raise InputError(f"{module}.{name}", finding, f"pip install {wanted}") from error
+    except AttributeError as error:
+        near = difflib.get_close_matches(name, dir(importlib.import_module(module)), 1)
+        remedy = f"Did you mean {near[0]}?" if near else "Correct class and module of the place."
+        raise InputError(f"{module}.{name}", "there is no such class", remedy) from error
+    return found
+
+
+def check_arguments(kind: Any, place: Place) -> None:
+    """Make sure that a class takes the arguments of a place: some hand on what they do not know.
+
+    Raises
+    ------
+    InputError
+        It does not take one.
+    """
+    from distributed import Nanny, SpecCluster, Worker
+
+    classes = (kind, getattr(kind, "job_cls", kind), SpecCluster, Nanny, Worker)
+    takers = {taker for one in classes for taker in (one, *getattr(one, "__mro__", ()))}
+    known = {name for taker in takers for name in inspect.signature(taker).parameters}
+    for name in place.kwargs:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            remedy = f"Did you mean {near[0]}?" if near else f"See the documentation of {place.starts}."
+            raise InputError(place.starts, f"unknown argument kwargs.{name}", remedy)
+
+
+def _here(arguments: Mapping[str, Any], security: Any) -> dict[str, Any]:
+    """Return what processes of this machine are started with, where the place does not say."""
+    own = {
+        "memory_limit": 0,
+        "dashboard_address": PRIVATE_DASHBOARD,
+        "security": security,
+        "silence_logs": logging.CRITICAL,
+    }
+    return {name: value for name, value in own.items() if name not in arguments}
+
+
+def _local(arguments: dict[str, Any], tasks_at_most: int) -> dict[str, Any]:
+    """Return the arguments of a `LocalCluster`: one worker with a thread for each core."""
+    from dask.system import CPU_COUNT
+
+    workers = arguments.pop("n_workers", 1)
+    threads = arguments.pop("threads_per_worker", None) or math.ceil(CPU_COUNT / workers)
+    return {"n_workers": 0, "threads_per_worker": min(threads, tasks_at_most), "processes": True} | arguments
+
+
+def _batch(arguments: dict[str, Any], place: Place, root: Path, security: Any) -> dict[str, Any]:
+    """Return the arguments of a class of dask-jobqueue: one worker in a job."""
+    arguments.pop("n_workers", None)
+    own = root / ".objectfolder"
+    (own / "jobs").mkdir(parents=True, exist_ok=True)
+    prologue = [f"cd {shlex.quote(str(root))}"]
+    if memory_bytes := place.capacity()[2]:
+        prologue.append(f"export {MEMORY}={memory_bytes / 1e9:g}")
+    return {
+        "processes": 1,
+        "job_name": "objectfolder",
+        "local_directory": "${TMPDIR:-/tmp}",
+        "log_directory": str(own / "jobs"),
+        "shared_temp_directory": str(own),
+        "security": security,
+        "silence_logs": logging.CRITICAL,
+        **arguments,
+        "scheduler_options": {
+            "dashboard_address": PRIVATE_DASHBOARD,
+            **arguments.get("scheduler_options", {}),
+        },
+        "job_script_prologue": [*prologue, *arguments.get("job_script_prologue", [])],
+        "worker_extra_args": [*WORKER_OPTIONS, *arguments.get("worker_extra_args", [])],
+    }
+
+
+def _accepted(cluster: Any) -> Any:
+    """Return a cluster of batch jobs; Slurm is asked first whether it would take one."""
+    if cluster.job_cls.submit_command != "sbatch":
+        return cluster
+    with tempfile.NamedTemporaryFile("w", suffix=".sh") as file:
+        file.write(cluster.job_script())
+        file.flush()
+        try:
+            subprocess.run(["sbatch", "--test-only", file.name], check=True, capture_output=True, text=True)
+        except FileNotFoundError as error:
+            cluster.close()
+            raise SimulationError("slurm", "there is no sbatch", "Run this on a login node.") from error
+        except subprocess.CalledProcessError as error:
+            cluster.close()
+            raise SimulationError("slurm", error.stderr.strip(), "Correct kwargs of the place.") from error
+    return cluster
+
+
+def _ssh(kind: Any, arguments: dict[str, Any], security: Any) -> Any:
+    """Return an `SSHCluster` whose scheduler runs and whose workers are yet to be started.
+
+    The class itself starts all at once, and not at all where one machine cannot be reached.
+    """
+    from distributed.deploy.ssh import Worker
+
+    _imported("asyncssh", "connect")
+    encrypted = {"protocol": "tls", "security": tls.as_mapping(security)} if security else {}
+    hosts = arguments.pop("hosts")
+    scheduler = {"dashboard_address": PRIVATE_DASHBOARD, "idle_timeout": IDLE, **encrypted}
+    scheduler |= arguments.pop("scheduler_options", {})
+    worker = {"memory_limit": 0, "dashboard": False, "death_timeout": GONE_S, **encrypted}
+    worker |= arguments.pop("worker_options", {})
+    cluster = kind(hosts[:1], scheduler_options=scheduler, security=security, **arguments)
+    options = {
+        "connect_options": arguments.get("connect_options", {}),
+        "kwargs": worker,
+        "worker_class": arguments.get("worker_class", "distributed.Nanny"),
+        "remote_python": arguments.get("remote_python"),
+    }
+    cluster.worker_spec = {
+        f"{host}-{index}": {"cls": Worker, "options": {"address": host, **options}}
+        for index, host in enumerate(hosts[1:])
+    }
+    return cluster
