@@ -190,6 +190,7 @@ def test_bombs(tmp_path, kind):
         (gzip.compress(tarred([("a", b"")], tarfile.SYMTYPE, linkname="/etc/passwd")), "link, device"),
         (zipped([("../a", b"1")]), "out of its folder"),
     ],
+    ids=["bomb", "encrypted", "link", "outside"],
 )
 def test_what_is_not_wanted_is_refused_all_the_same(tmp_path, content, said):
     with pytest.raises(FormatError, match=said):
