@@ -84,12 +84,17 @@ def check_table(
         A table that cannot be read at all.
     """
     known = read_materials(materials_table)
-    entries = _read_entries(path, known)
+    entries = read_entries(path, known)
     if with_meshes:
         for index, entry in enumerate(entries):
             progress(index, len(entries), entry.object_id)
-            entries[index] = _measured(entry)
+            entries[index] = measured(entry)
         progress(len(entries), len(entries), "")
+    return check_entries(entries, known)
+
+
+def check_entries(entries: Sequence[Entry], known: Mapping[str, Material]) -> Check:
+    """Apply every rule to rows that were read; `known` is the table of materials."""
     doubles: dict[str, list[Finding]] = {}
     for one in duplicate_rule.check(entries):
         doubles.setdefault(one.object_id, []).append(one)
@@ -124,7 +129,7 @@ def accept(entry: Entry, findings: Sequence[Finding]) -> Iterator[Finding]:
         yield replace(one, severity=NOTE, accepted=True) if accepted else one
 
 
-def _read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
+def read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
     """Return the rows of a table in order, those with faults too; nothing is measured yet."""
     _, rows = read_rows(path)
     catalogue = read_catalogue(path, known)
@@ -141,7 +146,7 @@ def _read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
     ]
 
 
-def _measured(entry: Entry) -> Entry:
+def measured(entry: Entry) -> Entry:
     """Return a row with what was measured on its mesh, or why that could not be."""
     if entry.record is None:
         return entry
