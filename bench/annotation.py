@@ -20,13 +20,10 @@ from typing import Any
 from bench.annotation_faults import injected, scaled
 from bench.record import write
 from objectfolder.audio.materials import read_materials
-from pipeline.intake.check import length as lengths
-from pipeline.intake.check import mass as masses
-from pipeline.intake.check import material as materials
-from pipeline.intake.check import wall as walls
-from pipeline.intake.check.check import Check, check_entries, measured, read_entries
+from pipeline.intake.check import length_rule, mass_rule, material_rule, mesh_rules
 from pipeline.intake.check.entry import Entry
 from pipeline.intake.check.finding import NOTE
+from pipeline.intake.check.table_check import Check, check_entries, measured, read_entries
 
 REPOSITORY = Path(__file__).parents[1]
 TABLE = REPOSITORY / "data" / "objects.csv"
@@ -66,12 +63,12 @@ def main() -> None:
     wrong_length = {one.object_id for one in entries if length_is_off(one)}
     figures = {
         "rows": len(entries),
-        "length": score(entries, wrong_length, doubted(check, (lengths.RULE,))),
-        "material_by_words": score(entries, wrong_material, doubted(check, (materials.RULE,))),
-        "material_by_words_or_mass": score(
-            entries, wrong_material, doubted(check, (materials.RULE, masses.RULE))
+        "length": score(entries, wrong_length, doubted(check, (length_rule.RULE,))),
+        "material_by_name": score(entries, wrong_material, doubted(check, (material_rule.RULE,))),
+        "material_by_name_or_mass": score(
+            entries, wrong_material, doubted(check, (material_rule.RULE, mass_rule.RULE))
         ),
-        "rows_with_a_doubt_about_walls": sorted(doubted(check, (walls.RULE,))),
+        "rows_with_a_doubt_about_walls": sorted(doubted(check, (mesh_rules.WALLS,))),
         "faults_put_into_our_rows": injected(right, known),
         "findings": [
             {"object": one.object_id, "rule": one.rule, "severity": one.severity, "found": one.found}
@@ -79,7 +76,7 @@ def main() -> None:
             if one.severity != NOTE
         ],
     }
-    settings = {"objects": [one.object_id for one in entries], "same_length_within": lengths.SAME}
+    settings = {"objects": [one.object_id for one in entries], "same_length_within": length_rule.SAME}
     compared = (
         "Errors and warnings of objectfolder check on the published list against our table's judgement."
     )
@@ -132,7 +129,7 @@ def length_is_off(entry: Entry) -> bool:
     return (
         entry.shape is not None
         and stated is not None
-        and not lengths.is_close(stated / entry.shape.file_length, 1)
+        and not length_rule.is_close(stated / entry.shape.file_length, 1)
     )
 
 

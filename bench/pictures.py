@@ -12,7 +12,6 @@ import numpy as np
 
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.store import Product, read_product
-from pipeline.publish.report.pictures import difference_picture
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
@@ -22,6 +21,7 @@ WINDOW, HOP = 2048, 128
 RANGE_DB = 80.0
 SHOWN_S = 0.5
 TOUCHED = 4
+GREY, DIFFERENCE_FACTOR = 128, 8
 
 
 def best_lit(fidelity: Product) -> int:
@@ -50,6 +50,12 @@ def touch(products: list[Product]) -> np.ndarray:
     found.sort(key=lambda item: item[0])
     rows = [np.concatenate([t, a, difference_picture(t, a)], axis=1) for _, t, a in found[:TOUCHED]]
     return np.concatenate(rows, axis=1)
+
+
+def difference_picture(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
+    """Return grey plus `DIFFERENCE_FACTOR` times (answer - truth), clipped to uint8."""
+    difference = answer.astype(np.int32) - truth
+    return np.clip(GREY + DIFFERENCE_FACTOR * difference, 0, 255).astype(np.uint8)
 
 
 def draw_strike(path: Path, fidelity: Product, name: str) -> None:
