@@ -1,4 +1,4 @@
-"""What a version took to make anew, as far as it was noted, and what there is to fetch of it."""
+"""The CPU seconds that a version took to make, where they were noted, and the bytes to fetch for it."""
 
 import csv
 import io
@@ -15,7 +15,7 @@ CPU_COLUMN = "cpu_seconds."
 
 
 class KnownCosts:
-    """CPU seconds of tasks: as measured here, else as the version's own report has them.
+    """CPU seconds of tasks: measured here, else read from the version's own report.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class KnownCosts:
 
 @dataclass(frozen=True)
 class Fetch:
-    """What there is to fetch to have one version when one has another.
+    """The files to fetch for one version where another is present.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Fetch:
 
 
 def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
-    """Return what there is to fetch of `new` when one has `old`."""
+    """Return the files to fetch for `new` where `old` is present."""
     unlisted: list[str] = []
     had, wanted = _hashes(contents, old, new, unlisted), _hashes(contents, new, old, unlisted)
     every = set().union(*had.values())
@@ -87,7 +87,7 @@ def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
 
 
 def _hashes(contents: Contents, version: Version, other: Version, unlisted: list[str]) -> dict[str, set[str]]:
-    """Return the hashes of a version's files by output, but for outputs that are the same in the other.
+    """Return the hashes of a version's files by output, without the outputs that are equal in the other.
 
     Outputs whose list of files cannot be read are put to the unlisted. What git has is not fetched by DVC.
     """

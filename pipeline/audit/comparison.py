@@ -1,4 +1,4 @@
-"""Two versions of the data set compared, object by object and stage by stage, on what products say."""
+"""Compares two versions of the data set, object by object and stage by stage, by attributes of products."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -170,7 +170,7 @@ class Comparison:
         return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost), measures
 
     def _described(self, content: Content | None, why: list[Reason]) -> Description | None:
-        """Return what a product says; a damaged or absent one is a reason."""
+        """Return the description of a product; a damaged or absent product is a reason."""
         if content is None:
             return None
         try:
@@ -194,7 +194,7 @@ class Comparison:
                     yield from filter(None, pair)
 
     def _is_known(self, kind: ProductKind) -> bool:
-        """Whether products of a kind need to be compared; not to know them is a problem, then."""
+        """Whether products of a kind are to be compared; an unreadable list of them is noted as a problem."""
         old, new = self._old.folders[kind.folder], self._new.folders[kind.folder]
         if old.md5 and old.md5 == new.md5:
             return False
@@ -214,7 +214,7 @@ class Comparison:
         )
 
     def _digests(self, was: str, object_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What an object's shape and colour are in both versions, where that product changed."""
+        """Return the shape and colour of an object in both versions, where that product changed."""
         if OBJECTS not in self._compared:
             return {}, {}
         old, new = self._old.content(OBJECTS, was), self._new.content(OBJECTS, object_id)

@@ -1,4 +1,4 @@
-"""What products of any version say of themselves, read from the cache or, in parts, from the remote."""
+"""Descriptions of the products of any version, read from the cache or, in parts, from the remote."""
 
 import contextlib
 import json
@@ -27,7 +27,7 @@ RECENT = 64  # descriptions in memory: those of the object that is looked at
 
 @dataclass(frozen=True)
 class Content:
-    """A content and what kind of product it is, its hash and where it lies if not in the cache.
+    """The content of a product: its kind, its hash, and its path if it is not in the cache.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Contents(Stores):
         return self.repository.state
 
     def place(self, content: Content, target: Path) -> None:
-        """Lay a content to `target`: a link to what is at hand, else fetched and checked.
+        """Put a content at `target`: a link where it is local, else fetched and checked.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Contents(Stores):
             self.fetch(content.md5, target, content.where)
 
     def size(self, content: Content) -> int | None:
-        """Return the bytes of a content at hand, None where it is not."""
+        """Return the bytes of a local content; None where it is not local."""
         path = content.path or self._near(content.md5)
         try:
             return os.stat(path).st_size if path is not None else None
@@ -134,7 +134,7 @@ class Contents(Stores):
             return {md5: found for md5, found in known if found is not None}
 
     def describe(self, content: Content) -> Description:
-        """Return what a product says of itself.
+        """Return the description of a product.
 
         Raises
         ------
@@ -158,7 +158,7 @@ class Contents(Stores):
         return known
 
     def describe_all(self, wanted: Iterable[Content]) -> None:
-        """Read at once what products say that are far: one after the other would take minutes."""
+        """Read the descriptions of many remote products in parallel; one by one would take minutes."""
         self._read_far(one for one in wanted if one.path is None and self._near(one.md5) is None)
 
     def _read_far(self, wanted: Iterable[Content]) -> None:
@@ -196,7 +196,7 @@ class Contents(Stores):
             raise NotHere(content.where, f"cannot be read ({error.strerror})", FETCH) from error
 
     def _describe_far(self, content: Content) -> Description | ObjectFolderError:
-        """Read the few parts of a product at the remote in which it describes itself; return what fails."""
+        """Read the parts of a remote product that describe it; return the error where that fails."""
         odb = self.remote
         if odb is None:
             return self._missing(content.md5, content.where, [])
@@ -220,7 +220,7 @@ class Contents(Stores):
 
     @cached_property
     def _cached(self) -> diskcache.Cache:
-        """Descriptions of products that are far, beside what DVC knows of this repository's files."""
+        """A cache of descriptions of remote products, beside DVC's own state of this repository."""
         place = Path(self.repository.site_cache_dir) / "objectfolder-audit"
         try:
             return diskcache.Cache(str(place), size_limit=CACHED_BYTES, timeout=5)

@@ -1,4 +1,4 @@
-"""What a product says of itself, from the few bytes of its file that hold it, wherever the file lies.
+"""Descriptions of products, read from a few bytes of a local or a remote file.
 
 A Zarr archive has its attributes in an entry that `objectfolder.store.write_product` puts last, right before
 the list of entries; the list has a checksum of every chunk. A safetensors file has all of it in front. Both
@@ -33,7 +33,7 @@ _ZIP64 = 0xFFFF, 0xFFFFFFFF
 
 @dataclass(frozen=True)
 class Description:
-    """Attributes of a product, and what stands for the content of its arrays.
+    """Attributes of a product, and checksums of its arrays.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Description:
 
 
 def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
-    """Read what a product says of itself.
+    """Read the description of a product.
 
     Parameters
     ----------

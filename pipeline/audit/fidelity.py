@@ -1,4 +1,4 @@
-"""Fidelity of an object in two versions: which measures changed, by how much, and what is too much."""
+"""Fidelity of an object in two versions: which measures changed, by how much, and which lost too much."""
 
 import difflib
 import math

@@ -1,4 +1,4 @@
-"""What an audit finds: of every object and stage, of fidelity, and of what could not be read."""
+"""The findings of an audit: on every object and stage, on fidelity, and on files that could not be read."""
 
 from dataclasses import dataclass, field
 
@@ -19,7 +19,7 @@ MADE, GONE = "made", "gone"
 
 @dataclass(frozen=True)
 class StageChange:
-    """What became of an object's products of a stage.
+    """The change of an object's products of a stage.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class StageChange:
     reasons
         Why, for `CHANGED`.
     old, new
-        Fingerprints; empty where there is none.
+        Fingerprints; empty for a product without one.
     arrays
         What is known of the arrays without reading them, or after.
     cpu_s
@@ -48,7 +48,7 @@ class StageChange:
 
 @dataclass(frozen=True)
 class ObjectChange:
-    """What became of an object.
+    """The change of an object.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Audit:
     fidelity
         Measures that changed, worst first.
     fetch
-        What there is to fetch.
+        Files to fetch.
     arrays_read
         Whether arrays were read, or only their checksums compared.
     problems

@@ -1,4 +1,4 @@
-"""Objects to which the same happened for the same reasons, told together."""
+"""Groups of objects that changed in the same way for the same reasons."""
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence

@@ -102,7 +102,7 @@ def history(
 
 
 def _products(version: Version, object_id: str, stages: Sequence[Stage]) -> dict[str, str]:
-    """Return the hashes of what a version has of an object, by folder."""
+    """Return the hashes of an object's files in a version, by folder."""
     kinds = (kind for stage in stages for kind in stage.products)
     return {kind.folder: found.md5 for kind in kinds if (found := version.content(kind, object_id))}
 

@@ -1,4 +1,4 @@
-"""Two products of an object compared: why they differ, and which of their arrays do.
+"""Compares two products of an object: why they differ, and which of their arrays differ.
 
 What products say is enough for most. Those that were made from the same and yet are of other bytes contradict
 themselves, and are read whole.

@@ -1,4 +1,4 @@
-"""Why a product of one version is not that of another: from the parts of its fingerprint, in users' words."""
+"""Why a product differs between two versions, from the parts of its fingerprint, in users' words."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -204,7 +204,7 @@ def _without_what_a_material_explains(found: list[Reason], around: Circumstances
     """Leave out the values of a row where it is another material's row."""
     if not any(one.kind == MATERIAL for one in found):
         before, after = around.materials
-        # A stage that reads the citation alone still sees another material.
+        # A stage that reads only the citation still sees another material.
         if before == after or not any(one.kind == ROW for one in found):
             return found
         found = [Reason(MATERIAL, "", before, after), *found]
@@ -222,6 +222,6 @@ def _tolerances(old: Any, new: Any) -> list[Reason]:
 
 
 def _shown(value: Any) -> str:
-    """Return a value for a line of text; texts of strangers on one line and not for long."""
+    """Return a value as text on one line, shortened: it may come from an untrusted file."""
     text = printable(str(value))
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,4 +1,4 @@
-"""Products made again, from what a version has, in a scratch folder, and compared with those it has."""
+"""Makes products of a version again in a scratch folder, and compares them with the stored ones."""
 
 import random
 import tempfile
@@ -73,7 +73,7 @@ def recompute(
     stages
         All stages.
     count
-        How many; fewer where the version has not so many.
+        Number of products; all of them where the version has fewer.
     seed
         Of the choice.
     settings
@@ -156,7 +156,7 @@ class _Bench:
         return found
 
     def _place(self, content: Content) -> Path:
-        """Return a file of the version, laid into the scratch folder."""
+        """Return the path of a file of the version, put into the scratch folder."""
         path = self._inside(content.where)
         if not path.is_symlink() and not path.exists():
             self._contents.place(content, path)
@@ -211,7 +211,7 @@ def _mapping(parts: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def _seed(parts: Mapping[str, Any], where: str) -> int:
-    """Return the seed that a product names; with another, it would be judged by what it was not made from."""
+    """Return the seed that a product names; another seed would make another product."""
     found = parts.get("seed")
     if type(found) is not int:  # a truth value would pass as one
         raise FormatError(where, f"it names no seed, but {str(found)[:60]!r}", "See `objectfolder verify`.")
@@ -219,7 +219,7 @@ def _seed(parts: Mapping[str, Any], where: str) -> int:
 
 
 def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> Iterator[str]:
-    """Say what of today's is not what a product names: verdicts on it are verdicts on that, too."""
+    """Say where today's code and packages differ from those that a product names."""
     was = _mapping(parts, "code")
     modules = sorted(name for name in was.keys() | code.keys() if was.get(name) != code.get(name))
     if modules:

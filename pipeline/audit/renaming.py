@@ -1,4 +1,4 @@
-"""Objects that go by another id: read from the same files, each id in one of the versions only."""
+"""Renamed objects: read from the same files, each id in only one of the versions."""
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -52,7 +52,7 @@ def renamed(old: Version, new: Version, describe: Describe) -> dict[str, str]:
 
 
 def _files(version: Version, object_id: str, describe: Describe) -> str:
-    """Return what stands for the files an object is read from; empty where it is not known."""
+    """Return digests of the files an object is read from; empty where they are not known."""
     folder = version.folders.get(OBJECTS.folder)
     content = folder.products.get(object_id) if folder is not None else None
     if content is None:

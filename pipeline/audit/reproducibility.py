@@ -1,4 +1,4 @@
-"""Which values of a product are the same bytes wherever it is made, and how far apart the others may be.
+"""Which values of a product are the same bytes on every machine, and how far the others may differ.
 
 A fingerprint names everything that a product is made from, and no processor: a product made on another
 machine counts as current. That is right within what is declared here, which is written into each

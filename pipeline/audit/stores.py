@@ -1,4 +1,4 @@
-"""Contents by their MD5, in a repository's DVC cache and at its remote: believed once they are hashed."""
+"""Files by MD5 in a repository's DVC cache and at its remote; a fetched file is hashed before it is used."""
 
 import fcntl
 import hashlib
@@ -97,7 +97,7 @@ class Stores:
         raise self._missing(md5, where, problems)
 
     def fetch(self, md5: str, target: Path, where: str, progress: Progress = lambda count: None) -> None:
-        """Bring a whole content to a file, after the part of it that an earlier call left there.
+        """Fetch a content into a file, after the part that an earlier call left there.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ def _append(fs: Any, source: str, file: FileIO, progress: Progress) -> None:
         if len(block) == size != wanted:  # a server without ranges sends all of it
             place = file.truncate(0)
         elif len(block) != wanted:
-            raise ConnectionError(f"{len(block)} bytes came of {wanted} asked for")
+            raise ConnectionError(f"{len(block)} of {wanted} bytes arrived")
         try:
             written = file.write(block)
         except OSError as error:  # a full disk is no fault of the store

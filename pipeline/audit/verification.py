@@ -33,7 +33,7 @@ Progress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong with a file.
+    """A fault of a file.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verified:
-    """What was looked at, and what is wrong.
+    """The files that were read, and their faults.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _items(
             findings.append(Finding(path, MISSING, error.finding, error.remedy))
             continue
         if lying and not (contents.root / path).is_dir():
-            finding = f"none of its {len(files)} files lie there"
+            finding = f"none of its {len(files)} files is there"
             findings.append(Finding(path, MISSING, finding, f"`dvc pull {path}`, or `dvc checkout {path}`."))
             continue
         for name, md5 in sorted(files.items()):
@@ -157,7 +157,7 @@ def _items(
 def _check(
     item: _Item, contents: Contents, version: Version, scratch: Path
 ) -> tuple[int, list[Finding], Description | None]:
-    """Return bytes read, what is wrong, and what the product says of itself."""
+    """Return bytes read, the finding, and the description of the product."""
     try:
         size, digest = _hashed(item)
     except FileNotFoundError:
@@ -196,7 +196,7 @@ def _hashed(item: _Item) -> tuple[int, str]:
 
 
 def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Description:
-    """Open a product in every way there is.
+    """Open a product as each of its readers does.
 
     Raises
     ------
@@ -223,15 +223,15 @@ def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Descript
 def _restore(item: _Item, contents: Contents) -> str:
     """Return how to get a good copy of a file.
 
-    DVC takes a file whose size and time are unchanged for undamaged, in the work tree as in its cache: only
-    what is deleted first is brought back by ``dvc checkout``, ``dvc pull`` and ``dvc repro``.
+    DVC takes a file whose size and time are unchanged for undamaged, in the work tree as in its cache. So
+    ``dvc checkout``, ``dvc pull`` and ``dvc repro`` bring back a file only after it was deleted.
     """
     folder = item.where.rpartition("/")[0] or item.where
     if not item.md5:
         return REMAKE
     near = contents.path(item.md5)
     if near is None:
-        return f"Delete what lies there, then `dvc pull {folder}` if a remote has it, or run `dvc repro`."
+        return f"Delete it where it is, then `dvc pull {folder}` if a remote has it, or run `dvc repro`."
     if near == item.path:
         return (
             f"Delete {near}, then `dvc fetch --all-commits`; or check that version out and run `dvc repro`."

@@ -122,11 +122,11 @@ class Version:
         return str(material.get("name") or "") if isinstance(material, dict) else ""
 
     def content(self, kind: ProductKind, object_id: str) -> Content | None:
-        """Return the content of a product, None where there is none."""
+        """Return the content of a product; None for an absent one."""
         return self.folders[kind.folder].products.get(object_id)
 
     def lying(self, folder: str) -> set[str]:
-        """Return the hashes of what lies in a folder of the work tree; of a commit, nothing does."""
+        """Return the hashes of the files in a folder of the work tree; none for a commit."""
         found = self.folders.get(folder, Folder())
         return {one.md5 for one in found.products.values() if one.path is not None}
 
@@ -180,7 +180,7 @@ def commit_version(git: GitRepository, contents: Contents, revision: str, stages
 
 
 def work_tree_version(contents: Contents, stages: Sequence[Stage]) -> Version:
-    """Return the version of the files as they lie there; a folder that does not is as ``dvc.lock`` says.
+    """Return the version of the work tree; an absent folder counts as ``dvc.lock`` says.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def _locked(contents: Contents, lock: Lock, kind: ProductKind) -> Folder:
 
 
 def _lying(contents: Contents, kind: ProductKind) -> Folder:
-    """Products of a kind as they lie in the work tree; what DVC does not know as it is gets hashed."""
+    """Products of a kind in the work tree; files that DVC's state does not know are hashed."""
     from dvc_data.hashfile.hash import hash_file
     from dvc_objects.fs.local import localfs
 

@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             print_error(disk_error(error, Path(error.filename or ".")))
         elif error.filename is not None:
-            print_error(f"{error.filename}: {error.strerror}. Check the path, and whom it belongs to.")
+            print_error(f"{error.filename}: {error.strerror}. Check the path and its permissions.")
         else:
             raise
     except KeyboardInterrupt:

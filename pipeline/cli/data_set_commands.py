@@ -17,7 +17,7 @@ remove_or_list = Group(show=False, validator=MutuallyExclusive())
 
 
 def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None) -> int:
-    """Run one stage of dvc.yaml over all objects, doing only what is left to do.
+    """Run one stage of dvc.yaml over all objects; current products are kept.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def select(*, table: str | None = None, only: str | None = None, root: Root = Pa
 
 
 def status(*, json: Json = False, root: Root = Path(".")) -> int:
-    """Say what is as the inputs ask for, what is not, and why.
+    """Say which products are as the inputs ask for, which are not, and why.
 
     The exit status is 1 where a run has something to do.
     """

@@ -141,7 +141,7 @@ def modes(mesh: Mesh, /, *, wanted: Annotated[ModesOfMesh, Fields], json: Json =
 
 
 def view(file: ObjectFilePath, /, *, port: int = 0, no_browser: bool = False) -> None:
-    """Turn, strike and press an object in the browser; served to this machine alone.
+    """Turn, strike and press an object in the browser; served on 127.0.0.1 only.
 
     Parameters
     ----------

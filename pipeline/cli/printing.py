@@ -1,4 +1,4 @@
-"""What all commands print alike: errors, and a line on the terminal that is written over."""
+"""Output that commands share: errors, and a status line on the terminal."""
 
 import contextlib
 import shutil
@@ -21,7 +21,7 @@ def terminal_width(otherwise: int = 100) -> int:
 
 @contextlib.contextmanager
 def status_line() -> Iterator[Show]:
-    """Yield what shows a line on the terminal in place of the line before; without a terminal, nothing."""
+    """Yield a function that replaces the status line on the terminal; without a terminal it does nothing."""
     from rich.console import Console
     from rich.text import Text
 

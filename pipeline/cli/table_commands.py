@@ -85,7 +85,7 @@ def check(
     strict
         warnings count as errors
     no_meshes
-        look at the table alone, at once (a mesh takes a second)
+        look at the table only, at once (a mesh takes a second)
     """
     from pipeline.intake.check import finding
     from pipeline.intake.check.listing import as_json, text
@@ -124,7 +124,7 @@ def fetch(
     table
         fetch the objects of a table that have a source_id
     only
-        of the table, these ids alone
+        only these ids of the table
     list_source
         print the ids of all that a source has
     dry_run

@@ -10,9 +10,9 @@ from pipeline.dataset.job import Runner
 
 __all__ = ["Place", "read_place", "runner"]
 
-FEW = 1  # jobs for which a cluster would cost more than it gives
-HERE = (LOCAL, CUDA)  # classes whose workers are this installation by construction
-STARTED_S = 120.0  # within which workers that are not queued for are there
+FEW = 1  # jobs for which starting a cluster takes longer than it saves
+HERE = (LOCAL, CUDA)  # classes whose workers run this installation
+STARTED_S = 120.0  # within which workers that need no queue have started
 
 
 @contextlib.contextmanager

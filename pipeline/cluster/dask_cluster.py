@@ -12,7 +12,7 @@ from pipeline.cluster.places import CUDA, LOCAL, Place
 from pipeline.cluster.starting import make_cluster, start_workers
 from pipeline.sandbox import scratch
 
-HERE = (LOCAL, CUDA)  # classes whose workers are this installation by construction
+HERE = (LOCAL, CUDA)  # classes whose workers run this installation
 
 
 @contextlib.contextmanager

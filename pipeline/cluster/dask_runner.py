@@ -95,7 +95,7 @@ class DaskRunner:
         self._workers = Workers(client, name, limits)
         self._numbers = itertools.count()
         self._tasks: set[_Task] = set()
-        self._suspects: list[_Task] = []  # they run alone, after all others
+        self._suspects: list[_Task] = []  # they run one at a time, after all others
         self._ended: queue.SimpleQueue[tuple[_Task, Any, Callable[[_Task], Finished | None]]]
         self._ended = queue.SimpleQueue()
         self._transfers = ThreadPoolExecutor(TRANSFERS, thread_name_prefix="store")
@@ -114,7 +114,7 @@ class DaskRunner:
     ) -> None:
         if (
             error is None and not self._tasks
-        ):  # else the plugin stays, and ends the child processes of what is given up now
+        ):  # else the plugin stays, and ends the child processes of tasks that are cancelled now
             self._client.unregister_worker_plugin(self._plugin.name)
         self._transfers.shutdown(cancel_futures=True)
         for task in self._tasks:

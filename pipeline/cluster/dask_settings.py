@@ -1,16 +1,16 @@
-"""How Dask is set wherever it runs for this project: driver, scheduler, workers."""
+"""Dask's settings in driver, scheduler and workers."""
 
 import os
 from collections.abc import Mapping
 from typing import Any
 
-# Task bodies run in child processes, so an event loop that is silent for long is one that is gone.
+# Task bodies run in child processes, so an event loop that is silent for long has ended.
 DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.daemon": False,  # workers have child processes
     "distributed.scheduler.worker-ttl": "60s",
     "distributed.deploy.lost-worker-timeout": "2 minutes",  # for a worker to restart on a busy machine
     "distributed.admin.tick.limit": "1 hour",
-    # As they come, ticks and samples take 2 to 3 % of a core in every process; so, a fifth of that.
+    # By default, ticks and samples take 2 to 3 % of a core in every process; with these, a fifth of that.
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
     "distributed.worker.profile.enabled": False,  # it would show a thread that waits for a child process

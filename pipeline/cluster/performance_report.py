@@ -19,7 +19,7 @@ ICON = re.compile(r"<link rel=\"shortcut icon\"[^>]*>")  # from a server of Dask
 
 @contextlib.contextmanager
 def performance_report(client: Any, root: Path, least_s: float = LEAST_S) -> Iterator[None]:
-    """Keep what the scheduler and workers did meanwhile: tasks, profiles, memory, bandwidth, logs.
+    """Record what scheduler and workers do within the context: tasks, profiles, memory, bandwidth, logs.
 
     A report that cannot be made or written is a warning, for the run has its products all the same.
 
@@ -63,5 +63,5 @@ def _warning() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        # Whatever it is: the scheduler may be gone, or lack Bokeh, which draws the page.
+        # The scheduler may have ended, or lack Bokeh, which draws the page.
         warnings.warn(f"no performance report of Dask: {type(error).__name__}: {error}", stacklevel=3)

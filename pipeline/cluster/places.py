@@ -1,6 +1,6 @@
 """Descriptions of where to run: a YAML of ``cluster/``, a path of one, or a scheduler's address.
 
-Nothing in them changes a result, so none of it is a parameter of the data set.
+Nothing in them changes a result, so they are not parameters of the data set.
 """
 
 import os
@@ -51,7 +51,7 @@ class Place(BaseModel):
     adapt
         Bounds of the number of workers; None for a fixed number, `kwargs["n_workers"]`.
     tls
-        Whether scheduler, workers and client are encrypted and speak to one another alone. True: a
+        Whether scheduler, workers and client encrypt and accept only one another. True: a
         certificate for this run, handed to the workers by the class. A path: the file that all of them have.
     environment
         Environment variables of the workers.
@@ -60,7 +60,7 @@ class Place(BaseModel):
     reconnect_s
         Seconds to wait for a scheduler to answer.
     workers_within_s
-        Seconds to wait for a worker while there is none; None for ever.
+        Seconds to wait while the scheduler has no worker; None for ever.
     pools_within_s
         Seconds, after a worker came or went, to wait for one that offers what none does.
     threads, recycle_after, time_limit_s

@@ -1,4 +1,4 @@
-"""What a worker says of itself: its host, its memory, and the pools of workers that it belongs to."""
+"""The host of a worker, its memory, and the pools that it belongs to."""
 
 import importlib.util
 import os

@@ -28,7 +28,7 @@ class DataFolder:
     token: str
 
     def is_seen(self) -> bool:
-        """Whether this process sees the folder."""
+        """Whether this process can read the folder."""
         try:
             return (self.root / self.token_name).read_text() == self.token
         except OSError:
@@ -37,7 +37,7 @@ class DataFolder:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a worker says of a call.
+    """A worker's answer to a call.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def run_task(
     worker = get_worker()
     shares = folder.is_seen()
     answer = Answer(worker.address, os.environ.get(HOST) or _host(worker.ip), shipped=not shares)
-    if shares and _stands(call):  # made by an earlier try that could not say so
+    if shares and _stands(call):  # made by an earlier try whose answer was lost
         return replace(answer, outcome=Outcome(call.request.object_id, fingerprint=call.fingerprint))
     if not shares and shipment is None:
         return answer
@@ -95,7 +95,7 @@ def run_task(
 
 
 def give_up(key: str) -> None:
-    """End the child process of a task that nobody waits for any more."""
+    """End the child process of a task that was cancelled."""
     with _lock:
         child = _children.get(key)
         if child is not None:

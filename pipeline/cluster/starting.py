@@ -104,7 +104,7 @@ def _imported(module: str, name: str) -> Callable[..., Any]:
 
 
 def check_arguments(kind: Any, place: Place) -> None:
-    """Make sure that a class takes the arguments of a place: some hand on what they do not know.
+    """Refuse arguments that a class does not take: some classes ignore unknown arguments.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The certificate by which scheduler, workers and client know one another.
+"""The certificate by which scheduler, workers and client recognise one another.
 
 Dask runs the code of whoever connects, so who holds the certificate's key may run code and nobody else may.
 """

@@ -1,4 +1,4 @@
-"""The plugin by which a Dask worker comes to work for this project: it checks, then grants resources.
+"""A plugin of Dask workers: it checks the environment of a worker, then grants its resources.
 
 Every task asks for `Admission.name` and for memory, which a worker has only once it was admitted. So one
 that would compute other numbers gets no work. This module and `pipeline.cluster.pools` are sent to
@@ -22,12 +22,12 @@ TOPIC = "objectfolder"
 MEMORY_BYTES = "memory_bytes"  # whole numbers, for Dask adds and subtracts them
 SAME = "Install on it what the driver has: the same checkout, and requirements.lock."
 SHARE = "Share the folder, or set OBJECTFOLDER_STORE to a store that the worker reaches."
-GIVEN_UP = ("executing", "released")  # what Dask calls a running task that nobody waits for any more
+GIVEN_UP = ("executing", "released")  # Dask's state of a running task that was cancelled
 CHECK_LIMIT_S = 600.0
 
 
 class Admission(WorkerPlugin):
-    """Admits a worker whose environment is the driver's, and ends child processes of tasks given up.
+    """Admits a worker whose environment is the driver's, and ends child processes of cancelled tasks.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Admission(WorkerPlugin):
         self._checking = asyncio.create_task(self._admit(worker))
 
     def transition(self, key: str, start: str, finish: str, **_: Any) -> None:
-        """End the child process of a task that nobody waits for any more."""
+        """End the child process of a task that was cancelled."""
         if (start, finish) == GIVEN_UP:
             with contextlib.suppress(ImportError):  # then no task ran here
                 from pipeline.cluster.run_task import give_up
@@ -76,7 +76,7 @@ class Admission(WorkerPlugin):
             problem = await asyncio.to_thread(self._difference)
             if not problem:
                 await self._grant(worker)
-        except Exception as error:  # whatever it is, the driver has to know why this worker does not work
+        except Exception as error:  # the driver has to know every reason why this worker does not work
             problem = f"{type(error).__name__}: {error}"
         if problem:
             worker.log_event(TOPIC, {"name": self.name, "worker": worker.address, "problem": problem})

@@ -23,7 +23,7 @@ class WaitLimits:
     Parameters
     ----------
     workers_s
-        While there is none; None for ever.
+        While the scheduler has no worker; None for ever.
     pools_s
         After a worker joined or left, for others that offer what none does.
     """
@@ -57,11 +57,11 @@ class Workers:
     _told: bool = False
 
     def listen(self) -> None:
-        """Hear from now on of workers that are not admitted."""
+        """Begin to receive messages of workers that are not admitted."""
         self.client.subscribe_topic(TOPIC, self._hear)
 
     def look(self) -> bool:
-        """Bring the list up to date, if it is time to; return whether it was.
+        """Update the list if its interval has passed; return whether it was updated.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Workers:
         return [worker for worker in self._admitted.values() if all(worker.get(need) for need in needs)]
 
     def _check_wait(self, waited_s: float, refused: Collection[str]) -> None:
-        """Say that no worker is there; end the run where none can be expected any more."""
+        """Print that no worker has joined; end the run where none can be expected any more."""
         if refused and waited_s >= self.limits.pools_s:
             raise SimulationError("cluster", "no worker may work", "; ".join(sorted(set(refused))))
         if self.limits.workers_s is not None and waited_s >= self.limits.workers_s:
@@ -123,7 +123,7 @@ class Workers:
             print(f"waiting for a worker at {self.client.scheduler.address}", file=sys.stderr)
 
     def _hear(self, event: tuple[float, Mapping[str, Any]]) -> None:
-        """Take the news that a worker was not admitted; called from the client's event loop."""
+        """Handle the message that a worker was not admitted; called from the client's event loop."""
         _, message = event
         if message["name"] == self.name:
             self._refused[message["worker"]] = message["problem"]

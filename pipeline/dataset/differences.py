@@ -18,7 +18,7 @@ class Difference:
     name
         Which one, dotted; a module for code.
     old, new
-        Values, digests for inputs and code; ``absent`` where there is none.
+        Values, digests for inputs and code; ``absent`` for a missing one.
     """
 
     part: str

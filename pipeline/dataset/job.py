@@ -1,4 +1,4 @@
-"""What is to be run for an object in a stage, what came of it, and who runs it."""
+"""A job: the task of one object in a stage; its end; and the protocol of what runs it."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -66,7 +66,7 @@ class Finished:
 
 
 def failed(job: Job, error: str, remedy: str) -> Outcome:
-    """Return the outcome of a job that has no outcome of its own."""
+    """Return the outcome of a job whose task returned none."""
     return Outcome(job.object_id, Failure(job.object_id, error, remedy))
 
 

@@ -1,4 +1,4 @@
-"""What a ``dvc.lock`` says: outputs by their hashes, what they were made from, and parameters.
+"""The contents of a ``dvc.lock``: hashes of outputs and dependencies, and parameters.
 
 Read as DVC documents the file (https://dvc.org/doc/user-guide/project-structure/dvcyaml-files); a folder
 is a JSON list of files and their hashes, kept under its own hash with ``.dir`` behind it.

@@ -21,7 +21,7 @@ class Measure:
     higher_is_better
         Direction; decides which object is the worst.
     definition
-        Used where the product brings none of its own.
+        Used where the product has none of its own.
     target
         What the factory promises of the data set's mean.
     trivial
@@ -52,7 +52,7 @@ class Measure:
         return number_at(attributes, self.key)
 
     def trivial_of(self, attributes: Mapping[str, Any]) -> float | None:
-        """Return the score of the trivial answer, None where there is none."""
+        """Return the score of the trivial answer; None for a measure without one."""
         return number_at(attributes, f"{self.sense}.{self.trivial}") if self.trivial else None
 
     def worst(self, values: list[float]) -> float:

@@ -1,4 +1,4 @@
-"""``params.yaml`` as frozen dataclasses: what gives the data its meaning, and nothing else."""
+"""``params.yaml`` as frozen dataclasses: the parameters that decide the data, and nothing else."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal

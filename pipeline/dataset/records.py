@@ -1,4 +1,4 @@
-"""The listed objects as the stages see them, read from the table once and handed on in one file.
+"""The listed objects as the stages see them, read from the table once and stored in one file.
 
 ``data/records.json`` holds what is known of each object but its shape and texture, so that stages after
 the first depend on neither the table's place nor columns that mean nothing to them.
@@ -48,7 +48,7 @@ class Records:
 
 
 def read_table(root: Path, objects: ObjectsParameters) -> Records:
-    """Read the table of objects and the materials; rows have source files besides what is handed on.
+    """Read the table of objects and the materials; rows have source files besides their records.
 
     All objects of the table are returned, those that ``objects.only`` leaves out included.
 

@@ -1,4 +1,4 @@
-"""What a stage is: a task, the products it makes of each object, and exactly what it reads."""
+"""A stage: a task, the products it makes of each object, and exactly what it reads."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -53,9 +53,9 @@ class ProductInput:
     attributes: tuple[str, ...] = ()
 
     def digest(self, path: Path, verified: Verified) -> tuple[str, str | dict[str, Any]]:
-        """Return the product's fingerprint, and what stands for the content that the task reads.
+        """Return the product's fingerprint, and a digest of the content that the task reads.
 
-        Tasks are pure, so a fingerprint stands for a whole product.
+        Tasks are pure, so a fingerprint identifies a whole product.
 
         Raises
         ------

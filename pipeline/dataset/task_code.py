@@ -1,4 +1,4 @@
-"""What the code of tasks is, found once a run, its sources normalised once for all runs."""
+"""Digests of the code of tasks, computed once a run; normalised sources are cached for all runs."""
 
 import contextlib
 import json
@@ -10,7 +10,7 @@ from objectfolder.provenance import code_identity
 
 
 class TaskCode:
-    """Code identities as of their first asking; losing what is kept of them costs time only.
+    """Code identities as of the first request; losing their cache costs time only.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a YAML file says, as typed classes: pydantic's findings with file, field, value and remedy."""
+"""YAML files as typed classes: pydantic's findings with file, field, value and remedy."""
 
 import difflib
 import json

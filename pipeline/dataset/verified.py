@@ -1,4 +1,4 @@
-"""What is known of files by their size, time and inode, so that each is read through only once.
+"""A cache by size, time and inode of files, so that each file is read whole only once.
 
 A product was checked whole, carries a fingerprint and a few attributes that later stages go by; a source
 file has a digest. All of it can be read again from the files themselves.

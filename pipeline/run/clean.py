@@ -1,4 +1,4 @@
-"""What may be removed without losing anything but time: listed by kind with sizes, removed when asked to.
+"""Files whose removal costs time only: listed by kind with sizes, removed on request.
 
 Nothing under ``data/`` or ``reports/``, nothing that git tracks and nothing that ``dvc.lock`` names is
 ever touched, but for half-written files. DVC's own cache is left to ``dvc gc``.
@@ -30,7 +30,7 @@ DVC_HINT = (
 
 @dataclass(frozen=True)
 class Removable:
-    """A kind of thing that may go, and what there is of it."""
+    """A kind of file that may be removed, and the paths of that kind."""
 
     kind: str
     why: str
@@ -81,7 +81,7 @@ def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False)
 
 
 def removable(root: Path, with_memo: bool = False) -> list[Removable]:
-    """Return what may be removed, by kind; kinds of which there is nothing have no paths."""
+    """Return what may be removed, by kind; a kind may have no paths."""
     protected = _protected(root)
 
     def entry(kind: str, why: str, paths: Iterable[Path]) -> Removable:
@@ -101,7 +101,7 @@ def removable(root: Path, with_memo: bool = False) -> list[Removable]:
 
 
 def gigabytes(number: int) -> str:
-    """Return bytes as a person says them."""
+    """Return bytes with a unit, for people."""
     for unit, size in (("GB", 1e9), ("MB", 1e6)):
         if number >= size:
             return f"{number / size:.1f} {unit}"
@@ -138,7 +138,7 @@ def _kinds() -> list[ProductKind]:
 
 
 def _protected(root: Path) -> Callable[[Path], bool]:
-    """Return what tells whether a path must stay, whatever kind it was taken for."""
+    """Return a function that says whether a path must stay, of whatever kind."""
     tracked = _tracked(root)
     kept = [root / "data", root / "reports", *_outputs(root)]
 

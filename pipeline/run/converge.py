@@ -1,4 +1,4 @@
-"""Bring products to what the inputs ask for, doing only what is left to do.
+"""Makes the products that the inputs ask for: keeps current ones and computes the others.
 
 The result is a pure function of the inputs, whatever was there before and however often it was
 interrupted: a product is kept if it carries the wanted fingerprint, taken from the memo if that has
@@ -45,7 +45,7 @@ class Summary:
     failures: tuple[Failure, ...]
 
     def exit_code(self, allow_failures: bool) -> int:
-        """Return 0 if the stage stands: no failure, or failures allowed and at least one object made."""
+        """Return 0 if later stages may run: no failure, or failures allowed and at least one object made."""
         made = self.kept or self.restored or self.computed
         return 0 if not self.failures or (allow_failures and made) else 1
 

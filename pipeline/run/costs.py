@@ -50,7 +50,7 @@ class Cost:
     key, seconds_per_query
         Setting of the fidelity product that a query was timed at, and its seconds.
     load, product_bytes
-        Of the packaged costs alone: what the cost grows with (`pipeline.run.forecast.loads`) and the bytes of
+        Only in the packaged costs: what the cost grows with (`pipeline.run.forecast.loads`) and the bytes of
         the products.
     """
 
@@ -95,7 +95,7 @@ def read_costs(path: Path) -> list[Cost]:
 
 
 def known_costs(root: Path) -> list[Cost]:
-    """Return the costs of a data set; none where the table cannot be read, which must not stop a run."""
+    """Return the costs of a data set; none where the table cannot be read, for that must not stop a run."""
     try:
         return read_costs(costs_path(root))
     except InputError:
@@ -219,7 +219,7 @@ def _text(rows: Sequence[Sequence[object]]) -> str:
 
 
 def _append(path: Path, text: str) -> None:
-    """Append whole lines to the table; one that a kill cut short stays alone on its line."""
+    """Append whole lines to the table; a line that a kill cut short is ended first."""
     with _writing(path):
         new = not path.exists()
         with path.open("ab+") as file:

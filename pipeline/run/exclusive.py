@@ -1,4 +1,4 @@
-"""One run at a time on one checkout: a second waits and says for whom, or refuses.
+"""One run at a time on one checkout: a second run names the first and waits, or refuses.
 
 The lock on ``.objectfolder/run.lock`` is the kernel's and ends with its owner, however that ends. Who the
 owner is stands beside it. It holds between processes of one machine; whether it does between machines that
@@ -26,7 +26,7 @@ REPEAT_S = 60.0  # between lines about waiting
 
 @contextlib.contextmanager
 def running(root: Path, what: str) -> Iterator[None]:
-    """Run something that changes the data set: alone, and with an id.
+    """Run something that changes the data set: no other run beside it, and with an id.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What is left to do for each object, stage after stage, as the products it needs come to be."""
+"""The state of each object in each stage, and which tasks can run as their inputs are made."""
 
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -173,7 +173,7 @@ class Flow:
         self._on_settled(stage, object_id, outcome, seconds)
 
     def _fail(self, stage: Stage, object_id: str, failure: Failure, seconds: float = 0.0) -> None:
-        """Note a failure; what its former self left goes."""
+        """Note a failure, and remove the object's earlier products."""
         self._settle(stage.name, object_id, FAILED, seconds)
         self._failures[stage.name][object_id] = failure
         for path in stage.targets(self._root, object_id):

@@ -1,4 +1,4 @@
-"""What a person sees of running stages: bars on a terminal, a line now and then in a log."""
+"""Progress of running stages: bars on a terminal, a line now and then in a log."""
 
 import sys
 import threading
@@ -93,7 +93,7 @@ class FlowProgress:
             print(self.line(), file=self._stream, flush=True)
             if self._closed.wait(LOG_INTERVAL_S):
                 return
-        screen = sys.stdout.isatty()  # what goes to a file must not land on the terminal
+        screen = sys.stdout.isatty()  # output to a file must not appear on the terminal
         with Live(get_renderable=self._bars, console=console, transient=True, redirect_stdout=screen):
             self._closed.wait()
 

@@ -1,4 +1,4 @@
-"""What failed in a stage when it last ran, with all that is known of it: ``runs/<stage>-failures.json``.
+"""The failures of the last run of a stage, in full: ``runs/<stage>-failures.json``.
 
 The record of every run is `pipeline.run.run_record`; what failed of the data set is
 `pipeline.dataset.failures`; what tasks took is `pipeline.run.costs`.

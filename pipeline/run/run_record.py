@@ -94,7 +94,7 @@ class RunRecord:
         stage
             Its stage.
         outcome
-            What became of it.
+            Its outcome.
         slot, host
             Where it ran.
         tries
@@ -122,7 +122,7 @@ class RunRecord:
     def stage(
         self, stage: str, kept: int, restored: int, computed: int, failed: int, removed: Sequence[str]
     ) -> None:
-        """Note how a stage stands: numbers of objects, and the ids of those whose products were removed."""
+        """Note the outcome of a stage: counts of objects, and ids of those whose products were removed."""
         self._write(
             "stage",
             stage=stage,
@@ -134,7 +134,7 @@ class RunRecord:
         )
 
     def note(self, event: str, **values: Any) -> None:
-        """Note anything else that happened, such as a worker that was lost."""
+        """Note another event, such as the loss of a worker."""
         self._write(event, **values)
 
     def _write(self, event: str, **values: Any) -> None:
@@ -147,7 +147,7 @@ class RunRecord:
 
 
 def records(root: Path) -> list[Path]:
-    """Return the records that there are, the latest run last."""
+    """Return the paths of all records, the latest run last."""
     return sorted((root / "runs").glob(PATTERN))
 
 
@@ -157,7 +157,7 @@ def read_record(path: Path) -> list[dict[str, Any]]:
 
 
 def prune(root: Path) -> list[Path]:
-    """Remove the oldest records until the rest is few and small enough; return them."""
+    """Remove the oldest records beyond the limits of number and size; return them."""
     removed = excess(root)
     for path in removed:
         path.unlink(missing_ok=True)

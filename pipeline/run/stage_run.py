@@ -2,7 +2,7 @@
 
 `make_products` is the first of them in every `dvc repro`. It waits for workers once and converges all
 stages with no barrier between them. The single stages that follow in the same `dvc repro` ask
-`pipeline.run.converged` and do nothing, so that DVC records what there is.
+`pipeline.run.converged` and do nothing, so that DVC records the products.
 """
 
 from collections.abc import Sequence

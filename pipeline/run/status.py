@@ -1,4 +1,4 @@
-"""``objectfolder status``: what of the data set is as the inputs ask for, what is not, and why.
+"""``objectfolder status``: which products are as the inputs ask for, which are not, and why.
 
 Only attributes of products are read, and those only where a file changed since it was last read. Whether
 a product is whole is for the next run to see, which reads changed ones through.
@@ -33,7 +33,7 @@ LINES = 40  # of reasons in the table
 
 @dataclass(frozen=True)
 class Status:
-    """How the products of an object in a stage stand.
+    """The state of the products of an object in a stage.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def status(
     parameters: Parameters | None = None,
     rows: Mapping[str, Row] | None = None,
 ) -> list[Status]:
-    """Return how every object stands in every stage.
+    """Return the state of every object in every stage.
 
     Parameters
     ----------

@@ -114,7 +114,7 @@ def serve(guard: int, scratch: str) -> NoReturn:
         give_back()
         send(answers, answer)
     answers.flush()
-    os._exit(0)  # native libraries that crash while they are taken down have nothing left to lose
+    os._exit(0)  # native libraries may crash while they are unloaded, which no longer matters
 
 
 def _executed(call: "Call | Shipment") -> Outcome:
@@ -122,7 +122,7 @@ def _executed(call: "Call | Shipment") -> Outcome:
 
 
 class _LoadedCode:
-    """What is loaded in this process, to compare with what a product would be labelled.
+    """The code that is loaded in this process, to compare with the code that a product would name.
 
     Digests of modules are from before their import. Once loaded, MKL lends its exponential to a torch that
     is imported after it, and what tasks yield would depend on what this process did before.
@@ -139,7 +139,7 @@ class _LoadedCode:
         self._mkl_alone = False
 
     def serves(self, call: "Call | Shipment") -> bool:
-        """Whether a task yields here what it yields in a process of its own and of the code it names.
+        """Whether a task yields here what it would yield in a new process with the code it names.
 
         Its modules are compared on disk too, because a task may start processes of its own.
         """

@@ -95,7 +95,7 @@ class Child:
         self._scratch.close()
 
     def run(self, call: "Call | Shipment", expected_bytes: int = 0) -> Outcome:
-        """Run a call; whatever happens to the child becomes a failure of this call alone.
+        """Run a call; a child that dies fails this call and no other.
 
         Parameters
         ----------
@@ -217,7 +217,7 @@ class Child:
                 stderr=self._log,
                 cwd=self._root,
                 env=environment,
-                start_new_session=True,  # so that signals of a terminal are the starter's alone
+                start_new_session=True,  # so that only the starter gets the signals of a terminal
             )
         return self._process
 
@@ -240,7 +240,7 @@ class Child:
         return Failure(object_id, finding, remedy, self._tail())
 
     def _kill(self) -> None:
-        """End the guard and, by it, all that it guards; then what is left if the guard was killed."""
+        """End the guard and so its processes; if the guard was killed, end them here."""
         process, self._process = self._process, None
         if process is None:
             return

@@ -11,7 +11,7 @@ from pipeline.sandbox.process_tree import descendants
 
 LIMIT_SHARE = 0.9  # of the host's memory, where no limit is given
 RESERVE_SHARE = 0.04  # of the host's memory: with less left, tasks above what was expected of them end
-# Above this the estimate of a task is wrong by more than estimates are; below, it is no reason to die.
+# A task is not ended while it stays below its estimate times this factor, or plus these bytes.
 ALLOWED_FACTOR = 1.5
 ALLOWED_BYTES = 256 << 20
 ALLOWED_SHARE = 0.5  # of the host's memory, where nothing is expected
@@ -22,7 +22,7 @@ ELAPSED_SHARE = 0.1  # of the time a task has run: short tasks are looked at oft
 
 
 class MemoryWatch:
-    """Looks at the memory of all processes below one, as often as the room that is left asks for.
+    """Looks at the memory of all processes below one, as often as the remaining memory requires.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class MemoryWatch:
             failure = Failure(
                 object_id,
                 f"used more than {_gigabytes(self._limit)}: {_gigabytes(used)} in {_processes(pids)}",
-                "Lower the settings of this stage, or raise memory_limit_bytes of the cluster.",
+                "Lower the settings of this stage, or run it where a host has more memory.",
             )
         elif available < self._reserve and used > self._allowed:
             failure = Failure(
@@ -82,7 +82,7 @@ class MemoryWatch:
 
     @property
     def pause_s(self) -> float:
-        """Seconds until the next look: no more than the fastest growth needs to use up what is left."""
+        """Seconds until the next look; by then the fastest growth has not used up the remaining memory."""
         return self._pause_s
 
 

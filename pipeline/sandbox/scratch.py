@@ -1,4 +1,4 @@
-"""Folders for what tasks leave while they run, in one place, each named after the process that owns it.
+"""Scratch folders of tasks, in one place, each named after the process that owns it.
 
 ``TMPDIR/objectfolder-UID/HOST~PID~START~RANDOM``: an owner that was killed removes nothing, but its name
 tells that it is dead, and the next run (or ``clean``) does.
@@ -18,7 +18,7 @@ SEPARATOR = "~"
 
 
 class Scratch:
-    """A folder that goes with this object, or with the process at the latest.
+    """A folder that is removed with this object, or when the process ends.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def _owner_is_dead(name: str) -> bool:
 
 
 def _start_of(pid: int) -> str:
-    """Return what tells a process from a later one with the same id; empty where there is none."""
+    """Return the start time of a process, as text; empty for an ended one."""
     import psutil
 
     try:

@@ -18,7 +18,7 @@ from pipeline.store.storage import Store
 
 FOLDER, CAP = "OBJECTFOLDER_CACHE", "OBJECTFOLDER_CACHE_GB"
 DEFAULT_GB = 20.0
-LEFT_BEHIND_S = 24 * 3600.0  # after which a half-written file has no writer any more
+LEFT_BEHIND_S = 24 * 3600.0  # after which a half-written file no longer has a writer
 
 
 class InputCache:

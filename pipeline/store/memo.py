@@ -1,4 +1,4 @@
-"""A memo of products by fingerprint, so that what was made once is not made again.
+"""A memo of products by fingerprint, so that no product is made twice.
 
 It lies in ``.objectfolder/memo``, outside git and DVC. Files are copies (sharing blocks where the file
 system can), so a product damaged in place leaves its memo whole. ``OBJECTFOLDER_MEMO_GB`` caps its size.

@@ -1,6 +1,6 @@
-"""The shared store behind the memo: a cache, so where it fails a run goes on without it.
+"""The shared store behind the memo: a cache, so a run continues without it where it fails.
 
-It says so once, leaves the store alone for a while and then tries again. Names of products that could
+It says so once, does not use the store for a while and then tries again. Names of products that could
 not be shared wait in ``.objectfolder/outbox``, and the end of a run settles them, be it the next run's.
 """
 

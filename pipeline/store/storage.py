@@ -107,7 +107,7 @@ class Store:
                 return
             self._files.put_file(str(source), path)
             found = self._files.info(path)["size"]
-            if found != size:  # some servers keep what came of an upload that broke off
+            if found != size:  # some servers keep the part of an upload that broke off
                 raise OSError(errno.EIO, f"{found} of {size} bytes arrived")
 
         try:
@@ -188,7 +188,7 @@ class Store:
                     finding = f"no success in {self._patience_s:g} s of tries (last: {_said(error)})"
                     remedy = f"See whether it runs and can be reached from here. {KEPT}"
                     raise SimulationError(self.url, finding, remedy) from error
-            time.sleep(pause * random.uniform(0.5, 1.0))  # apart, so that many workers do not come at once
+            time.sleep(pause * random.uniform(0.5, 1.0))  # random, so that many workers do not try at once
             pause = min(2 * pause, LONGEST_PAUSE_S)
 
     def _told(self, error: Exception, local: Path | None) -> ObjectFolderError | None:

@@ -1,4 +1,4 @@
-"""A picture of an object as it was understood: all sides to one scale, a section, its walls, its numbers."""
+"""A picture of an object as it was read: all sides to one scale, a section, its walls, its numbers."""
 
 import io
 import textwrap

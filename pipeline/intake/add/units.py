@@ -1,4 +1,4 @@
-"""The unit of a mesh whose file does not say it: guessed, and said, never taken for granted."""
+"""The unit of a mesh whose file does not name it: assumed to be metres, checked, and printed."""
 
 from collections.abc import Iterable
 
@@ -37,7 +37,7 @@ def unit_problem(where: str, side: float) -> InputError:
 
 
 def is_doubtful(side: float) -> bool:
-    """Whether a longest side is no size that may be taken to be in metres untold."""
+    """Whether a longest side is too small or too large to be assumed to be in metres."""
     return not SHORTEST_M <= side <= UNUSUAL_M
 
 

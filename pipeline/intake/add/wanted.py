@@ -1,4 +1,4 @@
-"""What is known of an object that is to be added to a table; light to import."""
+"""The description of an object to add to a table; light to import."""
 
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -8,7 +8,7 @@ from pipeline.dataset.project_files import MATERIALS
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be added, as its owner says it; None is what can be known otherwise.
+    """An object to add, as its owner describes it; None where the files tell.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One thing that a check of a table of objects found."""
+"""A finding of the check of a table of objects."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ SEVERITIES = (ERROR, WARNING, NOTE)
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found, and what to do about it.
+    """A finding, and its remedy.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
 
 
 def check_walls(entry: Entry) -> Iterator[Finding]:
-    """Find what `objectfolder.geometry.vessels` finds; masses alone are the rule `mass`."""
+    """Find what `objectfolder.geometry.vessels` finds; masses are left to the rule `mass`."""
     if entry.shape is None or entry.record is None or entry.material is None:
         return
     for one in wall_findings(

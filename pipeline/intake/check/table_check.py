@@ -74,7 +74,7 @@ def check_table(
     materials_table
         The table of materials.
     with_meshes
-        Read and measure the meshes that are there, about a second each; else the table alone.
+        Read and measure the meshes that are there, about a second each; else only the table.
     progress
         Called with rows done, rows and the id that comes next.
 

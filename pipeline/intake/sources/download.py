@@ -41,7 +41,7 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True)
 class Expected:
-    """What is known of a file before it comes; None for what is not known."""
+    """What is known of a file before its download; None for what is not known."""
 
     url: str
     md5: str | None
@@ -154,7 +154,7 @@ class Downloader:
 
     def _fetch(self, cached: CachedFile, expected: Expected) -> None:
         """Bring all of a file, verify it, and give it its name."""
-        for _ in range(2):  # a part that was there before may be damaged: then once more from the beginning
+        for _ in range(2):  # an earlier part may be damaged: then from the beginning
             resumed = self._retried(
                 expected.url, lambda: self._append(cached, expected), lambda: cached.resumable()[0]
             )
@@ -257,7 +257,7 @@ def _total(response: requests.Response, expected: Expected) -> int | None:
 
 
 def _validator(response: requests.Response) -> str:
-    """Return what tells this version of a file from any other, byte by byte; empty where nothing does."""
+    """Return a strong ETag or an old enough date, which identify this version of a file; else nothing."""
     tag = response.headers.get("ETag", "")
     if re.fullmatch(r'"[!#-~]*"', tag):  # a strong one
         return tag

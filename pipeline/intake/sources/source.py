@@ -1,4 +1,4 @@
-"""What a collection of objects has to say of itself to be fetched from."""
+"""What a source of objects declares, so that objects can be fetched from it."""
 
 import difflib
 from collections.abc import Callable, Sequence

@@ -34,7 +34,7 @@ _DRIVE = re.compile(r"[A-Za-z]:")
 
 
 class BadArchiveError(ValueError):
-    """An archive that has what none from a source should have; the text says what."""
+    """An archive with members that no source's archive should have; the text names them."""
 
 
 def unpack(
@@ -68,7 +68,7 @@ def unpack(
     ------
     FormatError
         A damaged or empty archive; one with a member that is no plain file or folder, leads out of the
-        folder, is encrypted, is there twice or differs from another by case alone; or one that would unpack
+        folder, is encrypted, is there twice or differs from another only by case; or one that would unpack
         to too much.
     InputError
         The archive cannot be read, or the folder not written.
@@ -201,7 +201,7 @@ def _zip_members(file: _Bounded, archive: zipfile.ZipFile) -> Iterator[_Member]:
         archive.extract(entry, folder)
 
     entries = archive.infolist()
-    # The reader goes by the directory's size alone; one that is damaged there may seem to have fewer.
+    # The reader uses only the directory's size; with a damaged one an archive seems to have fewer members.
     file.seek(-12 - len(archive.comment), io.SEEK_END)
     (count,) = struct.unpack("<H", file.read(2))
     if len(entries) != count and count != 0xFFFF:

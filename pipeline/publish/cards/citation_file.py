@@ -28,7 +28,7 @@ def citation_text(data_set: DataSet) -> str:
     }
     optional = {"date-released": publication.date, "url": publication.url, "doi": publication.doi}
     content |= {key: value for key, value in optional.items() if value}
-    if spdx and all(spdx):  # several mean that a reader may choose, which holds for one alone
+    if spdx and all(spdx):  # a list would let a reader choose; here each holds for other objects
         content |= {"license": spdx[0]} if len(spdx) == 1 else {}
     content["references"] = [
         {

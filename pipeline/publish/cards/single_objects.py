@@ -21,7 +21,7 @@ KEPT, FETCHED, FAILED = "already there", "fetched", "failed"
 
 @dataclass(frozen=True)
 class Got:
-    """What became of one product: `FETCHED`, `KEPT`, or `FAILED` and an error."""
+    """The result for one product: `FETCHED`, `KEPT`, or `FAILED` and an error."""
 
     object_id: str
     path: Path

@@ -1,4 +1,4 @@
-"""What a command asks of an Object File or a mesh, with all options; light to import."""
+"""Requests of commands to an Object File or a mesh, with all options; light to import."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +31,7 @@ class Rendering:
     sub_rays
         rays in an edge pixel: slower and closer (default 64)
     crop
-        TOP,LEFT,HEIGHT,WIDTH in pixels: render this part of the image alone
+        TOP,LEFT,HEIGHT,WIDTH in pixels: render only this part of the image
     passes
         names with commas between them: depth (0000_depth.npy, metres along the camera's axis), normal
         (0000_normal.npy, object frame), mask (0000_mask.png)

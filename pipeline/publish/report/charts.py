@@ -20,7 +20,7 @@ from pipeline.publish.report import formats
 from pipeline.publish.report.effort import setting_medians, steps
 from pipeline.publish.report.summary import MeasureSummary
 
-# What stands for a colour of the page's style while matplotlib draws.
+# Placeholders for colours of the page's style while matplotlib draws.
 COLOURS = {
     "#000001": "var(--ink)",
     "#000002": "var(--soft)",

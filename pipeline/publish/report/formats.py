@@ -20,7 +20,7 @@ LICENCES = {
 
 
 def number(value: Any, decimals: int = 1) -> str:
-    """Return a number with a fixed count of decimals and a true minus sign, a dash where there is none."""
+    """Return a number with a fixed count of decimals and a true minus sign; a dash for None."""
     if value is None or not math.isfinite(value):
         return NOTHING
     text = f"{float(value):,.{decimals}f}".replace(",", "\u202f")

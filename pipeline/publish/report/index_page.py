@@ -28,7 +28,7 @@ from pipeline.publish.report.templates import security_policy, template_environm
 
 SCRIPTS = ("theme.js", "index.js")
 OBJECTS = "objects"
-MOST_SOURCES = 60  # others are found by the search alone
+MOST_SOURCES = 60  # others are found only by the search
 
 
 class Column(NamedTuple):

@@ -43,7 +43,7 @@ class Filling(NamedTuple):
 
 @dataclass
 class Content:
-    """What a page shows of the products of its object; `unreadable` says what is left out, and why."""
+    """What a page shows of the products of its object; `unreadable` names the omitted products, and why."""
 
     queries: Queries = field(default_factory=Queries)
     modes: Sequence[ModeRow] = ()
@@ -133,7 +133,7 @@ def page_name(object_id: str) -> str:
 
 
 def shown_fingerprint(page: Path) -> tuple[str | None, bool]:
-    """Return the fingerprint that a page carries, None where there is none, and whether it has a player."""
+    """Return the fingerprint in a page, None for a page without one, and whether it has a player."""
     try:
         with page.open("rb") as file:
             head = file.read(HEAD_BYTES)

@@ -68,7 +68,7 @@ class ObjectProducts:
         self._stack.close()
 
     def get(self, stage: str) -> Archive | None:
-        """Return an archive, None where there is none."""
+        """Return an archive; None for an absent one."""
         return self._archives.get(stage)
 
     def attributes(self, stage: str) -> dict[str, Any]:

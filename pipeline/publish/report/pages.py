@@ -1,4 +1,4 @@
-"""Pages of objects, written where they are not there already, and nothing beside them left behind."""
+"""Writes absent pages of objects, and removes other files from their folder."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

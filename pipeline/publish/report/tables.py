@@ -46,7 +46,7 @@ def metrics_text(
 
 
 def object_table(objects: Sequence[MeasuredObject]) -> str:
-    """Return one row an object with every number known of it, nothing where there is none."""
+    """Return one row an object with every number known of it; an empty cell for an unknown one."""
     stages = stage_names(objects)
     rows: list[dict[str, Any]] = []
     numbers: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""Metrics, tables and pages of what the Object Files are worth.
+"""Metrics, tables and pages on the fidelity of Object Files.
 
 Everything is a function of the products and the cost table: no time, host or path gets in.
 """

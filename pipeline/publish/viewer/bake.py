@@ -22,7 +22,7 @@ from objectfolder.vision.export.base_colour import network_colour
 MOST_GAINS = 190_000
 LEAST_POINTS = 200
 GAIN_STEPS = 127
-# An export has 24, for it is lit anew elsewhere; these colours differ from it by less than what is left out.
+# An export has 24, for it is lit anew elsewhere. With these, colours differ by less than shadows do.
 LIGHT_DIRECTIONS = 4
 USUAL_IMPULSE_N_S = 0.05
 PEAK_OF_FULL_SCALE = 0.33

@@ -1,4 +1,4 @@
-"""The page of one Object File, served to this machine alone.
+"""The page of one Object File, served to the browser of this machine.
 
 It listens on 127.0.0.1. Requests under any other name of host are refused, so that no page of the web
 reaches it through a name that points here, and so are those that another page's script sends.
@@ -45,7 +45,7 @@ HEADERS = {
 
 
 class Guarded(RequestHandler):
-    """Refuses what does not come from the page itself, and has nothing to tell."""
+    """Refuses requests that do not come from the page itself, and sends no details."""
 
     def set_default_headers(self) -> None:
         """Set `HEADERS`."""
@@ -65,7 +65,7 @@ class Guarded(RequestHandler):
             self._refuse(HTTPStatus.FORBIDDEN, "another page asks")
 
     def write_error(self, status_code: int, **_: Any) -> None:
-        """Say nothing of the inside."""
+        """Send an error without details of the server."""
         self._refuse(HTTPStatus(status_code), HTTPStatus(status_code).phrase)
 
     def get(self) -> Awaitable[None] | None:

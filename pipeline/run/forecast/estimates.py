@@ -1,4 +1,4 @@
-"""What a task will take before it runs: seconds, memory and bytes, from what others took.
+"""Estimates of the seconds, memory and bytes of tasks, from measured costs.
 
 The cost of an object and stage that ran here before is what it took last. Otherwise it is what the stage
 took on the scans that the package was tried on, times the pace of this data set: the median ratio of what its
@@ -202,7 +202,7 @@ def last_taken(costs: Iterable[Cost]) -> list[Taken]:
 @cache
 def packaged_costs() -> tuple[Taken, ...]:
     """Return what the scans took that the package was tried on."""
-    # One thread a task: alone on its core, its wall seconds are its CPU seconds.
+    # With one thread and a core of its own, a task's wall seconds are its CPU seconds.
     return tuple(replace(one, wall_s=one.cpu_s) for one in last_taken(read_costs(PACKAGED)))
 
 

@@ -228,7 +228,7 @@ def read_plan(root: Path) -> Plan:
     Raises
     ------
     InputError
-        There is none, or it cannot be read.
+        No plan was kept, or it cannot be read.
     """
     try:
         content = json.loads((root / PLAN).read_text())
@@ -243,7 +243,7 @@ def read_plan(root: Path) -> Plan:
 
 
 def size(count: float) -> str:
-    """Return bytes as a person says them."""
+    """Return bytes with a unit, for people."""
     for unit in ("B", "kB", "MB", "GB"):
         if count < 1000:
             return f"{count:.3g} {unit}"

@@ -188,13 +188,13 @@ def plan_for_count(
 
 
 def machines_of(place: Place) -> Machines:
-    """Return what a place offers, this machine standing for hosts of which nothing is said."""
+    """Return what a place offers, with this machine's size where the place does not say."""
     hosts, tasks, memory_bytes = place.capacity()
     return Machines(hosts, tasks or os.cpu_count() or 1, memory_bytes or int(MEMORY_SHARE * total_bytes()))
 
 
 def side_by_side(memory_bytes: int, machines: Machines) -> int:
-    """Return how many tasks that need this memory run at a time on a host; a larger one runs alone."""
+    """Return how many tasks that need this memory run at a time on a host; at least one."""
     return max(1, min(machines.slots, machines.memory_bytes // max(1, memory_bytes)))
 
 
@@ -228,7 +228,7 @@ def _plan(
     counts: Mapping[tuple[str, str], int] | None = None,
     times: float = 1.0,
 ) -> Plan:
-    """Return the plan for tasks of which each stands for `times` tasks."""
+    """Return the plan for tasks, each counted `times` times."""
     planned = {name: _stage_plan(name, tasks, counts or {}, times) for name in stages}
     chain = max((_chain_s(stages, by_stage) for by_stage in tasks.values()), default=0.0)
     every = [one for by_stage in tasks.values() for one in by_stage.values()]

@@ -27,7 +27,7 @@ function planTrials(pairs, seed) {
   }));
 }
 
-// Probability of at least so many right answers by tossing coins.
+// Probability of at least this number of right answers by tossing coins.
 function guessProbability(correct, total) {
   let term = 0.5 ** total;
   let sum = 0;

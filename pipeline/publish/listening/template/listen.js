@@ -111,7 +111,7 @@ document.addEventListener("DOMContentLoaded", () => {
     part("score").textContent = `${done.correct} of ${done.total} right`;
     const probability = done.p_value < 0.001 ? "less than 0.001" : done.p_value.toFixed(3);
     part("meaning").textContent =
-      `Somebody who hears no difference gets at least so many right with a probability of ${probability}; ` +
+      `Somebody who hears no difference gets at least this number right with a probability of ${probability}; ` +
       `${done.total / 2} would be expected.`;
     const byObject = new Map();
     for (const record of records) {

@@ -1,4 +1,4 @@
-// Elements of a page. What data says goes through `textContent` and attributes alone, never through markup.
+// Elements of a page. Data goes only through `textContent` and attributes, never through markup.
 "use strict";
 (function (viewer) {
   const SVG = "http://www.w3.org/2000/svg";

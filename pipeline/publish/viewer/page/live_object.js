@@ -38,7 +38,7 @@
       this.context = canvas.getContext("2d");
     }
 
-    // Asks for the newest view alone; at rest for finer and finer images until the view changes.
+    // Asks only for the newest view; at rest for finer and finer images until the view changes.
     draw(orbit, moving, shown) {
       this.wanted = {
         view: { camera_to_world: orbit.cameraToWorld(), light_position: orbit.lightPosition() }, moving, shown,

@@ -6,7 +6,7 @@
   const RIDGE = 1e-5;
   // Modes nearer to half the sample rate than this would sound at another pitch (`synthesis.oscillators`).
   const HIGHEST_RATIO = 0.45;
-  // A mode ends where it has fallen by so much, as a factor.
+  // A mode ends where it has fallen to this fraction.
   const FLOOR = 1e-6;
 
   class StoredModes {

@@ -26,7 +26,7 @@
         dampings: this.modes.dampings,
         note:
           "Drawn in your browser from what is stored for this page: colours without shadows, gains " +
-          "at stored places, a press by the depth of the gel alone. The Python asks the Object File itself.",
+          "at stored places, a press only by the depth of the gel. The Python asks the Object File itself.",
       };
     }
 
