@@ -20,7 +20,7 @@ $(STAMP): pyproject.toml requirements.lock environment.sh
 	@bash environment.sh $(VENV)
 	@touch $@
 
-dataset: $(STAMP) ## Make the data set, doing only what is left to do
+dataset: $(STAMP) ## Make the data set: what is missing or out of date
 	@objectfolder select $(if $(OBJECTS),--table "$(OBJECTS)") --only "$(ONLY)"
 	@dvc repro
 

@@ -1,4 +1,4 @@
-"""What the commands of the audit find, as JSON: what is not finite is null."""
+"""The findings of the audit's commands as JSON; a number that is not finite is null."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

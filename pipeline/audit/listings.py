@@ -1,4 +1,4 @@
-"""What `verify` and `history` find, as plain text."""
+"""The findings of `verify` and `history` as plain text."""
 
 from collections import defaultdict
 from collections.abc import Sequence

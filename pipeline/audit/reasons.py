@@ -113,7 +113,7 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
     """
     silent = [which for which, one in (("earlier", old), ("later", new)) if not one.provenance]
     if silent:
-        finding = f"the {' and the '.join(silent)} one does not say what it was made from"
+        finding = f"the {' and the '.join(silent)} one does not name what it was made from"
         return [Reason(MISLABELLED, note=finding)]
     found: list[Reason] = []
     # Most parts of most products are equal: only the others are walked through.

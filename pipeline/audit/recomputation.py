@@ -183,11 +183,13 @@ class _Bench:
         if self._table is None:
             self._table = self._read_table()
         if object_id not in self._table:
-            raise InputError(object_id, "its row is not at hand", "Make it again from its own work tree.")
+            raise InputError(
+                object_id, "its row in the table is not here", "Make it again from its own work tree."
+            )
         found = dict(stage.sources(self._table[object_id]))
         for role, path in found.items():
             if digests.get(role) != file_digest(path):
-                finding = f"the {role} at hand is not the one that it was made from"
+                finding = f"the {role} here is not the one that it was made from"
                 raise InputError(str(path), finding, "Fetch the version's own files.")
         return found
 

@@ -193,7 +193,9 @@ def _append(fs: Any, source: str, file: FileIO, progress: Progress) -> None:
             written = file.write(block)
         except OSError as error:  # a full disk is no fault of the store
             finding = f"cannot be written ({error.strerror})"
-            raise InputError(str(file.name), finding, "Make room: what has come is kept.") from error
+            raise InputError(
+                str(file.name), finding, "Make room: the bytes that arrived are kept."
+            ) from error
         place += written
         progress(written)
 

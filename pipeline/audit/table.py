@@ -65,7 +65,7 @@ def change(one: FidelityChange) -> str:
 
 
 def cost(audit: Audit) -> str:
-    """Return what was spent on what is new."""
+    """Return the CPU seconds of the new products."""
     found = totals(audit)
     made, costed = sum(one.made for one in found), sum(one.costed for one in found)
     if not made:

@@ -258,7 +258,7 @@ def _lineage(stages: Sequence[Stage], told: Mapping[tuple[str, str], Description
                         wrong[kind, object_id].append(product.kind.name)
     for (kind, object_id), names in wrong.items():
         where = f"{kind.folder}/{object_id}{kind.suffix}"
-        finding = f"made from other {', '.join(names)} than lie beside it"
+        finding = f"made from other {', '.join(names)} than those beside it"
         yield Finding(where, MADE_FROM_ANOTHER, finding, "Run `dvc repro`.")
 
 

@@ -114,7 +114,7 @@ def fetch(
 ) -> int:
     """Fetch objects of published collections (YCB, Google Scanned Objects, Poly Haven), checked.
 
-    What is there and whole is not fetched again; what was interrupted goes on where it was. Without --table
+    What is there and whole is not fetched again; what was interrupted is resumed. Without --table
     files are where data/objects.csv expects them.
 
     Parameters
@@ -178,7 +178,7 @@ def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions",
     if said := summary(fetched, table, rows, len(ids)):
         print(said)
     if failed and len(ids) > 1:
-        print_error(f"{len(failed)} of {len(ids)} failed; the same command goes on where it was:")
+        print_error(f"{len(failed)} of {len(ids)} failed; the same command resumes:")
         for failure in failed:
             print_error(f"  {failure.source_id}: {failure.error.finding}")
     return FAILED if failed else FINE
@@ -198,7 +198,7 @@ def _list_missing(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolu
         for entry in missing:
             total += entry.size or 0
             unknown += entry.size is None
-            size = "size not told" if entry.size is None else f"{entry.size / 1e6:.2f} MB"
+            size = "size unknown" if entry.size is None else f"{entry.size / 1e6:.2f} MB"
             print(f"  {entry.url}  {size}")
     print(f"{total / 1e6:.1f} MB{f' and {unknown} files of unknown size' if unknown else ''}")
     return FAILED if failed else FINE

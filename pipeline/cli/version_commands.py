@@ -78,7 +78,7 @@ def audit(
             limit = f"more than the {allowed[one.measure]:g} allowed"
             print(f"too much: {one.object_id}: {one.measure} {change(one)}, {limit}")
     if allowed and found.problems:
-        print_error("what could not be read was not judged.")
+        print_error("the files that could not be read were not judged.")
         return FAILED
     return FAILED if too_much else FINE
 

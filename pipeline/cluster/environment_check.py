@@ -19,7 +19,7 @@ NAMED = 3  # differing modules that a message names
 
 @dataclass(frozen=True)
 class Environment:
-    """What decides numbers.
+    """The versions and code that decide numbers.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ class EncodeParameters:
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class SizeParameters:
-    """What a size decides."""
+    """The parameters of a size."""
 
     vision: VisionParameters
     audio: AudioParameters
@@ -110,7 +110,7 @@ class SizeParameters:
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class CommonParameters:
-    """What is the same in all sizes."""
+    """The parameters that all sizes share."""
 
     size: str
     seed: int

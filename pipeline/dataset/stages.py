@@ -1,4 +1,4 @@
-"""The stages that converge, in order; what each makes, and exactly what it reads."""
+"""The stages that converge, in order, with the products and the exact inputs of each."""
 
 from pipeline.dataset.job import BLENDER
 from pipeline.dataset.products import TENSORS, ProductKind

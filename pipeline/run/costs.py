@@ -1,4 +1,4 @@
-"""What tasks took: ``.objectfolder/costs.csv``, beside the data set and outside its versions.
+"""Measured costs of tasks: ``.objectfolder/costs.csv``, beside the data set and outside its versions.
 
 The table has a row for every task that ran here and for every query that was timed (products hold no
 timings). Once it has grown large, it keeps the `KEPT_ROWS` last rows of each object and stage.
@@ -103,7 +103,7 @@ def known_costs(root: Path) -> list[Cost]:
 
 
 class Costs:
-    """What tasks of a data set took, by the fingerprint of what they made.
+    """The costs of the tasks of a data set, by the fingerprint of their products.
 
     Parameters
     ----------
@@ -120,11 +120,11 @@ class Costs:
         }
 
     def of(self, fingerprint: str) -> Cost | None:
-        """Return what the task with this fingerprint took when it ran here."""
+        """Return the cost of the task with this fingerprint when it ran here."""
         return self._by_fingerprint.get(fingerprint)
 
     def add(self, stage: str, outcome: Outcome) -> None:
-        """Note, at once and for good, what a task and its queries took.
+        """Append the costs of a task and its queries to the table, at once.
 
         Raises
         ------
@@ -234,7 +234,7 @@ def _append(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Hold a table against other processes that write it, and say so clearly where that fails."""
+    """Lock a table against other processes that write it; a failure is an error that names it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.with_suffix(".lock").open("a") as lock:

@@ -40,7 +40,7 @@ def running(root: Path, what: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[None]:
-    """Hold the checkout for a run, once no other run does.
+    """Lock the checkout for a run, once no other run has it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the stages of ``dvc.yaml`` run: all products at once, one stage, the starter set, the failures.
+"""The commands of the stages of ``dvc.yaml``: all products at once, one stage, the starter set, the failures.
 
 `make_products` is the first of them in every `dvc repro`. It waits for workers once and converges all
 stages with no barrier between them. The single stages that follow in the same `dvc repro` ask

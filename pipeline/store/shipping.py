@@ -143,10 +143,12 @@ class Shipment:
                 found = cache.fetch(store, stored.name, inputs[name], stored.check)
             except FormatError as error:
                 raise SimulationError(
-                    store.url, f"its copy of the input {name} was damaged", "Run again: it is sent anew."
+                    store.url, f"its copy of the input {name} was damaged", "Run again: it is sent once more."
                 ) from error
             if not found:
-                raise SimulationError(store.url, f"the input {name} is gone", "Run again: it is sent anew.")
+                raise SimulationError(
+                    store.url, f"the input {name} is gone", "Run again: it is sent once more."
+                )
         if MESH in inputs:
             wanted = {os.path.normpath(path) for path in source_files(inputs[MESH], inputs.get(TEXTURE))}
             if wanted != {str(path) for name, path in inputs.items() if not self.inputs[name].is_product}:
@@ -178,7 +180,7 @@ def publish(job: Job, store: Store) -> Shipment:
                 stored.check(path)
                 store.put(path, stored.name)
         except FileNotFoundError as error:
-            raise InputError(path.name, "an input that was there is gone", "Run again.") from error
+            raise InputError(path.name, "an input was removed during the run", "Run again.") from error
         except FormatError as error:
             raise InputError(path.name, "changed since the run began", "Run again.") from error
     call = replace(job.call, request=replace(job.call.request, inputs={}), memo=None)

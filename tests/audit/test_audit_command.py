@@ -190,7 +190,7 @@ def test_content_that_is_nowhere_is_said_and_judged_by_no_threshold(run, made):
         assert "dvc fetch" in out
         status, _, error = run("audit", "HEAD~1", "HEAD", "--max-loss", "vision.psnr_db=0.5")
         assert status == FAILED
-        assert "was not judged" in error
+        assert "were not judged" in error
     finally:
         away.rename(path)
 
@@ -221,7 +221,7 @@ def test_damaged_measures_are_judged_by_no_threshold(run, made):
         assert status == FAILED
         assert "corrupted" in out
         assert "incomplete: data/fidelity/dish.zarr.zip" in out
-        assert "was not judged" in error
+        assert "were not judged" in error
         assert run("audit", "HEAD")[0] == FINE
     finally:
         path.write_bytes(whole)

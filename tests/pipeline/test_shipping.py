@@ -246,7 +246,7 @@ def test_an_input_changed_on_its_way_is_not_sent(toys, store):
     with pytest.raises(InputError, match="changed since the run began"):
         publish(job, Store(os.environ[STORE]))
     job.call.request.inputs["mesh"].unlink()
-    with pytest.raises(InputError, match="is gone"):
+    with pytest.raises(InputError, match="was removed"):
         publish(job, Store(os.environ[STORE]))
     assert not [path for path in store.rglob("*") if path.is_file()]
 

@@ -367,7 +367,7 @@ def test_a_gltf_that_names_what_is_not_listed_is_refused(place):
     ("members", "finding"),
     [
         ({}, "it holds no file"),
-        ({"another/google_16k/textured.obj": b"v 0 0 0"}, "holds nothing that is wanted in 901_test_bar/"),
+        ({"another/google_16k/textured.obj": b"v 0 0 0"}, "holds none of the wanted files in 901_test_bar/"),
         ({f"{YCB}/google_16k/other.obj": b"v 0 0 0"}, "not among the downloaded files"),
         ({f"{YCB}/google_16k/textured.obj": b"mtllib none.mtl\n"}, "names the material library 'none.mtl'"),
         ({f"{YCB}/source.json.txt": b"", f"{YCB}/source.json": b"{}"}, "not among the downloaded files"),

@@ -132,7 +132,7 @@ def test_the_list_of_a_source_is_its_ids(fetch):
 def test_a_dry_run_tells_addresses_and_sizes_and_fetches_nothing(fetch, sources):
     status, said, errors = fetch("--dry-run", *IDS)
     assert (status, errors) == (0, "")
-    assert f"https://ycb-benchmarks.s3.amazonaws.com/data/google/{YCB}_google_16k.tgz  size not told" in said
+    assert f"https://ycb-benchmarks.s3.amazonaws.com/data/google/{YCB}_google_16k.tgz  size unknown" in said
     assert "https://fuel.gazebosim.org/1.0/GoogleResearch/models/Caf%C3%A9_Bar_16%20oz_cup/1/" in said
     assert f"https://dl.polyhaven.org/file/ph-assets/Models/gltf/8k/{POLY_HAVEN}/{POLY_HAVEN}.bin" in said
     assert "2 files of unknown size" in said

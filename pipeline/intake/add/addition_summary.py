@@ -1,4 +1,4 @@
-"""What was measured of an object, in lines for people."""
+"""The measurements of an object, in lines for people."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Names that are safe as files, as cells and on a command line, from names as people give them."""
+"""Names that are safe as files, cells and arguments of commands, from names that people chose."""
 
 import re
 import unicodedata

@@ -125,7 +125,7 @@ def write_table(path: Path, text: str) -> None:
 
 
 def locked(path: Path) -> AbstractContextManager[object]:
-    """Hold a table against other additions; another process or thread waits."""
+    """Lock a table against other additions; another process or thread waits."""
     path = path.resolve()
     return disk.locked(path.with_name(f".{path.name}.lock"))
 

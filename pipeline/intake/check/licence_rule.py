@@ -35,9 +35,9 @@ def check(entry: Entry) -> Iterator[Finding]:
         yield entry.found(RULE, ERROR, "licence", found, f"Write {source.licence}, or correct the source")
     if "-ND" in (meant or ""):
         found = f"{meant} does not allow changed versions, which an Object File is, to be shared"
-        yield entry.found(RULE, WARNING, "licence", found, "Keep what is made of it to yourself, or ask")
+        yield entry.found(RULE, WARNING, "licence", found, "Do not publish products of it, or ask its author")
     elif "-NC" in (meant or ""):
-        found = f"{meant} allows no commercial use of what is made of it"
+        found = f"{meant} allows no commercial use of its products"
         yield entry.found(RULE, NOTE, "licence", found, "Say so where the data set is published")
 
 

@@ -1,4 +1,4 @@
-"""What a check found, as a table for people and as JSON."""
+"""The findings of a check, as a table for people and as JSON."""
 
 import io
 import json

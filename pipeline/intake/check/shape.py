@@ -1,4 +1,4 @@
-"""What a check measures on the mesh of an object."""
+"""Measurements of a check on the mesh of an object."""
 
 import hashlib
 from dataclasses import dataclass

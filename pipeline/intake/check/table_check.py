@@ -36,7 +36,7 @@ RULES = (*BY_ROW, mass_rule.RULE, material_rule.RULE, duplicate_rule.RULE, ACCEP
 
 @dataclass(frozen=True)
 class Check:
-    """What a check found.
+    """The findings of a check.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ class CachedFile:
         )  # a mirror's address may have a password in it, which is not for the disk
 
     def locked(self) -> AbstractContextManager[object]:
-        """Hold the folder; another process or thread waits."""
+        """Lock the folder; another process or thread waits."""
         return locked(self.folder / ".lock")
 
     def resumable(self) -> tuple[int, str]:

@@ -55,13 +55,13 @@ class Expected:
         for name, value in found.items():
             wanted = getattr(self, name)
             if wanted is not None and str(wanted).lower() != str(value):
-                return f"not what is known of it: its {name} is {value}, not {wanted}"
+                return f"differs from what is known of it: its {name} is {value}, not {wanted}"
         return ""
 
     def check_count(self, count: int) -> None:
         """Raise `InputError` for more bytes than the file may have."""
         if count > self.limit_bytes:
-            remedy = "Nothing of this kind should be; look at what is there before fetching it."
+            remedy = "No such file should be that large; look at it before fetching it."
             raise InputError(self.url, f"larger than {self.limit_bytes} bytes", remedy)
 
 
@@ -139,7 +139,7 @@ class Downloader:
         try:
             return json.loads(content)
         except (ValueError, RecursionError) as error:
-            remedy = "Look at it in a browser: a proxy may stand between."
+            remedy = "Open it in a browser: a proxy may answer in its place."
             raise FormatError(url, "its server answers with no JSON", remedy) from error
 
     def forget(self, url: str) -> None:
@@ -251,7 +251,7 @@ def _total(response: requests.Response, expected: Expected) -> int | None:
             )
         return expected.size
     if expected.size is not None and int(said) != expected.size:
-        finding = f"not what is known of it: its size is {said}, not {expected.size}"
+        finding = f"differs from what is known of it: its size is {said}, not {expected.size}"
         raise FormatError(expected.url, finding, REMEDY)
     return int(said)
 

@@ -1,4 +1,4 @@
-"""What was fetched, in lines for people."""
+"""A summary of fetched objects, in lines for people."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path

@@ -184,7 +184,7 @@ class Fetcher:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(file, place)
             elif not unpack(file, folder, top=entry.top, wanted=asked.source.wanted):
-                finding = f"holds nothing that is wanted{f' in {entry.top}/' if entry.top else ''}"
+                finding = f"holds none of the wanted files{f' in {entry.top}/' if entry.top else ''}"
                 raise FormatError(file.name, finding, "Its source lays it out differently than it did.")
         paths = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
         if RECORD in paths:

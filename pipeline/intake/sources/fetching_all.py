@@ -44,7 +44,7 @@ def fetch_all(
             source = asked.source.id
             if unreachable[source] >= MOST_UNREACHABLE:
                 finding = "not tried, for its source cannot be reached"
-                raise InputError(source_id, finding, "The same command goes on later.")
+                raise InputError(source_id, finding, "Run the same command later.")
             begin(source_id)
             try:
                 fetched = fetcher.fetch(asked)

@@ -62,7 +62,7 @@ class FoundProducts:
         if self.mesh is not None:
             return clean(load_mesh(self.mesh), str(self.mesh))[0]
         remedy = "Name it by id with --root, or give a product of objects; or export the stored surface."
-        raise InputError(self.object_id, "its source mesh is not at hand", remedy)
+        raise InputError(self.object_id, "its source mesh is not here", remedy)
 
     def rendered_surface(self) -> Surface | None:
         """Return the surface that the views show: the mesh that was rendered, else its stored form."""

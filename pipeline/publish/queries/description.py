@@ -1,4 +1,4 @@
-"""What an Object File holds and how faithful it is, in lines for people."""
+"""The contents and the fidelity of an Object File, in lines for people."""
 
 from pathlib import Path
 

@@ -86,7 +86,7 @@ def cost_summary(objects: Sequence[MeasuredObject]) -> MeasureSummary:
 
 
 def stage_rows(objects: Sequence[MeasuredObject]) -> list[StageRow]:
-    """Return what each stage took, in the order of the pipeline."""
+    """Return the cost of each stage, in the order of the pipeline."""
     rows = []
     for stage in stage_names(objects):
         costs = [cost for one in objects if (cost := one.cost(stage))]

@@ -1,4 +1,4 @@
-"""What a page without a server needs of an Object File, as few bytes.
+"""The data of an Object File for a page without a server, in few bytes.
 
 The surface is stored exactly (its own grid of steps), with the colour that the VisionNet's reflectance
 amounts to at each vertex and in the middle of each edge. Sound is stored as the gains at the first of
@@ -32,7 +32,7 @@ FORMAT = 2
 
 
 def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
-    """Return what a static player is told of an object, and its arrays, compressed.
+    """Return the header of a static player's data, and its arrays, compressed.
 
     The first has the places of the arrays in the second, see `packed`.
     """

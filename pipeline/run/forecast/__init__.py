@@ -1,1 +1,1 @@
-"""What a run will take, from measured costs."""
+"""Forecasts of the cost of a run, from measured costs."""

@@ -41,7 +41,7 @@ PACKAGED_TOUCH_PIXELS = 150 * 160 * 120
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a task is expected to take.
+    """The expected cost of a task.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Taken:
-    """What one task took: seconds, peak in bytes, load, bytes of its products."""
+    """The cost of one task: seconds, peak in bytes, load, bytes of its products."""
 
     object_id: str
     stage: str
@@ -94,7 +94,7 @@ class PowerLaw:
 
 @dataclass(frozen=True)
 class Model:
-    """What tasks of a stage take, by their load: mean seconds, bytes of memory that few exceed."""
+    """The cost of tasks of a stage by their load: mean seconds, and bytes of memory that few exceed."""
 
     wall: PowerLaw
     cpu: PowerLaw
@@ -102,7 +102,7 @@ class Model:
     product_bytes: int = 0
 
     def at(self, load: float | None) -> Estimate:
-        """Return what a task with this load is expected to take."""
+        """Return the expected cost of a task with this load."""
         memory_bytes = int(self.memory.at(load))
         return Estimate(self.wall.at(load), self.cpu.at(load), memory_bytes, self.product_bytes)
 
@@ -125,7 +125,7 @@ class Estimates:
         self._models: dict[str, Model | None] = {}
 
     def of(self, stage: str, object_id: str, size_bytes: int | None = None) -> Estimate:
-        """Return what the task of an object is expected to take.
+        """Return the expected cost of the task of an object.
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ def last_taken(costs: Iterable[Cost]) -> list[Taken]:
 
 @cache
 def packaged_costs() -> tuple[Taken, ...]:
-    """Return what the scans took that the package was tried on."""
+    """Return the packaged costs of the scans."""
     # With one thread and a core of its own, a task's wall seconds are its CPU seconds.
     return tuple(replace(one, wall_s=one.cpu_s) for one in last_taken(read_costs(PACKAGED)))
 

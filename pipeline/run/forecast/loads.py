@@ -1,4 +1,4 @@
-"""What the cost of computing modes grows with, as far as it is known before the task runs.
+"""The load of a task: the number by which the cost of computing modes grows.
 
 It is the number of bending modes below the highest frequency, N = √3 S f / (h c), with S half the area, h
 the thickness of thin walls and c the longitudinal wave speed of a plate (Cremer and Heckl, Structure-Borne

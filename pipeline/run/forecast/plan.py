@@ -1,4 +1,4 @@
-"""``objectfolder plan``: what a run would do and take, and later what it took."""
+"""``objectfolder plan``: the tasks and costs of a run before it starts, and afterwards its real costs."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ PLAN = Path(".objectfolder/plan.json")
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a stage took in the runs after a plan.
+    """The cost of a stage in the runs after a plan.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def show_plan(
 
 
 def show_comparison(root: Path, *, as_json: bool = False) -> None:
-    """Print what the runs since the last plan took, against it."""
+    """Print the costs of the runs since the last plan, beside those planned."""
     kept = read_plan(root)
     found, wall_s = compare(root, kept)
     if as_json:
@@ -169,7 +169,7 @@ def comparison_table(kept: Plan, found: Mapping[str, Comparison], wall_s: float)
 def compare(
     root: Path, kept: Plan, stages: Mapping[str, Stage] = STAGES
 ) -> tuple[dict[str, Comparison], float]:
-    """Return what each stage took in the runs since a plan was made, and their wall seconds."""
+    """Return the cost of each stage in the runs since a plan was made, and their wall seconds."""
     begin = datetime.fromisoformat(kept.time)
     tasks: dict[str, list[dict[str, Any]]] = {name: [] for name in kept.stages}
     wall_s = 0.0

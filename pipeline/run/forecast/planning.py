@@ -1,4 +1,4 @@
-"""What a run would do and take, before it starts.
+"""The tasks and costs of a run, before it starts.
 
 Objects are counted as `pipeline.run.status` finds them: what is current is kept, what is not but lies in the
 memo is restored, the rest is computed; so is, at most, whatever waits for an input that does not exist yet.
@@ -46,7 +46,7 @@ Tasks = Mapping[str, Mapping[str, Estimate]]  # to compute, by object and stage
 
 @dataclass(frozen=True)
 class StagePlan:
-    """What a stage would do.
+    """The tasks of a stage, and their costs.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class WallTime:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run would do and take.
+    """The tasks and costs of a run.
 
     Parameters
     ----------
