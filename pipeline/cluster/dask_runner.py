@@ -167,7 +167,6 @@ class DaskRunner:
 
     def _send(self, task: _Task) -> None:
         job = task.job
-        task.tries += 1
         task.memory_bytes = min(task.memory_bytes, self._workers.largest_bytes(job.needs))
         step = self._client.submit(
             run_task,
@@ -222,10 +221,11 @@ class DaskRunner:
         except CancelledError as error:
             raise gone() from error
         step.release()
-        if answer.killed:
-            return self._after_kill(task)
-        if answer.outcome is None:
+        if answer.outcome is None and not answer.killed:
             return self._after_unseen_folder(task)
+        task.tries += 1
+        if answer.killed or answer.outcome is None:
+            return self._after_kill(task)
         if answer.shipped and answer.outcome.failure is None:
             step = self._transfers.submit(collect, task.job, self._folder.root, self._store)
             self._await(task, step, self._after_collecting)

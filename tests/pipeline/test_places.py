@@ -99,6 +99,8 @@ def test_a_place_that_is_not_there_is_never_replaced_by_another(root):
 def test_a_package_that_is_missing_is_named_with_the_way_to_get_it(
     root, pytestconfig, monkeypatch, name, package, remedy
 ):
+    for module in [name for name in sys.modules if name.startswith(f"{package}.")]:
+        monkeypatch.delitem(sys.modules, module)  # another test may have imported it
     monkeypatch.setitem(sys.modules, package, None)
     place = read_place(pytestconfig.rootpath, name).model_copy(update={"tls": False})
     with pytest.raises(InputError, match=rf"{package} is not installed.*pip install {remedy}"):
