@@ -36,7 +36,7 @@ class KnownCosts:
                     self._reported[row.get("id") or "", column.removeprefix(CPU_COLUMN)] = seconds
 
     def of(self, object_id: str, stage: str, fingerprint: str) -> float | None:
-        """Return the CPU seconds of a product, None where nobody noted them."""
+        """Return the CPU seconds of a product; None where no file has them."""
         known = self._measured.of(fingerprint)
         return known.cpu_s if known else self._reported.get((object_id, stage))
 

@@ -152,7 +152,7 @@ class Comparison:
             before, after = self._described(old, why), self._described(new, why)
             for side, one in enumerate((before, after)):
                 prints[side] = prints[side] or (one.fingerprint if one else "")
-            # What cannot be read may have any fidelity, what is not there has none.
+            # An unreadable product may have any fidelity, an absent one has none.
             if kind.name == FIDELITY.name and (before or not old) and (after or not new):
                 measures = changes(
                     object_id, before.attributes if before else None, after.attributes if after else None

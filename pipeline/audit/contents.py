@@ -125,7 +125,7 @@ class Contents(Stores):
         def size(md5: str) -> int | None:
             try:
                 found = self.remote.fs.size(self.remote.oid_to_path(md5))
-            except Exception:  # a cloud's own errors: what is not known is not counted
+            except Exception:  # a cloud's own errors: contents of unknown size are left out
                 return None
             return int(found) if found is not None else None
 

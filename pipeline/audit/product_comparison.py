@@ -109,7 +109,7 @@ def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list
 
 
 def _damage(which: str, path: Path) -> list[Reason]:
-    """Return what is wrong with a whole product."""
+    """Return the fault of a whole product."""
     try:
         products.verify(path)
     except FormatError as error:

@@ -19,7 +19,7 @@ TOLERANCE, BYTES, CORRUPTED, MISLABELLED, UNREADABLE = (
 )  # fmt: skip
 # What stands in a provenance beside the parts of the fingerprint.
 BESIDE = ("fingerprints", "tolerances")
-# What is wrong with a product, rather than what it was made from.
+# Faults of a product, in place of differences in its parts.
 DEFECTS = (CORRUPTED, MISLABELLED, UNREADABLE)
 
 
@@ -157,7 +157,7 @@ def _explained(stage: Stage, difference: Difference, around: Circumstances) -> I
 
 
 def _source(role: str, old: Any, new: Any, around: Circumstances) -> Reason:
-    """Name a source file after what it changed of the object."""
+    """Name a source file by the properties of the object that it changed."""
     before, after = around.digests
     known = "geometry" in before and "geometry" in after
     geometry = known and before["geometry"] != after["geometry"]

@@ -132,7 +132,7 @@ class _Bench:
         targets = tuple(stage.targets(self._root / "again", object_id))
         for target in targets:
             target.parent.mkdir(parents=True, exist_ok=True)
-        # With today's code, whatever the version's was: the child refuses what it could not label truly.
+        # With today's code, not the version's: the child refuses code that differs from what it has loaded.
         call = Call(stage.name, stage.task, request, targets, told[-1].fingerprint, {**parts, "code": code})
         outcome = child.run(call)
         if outcome.failure is not None:

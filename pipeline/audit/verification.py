@@ -203,7 +203,7 @@ def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Descript
     FormatError
         A damaged one.
     """
-    # Files of the cache have no suffix, by which products are told apart.
+    # Files of the cache lack the suffix by which the kind of a product is known.
     named = scratch / f"{kind.name}-{name}{kind.suffix}"
     named.symlink_to(path.resolve())
     try:

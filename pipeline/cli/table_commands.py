@@ -155,7 +155,7 @@ def fetch(
 
 
 def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
-    """Fetch all; say of each what it is, and at the end what failed."""
+    """Fetch all; print each object, and at the end the failures."""
     from pipeline.intake.sources.fetch_summary import differences, lines_of, summary
     from pipeline.intake.sources.fetching_all import Failed, fetch_all
     from pipeline.intake.sources.source_table import read_source_rows
@@ -185,7 +185,7 @@ def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions",
 
 
 def _list_missing(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
-    """Print addresses and sizes of what is not there; lists of files are asked for, files are not."""
+    """Print addresses and sizes of absent files; lists of files are fetched, files are not."""
     failed = total = unknown = 0
     for source_id in ids:
         try:

@@ -273,7 +273,7 @@ class DaskRunner:
         return self._finish(task, outcome)
 
     def _review(self) -> Iterator[Finished]:
-        """Send tasks again that ask for more memory than any worker has; end those that nobody can run."""
+        """Send tasks again that ask for more memory than any worker has; end those that no worker can run."""
         missing = {needs: self._workers.missing(needs) for needs in {task.job.needs for task in self._tasks}}
         for task in list(self._tasks):
             if all(missing.values()):  # those that can run run first

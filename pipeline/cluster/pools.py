@@ -10,7 +10,7 @@ from pipeline.dataset.job import BLENDER, GPU
 HOST = "OBJECTFOLDER_WORKER_HOST"  # the name under which a worker's host is recorded
 MEMORY = "OBJECTFOLDER_WORKER_MEMORY_GB"  # what tasks may take on a worker
 POOLS = (BLENDER, GPU)
-USABLE = 0.9  # of a worker's memory, where nobody said how much
+USABLE = 0.9  # of a worker's memory, where no setting says how much
 NOTHING = "nothing"  # resource of a worker that was started for no pool
 
 

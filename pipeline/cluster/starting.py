@@ -21,7 +21,7 @@ from pipeline.cluster.pools import MEMORY
 EXTRAS = {"dask_jobqueue": "slurm", "dask_kubernetes": "kubernetes", "asyncssh": "ssh"}
 LOOK_S = 10.0  # between looks for workers that have to be started again
 PRIVATE_DASHBOARD = "127.0.0.1:0"
-IDLE = "1 hour"  # after which a scheduler on another machine, whose driver is gone, ends
+IDLE = "1 hour"  # after which a scheduler on another machine ends, if its driver has ended
 GONE_S = 60  # after which a worker of it ends, too
 WORKER_OPTIONS = ["--memory-limit", "0", "--no-dashboard"]  # the memory is that of the tasks' own processes
 
@@ -51,7 +51,7 @@ def make_cluster(place: Place, root: Path, tasks_at_most: int, security: Any) ->
         return kind(*place.args, **arguments)
     except ObjectFolderError:
         raise
-    except Exception as error:  # classes of others raise what they like
+    except Exception as error:  # classes of other projects raise errors of any type
         raise SimulationError(place.starts, f"does not start ({error})", "See docs/cluster.md.") from error
 
 

@@ -132,5 +132,5 @@ class Workers:
 
 
 def gone() -> SimulationError:
-    """Return the error of a run whose scheduler went away."""
+    """Return the error of a run whose scheduler ended."""
     return SimulationError("cluster", GONE, "Run again: nothing finished is lost.")

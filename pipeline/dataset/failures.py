@@ -51,7 +51,7 @@ def write_failures(
     stages: Collection[str],
     others: Collection[str] = (),
 ) -> None:
-    """Write what failed in a run, and keep what it did not look at.
+    """Write the failures of a run, and keep those of objects and stages that it did not look at.
 
     Parameters
     ----------

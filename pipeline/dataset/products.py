@@ -41,7 +41,7 @@ class ProductKind:
         return self.folder.rpartition("/")[2]
 
     def path(self, root: Path, object_id: str) -> Path:
-        """Return where the product of an object lies."""
+        """Return the path of the product of an object."""
         return root / self.folder / f"{object_id}{self.suffix}"
 
     def object_ids(self, root: Path) -> list[str]:
@@ -56,7 +56,7 @@ class ProductKind:
         )
 
     def sweep(self, root: Path) -> None:
-        """Remove what an interrupted run left half-written."""
+        """Remove half-written files of an interrupted run."""
         for path in (root / self.folder).glob(f".*{PARTIAL}"):
             path.unlink(missing_ok=True)
 
@@ -81,7 +81,7 @@ def write(path: Path, content: object, fingerprint: str, provenance: dict[str, A
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """Return what a product says of itself, beside its arrays.
+    """Return the attributes of a product.
 
     Raises
     ------

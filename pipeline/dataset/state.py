@@ -1,4 +1,4 @@
 """Paths of files beside a data set and outside its versions; losing them costs time only."""
 
 STATE = ".objectfolder"
-PLAYERS = f"{STATE}/players"  # what was made of Object Files for players, by their content
+PLAYERS = f"{STATE}/players"  # data of players, by the content of the Object File

@@ -37,7 +37,7 @@ class TaskCode:
         return self._identities[module]
 
     def save(self) -> None:
-        """Keep what is known of sources, if it is more than before; a disk without room loses it."""
+        """Write the cache of sources, if it has grown; on a full disk it is lost."""
         if set(self._known) == self._kept:
             return
         with contextlib.suppress(OSError), atomic_write(self._path) as file:

@@ -107,7 +107,7 @@ class Verified:
         return digest
 
     def save(self) -> None:
-        """Write what is known, without files that are gone; a disk without room loses it."""
+        """Write the cache, without removed files; on a full disk it is lost."""
         self.code.save()
         if not self._changed:
             return
@@ -120,7 +120,7 @@ class Verified:
         self._changed = False
 
     def _product(self, path: Path) -> dict[str, Any]:
-        """Return what is known of a product as it is now."""
+        """Return the cache's entry of a product; a new one if its file has changed."""
         key = self._key(path)
         state = _state(path)
         entry = self._products.get(key)

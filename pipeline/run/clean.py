@@ -116,7 +116,7 @@ def _partial_files(root: Path) -> Iterator[Path]:
 
 
 def _unneeded_memos(root: Path) -> Iterator[Path]:
-    """Yield the memos of products that do not lie in the data set now."""
+    """Yield the memos of products that are not in the data set now."""
     present = set()
     for kind in _kinds():
         for object_id in kind.object_ids(root):
@@ -186,7 +186,7 @@ def _size(path: Path) -> int:
         if path.is_symlink() or not path.is_dir():
             return 512 * path.lstat().st_blocks
         return sum(_size(below) for below in path.iterdir())
-    except OSError:  # gone meanwhile
+    except OSError:  # removed meanwhile
         return 0
 
 

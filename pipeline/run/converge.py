@@ -29,7 +29,7 @@ from pipeline.store import memo
 if TYPE_CHECKING:
     from pipeline.run.forecast.estimates import Estimates
 
-# From the number of tasks there are at most to who runs them; entered only where there are any.
+# Takes the largest number of tasks and returns the runner; called only where there are tasks.
 RunnerFor = Callable[[int], AbstractContextManager[Runner]]
 
 
@@ -167,7 +167,7 @@ def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
 
 
 def _sweep(stage: Stage, root: Path) -> None:
-    """Remove what killed processes left half-written."""
+    """Remove half-written files of killed processes."""
     for kind in stage.products:
         kind.sweep(root)
 

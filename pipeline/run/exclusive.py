@@ -89,7 +89,7 @@ def most_seconds() -> float:
 
 
 def owner(root: Path) -> str | None:
-    """Return which process holds a checkout now, what it runs and since when; None where nobody does."""
+    """Return which process holds a checkout now, what it runs and since when; None where no process does."""
     if not _owner_file(root).exists():
         return None
     try:

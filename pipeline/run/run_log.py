@@ -15,7 +15,7 @@ from pipeline.dataset.task import Failure
 
 
 def unwritable(path: Path, error: OSError) -> SimulationError:
-    """Return what to raise where a record of a run cannot be written."""
+    """Return the error for a record of a run that cannot be written."""
     finding = f"cannot be written ({error.strerror or error})"
     return SimulationError(str(path), finding, "Make room, and run again: nothing finished is lost.")
 

@@ -141,7 +141,7 @@ class RunRecord:
         time = datetime.now(UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"time": time, "event": event, "run": self.run_id, **values}) + "\n"
         try:
-            os.write(self._file, line.encode())  # at once and at the end, whoever else writes here
+            os.write(self._file, line.encode())  # one call, so that no line is mixed with another's
         except OSError as error:
             raise unwritable(self.path, error) from error
 

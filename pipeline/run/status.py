@@ -149,7 +149,7 @@ def _of(
 
 
 def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:
-    """What a cleaned mesh says of itself; other products repeat it or say nothing."""
+    """Attributes of a cleaned mesh that are shown; other products repeat them or have none."""
     if OBJECTS not in stage.products:
         return ()
     try:

@@ -1,6 +1,6 @@
 """Sets the memory allocator of a task's process to keep the memory of freed arrays.
 
-As it comes, glibc returns every large array to the system and asks for the next one anew, whose pages are
+By default, glibc returns every large array to the system and asks for the next one anew, whose pages are
 then zeroed one by one: a sixth of the CPU seconds of all stages together (the starter set, made small).
 """
 

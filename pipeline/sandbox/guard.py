@@ -23,7 +23,7 @@ from pipeline.sandbox.process_tree import descendants
 
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER
 CHOSEN_FIRST = "600"  # by the kernel when memory runs out: a task's processes, not workers and drivers
-STARTER_GONE_S = 2.0  # within which a starter whose pipe has closed is seen to be gone
+STARTER_GONE_S = 2.0  # within which a starter whose pipe has closed is found to have ended
 
 
 def main() -> None:

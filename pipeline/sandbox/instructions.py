@@ -1,4 +1,4 @@
-"""Numerical libraries told to use the same instructions on every processor of a kind.
+"""Makes numerical libraries use the same instructions on every processor of a vendor.
 
 Each library takes other paths on a newer processor, whose sums differ in the last bits; a fit amplifies
 them. With these settings a processor with AVX-512 makes the bytes of one with AVX2 of the same vendor, for

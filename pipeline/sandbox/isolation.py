@@ -73,7 +73,7 @@ class ChildSettings:
 
 
 class Child:
-    """A process that runs one call at a time, started at need and replaced when it dies or is old."""
+    """A process that runs one call at a time, started when needed and replaced when it dies or is old."""
 
     def __init__(self, root: Path, settings: ChildSettings) -> None:
         self._root = root
@@ -202,7 +202,7 @@ class Child:
             path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
             environment = {
                 **os.environ,
-                **GLIBC,  # Dask's workers are told to keep nothing, for they keep data; tasks do not
+                **GLIBC,  # Dask sets its workers' allocator to return memory at once; tasks reuse theirs
                 **instructions.settings(),
                 "OMP_WAIT_POLICY": "PASSIVE",
                 "PYTHONHASHSEED": "0",

@@ -37,7 +37,7 @@ class Scratch:
 
 
 def home() -> Path:
-    """Return the folder of all scratch folders of this user, made at need.
+    """Return the folder of all scratch folders of this user, made if absent.
 
     Raises
     ------

@@ -128,7 +128,7 @@ def open_cache() -> InputCache:
 
 
 def _link(source: Path, target: Path) -> None:
-    """Give a file another name, atomically; copy it where the two lie on different disks."""
+    """Give a file another name, atomically; copy it where the two are on different disks."""
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.exists():
         return

@@ -80,7 +80,7 @@ class Shipment:
 
     @property
     def request(self) -> Request:
-        """What the task body gets, but for the paths."""
+        """The arguments of the task body, without the paths."""
         return self.call.request
 
     @property

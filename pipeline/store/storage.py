@@ -231,7 +231,7 @@ def default_patience_s() -> float:
 
 
 def disk_error(error: OSError, folder: Path) -> ObjectFolderError:
-    """Return what to show for an error of the operating system in a folder."""
+    """Return the project's error for an error of the operating system in a folder."""
     if error.errno in NO_SPACE:
         return SimulationError(str(folder), "no space left", f"Free space there. {KEPT}")
     finding = f"cannot be used ({error.strerror or error})"

@@ -21,7 +21,7 @@ SHARED: tuple[tuple[str, str, Key], ...] = (
 
 
 def check(entries: Sequence[Entry]) -> Iterator[Finding]:
-    """Find rows that share a source, a mesh, a surface or a texture; each is told once, at the later row."""
+    """Find rows that share a source, a mesh, a surface or a texture; each once, at the later row."""
     told: set[tuple[str, str]] = set()
     pairs = [(what, column, pair) for what, column, key in SHARED for pair in _sharing(entries, key)] + [
         ("the cleaned surface", "mesh", pair) for pair in _alike(entries)

@@ -50,7 +50,7 @@ class Fetching:
     accept_changed: bool = False
 
     def fetcher(self, table: Path, progress: Callable[[str, int, int | None], None]) -> "Fetcher":
-        """Return what fetches, for a table of objects.
+        """Return the fetcher for a table of objects.
 
         Raises
         ------

@@ -143,7 +143,7 @@ class Fetcher:
         return Fetched(asked, target, record, FETCHED, recorded)
 
     def _kept(self, asked: SourceObject) -> Record | None:
-        """Return the record of what is there, if that is whole and as it is known."""
+        """Return the record of the present files, if they are whole and have the known hashes."""
         target = asked.folder(self._folder)
         record = None if self._refresh else read_record(target)
         if record is None or not is_whole(target, record, asked.resolution):
@@ -219,7 +219,7 @@ class Fetcher:
             return False
 
     def _absent(self, asked: SourceObject) -> InputError:
-        """Return what to say of an object that the source does not have."""
+        """Return the error for an object that the source does not have."""
         source = asked.source
         try:
             names = self.names(source)
@@ -236,7 +236,7 @@ class Fetcher:
 
 
 def _replace_folder(target: Path, whole: Path) -> None:
-    """Rename `whole` to `target`, in place of what is there."""
+    """Rename `whole` to `target`, which it replaces."""
     old = target.with_name(f".{target.name}.old")
     shutil.rmtree(old, ignore_errors=True)  # of a process that was killed
     if target.exists():

@@ -1,4 +1,4 @@
-"""Requests over HTTP: urllib3 retries them; what it cannot mend is an error that names the remedy."""
+"""Requests over HTTP: urllib3 retries them; if that fails, an error names the remedy."""
 
 import contextlib
 import itertools
@@ -162,7 +162,7 @@ class HttpClient:
             yield response
 
     def body(self, response: requests.Response, *, decoded: bool = False) -> Iterator[bytes]:
-        """Yield a body as it comes, with its ``Content-Encoding`` undone where `decoded`.
+        """Yield a body as it arrives, with its ``Content-Encoding`` undone where `decoded`.
 
         Raises
         ------
@@ -172,7 +172,7 @@ class HttpClient:
         count, since = 0, time.monotonic()
         while True:
             try:
-                # Unlike `read`, this returns what is there: a slow server is seen to be slow.
+                # Unlike `read`, this returns the bytes that have arrived, so that a slow server is noticed.
                 block = response.raw.read1(BLOCK, decode_content=decoded)
             except (HTTPError, OSError) as error:
                 raise InterruptedBodyError(_finding(error)) from error

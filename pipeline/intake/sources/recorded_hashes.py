@@ -19,7 +19,7 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
 class ChangedError(InputError):
-    """Content that is another than is recorded of a file."""
+    """Content of a file that differs from its recorded hash."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def read_hashes(path: Path) -> Known:
 
 
 def check_known(known: Known, source_id: str, files: Mapping[str, Content]) -> None:
-    """Raise `ChangedError`, naming both hashes, if a file is another than is known of it."""
+    """Raise `ChangedError`, naming both hashes, if a file differs from its recorded hash."""
     for name, content in sorted(files.items()):
         before = known.get((source_id, name), content)
         if before != content:
@@ -85,7 +85,7 @@ def check_known(known: Known, source_id: str, files: Mapping[str, Content]) -> N
 def record_hashes(
     path: Path, source_id: str, files: Mapping[str, Content], *, accept_changed: bool = False
 ) -> int:
-    """Add what is not yet known of an object's files to the table; return the number of new rows.
+    """Add hashes of an object's new files to the table; return the number of new rows.
 
     Parameters
     ----------

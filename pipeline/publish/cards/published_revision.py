@@ -72,7 +72,7 @@ class PublishedRevision:
             remedy = "Give a revision that has the data set made and committed."
             raise InputError(self.name, f"this revision has no {kind.folder}", remedy)
         files = self.stores.folder(digest, f"{self.name}, {kind.folder}")
-        # A list of somebody else's: a name in it must not lead out of a folder.
+        # The list is not trusted: a name in it must not lead out of a folder.
         names = {
             name.removesuffix(kind.suffix): md5 for name, md5 in files.items() if name.endswith(kind.suffix)
         }
@@ -93,7 +93,7 @@ class PublishedRevision:
 
 @contextlib.contextmanager
 def opened(repository: str, revision: str | None = None, remote: str = "") -> Iterator[PublishedRevision]:
-    """Open a revision of a repository under DVC; a temporary clone is gone afterwards.
+    """Open a revision of a repository under DVC; a temporary clone is removed afterwards.
 
     Parameters
     ----------

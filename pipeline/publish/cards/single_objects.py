@@ -93,7 +93,7 @@ def get(
                 return Got(object_id, path, _fetched(published.stores, md5, path, new_bytes), count)
             except ObjectFolderError as error:
                 return Got(object_id, path, FAILED, count, error)
-            except OSError as error:  # of the folder it is written to: those of stores are told above
+            except OSError as error:  # of the folder it is written to: errors of stores are handled above
                 finding = f"cannot be written ({error.strerror or error})"
                 said = InputError(str(path), finding, "Check space and permissions of the folder.")
                 return Got(object_id, path, FAILED, count, said)

@@ -27,7 +27,7 @@ KINDS = {"views": VIEWS, "object_file": OBJECT_FILES, "objects": OBJECTS}
 
 @dataclass(frozen=True)
 class FoundProducts:
-    """Where the products of one object lie; None for what is not there."""
+    """Paths of the products of one object; None for an absent one."""
 
     object_id: str
     views: Path | None = None
@@ -44,7 +44,7 @@ class FoundProducts:
         return Credit.of_record(self.object_id, record)
 
     def write_manifest(self, folder: Path, kind: str, described: Mapping[str, Any]) -> None:
-        """Write what an export of a format says of itself: its manifest and its attribution."""
+        """Write the manifest and the attribution of an export."""
         credit = self.credit()
         write_json(folder / MANIFEST, {"format": kind, "object": credit.to_dict(), **described})
         (folder / "ATTRIBUTION.txt").write_text(credit.to_text(), encoding="utf-8")

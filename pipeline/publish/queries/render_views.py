@@ -64,7 +64,7 @@ def read_environment(path: Path) -> np.ndarray:
     """
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
-    # OpenCV reads OpenEXR only where it is told that its files are trusted.
+    # OpenCV reads OpenEXR only with this variable, by which a user states that files are trusted.
     os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
     try:
         import cv2

@@ -117,7 +117,7 @@ class Archive:
         return attributes
 
     def array(self, name: str) -> np.ndarray:
-        """Return a whole array, whether it lies in one chunk or in one an item.
+        """Return a whole array, stored in one chunk or in a chunk for each item.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class Archive:
             raise _damaged(self.path, error) from error
 
     def _read_form(self, name: str) -> tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]:
-        """Return shape, shape of a chunk, and type of an array, after checking what it says of itself."""
+        """Return shape, shape of a chunk, and type of an array, after checking its declarations."""
         said = self._json(f"{name}/zarr.json")
         chunk_bytes, whole_bytes = described_bytes(name, said)
         shape, chunk = tuple(said["shape"]), tuple(said["chunk_grid"]["configuration"]["chunk_shape"])

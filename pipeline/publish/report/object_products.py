@@ -72,7 +72,7 @@ class ObjectProducts:
         return self._archives.get(stage)
 
     def attributes(self, stage: str) -> dict[str, Any]:
-        """Return what a product says of itself, nothing where it cannot be read."""
+        """Return the attributes of a product, empty where it cannot be read."""
         with self.reading(stage):
             if stage not in ARCHIVES:
                 return dict(read_metadata(self.path(stage)))

@@ -1,4 +1,4 @@
-"""What was asked of an Object File and what it answered, as a page shows it: pictures, sounds, contacts."""
+"""Queries to an Object File and its answers, as a page shows them: pictures, sounds, contacts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

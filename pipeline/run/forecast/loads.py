@@ -45,7 +45,7 @@ class Loads:
             measured = read_attributes(OBJECTS.path(self._root, object_id))
             return bending_modes(measured, self._material(object_id), self._frequency_hz)
         except (OSError, FormatError, KeyError, TypeError, ValueError, ArithmeticError):
-            return None  # no product, or one that says of itself what cannot be; the run will say so
+            return None  # no product, or one with impossible attributes; the run reports it
 
     def _material(self, object_id: str) -> Mapping[str, float]:
         if self._materials is None:
