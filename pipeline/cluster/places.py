@@ -63,7 +63,7 @@ class Place(BaseModel):
         Seconds to wait while the scheduler has no worker; None for ever.
     pools_within_s
         Seconds, after a worker came or went, to wait for one that offers what none does.
-    threads, recycle_after, time_limit_s
+    threads, recycle_after, time_limit_s, memory_limit_bytes
         Of the child processes of the workers (`pipeline.sandbox.isolation.ChildSettings`).
     dask
         Settings of Dask.
@@ -87,6 +87,7 @@ class Place(BaseModel):
     threads: PositiveInt = 1
     recycle_after: PositiveInt = 50
     time_limit_s: NonNegativeFloat = 7200.0
+    memory_limit_bytes: PositiveInt | None = None
     dask: dict[str, Any] = {}
 
     @property
@@ -97,7 +98,7 @@ class Place(BaseModel):
     @property
     def child(self) -> ChildSettings:
         """How the child processes of the workers run."""
-        return ChildSettings(self.recycle_after, self.time_limit_s, self.threads)
+        return ChildSettings(self.recycle_after, self.time_limit_s, self.threads, self.memory_limit_bytes)
 
     def capacity(self) -> tuple[int, int | None, int | None]:
         """Return the workers at most, and tasks at a time and bytes of each; None where it is not said."""
