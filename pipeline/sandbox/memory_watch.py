@@ -66,7 +66,7 @@ class MemoryWatch:
             failure = Failure(
                 object_id,
                 f"used more than {_gigabytes(self._limit)}: {_gigabytes(used)} in {_processes(pids)}",
-                "Lower the settings of this stage, or run it where a host has more memory.",
+                "Lower the settings of this stage, or raise memory_limit_bytes of the place.",
             )
         elif available < self._reserve and used > self._allowed:
             failure = Failure(

@@ -47,7 +47,7 @@ def test_a_task_that_grows_beyond_its_limit_is_ended_and_the_next_one_runs(toys,
         outcome = child.run(grows)
         assert time.monotonic() - begin < 55
         assert "used more than 0.4 GB" in outcome.failure.error
-        assert "more memory" in outcome.failure.remedy
+        assert "memory_limit_bytes" in outcome.failure.remedy
         assert LIMIT_BYTES < outcome.peak_bytes < most_bytes
         assert child._process is None
         assert child.run(good).failure is None
