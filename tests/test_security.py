@@ -40,6 +40,7 @@ UNPICKLES = {
     "pipeline/sandbox/child.py": "the pipe between a worker and the child process that it started itself",
 }
 IMPORTS_BY_NAME = {
+    "pipeline/cluster/starting.py": "the class of a cluster, named by who starts the run in cluster/*.yaml",
     "pipeline/sandbox/child.py": "the module of a stage's task, named by code in pipeline/dataset/stages.py",
 }
 PICKLES = {"pickle", "_pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}

@@ -42,7 +42,6 @@ def declared() -> dict[str, dict[str, Any]]:
     report = {
         *code_files("pipeline.publish.data_set"),
         *products,
-        "bench/results",
         str(RECORDS),
         str(FAILURES),
     }
