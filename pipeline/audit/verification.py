@@ -60,7 +60,7 @@ class Verified:
     files, bytes
         That were read.
     findings
-        None of which there should be.
+        Empty where all is as it should be.
     """
 
     files: int

@@ -35,7 +35,7 @@ class Fetching:
     retries
         how often to ask a source again that sends nothing new
     refresh
-        ask anew for what is there
+        fetch again what lies there already
     accept_changed
         take and record content that is not what was known
     """
