@@ -112,9 +112,8 @@ class DaskRunner:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if (
-            error is None and not self._tasks
-        ):  # else the plugin stays, and ends the child processes of tasks that are cancelled now
+        # After an error the plugin stays, to end the child processes of tasks that are cancelled now.
+        if error is None and not self._tasks:
             self._client.unregister_worker_plugin(self._plugin.name)
         self._transfers.shutdown(cancel_futures=True)
         for task in self._tasks:
