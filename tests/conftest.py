@@ -3,7 +3,8 @@
 import dataclasses
 import importlib
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 # Before numpy is there: tests run beside each other, and a task of the pipeline has one thread, too.
@@ -12,6 +13,7 @@ os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", OPENBLAS_NUM_THREADS
 import numpy as np
 import pytest
 import trimesh
+from filelock import FileLock
 from hypothesis import settings
 
 from objectfolder.audio.materials import read_materials
@@ -25,6 +27,7 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.views import simulate_views
 
 REPOSITORY = Path(__file__).parents[1]
+COLLECTED = pytest.StashKey[list[str]]()
 
 # The same code draws the same examples; to look for others, `HYPOTHESIS_PROFILE=search`.
 settings.register_profile("same", derandomize=True)
@@ -35,6 +38,39 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 def pytest_configure() -> None:
     """Import DVC: it logs to the stream that it finds then, and that of a test's own is closed after it."""
     importlib.import_module("dvc.logger")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Remember what was collected, before any of it is deselected or shuffled."""
+    config.stash[COLLECTED] = [item.nodeid for item in items]
+
+
+@pytest.fixture(scope="session")
+def collected(request: pytest.FixtureRequest) -> list[str]:
+    """Names of all tests that this process collected, in order."""
+    return request.config.stash[COLLECTED]
+
+
+@pytest.fixture(scope="session")
+def make_once(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Callable[[str, Callable[[Path], None]], Path]:
+    """A function that fills a folder once for all processes of a run: ``make_once(name, fill)``."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if hasattr(request.config, "workerinput") else base
+
+    def make(name: str, fill: Callable[[Path], None]) -> Path:
+        folder, partial = shared / f"shared-{name}", shared / f"partial-{name}"
+        with FileLock(shared / f"{name}.lock"):
+            if not folder.is_dir():
+                shutil.rmtree(partial, ignore_errors=True)
+                partial.mkdir()
+                fill(partial)
+                partial.rename(folder)
+        return folder
+
+    return make
 
 
 @pytest.fixture(autouse=True)
@@ -75,8 +111,12 @@ def glass_bar() -> TexturedMesh:
 
 
 @pytest.fixture(scope="session")
-def small_file(glass_bar: TexturedMesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_file(glass_bar: TexturedMesh, make_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
     """A verified Object File of the bar, simulated and fitted at a very small size by the real tasks."""
+    return make_once("object", lambda folder: _make_object_file(glass_bar, folder)) / "bar.safetensors"
+
+
+def _make_object_file(glass_bar: TexturedMesh, folder: Path) -> None:
     surface, sensor = glass_bar.surface, Sensor()
     glass = read_materials(REPOSITORY / "data" / "materials.csv")["glass"]
     views = simulate_views(
@@ -108,6 +148,4 @@ def small_file(glass_bar: TexturedMesh, tmp_path_factory: pytest.TempPathFactory
     file = encode_object(
         surface, views, modes, sensor, described, visionnet={"steps": 60}, audionet={}, seed=0
     )
-    path = tmp_path_factory.mktemp("object") / "bar.safetensors"
-    verify_object(file, views, modes, touches).file.save(path)
-    return path
+    verify_object(file, views, modes, touches).file.save(folder / "bar.safetensors")

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,9 +22,14 @@ sys.path.append(str(Path(__file__).parents[1] / "pipeline"))
 
 
 @pytest.fixture(scope="session")
-def small_set(glass_bar: TexturedMesh, small_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_set(
+    glass_bar: TexturedMesh, small_file: Path, make_once: Callable[[str, Callable[[Path], None]], Path]
+) -> Path:
     """Root of a data set of two objects, the bar of `small_file` twice, with really simulated truth."""
-    root = tmp_path_factory.mktemp("set")
+    return make_once("set", lambda root: _make_set(glass_bar, small_file, root))
+
+
+def _make_set(glass_bar: TexturedMesh, small_file: Path, root: Path) -> None:
     glass = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")["glass"]
     made = {
         "views": simulate_views(
@@ -49,4 +55,3 @@ def small_set(glass_bar: TexturedMesh, small_file: Path, tmp_path_factory: pytes
         shutil.copy(small_file, path)
     records = {object_id: {"material": {"name": "glass"}} for object_id in ("bar", "rod")}
     (root / "data" / "records.json").write_text(json.dumps({"objects": records, "refused": []}))
-    return root
