@@ -26,11 +26,9 @@ def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(al
     output
         folder of its reports (default: reports in the root)
     """
-    from pipeline.publish.cards.all_cards import CARDS, write_cards
+    from pipeline.publish.data_set import REPORTS, write_cards
 
-    folder = output or root / "reports"
-    write_cards(root, folder)
-    print("\n".join(str(folder / name) for name in CARDS))
+    print("\n".join(map(str, write_cards(root, output or root / REPORTS))))
 
 
 def get(

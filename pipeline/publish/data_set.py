@@ -2,9 +2,13 @@
 
 from pathlib import Path
 
+from objectfolder.atomic import atomic_write
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
-from pipeline.publish.cards.all_cards import write_cards
+from pipeline.publish.cards.citation_file import citation_text
+from pipeline.publish.cards.croissant import croissant_text
+from pipeline.publish.cards.data_card import card_text
+from pipeline.publish.cards.published_data_set import read_data_set
 from pipeline.publish.report.writing import write_report
 from pipeline.run.costs import costs_path
 from pipeline.run.exclusive import running
@@ -19,3 +23,33 @@ def make_report(root: Path) -> int:
         write_cards(root, root / REPORTS)
     print(f"Object Files: {OBJECT_FILES.folder}/\nReport:       {REPORTS}/index.html")
     return 0
+
+
+def write_cards(root: Path, folder: Path) -> list[Path]:
+    """Write croissant.json, data_card.md and CITATION.cff, each atomically; return their paths.
+
+    Everything is a function of the Object Files, the reports in `folder`, ``data/records.json``,
+    ``data/card.yaml``, ``params.yaml`` and what failed last: equal inputs give equal bytes.
+
+    Parameters
+    ----------
+    root
+        Root of the data set.
+    folder
+        Where per_object.csv and metrics.json of the report lie; without them the cards have no figures.
+
+    Raises
+    ------
+    InputError
+        No records, or a parameter file, report or ``data/card.yaml`` that cannot be read.
+    """
+    data_set = read_data_set(root, folder)
+    texts = {
+        folder / "croissant.json": croissant_text(data_set, root, folder),
+        folder / "data_card.md": card_text(data_set, root, folder),
+        folder / "CITATION.cff": citation_text(data_set),
+    }
+    for path, text in texts.items():
+        with atomic_write(path) as file:
+            file.write(text.encode())
+    return list(texts)

@@ -17,8 +17,9 @@ from pipeline.cli import main
 from pipeline.dataset.failures import write_failures
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
-from pipeline.publish.cards.all_cards import CARDS, write_cards
+from pipeline.publish.data_set import write_cards
 
+CARDS = ("croissant.json", "data_card.md", "CITATION.cff")
 HOSTILE = '<script>alert(1)</script> | `x` [a](javascript:b) *b* "q" \\ ünïcode 陶'
 
 
@@ -72,9 +73,8 @@ def test_croissant_is_valid_and_loads(folder, tmp_path):
     assert [entry["id"] for entry in figures] == ["cup", "fork"]
     assert [entry["vision.psnr_db"] for entry in figures] == [50.0, 51.0]
     assert figures[0]["audio.gain_error_db"] is None
-    origins = records(folder, "origins")
-    assert [entry["licence"] for entry in origins] == ["CC0-1.0", "CC-BY-4.0"]
-    assert [entry["split"] for entry in origins] == [object_split(name, "steel") for name in ("cup", "fork")]
+    assert [entry["licence"] for entry in figures] == ["CC0-1.0", "CC-BY-4.0"]
+    assert [entry["split"] for entry in figures] == [object_split(name, "steel") for name in ("cup", "fork")]
     files = records(folder, "object_files")
     assert {entry["filename"].decode(): entry["content"] for entry in files} == {
         f"{name}.safetensors": (tmp_path / f"data/object_files/{name}.safetensors").read_bytes()
@@ -149,7 +149,7 @@ def test_failures_and_statements_that_are_missing_are_said(tmp_path):
     said = json.loads((folder / "croissant.json").read_text())
     assert said["license"] == "https://spdx.org/licenses/CC0-1.0.html"
     assert "No licence is stated for 1 object." in said["description"]
-    assert {entry["id"]: entry["licence"] for entry in records(folder, "origins")}["cup"] == ""
+    assert {entry["id"]: entry["licence"] for entry in records(folder, "objects")}["cup"] == ""
     assert citation(folder / "CITATION.cff")["references"][1]["notes"].startswith("no licence stated")
 
 
@@ -183,7 +183,7 @@ def test_text_of_strangers_stays_text(tmp_path):
     assert "<script" not in body
     assert "\n# heading" not in body
     assert "](javascript" not in body.replace("\\]", "")
-    assert records(folder, "origins")[0]["attribution"] == HOSTILE + " # heading"
+    assert records(folder, "objects")[0]["attribution"] == HOSTILE + " # heading"
     assert records(folder, "objects")[0]["name"] == HOSTILE
     assert citation(folder / "CITATION.cff")["references"][1]["title"] == HOSTILE
 
@@ -229,7 +229,7 @@ def test_the_publisher_states_what_no_product_knows(folder, tmp_path, capsys):
     ("text", "match"),
     [
         ("titel: x", "unknown key titel. Did you mean title"),
-        ("date: soon", "date is 'soon'. Give a day as 2026-11-21"),
+        ("date: soon", "date is 'soon'. It must be a valid date"),
         ("version: 1.0", "version is 1.0"),
         ("url: javascript:alert(1)", "url is 'javascript:alert.*http"),
         ("creators: Ada", "creators is 'Ada'"),

@@ -20,33 +20,28 @@ NOT_STATED = frozenset({"", "not stated", "unknown", "none", "n/a", "?"})
 
 @dataclass(frozen=True)
 class Licence:
-    """One licence as it is stated.
-
-    Parameters
-    ----------
-    stated
-        The text of the table of objects, or the SPDX identifier that it means; empty where none is stated.
-    """
+    """A licence: its SPDX identifier where Hugging Face knows it, else what a table states, or nothing."""
 
     stated: str
 
     @classmethod
     def of(cls, text: str) -> "Licence":
-        """Read what a table states: one licence written in two ways is one."""
+        """Read what a table states: one licence written in two ways, as ``CC BY 4.0``, is one."""
         text = " ".join(text.split())
-        read = cls("" if text.casefold() in NOT_STATED else text)
-        return cls(read.spdx or read.stated)
+        if text.casefold() in NOT_STATED:
+            return cls("")
+        meant = spdx(text) or likely_spdx(text)
+        return cls(meant if meant in HUGGING_FACE else text)
 
     @property
     def spdx(self) -> str:
-        """SPDX identifier, also where it is written ``CC BY 4.0``; empty where none of these is stated."""
-        found = spdx(self.stated) or (self.stated and likely_spdx(self.stated))
-        return found if found in HUGGING_FACE else ""
+        """SPDX identifier; empty where none of these is stated."""
+        return self.stated if self.stated in HUGGING_FACE else ""
 
     @property
     def label(self) -> str:
         """How people read it."""
-        return self.spdx or self.stated or "no licence stated"
+        return self.stated or "no licence stated"
 
     @property
     def url(self) -> str:
@@ -58,6 +53,4 @@ class Licence:
     @property
     def hugging_face(self) -> str:
         """Identifier in the front matter of a card on Hugging Face."""
-        if not self.stated:
-            return "unknown"
-        return HUGGING_FACE.get(self.spdx, "other")
+        return HUGGING_FACE.get(self.stated, "other") if self.stated else "unknown"

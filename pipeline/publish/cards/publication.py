@@ -8,22 +8,12 @@ import datetime
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, ConfigDict, StringConstraints
+from pydantic import ConfigDict, StringConstraints
 from pydantic.dataclasses import dataclass
 
 from pipeline.dataset.validation import read_yaml, validated
 
 PUBLICATION = Path("data/card.yaml")
-
-
-def _day(text: str) -> str:
-    """Return a day as ISO 8601 writes it; YAML reads an unquoted one as a date."""
-    try:
-        return datetime.date.fromisoformat(text).isoformat()
-    except ValueError:
-        raise ValueError("Give a day as 2026-11-21") from None
-
-
 Address = Annotated[str, StringConstraints(pattern=r"^https?://\S+$")]
 
 
@@ -33,14 +23,8 @@ class Publication:
 
     Parameters
     ----------
-    title
-        Name of the data set.
-    description
-        A paragraph of it.
     version
         MAJOR.MINOR.PATCH; a digest of the Object Files is appended.
-    date
-        Day of publication, ISO 8601.
     url
         Page of the data set.
     files_url
@@ -54,7 +38,7 @@ class Publication:
     title: str = "ObjectFolder Factory data set"
     description: str = ""
     version: Annotated[str, StringConstraints(pattern=r"^\d+\.\d+\.\d+$")] = "0.1.0"
-    date: Annotated[str, AfterValidator(_day)] = ""
+    date: datetime.date | None = None
     url: Address = ""
     files_url: Address = ""
     doi: str = ""

@@ -1,128 +1,143 @@
 """Everything cards say of a data set, read from its products, reports and parameters."""
 
+import contextlib
 import csv
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.provenance import canonical_json, file_digest
 from objectfolder.splits import object_split
 from objectfolder.store import read_attributes
-from pipeline.dataset.failures import read_failures
+from pipeline.dataset.failures import FailedObject, read_failures
+from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_records
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
+from pipeline.dataset.validation import read_yaml
 from pipeline.publish.cards.licences import Licence
 from pipeline.publish.cards.publication import Publication, read_publication
 
-PARAMETERS = Path("params.yaml")
-PER_OBJECT = "per_object.csv"
-METRICS = "metrics.json"
-
-
-@dataclass(frozen=True)
-class PublishedFile:
-    """A file of the data set: path from its root with slashes, size, SHA-256 (64 hex digits)."""
-
-    path: str
-    bytes: int
-    sha256: str
+PARAMETERS, PER_OBJECT, METRICS = "params.yaml", "per_object.csv", "metrics.json"
+SUMMARY = (
+    "Simulated by ObjectFolder Factory from meshes and material constants: views by path tracing (Blender "
+    "Cycles), modal sound by finite elements, touches by a simulated tactile sensor. Each Object File was "
+    "fitted to the training part and measured against the held-out part."
+)
+LIMITS = (
+    "Everything is simulated; no figure here compares with a measurement of a real object.",
+    "Material constants are those of the table of materials, one set an object: isotropic, uniform, linear.",
+    "Glass and other clear materials are drawn as glossy opaque bodies.",
+    "A container that was scanned solid rings like a solid unless its wall is stated in the table.",
+    "The estimated error of a frequency is that of the elements, not of the mesh they were given.",
+    "The gel of the tactile sensor is a model of its shape and lights; unless the parameters say elastic it "
+    "does not deform and bears no force.",
+    "Masses, sizes and wall thicknesses are those of the mesh at its stated length.",
+)
 
 
 @dataclass(frozen=True)
 class PublishedObject:
-    """An object that has an Object File.
+    """An object that has an Object File; empty text is what was not stated.
 
     Parameters
     ----------
+    object_file, bytes, sha256
+        Path of the file from the root of the data set, with slashes, its size, and 64 hex digits.
     figures
-        Its row of per_object.csv, text by column; empty where the report has none.
-    definitions
-        What its fidelity product says of its measures, by name.
+        The object's row of per_object.csv, text by column; empty where the report has none.
     """
 
-    object_id: str
+    id: str
     name: str
     material: str
     source: str
     licence: Licence
     attribution: str
-    file: PublishedFile
+    object_file: str
+    bytes: int
+    sha256: str
     figures: Mapping[str, str]
-    definitions: Mapping[str, str]
 
     @property
     def split(self) -> str:
         """Whether it is for training, validation or testing across objects."""
-        return object_split(self.object_id, self.material)
-
-
-@dataclass(frozen=True)
-class Missing:
-    """A listed object without an Object File, and why, as far as that is known here."""
-
-    object_id: str
-    stage: str
-    error: str
-
-
-@dataclass(frozen=True)
-class Source:
-    """Objects of one origin under one licence with one attribution; empty text is what was not stated."""
-
-    source: str
-    licence: Licence
-    attribution: str
-    object_ids: tuple[str, ...]
+        return object_split(self.id, self.material)
 
 
 @dataclass(frozen=True)
 class DataSet:
-    """What cards are made of; `parameters` are those of the size that was made."""
+    """What cards are made of.
+
+    Parameters
+    ----------
+    missing
+        Listed objects without an Object File, and why, as far as that is known here.
+    metrics, definitions
+        Content of metrics.json, and what its measures mean by name; empty without a report.
+    parameters
+        Those of the size that was made, by sense.
+    """
 
     publication: Publication
     objects: tuple[PublishedObject, ...]
-    missing: tuple[Missing, ...]
-    figures_file: PublishedFile | None
-    columns: tuple[str, ...]
+    missing: tuple[FailedObject, ...]
     metrics: Mapping[str, Any]
+    definitions: Mapping[str, str]
     size: str
-    parameters: Mapping[str, Any]
     seed: int
+    parameters: Mapping[str, Any]
 
     @property
     def version(self) -> str:
         """The publisher's version, and a digest of ids and Object Files: other files, another version."""
-        content = [[entry.object_id, entry.file.sha256] for entry in self.objects]
-        return (
-            f"{self.publication.version}+{hashlib.sha256(canonical_json(content).encode()).hexdigest()[:12]}"
-        )
+        content = canonical_json([[one.id, one.sha256] for one in self.objects])
+        return f"{self.publication.version}+{hashlib.sha256(content.encode()).hexdigest()[:12]}"
 
     @property
-    def definitions(self) -> dict[str, str]:
-        """What measures mean, by name; the same for all objects that one version of the code measured."""
-        return {name: text for entry in self.objects for name, text in entry.definitions.items()}
+    def unstated(self) -> int:
+        """How many objects have no stated licence."""
+        return sum(not one.licence.stated for one in self.objects)
 
-    def sources(self) -> list[Source]:
-        """Return every source once, most objects first; each object is in exactly one."""
-        groups: dict[tuple[str, Licence, str], list[str]] = {}
-        for entry in self.objects:
-            groups.setdefault((entry.source, entry.licence, entry.attribution), []).append(entry.object_id)
-        made = [Source(*key, tuple(sorted(ids))) for key, ids in groups.items()]
-        return sorted(
-            made, key=lambda one: (-len(one.object_ids), one.source, one.licence.label, one.attribution)
-        )
+    @property
+    def description(self) -> str:
+        """The paragraph that says what is in the data set."""
+        parts = [
+            self.publication.description,
+            f"{counted(len(self.objects), 'object')}, each one file that answers what the object looks, "
+            "sounds and feels like, with the fidelity of each file on held-out queries.",
+            SUMMARY,
+            f"No licence is stated for {counted(self.unstated, 'object')}." if self.unstated else "",
+            f"{counted(len(self.missing), 'listed object')} could not be made." if self.missing else "",
+        ]
+        return " ".join(part for part in parts if part)
 
-    def licences(self) -> list[tuple[Licence, int]]:
-        """Return every licence, the absence of one included, with its number of objects, most first."""
-        counts = Counter(entry.licence for entry in self.objects)
-        return sorted(counts.items(), key=lambda item: (-item[1], item[0].label))
+    @property
+    def citation(self) -> str:
+        """How to cite the data set, of what its publisher states."""
+        publication = self.publication
+        parts = [
+            ", ".join(publication.creators),
+            f"{publication.title}, version {self.version}",
+            str(publication.date or ""),
+            f"https://doi.org/{publication.doi}" if publication.doi else publication.url,
+        ]
+        return ". ".join(part for part in parts if part) + "."
+
+    def sources(self) -> list[list[PublishedObject]]:
+        """Return the objects in groups of one source, licence and attribution, the largest group first."""
+        groups: dict[tuple[str, str, str], list[PublishedObject]] = {}
+        for one in self.objects:
+            groups.setdefault((one.source, one.licence.label, one.attribution), []).append(one)
+        return [groups[key] for key in sorted(groups, key=lambda key: (-len(groups[key]), key))]
+
+
+def counted(number: int, noun: str) -> str:
+    """Return ``1 object`` or ``7 objects``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def read_data_set(root: Path, folder: Path) -> DataSet:
@@ -134,45 +149,39 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
         No records, or a report or parameter file that is damaged.
     """
     records = read_records(root)
-    columns, rows = _figures(folder / PER_OBJECT)
-    objects = []
-    for object_id in sorted(records.rows):
-        path = OBJECT_FILES.path(root, object_id)
-        if path.is_file():
-            row = records.rows[object_id]
-            objects.append(
-                PublishedObject(
-                    object_id,
-                    _line(row["name"]) or object_id,
-                    _line(row["material"]["name"]),
-                    _line(row["source"]),
-                    Licence.of(str(row["licence"] or "")),
-                    _line(row["attribution"]),
-                    _file(root, path),
-                    rows.get(object_id, {}),
-                    _definitions(FIDELITY.path(root, object_id)),
-                )
-            )
-    made = {entry.object_id for entry in objects}
-    listed = {*records.rows, *(failure.object_id for failure in records.refused)}
-    reasons = _reasons(root)
-    for failure in records.refused:
-        reasons.setdefault(failure.object_id, ("objects", failure.error))
-    missing = tuple(
-        Missing(object_id, *reasons.get(object_id, ("", "not made"))) for object_id in sorted(listed - made)
-    )
-    size, parameters, seed = _parameters(root / PARAMETERS)
-    report = folder / PER_OBJECT
+    figures = _figures(folder / PER_OBJECT)
+    made = [name for name in sorted(records.rows) if OBJECT_FILES.path(root, name).is_file()]
+    failed = {one.object_id: FailedObject(one.object_id, "objects", one.error, "") for one in records.refused}
+    failed |= {one.object: one for one in read_failures(root)}
+    unmade = sorted(records.listed.difference(made))
+    parameters = read_parameters(root / PARAMETERS)
     return DataSet(
         read_publication(root),
-        tuple(objects),
-        missing,
-        _file(folder, report) if report.is_file() else None,
-        columns,
+        tuple(_object(root, name, records.rows[name], figures.get(name, {})) for name in made),
+        tuple(failed.get(name, FailedObject(name, "", "not made", "")) for name in unmade),
         _metrics(folder / METRICS),
-        size,
-        parameters,
-        seed,
+        _definitions(root, made),
+        parameters.size,
+        parameters.seed,
+        read_yaml(root / PARAMETERS)["sizes"][parameters.size],
+    )
+
+
+def _object(
+    root: Path, object_id: str, row: Mapping[str, Any], figures: Mapping[str, str]
+) -> PublishedObject:
+    path = OBJECT_FILES.path(root, object_id)
+    return PublishedObject(
+        object_id,
+        _line(row["name"]) or object_id,
+        _line(row["material"]["name"]),
+        _line(row["source"]),
+        Licence.of(str(row["licence"] or "")),
+        _line(row["attribution"]),
+        path.relative_to(root).as_posix(),
+        path.stat().st_size,
+        file_digest(path),
+        figures,
     )
 
 
@@ -181,46 +190,26 @@ def _line(text: object) -> str:
     return " ".join(str(text or "").split())
 
 
-def _file(root: Path, path: Path) -> PublishedFile:
-    return PublishedFile(path.relative_to(root).as_posix(), path.stat().st_size, file_digest(path))
-
-
-def _definitions(path: Path) -> dict[str, str]:
-    try:
-        said = read_attributes(path).get("definitions")
-    except (FileNotFoundError, FormatError):  # the report says which are damaged
-        return {}
-    return {str(key): _line(text) for key, text in said.items()} if isinstance(said, dict) else {}
-
-
-def _reasons(root: Path) -> dict[str, tuple[str, str]]:
-    """Return the stage in which each object failed, and why."""
-    return {failed.object: (failed.stage, _line(failed.error)) for failed in read_failures(root)}
-
-
-def _figures(path: Path) -> tuple[tuple[str, ...], dict[str, dict[str, str]]]:
+def _figures(path: Path) -> dict[str, dict[str, str]]:
     if not path.is_file():
-        return (), {}
+        return {}
     with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        columns = tuple(reader.fieldnames or ())
-        if "id" not in columns:
-            raise InputError(str(path), "it has no column id", "Run the stage `report`.")
-        return columns, {row["id"]: row for row in reader}
+        try:
+            return {row["id"]: row for row in csv.DictReader(file)}
+        except KeyError as error:
+            raise InputError(str(path), "it has no column id", "Run the stage `report`.") from error
 
 
 def _metrics(path: Path) -> dict[str, Any]:
     try:
-        read = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    except ValueError as error:
-        raise InputError(str(path), f"not JSON ({error})", "Run the stage `report`.") from error
-    return read if isinstance(read, dict) else {}
+        return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+    except (ValueError, TypeError) as error:
+        raise InputError(str(path), f"not JSON of the report ({error})", "Run the stage `report`.") from error
 
 
-def _parameters(path: Path) -> tuple[str, dict[str, Any], int]:
-    try:
-        read = yaml.safe_load(path.read_text(encoding="utf-8"))
-        size = str(read["size"])
-        return size, dict(read["sizes"][size]), int(read["seed"])
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise InputError(str(path), f"cannot be read ({error!r})", "Restore it.") from error
+def _definitions(root: Path, object_ids: Sequence[str]) -> dict[str, str]:
+    """Return those of the first object that has them: one version of the code measured all."""
+    for object_id in object_ids:
+        with contextlib.suppress(FileNotFoundError, FormatError):  # the report says which are damaged
+            return dict(read_attributes(FIDELITY.path(root, object_id)).get("definitions", {}))
+    return {}
