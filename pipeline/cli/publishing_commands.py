@@ -1,7 +1,7 @@
 """Commands around a published data set: cards, get, export, listen."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -9,9 +9,6 @@ from cyclopts.validators import Number
 from pipeline.cli.options import AtLeastOne, Fields, Output, Remote, Root
 from pipeline.cli.printing import FAILED, FINE, print_error, status_line
 from pipeline.publish.export.export_request import Exporting
-
-if TYPE_CHECKING:
-    from pipeline.publish.cards.single_objects import Got
 
 MOST_TRIALS = 500
 LARGEST_SEED = 999_999_999  # what the page takes
@@ -59,36 +56,31 @@ def get(
     jobs
         files at a time
     """
-    from pipeline.publish.cards.published_revision import split_revision
     from pipeline.publish.cards.single_objects import get as fetched
     from pipeline.publish.cards.single_objects import known_ids
 
-    address, revision = split_revision(repository)
     if list_ids:
-        print("\n".join(known_ids(address, revision=revision, remote=remote)))
+        print("\n".join(known_ids(repository, remote)))
         return FINE
-    read = 0
+    outcomes, arrived = [], [0]
     with status_line() as show:
 
         def progress(count: int) -> None:
-            nonlocal read
-            read += count
-            show(f"{read / 1e6:.1f} MB")
+            arrived.append(count)
+            show(f"{sum(arrived) / 1e6:.1f} MB")
 
-        got = fetched(
-            address,
-            ids,
-            output,
-            revision=revision,
-            stages=stage,
-            remote=remote,
-            jobs=jobs,
-            done=_print_outcome,
-            progress=progress,
+        for got in fetched(
+            repository, ids, output, stages=stage, remote=remote, jobs=jobs, progress=progress
+        ):
+            outcomes.append(got.outcome)
+            if got.error:
+                print_error(got.error)
+            else:
+                print(f"{got.path}  {got.path.stat().st_size / 1e6:.2f} MB, {got.outcome}")
+    if failed := outcomes.count("failed"):
+        print_error(
+            f"{failed} of {len(outcomes)} failed. Run the same command again: it fetches what is missing."
         )
-    failed = sum(entry.error is not None for entry in got)
-    if failed:
-        print_error(f"{failed} of {len(got)} failed. Run the same command again: it fetches what is missing.")
     return FAILED if failed else FINE
 
 
@@ -145,10 +137,3 @@ def listen(
 
     write_page(root, output, trials=trials, seed=seed, objects=ids or None, duration_s=duration_s)
     print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")
-
-
-def _print_outcome(got: "Got") -> None:
-    if got.error:
-        print_error(got.error)
-    else:
-        print(f"{got.path}  {got.path.stat().st_size / 1e6:.2f} MB, {got.outcome}")

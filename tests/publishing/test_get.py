@@ -17,8 +17,8 @@ from pipeline.audit import stores
 from pipeline.audit.stores import NotHere, Stores
 from pipeline.cli import main
 from pipeline.dataset.stages import OBJECT_FILES
-from pipeline.publish.cards.published_revision import opened, split_revision
-from pipeline.publish.cards.single_objects import get
+from pipeline.publish.cards import single_objects
+from pipeline.publish.cards.single_objects import opened, split_revision
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,10 @@ def made(tmp_path_factory):
 @pytest.fixture(scope="module")
 def bare(made):
     return str(made[0] / "bare.git")
+
+
+def get(*arguments, **options):
+    return list(single_objects.get(*arguments, **options))
 
 
 def add(root: Path) -> None:
@@ -180,7 +184,7 @@ def test_a_local_repository_needs_no_remote(made, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(made[0] / "work", copy)
     (copy / ".dvc/config").write_text("")
-    get(str(copy), ["mug"], tmp_path / "a", revision="v1")
+    get(f"{copy}@v1", ["mug"], tmp_path / "a")
     assert (tmp_path / "a/mug.safetensors").read_bytes() == made[1][0]["mug.safetensors"]
     third = write_version(copy, 3)
     add(copy)
@@ -196,8 +200,8 @@ def test_a_local_repository_needs_no_remote(made, tmp_path):
         ("{bare}", ["mug"], ["--stage", "viws"], "no products of this name. There are object_files"),
         ("{bare}", ["mug"], ["--stage", "modes"], "this revision has no data/modes"),
         ("{bare}", ["mug"], ["--remote", "other"], "The repository has store."),
-        ("{nowhere}", ["mug"], [], "cannot be cloned"),
-        ("{plain}", ["mug"], [], "not under DVC"),
+        ("{nowhere}", ["mug"], [], "cannot be opened ("),
+        ("{plain}", ["mug"], [], "Name the path or URL of a data set: a git repository under DVC"),
     ],
 )
 def test_what_cannot_be_got_is_said(bare, tmp_path, capsys, where, ids, options, match):
@@ -293,9 +297,10 @@ def test_a_cut_download_goes_on_where_it_was(by_http, tmp_path, monkeypatch):
     assert partial.read_bytes() == content[:kept]
 
     server.sent.clear()
-    [got] = get(bare, ["mug"], tmp_path / "got")
+    arrived: list[int] = []
+    [got] = get(bare, ["mug"], tmp_path / "got", progress=arrived.append)
     assert got.outcome == "fetched"
-    assert got.bytes == len(content) - kept
+    assert sum(arrived) == len(content) - kept
     assert (tmp_path / "got/mug.safetensors").read_bytes() == content
     assert files(tmp_path / "got") == {"mug.safetensors"}
     assert server.sent[stored(server.folder, content).name] <= len(content) - kept + 1
@@ -385,6 +390,7 @@ def test_objects_come_from_s3(tmp_path, monkeypatch):
         md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
         (tmp_path / "got").mkdir()
         (tmp_path / "got" / f".partial-{md5}-mug.safetensors").write_bytes(content[:900_000])
-        [got] = get(str(tmp_path / "bare.git"), ["mug"], tmp_path / "got", revision="v1")
-        assert got.bytes == len(content) - 900_000
+        arrived: list[int] = []
+        get(f"{tmp_path}/bare.git@v1", ["mug"], tmp_path / "got", progress=arrived.append)
+        assert sum(arrived) == len(content) - 900_000
         assert (tmp_path / "got/mug.safetensors").read_bytes() == content

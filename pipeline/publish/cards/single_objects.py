@@ -1,22 +1,30 @@
-"""Single objects of a published data set, without the rest of it."""
+"""Single objects of a published data set, without the rest of it.
 
+DVC opens the repository (a path, or a URL whose git history is cloned to a temporary folder), finds its
+revision, its outputs, and its remote with its credentials.
+"""
+
+import contextlib
 import difflib
 import os
-import threading
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+import re
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.stores import Stores, md5_of
 from pipeline.dataset.products import ProductKind, verify
+from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
-from pipeline.publish.cards.published_revision import PublishedRevision, opened
 
 JOBS = 4
 KINDS = {kind.name: kind for kind in (OBJECT_FILES, OBJECTS, VIEWS, MODES, TOUCHES, FIDELITY)}
 KEPT, FETCHED, FAILED = "already there", "fetched", "failed"
+SCP_FORM = re.compile(r"[^/@]+@[^/:]+:")
+NOT_PUSHED = "Ask its publisher to `dvc push` this revision."
 
 
 @dataclass(frozen=True)
@@ -26,7 +34,6 @@ class Got:
     object_id: str
     path: Path
     outcome: str
-    bytes: int = 0
     error: ObjectFolderError | None = None
 
 
@@ -35,19 +42,17 @@ def get(
     object_ids: Sequence[str],
     folder: Path,
     *,
-    revision: str | None = None,
     stages: Sequence[str] = (),
     remote: str = "",
     jobs: int = JOBS,
-    done: Callable[[Got], None] = lambda got: None,
     progress: Callable[[int], None] = lambda count: None,
-) -> list[Got]:
+) -> Iterator[Got]:
     """Fetch products of objects; what is whole already is not fetched again.
 
     Parameters
     ----------
-    repository, revision, remote
-        As for `pipeline.publish.cards.published_revision.opened`.
+    repository, remote
+        As for `opened`.
     object_ids
         Which; none means all of the revision.
     folder
@@ -57,12 +62,12 @@ def get(
         Keys of `KINDS`.
     jobs
         Files at a time.
-    done, progress
-        Called as each file ends, and with the number of new bytes as they come; from one thread at a time.
+    progress
+        Called with the number of new bytes as they come, from any thread.
 
-    Returns
-    -------
-    list
+    Yields
+    ------
+    Got
         In the order of `stages` and `object_ids`. A failed one has its error; the others are not stopped.
 
     Raises
@@ -70,46 +75,155 @@ def get(
     InputError
         No such repository, revision, remote, stage or object; nothing is fetched then.
     """
-    kinds = [_kind(stage) for stage in stages or (OBJECT_FILES.name,)]
-    with opened(repository, revision, remote) as published:
+    if unknown := set(stages).difference(KINDS):
+        raise InputError(min(unknown), "no products of this name", f"There are {', '.join(KINDS)}.")
+
+    def fetch(object_id: str, md5: str, path: Path) -> Got:
+        try:
+            return Got(object_id, path, _fetched(published.stores, md5, path, progress))
+        except ObjectFolderError as error:
+            return Got(object_id, path, FAILED, error)
+        except OSError as error:  # of the folder it is written to: errors of stores are handled above
+            finding = f"cannot be written ({error.strerror or error})"
+            said = InputError(str(path), finding, "Check space and permissions of the folder.")
+            return Got(object_id, path, FAILED, said)
+
+    with opened(repository, remote) as published, ThreadPoolExecutor(max_workers=jobs) as pool:
         wanted = []
-        for kind in kinds:
-            known = published.products(kind)
-            for object_id in list(dict.fromkeys(object_ids)) or sorted(known):
-                path = folder / (kind.folder if stages else "") / f"{object_id}{kind.suffix}"
-                wanted.append((object_id, _known(published, kind, known, object_id), path))
-        lock = threading.Lock()
-
-        def fetch(object_id: str, md5: str, path: Path) -> Got:
-            count = 0
-
-            def new_bytes(number: int) -> None:
-                nonlocal count
-                with lock:
-                    count += number
-                    progress(number)
-
-            try:
-                return Got(object_id, path, _fetched(published.stores, md5, path, new_bytes), count)
-            except ObjectFolderError as error:
-                return Got(object_id, path, FAILED, count, error)
-            except OSError as error:  # of the folder it is written to: errors of stores are handled above
-                finding = f"cannot be written ({error.strerror or error})"
-                said = InputError(str(path), finding, "Check space and permissions of the folder.")
-                return Got(object_id, path, FAILED, count, said)
-
-        with ThreadPoolExecutor(max_workers=max(1, jobs)) as pool:
-            futures = [pool.submit(fetch, *entry) for entry in wanted]
-            for future in as_completed(futures):
-                with lock:
-                    done(future.result())
-        return [future.result() for future in futures]
+        for kind in (KINDS[stage] for stage in stages or (OBJECT_FILES.name,)):
+            place = folder / kind.folder if stages else folder
+            chosen = published.chosen(kind, object_ids)
+            wanted += [(name, md5, place / f"{name}{kind.suffix}") for name, md5 in chosen.items()]
+        yield from pool.map(fetch, *zip(*wanted, strict=True))
 
 
-def known_ids(repository: str, *, revision: str | None = None, remote: str = "") -> list[str]:
-    """Return the ids that have an Object File in a revision; see `get` for what is raised."""
-    with opened(repository, revision, remote) as published:
+def known_ids(repository: str, remote: str = "") -> list[str]:
+    """Return the ids that have an Object File in a revision; see `opened` for what is raised."""
+    with opened(repository, remote) as published:
         return sorted(published.products(OBJECT_FILES))
+
+
+@contextlib.contextmanager
+def opened(repository: str, remote: str = "") -> Iterator["PublishedRevision"]:
+    """Open a revision of a repository under DVC; a temporary clone is removed afterwards.
+
+    Parameters
+    ----------
+    repository
+        A path, or what ``git clone`` takes, with ``@REV`` for a branch, tag or commit; without it what
+        lies in a path, and the default branch of a URL.
+    remote
+        Name of the DVC remote; the default one where it is empty.
+
+    Raises
+    ------
+    InputError
+        No repository there, none under DVC, or no such revision or remote.
+    """
+    from dvc.exceptions import DvcException
+    from dvc.repo import Repo
+    from dvc.repo.open_repo import clean_repos
+    from dvc.scm import RevError
+
+    address, revision = split_revision(repository)
+    try:
+        made = Repo.open(address, rev=revision, uninitialized=False)
+    except RevError as error:
+        finding, remedy = f"no revision {revision!r}", "Name a branch, tag or commit of it."
+        raise InputError(address, finding, remedy) from error
+    except DvcException as error:
+        cause = str(error.__cause__ or error).strip().replace("\n", " ")
+        remedy = "Name the path or URL of a data set: a git repository under DVC."
+        raise InputError(repository, f"cannot be opened ({cause})", remedy) from error
+    try:
+        yield PublishedRevision(repository, made, remote)
+    finally:
+        made.close()
+        clean_repos()
+
+
+def split_revision(repository: str) -> tuple[str, str | None]:
+    """Split ``REPO@REV``; an address with a user name, as ``git@host:repo.git``, has no revision in it."""
+    before, at, after = repository.rpartition("@")
+    if not at or not after or Path(repository).exists():
+        return repository, None
+    address = re.match(r"[a-z+]+://[^/]*/.", before) or SCP_FORM.match(before)
+    if address or ("://" not in repository and ":" not in after):
+        return before, after
+    return repository, None
+
+
+class PublishedRevision:
+    """Which products a revision of a published data set has, and where their bytes are.
+
+    Parameters
+    ----------
+    name
+        For messages.
+    repository
+        An open `dvc.repo.Repo`.
+    remote
+        Name of its remote; the default one where it is empty.
+
+    Raises
+    ------
+    InputError
+        No such remote.
+    """
+
+    def __init__(self, name: str, repository: Any, remote: str) -> None:
+        self.name = name
+        self._repository = repository
+        self.stores = Stores(repository, remote, NOT_PUSHED)
+        _ = self.stores.remote
+
+    def products(self, kind: ProductKind) -> dict[str, str]:
+        """Return the MD5 of each product of a kind, by object id.
+
+        Raises
+        ------
+        InputError
+            A revision without this kind of product, or whose ``dvc.yaml`` cannot be read.
+        NotHere
+            No store gives the list of them.
+        FormatError
+            A list that is none.
+        """
+        from dvc.exceptions import DvcException
+
+        root, fs = self._repository.root_dir, self._repository.fs
+        try:
+            outs = {fs.relpath(out.fs_path, root): out.hash_info for out in self._repository.index.outs}
+        except DvcException as error:
+            raise InputError(
+                self.name, f"its stages cannot be read ({error})", "Ask its publisher."
+            ) from error
+        digest = outs[kind.folder].value if outs.get(kind.folder) else None
+        if not digest or not digest.endswith(".dir"):
+            remedy = "Give a revision that has the data set made and committed."
+            raise InputError(self.name, f"this revision has no {kind.folder}", remedy)
+        files = self.stores.folder(digest, f"{self.name}, {kind.folder}")
+        products = [name for name in files if name.endswith(kind.suffix)]
+        named = {name.removesuffix(kind.suffix): files[name] for name in products}
+        # The list is not trusted: a name in it must not lead out of a folder.
+        return {object_id: md5 for object_id, md5 in named.items() if SAFE_ID.fullmatch(object_id)}
+
+    def chosen(self, kind: ProductKind, object_ids: Sequence[str]) -> dict[str, str]:
+        """Return `products` of these objects, or of all if none is named.
+
+        Raises
+        ------
+        InputError
+            An object without such a product; see `products` for others.
+        """
+        known = self.products(kind)
+        for object_id in object_ids:
+            if object_id not in known:
+                near = difflib.get_close_matches(object_id, known, n=3, cutoff=0.4)
+                count = f"It has {len(known)}, as {', '.join(sorted(known)[:5])}."
+                remedy = f"Near are {', '.join(near)}." if near else count
+                raise InputError(self.name, f"no object {object_id!r} in {kind.folder}", remedy)
+        return {object_id: known[object_id] for object_id in object_ids or sorted(known)}
 
 
 def _fetched(stores: Stores, md5: str, path: Path, progress: Callable[[int], None]) -> str:
@@ -126,19 +240,3 @@ def _fetched(stores: Stores, md5: str, path: Path, progress: Callable[[int], Non
         raise
     os.replace(partial, path)
     return FETCHED
-
-
-def _kind(stage: str) -> ProductKind:
-    if stage not in KINDS:
-        raise InputError(stage, "no products of this name", f"There are {', '.join(KINDS)}.")
-    return KINDS[stage]
-
-
-def _known(published: PublishedRevision, kind: ProductKind, known: Mapping[str, str], object_id: str) -> str:
-    if object_id in known:
-        return known[object_id]
-    near = difflib.get_close_matches(object_id, known, n=3, cutoff=0.4)
-    remedy = (
-        f"Near are {', '.join(near)}." if near else f"It has {len(known)}, as {', '.join(sorted(known)[:5])}."
-    )
-    raise InputError(published.name, f"no object {object_id!r} in {kind.folder}", remedy)
