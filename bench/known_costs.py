@@ -14,8 +14,7 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
-from pipeline.run.forecast.estimates import PACKAGED, last_taken
-from pipeline.run.forecast.loads import Loads
+from pipeline.run.forecast.estimates import PACKAGED, Estimates, last_taken
 
 COLUMNS = ("object", "stage", "load", "cpu_seconds", "wall_seconds", "peak_memory_mb", "product_bytes")
 
@@ -26,10 +25,10 @@ def main() -> None:
     rows = {}
     for root in parser.parse_args().roots:
         listed = read_table(root, read_parameters(root / "params.yaml").objects).rows
-        loads = Loads(root)
+        estimates = Estimates(root)
         for one in last_taken(known_costs(root)):
             if one.object_id in listed and one.stage in STAGES:
-                load = loads.of(one.stage, one.object_id)
+                load = estimates.load(one.stage, one.object_id)
                 targets = STAGES[one.stage].targets(root, one.object_id)
                 rows[one.stage, one.object_id] = {
                     "object": one.object_id,

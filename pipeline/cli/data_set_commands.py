@@ -99,11 +99,10 @@ def plan(
     table: Path | None = None,
     workers: Annotated[tuple[int, ...], Counts] = (),
     count: Annotated[int | None, AtLeastOne] = None,
-    compare: bool = False,
     json: Json = False,
     root: Root = Path("."),
 ) -> None:
-    """Say what a run would do and take, or what the last one took.
+    """Say what a run would do and take.
 
     Parameters
     ----------
@@ -113,15 +112,10 @@ def plan(
         also with these numbers of workers
     count
         for this number of objects that do not exist yet
-    compare
-        the last plan against the runs since then
     """
-    from pipeline.run.forecast.plan import show_comparison, show_plan
+    from pipeline.run.forecast.plan import show_plan
 
-    if compare:
-        show_comparison(root.absolute(), as_json=json)
-    else:
-        show_plan(root.absolute(), objects=table, workers=workers, count=count, as_json=json)
+    show_plan(root.absolute(), objects=table, workers=workers, count=count, as_json=json)
 
 
 def clean(

@@ -29,7 +29,10 @@ from pipeline.store import memo
 if TYPE_CHECKING:
     from pipeline.run.forecast.estimates import Estimates
 
-# Takes the largest number of tasks and returns the runner; called only where there are tasks.
+CLUSTER_S = 5.0  # wall seconds that a cluster of this machine takes to start, and its processes to import
+
+# Takes the number of tasks to run side by side at most, and returns the runner; called only where there
+# are tasks.
 RunnerFor = Callable[[int], AbstractContextManager[Runner]]
 
 
@@ -137,11 +140,12 @@ def _run(
     record: RunRecord,
     progress: FlowProgress,
 ) -> None:
-    """Run jobs and those that follow from them."""
+    """Run jobs and those that follow from them, one after the other where a cluster would save no time."""
     left = list(flow.unsettled())
     for expected in left:
         progress.expect(*expected)
-    with runner_for(len(left)) as runner:
+    saved_s = sum(seconds for *_, seconds in left) - max(job.path_seconds for job in jobs)
+    with runner_for(len(left) if saved_s > CLUSTER_S else 1) as runner:
         for job in sorted(jobs, key=lambda job: job.path_seconds, reverse=True):
             runner.submit(job)
         for ended in runner.finished(progress.workers):

@@ -8,6 +8,7 @@ import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,8 @@ class Status:
         What a stale product was made from and what is wanted.
     warnings
         What a product that is current says of its object, such as walls that cannot be so.
+    wanted
+        Fingerprint that the inputs ask for; empty where an input is missing.
     """
 
     object_id: str
@@ -57,6 +60,7 @@ class Status:
     reasons: tuple[str, ...] = ()
     differences: tuple[Difference, ...] = ()
     warnings: tuple[str, ...] = ()
+    wanted: str = ""
 
 
 def status(
@@ -126,6 +130,7 @@ def _of(
             return Status(object_id, stage.name, WAITING, awaited)
         return Status(object_id, stage.name, FAILED, (f"{error.where}: {error.finding}",))
     wanted = fingerprint(prepared.parts)
+    say = partial(Status, object_id, stage.name, wanted=wanted)
     targets = stage.targets(root, object_id)
     kept: list[str] = []
     for path in targets:
@@ -136,16 +141,16 @@ def _of(
                 return Status(object_id, stage.name, WAITING, awaited)
             failed, error_text = failures.get(object_id, ("", ""))
             if failed == wanted:
-                return Status(object_id, stage.name, FAILED, (error_text,))
-            return Status(object_id, stage.name, MISSING)
+                return say(FAILED, (error_text,))
+            return say(MISSING)
         except FormatError as error:
-            return Status(object_id, stage.name, STALE, (f"unreadable: {error.finding}",))
+            return say(STALE, (f"unreadable: {error.finding}",))
     if all(one == wanted for one in kept):
-        state = WAITING if awaited else CURRENT
-        return Status(object_id, stage.name, state, awaited, warnings=_warnings(stage, targets[0], verified))
+        warnings = _warnings(stage, targets[0], verified)
+        return say(WAITING if awaited else CURRENT, awaited, warnings=warnings)
     changed = next(path for path, one in zip(targets, kept, strict=True) if one != wanted)
     found = _differences(changed, prepared.parts)
-    return Status(object_id, stage.name, STALE, tuple(map(str, found)), found)
+    return say(STALE, tuple(map(str, found)), found)
 
 
 def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:

@@ -13,53 +13,48 @@ Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, or a la
 other objects lie below, with the same margin.
 """
 
+import contextlib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from objectfolder.errors import FormatError, InputError
+from objectfolder.store import read_attributes
 from pipeline.dataset.parameters import Parameters
+from pipeline.dataset.records import read_records
+from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.run.costs import QUERY, Cost, known_costs, read_costs
-from pipeline.run.forecast.loads import Loads
+from pipeline.run.forecast.loads import bending_modes
 
 PACKAGED = Path(__file__).with_name("known_costs.csv")
 MEMORY_MARGIN = 1.15
 HIGH_QUANTILE = 0.95
 ENOUGH_ROWS = 10  # to fit a power of the load
+MOST_ROWS = 100  # of this data set that set its pace
 RENDERING = "views"
-UNKNOWN_SECONDS_A_BYTE = 1e-6  # of a stage that is known nowhere: only the order counts
+# Of a stage that is known nowhere: long enough for a cluster, and in the order of the bytes that it reads.
+UNKNOWN_SECONDS, UNKNOWN_SECONDS_A_BYTE = 60.0, 1e-6
 UNKNOWN_MEMORY_BYTES = 500_000_000
 
 # The default size, at which the packaged costs were taken: camera rays, pixels of views, pixels of touches.
 PACKAGED_RAYS = (100 * 32 + 12 * 256) * 128**2
 PACKAGED_VIEW_PIXELS = 112 * 128**2
 PACKAGED_TOUCH_PIXELS = 150 * 160 * 120
+PACKAGED_FREQUENCY_HZ = 20_000.0
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The expected cost of a task.
-
-    Parameters
-    ----------
-    wall_s, cpu_s
-        Seconds on one core: the mean of tasks like it.
-    memory_bytes
-        Peak of its process, on the high side.
-    product_bytes
-        Of the products it makes.
-    known
-        Whether this object and stage ran here before.
-    """
+    """The expected cost of a task: seconds on one core, highest peak of its process, bytes that it makes."""
 
     wall_s: float
     cpu_s: float
     memory_bytes: int
     product_bytes: int
-    known: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,14 +92,14 @@ class Model:
     """The cost of tasks of a stage by their load: mean seconds, and bytes of memory that few exceed."""
 
     wall: PowerLaw
-    cpu: PowerLaw
+    cpu_share: float  # CPU seconds a wall second
     memory: PowerLaw
     product_bytes: int = 0
 
     def at(self, load: float | None) -> Estimate:
         """Return the expected cost of a task with this load."""
-        memory_bytes = int(self.memory.at(load))
-        return Estimate(self.wall.at(load), self.cpu.at(load), memory_bytes, self.product_bytes)
+        wall_s = self.wall.at(load)
+        return Estimate(wall_s, wall_s * self.cpu_share, int(self.memory.at(load)), self.product_bytes)
 
 
 class Estimates:
@@ -119,8 +114,8 @@ class Estimates:
     """
 
     def __init__(self, root: Path, parameters: Parameters | None = None) -> None:
-        self._parameters = parameters
-        self._loads = Loads(root, parameters)
+        self._root, self._parameters = root, parameters
+        self._materials: dict[str, Mapping[str, float]] | None = None
         self._own = {(one.object_id, one.stage): one for one in last_taken(known_costs(root))}
         self._models: dict[str, Model | None] = {}
 
@@ -140,40 +135,68 @@ class Estimates:
             self._models[stage] = self._model(stage)
         model = self._models[stage]
         if model is None:
-            seconds = UNKNOWN_SECONDS_A_BYTE * (size_bytes or 0)
+            seconds = UNKNOWN_SECONDS + UNKNOWN_SECONDS_A_BYTE * (size_bytes or 0)
             return Estimate(seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
         own = self._own.get((object_id, stage))
         if own is None:
-            return model.at(self._loads.of(stage, object_id))
+            return model.at(self.load(stage, object_id))
         memory = int(own.memory_bytes * MEMORY_MARGIN)
-        if (
-            stage == RENDERING
-        ):  # Cycles is a process of its own, whose peak is noted only if it is a worker's first
+        if stage == RENDERING:
+            # Cycles is a process of its own, whose peak is noted only if it is a worker's first.
             memory = max(memory, int(model.memory.level))
-        return Estimate(own.wall_s, own.cpu_s, memory, model.product_bytes, known=True)
+        return Estimate(own.wall_s, own.cpu_s, memory, model.product_bytes)
+
+    def load(self, stage: str, object_id: str) -> float | None:
+        """Return the load of a task; None for other stages than modes, and for an object not measured yet."""
+        if stage != MODES.made_by:
+            return None
+        if self._materials is None:
+            self._materials = {}
+            with contextlib.suppress(InputError):
+                rows = read_records(self._root).rows
+                self._materials = {name: row["material"] for name, row in rows.items()}
+        frequency_hz = self._parameters.audio.max_frequency_hz if self._parameters else PACKAGED_FREQUENCY_HZ
+        try:
+            measured = read_attributes(OBJECTS.path(self._root, object_id))
+            return bending_modes(measured, self._materials[object_id], frequency_hz)
+        except (OSError, FormatError, KeyError, TypeError, ValueError, ArithmeticError):
+            return None  # no product, or one with impossible attributes; the run reports it
+
+    def of_known_objects(self) -> dict[str, dict[str, Estimate]]:
+        """Return expected costs by object and stage, of objects that have costs of every stage.
+
+        These are objects of this data set if there are enough, else the packaged ones, whose CPU seconds
+        stand for wall seconds.
+        """
+        own = _complete(self._own.values())
+        if len(own) >= ENOUGH_ROWS:
+            return {name: {stage: self.of(stage, name) for stage in STAGES} for name in own}
+        return {
+            name: {stage: self._scaled(one) for stage, one in by_stage.items()}
+            for name, by_stage in _complete(packaged_costs()).items()
+        }
+
+    def _scaled(self, one: Taken) -> Estimate:
+        """Return the cost of a packaged object with this data set's parameters."""
+        seconds, size = scales(one.stage, self._parameters)
+        cpu_s, memory = one.cpu_s * seconds, int(one.memory_bytes * MEMORY_MARGIN)
+        return Estimate(cpu_s, cpu_s, memory, int(one.product_bytes * size))
 
     def _model(self, stage: str) -> Model | None:
-        own = [
-            replace(one, load=self._loads.of(stage, one.object_id))
-            for one in self._own.values()
-            if one.stage == stage
-        ]
-        model = _packaged_model(stage)
-        if model is None:
+        sample = [one for one in self._own.values() if one.stage == stage][-MOST_ROWS:]
+        own = [replace(one, load=self.load(stage, one.object_id)) for one in sample]
+        packaged = [one for one in packaged_costs() if one.stage == stage]
+        if not packaged:
             return fit(own) if own else None
-        if self._parameters is not None:
-            seconds, size = scales(stage, self._parameters)
-            size_bytes = int(model.product_bytes * size)
-            model = Model(model.wall.times(seconds), model.cpu.times(seconds), model.memory, size_bytes)
+        model = fit(packaged)
+        seconds, size = scales(stage, self._parameters)
+        model = replace(model, wall=model.wall.times(seconds), product_bytes=int(model.product_bytes * size))
         if not own:
             return model
         peaks = [one.memory_bytes * MEMORY_MARGIN / model.memory.at(one.load) for one in own]
-        return Model(
-            model.wall.times(float(np.median([one.wall_s / model.wall.at(one.load) for one in own]))),
-            model.cpu.times(float(np.median([one.cpu_s / model.cpu.at(one.load) for one in own]))),
-            model.memory.times(max(1.0, _high(peaks))),
-            model.product_bytes,
-        )
+        pace = float(np.median([one.wall_s / model.wall.at(one.load) for one in own]))
+        memory = model.memory.times(max(1.0, _high(peaks)))
+        return replace(model, wall=model.wall.times(pace), cpu_share=_cpu_share(own), memory=memory)
 
 
 def last_taken(costs: Iterable[Cost]) -> list[Taken]:
@@ -199,6 +222,15 @@ def last_taken(costs: Iterable[Cost]) -> list[Taken]:
     return list(found.values())
 
 
+def _complete(tasks: Iterable[Taken]) -> dict[str, dict[str, Taken]]:
+    """Return the tasks by object and stage, of the objects that have one in every stage."""
+    found: dict[str, dict[str, Taken]] = {}
+    for one in tasks:
+        if one.stage in STAGES:
+            found.setdefault(one.object_id, {})[one.stage] = one
+    return {name: by_stage for name, by_stage in found.items() if len(by_stage) == len(STAGES)}
+
+
 @cache
 def packaged_costs() -> tuple[Taken, ...]:
     """Return the packaged costs of the scans."""
@@ -212,16 +244,21 @@ def fit(tasks: Sequence[Taken]) -> Model:
     peaks = [float(one.memory_bytes) for one in tasks]
     memory = _law(loads, peaks)
     over = [peak / memory.at(load) for load, peak in zip(loads, peaks, strict=True)]
+    wall_s = [one.wall_s for one in tasks]
+    wall = _law(loads, wall_s)
+    mean = np.mean([seconds / wall.at(load) for load, seconds in zip(loads, wall_s, strict=True)])
     return Model(
-        _mean_law(loads, [one.wall_s for one in tasks]),
-        _mean_law(loads, [one.cpu_s for one in tasks]),
+        wall.times(float(mean)),
+        _cpu_share(tasks),
         memory.times(MEMORY_MARGIN * _high(over)),
         int(np.mean([one.product_bytes for one in tasks])),
     )
 
 
-def scales(stage: str, parameters: Parameters) -> tuple[float, float]:
+def scales(stage: str, parameters: Parameters | None) -> tuple[float, float]:
     """Return by what factors seconds and bytes of a stage differ from those at the default size."""
+    if parameters is None:
+        return 1.0, 1.0
     vision, touch = parameters.vision, parameters.touch
     if stage == RENDERING:
         pixels = vision.resolution**2
@@ -237,21 +274,12 @@ def scales(stage: str, parameters: Parameters) -> tuple[float, float]:
     return 1.0, 1.0
 
 
-@cache
-def _packaged_model(stage: str) -> Model | None:
-    tasks = [one for one in packaged_costs() if one.stage == stage]
-    return fit(tasks) if tasks else None
+def _cpu_share(tasks: Sequence[Taken]) -> float:
+    return sum(one.cpu_s for one in tasks) / max(sum(one.wall_s for one in tasks), 1e-9)
 
 
 def _high(values: Sequence[float]) -> float:
     return float(np.quantile(values, HIGH_QUANTILE, method="higher"))
-
-
-def _mean_law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:
-    law = _law(loads, values)
-    return law.times(
-        float(np.mean([value / law.at(load) for load, value in zip(loads, values, strict=True)]))
-    )
 
 
 def _law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:

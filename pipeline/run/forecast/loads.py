@@ -9,52 +9,7 @@ memory.
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
-
-from objectfolder.errors import FormatError, InputError
-from objectfolder.store import read_attributes
-from pipeline.dataset.parameters import Parameters
-from pipeline.dataset.records import read_records
-from pipeline.dataset.stages import MODES, OBJECTS
-
-DEFAULT_FREQUENCY_HZ = 20_000.0
-
-
-class Loads:
-    """Loads of the tasks of one data set.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    parameters
-        Of the run; the default size without them.
-    """
-
-    def __init__(self, root: Path, parameters: Parameters | None = None) -> None:
-        self._root = root
-        self._frequency_hz = parameters.audio.max_frequency_hz if parameters else DEFAULT_FREQUENCY_HZ
-        self._materials: dict[str, Mapping[str, float]] | None = None
-
-    def of(self, stage: str, object_id: str) -> float | None:
-        """Return the load of a task; None for other stages than modes, and for an object not measured yet."""
-        if stage != MODES.made_by:
-            return None
-        try:
-            measured = read_attributes(OBJECTS.path(self._root, object_id))
-            return bending_modes(measured, self._material(object_id), self._frequency_hz)
-        except (OSError, FormatError, KeyError, TypeError, ValueError, ArithmeticError):
-            return None  # no product, or one with impossible attributes; the run reports it
-
-    def _material(self, object_id: str) -> Mapping[str, float]:
-        if self._materials is None:
-            try:
-                rows = read_records(self._root).rows
-            except InputError:
-                rows = {}
-            self._materials = {name: row["material"] for name, row in rows.items()}
-        return self._materials[object_id]
 
 
 def bending_modes(

@@ -1,62 +1,124 @@
-"""``objectfolder plan``: the tasks and costs of a run before it starts, and afterwards its real costs."""
+"""``objectfolder plan``: the tasks and costs of a run before it starts.
+
+Objects are counted as `pipeline.run.status` finds them: current ones are kept, those in the memo restored,
+the rest computed; so is, at most, whatever waits for an input that does not exist yet. Seconds, memory and
+bytes are those of `pipeline.run.forecast.estimates`.
+
+No schedule is faster than the work shared evenly, or than the longest chain of tasks of one object. The
+expected wall time is the same bound with the work of each task shared among as many as fit into memory
+beside each other.
+"""
 
 import json
+import math
+import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-from objectfolder.errors import InputError
-from pipeline.cluster.places import read_place
-from pipeline.dataset.parameters import read_parameters
+from pipeline.cluster.places import Place, read_place
+from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.records import read_table
-from pipeline.dataset.stage import Stage
+from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.run.flow_progress import duration
-from pipeline.run.forecast.planning import (
-    Machines,
-    Plan,
-    StagePlan,
-    WallTime,
-    machines_of,
-    plan,
-    plan_for_count,
-    side_by_side,
-)
-from pipeline.run.run_record import read_record, records
+from pipeline.run.forecast.estimates import Estimate, Estimates
+from pipeline.run.status import CURRENT, WAITING, Status, status
+from pipeline.sandbox.host_memory import total_bytes
+from pipeline.store import memo
 
-PLAN = Path(".objectfolder/plan.json")
+MEMORY_SHARE = 0.9  # of a host, that tasks may take
+
+Tasks = Mapping[str, Mapping[str, Estimate]]  # to compute, by object and stage
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """The cost of a stage in the runs after a plan.
+class Machines:
+    """Hosts that are alike: how many, tasks at a time and memory of each."""
+
+    hosts: int
+    slots: int
+    memory_bytes: int
+
+    @property
+    def workers(self) -> int:
+        """Tasks at a time on all of them."""
+        return self.hosts * self.slots
+
+    def beside(self, memory_bytes: int) -> int:
+        """Return how many tasks that need this memory run at a time on a host; at least one."""
+        return max(1, min(self.slots, self.memory_bytes // max(1, memory_bytes)))
+
+
+@dataclass(frozen=True)
+class StagePlan:
+    """Objects of a stage kept, restored and computed; of the tasks: seconds, largest peak, bytes made."""
+
+    kept: int
+    restored: int
+    computed: int
+    cpu_s: float
+    memory_bytes: int
+    product_bytes: int
+
+
+@dataclass(frozen=True)
+class WallTime:
+    """Seconds that no schedule can beat, and that are expected."""
+
+    at_least_s: float
+    expected_s: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The tasks and costs of a run.
 
     Parameters
     ----------
-    planned, computed, failed
-        Tasks.
-    planned_cpu_s, took_cpu_s
-        CPU seconds: planned for all tasks; taken by those that were computed.
-    memory_bytes, peak_bytes
-        Planned as most, and the largest seen.
-    above
-        Tasks whose peak was above what was planned as most.
-    planned_bytes, product_bytes
-        Of products: planned for all tasks; of those that were computed.
+    size, objects
+        Size of ``params.yaml`` it is for, and number of objects.
+    stages
+        By name.
+    wall
+        Wall time by number of workers.
+    chain_s
+        Expected seconds of the longest chain of tasks of one object: no number of workers is faster.
+    machines
+        Where it would run.
     """
 
-    planned: int
-    computed: int
-    failed: int
-    planned_cpu_s: float
-    took_cpu_s: float
-    memory_bytes: int
-    peak_bytes: int
-    above: int
-    planned_bytes: int
-    product_bytes: int
+    size: str
+    objects: int
+    stages: Mapping[str, StagePlan]
+    wall: Mapping[int, WallTime]
+    chain_s: float
+    machines: Machines
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.objects} object{'s' * (self.objects != 1)}, size {self.size}",
+            "",
+            f"{'stage':<10}{'kept':>8}{'restored':>10}{'compute':>9}{'CPU time':>12}{'peak memory':>13}"
+            f"{'products':>11}",
+        ]
+        for name, one in self.stages.items():
+            lines.append(
+                f"{name:<10}{one.kept:>8}{one.restored:>10}{one.computed:>9}{duration(one.cpu_s):>12}"
+                f"{_size(one.memory_bytes):>13}{_size(one.product_bytes):>11}"
+            )
+        cpu_s = sum(one.cpu_s for one in self.stages.values())
+        made_bytes = sum(one.product_bytes for one in self.stages.values())
+        lines += [f"{'all':<10}{'':>27}{duration(cpu_s):>12}{'':>13}{_size(made_bytes):>11}", ""]
+        for number, wall in self.wall.items():
+            here = " (this place)" if number == self.machines.workers else ""
+            lines.append(
+                f"{number} worker{'s' * (number > 1)}{here}: about {duration(wall.expected_s)},"
+                f" at least {duration(wall.at_least_s)}"
+            )
+        chain = f"No number of workers is faster than {duration(self.chain_s)}"
+        return "\n".join([*lines, f"{chain}, the longest chain of an object."])
 
 
 def show_plan(
@@ -67,7 +129,7 @@ def show_plan(
     count: int | None = None,
     as_json: bool = False,
 ) -> None:
-    """Print the plan of a data set, and keep it.
+    """Print the plan of a data set.
 
     Parameters
     ----------
@@ -78,7 +140,7 @@ def show_plan(
     workers
         Also with these numbers of workers.
     count
-        For this number of objects that do not exist yet; such a plan is not kept.
+        For this number of objects that do not exist yet.
     as_json
         Print all of it as JSON.
     """
@@ -92,158 +154,101 @@ def show_plan(
             listed = replace(listed, table=str(objects), only=())
         rows = read_table(root, listed).selected(listed.only).rows
         made = plan(root, parameters, rows, machines, workers)
-        write_plan(root, made)
-    print(json.dumps(asdict(made), indent=1) if as_json else table(made))
+    print(json.dumps(asdict(made), indent=1) if as_json else made)
 
 
-def show_comparison(root: Path, *, as_json: bool = False) -> None:
-    """Print the costs of the runs since the last plan, beside those planned."""
-    kept = read_plan(root)
-    found, wall_s = compare(root, kept)
-    if as_json:
-        shown = {"stages": {name: asdict(one) for name, one in found.items()}, "wall_s": wall_s}
-        print(json.dumps(shown, indent=1))
-    else:
-        print(comparison_table(kept, found, wall_s))
+def plan(
+    root: Path,
+    parameters: Parameters,
+    rows: Mapping[str, Row],
+    machines: Machines,
+    workers: Sequence[int] = (),
+    stages: Sequence[Stage] = tuple(STAGES.values()),
+) -> Plan:
+    """Return the plan for the listed objects as they stand, also for other numbers of `workers`."""
+    estimates = Estimates(root, parameters)
+    by_name = {stage.name: stage for stage in stages}
+    counts: Counter[tuple[str, str]] = Counter()
+    tasks: dict[str, dict[str, Estimate]] = {}
+    for one in status(root, stages, parameters, rows):
+        if one.object_id not in rows:
+            continue  # no longer listed
+        if one.state == CURRENT:
+            counts[one.stage, "kept"] += 1
+        elif _in_memo(root, by_name[one.stage], one):
+            counts[one.stage, "restored"] += 1
+        else:
+            tasks.setdefault(one.object_id, {})[one.stage] = estimates.of(one.stage, one.object_id)
+    return _plan(parameters.size, len(rows), by_name, tasks, machines, workers, counts)
 
 
-def table(made: Plan) -> str:
-    """Return a plan for people."""
-    lines = [
-        f"{made.objects} object{'s' * (made.objects != 1)}, size {made.size}",
-        "",
-        f"{'stage':<10}{'kept':>8}{'restored':>10}{'compute':>9}{'CPU time':>12}"
-        f"{'peak memory':>13}{'at a time':>11}{'products':>11}",
-    ]
-    for name, one in made.stages.items():
-        beside = side_by_side(one.memory_bytes, made.machines) * made.machines.hosts if one.computed else ""
-        lines.append(
-            f"{name:<10}{one.kept:>8}{one.restored:>10}{one.computed:>9}{duration(one.cpu_s):>12}"
-            f"{one.memory_bytes / 1e9:>10.2f} GB{beside:>11}{size(one.product_bytes):>11}"
+def plan_for_count(
+    root: Path, parameters: Parameters, count: int, machines: Machines, workers: Sequence[int] = ()
+) -> Plan:
+    """Return the plan for `count` objects that do not exist yet and are like those known."""
+    known = Estimates(root, parameters).of_known_objects()
+    return _plan(parameters.size, count, STAGES, known, machines, workers, times=count / len(known))
+
+
+def machines_of(place: Place) -> Machines:
+    """Return what a place offers, with this machine's size where the place does not say."""
+    hosts, tasks, memory_bytes = place.capacity()
+    return Machines(hosts, tasks or os.cpu_count() or 1, memory_bytes or int(MEMORY_SHARE * total_bytes()))
+
+
+def _in_memo(root: Path, stage: Stage, one: Status) -> bool:
+    folder = memo.memo_folder(root, one.wanted)
+    targets = stage.targets(root, one.object_id)
+    known = one.state != WAITING and one.wanted != ""
+    return known and all((folder / memo.memo_name(path)).is_file() for path in targets)
+
+
+def _plan(
+    size: str,
+    objects: int,
+    stages: Mapping[str, Stage],
+    tasks: Tasks,
+    machines: Machines,
+    workers: Sequence[int],
+    counts: Mapping[tuple[str, str], int] | None = None,
+    times: float = 1.0,
+) -> Plan:
+    """Return the plan for tasks, each counted `times` times."""
+    chain_s = max((_chain_s(stages, by_stage) for by_stage in tasks.values()), default=0.0)
+    every = [one for by_stage in tasks.values() for one in by_stage.values()]
+    wall = {}
+    for number in sorted({1, machines.workers, *workers}):
+        hosts = math.ceil(number / machines.slots)
+        work_s = times * sum(one.wall_s for one in every) / number
+        bounded_s = times * sum(
+            one.wall_s / min(number, hosts * machines.beside(one.memory_bytes)) for one in every
         )
-    total = sum(one.cpu_s for one in made.stages.values())
-    made_bytes = sum(one.product_bytes for one in made.stages.values())
-    lines += [
-        f"{'all':<10}{'':>27}{duration(total):>12}{'':>24}{size(made_bytes):>11}",
-        "",
-        f"The memo grows by {size(made.memo_bytes)}. Peak memory and tasks at a time are of one host"
-        f" with {made.machines.memory_bytes / 1e9:.1f} GB for tasks.",
-    ]
-    for number, wall in made.wall.items():
-        here = " (this place)" if number == made.machines.workers else ""
-        lines.append(
-            f"{number} worker{'s' * (number > 1)}{here}: about {duration(wall.expected_s)},"
-            f" at least {duration(wall.at_least_s)}"
-        )
-    lines.append(
-        f"No number of workers is faster than {duration(made.chain_s)}, the longest chain of an object."
-    )
-    return "\n".join(lines)
+        wall[number] = WallTime(max(work_s, chain_s), max(bounded_s, chain_s))
+    by_name = {name: _stage_plan(name, tasks, counts or {}, times) for name in stages}
+    return Plan(size, objects, by_name, wall, chain_s, machines)
 
 
-def comparison_table(kept: Plan, found: Mapping[str, Comparison], wall_s: float) -> str:
-    """Return a comparison for people."""
-    lines = [
-        f"plan of {kept.time}, {kept.objects} objects",
-        "",
-        f"{'stage':<10}{'planned':>9}{'computed':>10}{'failed':>8}{'CPU planned':>13}{'taken':>9}"
-        f"{'a task':>8}{'memory planned':>16}{'largest':>10}{'above':>7}{'bytes planned':>15}{'made':>10}",
-    ]
-    for name, one in found.items():
-        ratio = _ratio(one)
-        lines.append(
-            f"{name:<10}{one.planned:>9}{one.computed:>10}{one.failed:>8}{duration(one.planned_cpu_s):>13}"
-            f"{duration(one.took_cpu_s):>9}{f'x {ratio:.2f}' if ratio else '':>8}"
-            f"{one.memory_bytes / 1e9:>13.2f} GB{one.peak_bytes / 1e9:>7.2f} GB{one.above:>7}"
-            f"{size(one.planned_bytes):>15}{size(one.product_bytes):>10}"
-        )
-    planned = kept.wall[kept.machines.workers].expected_s
-    lines += [
-        "",
-        f"planned {duration(planned)} with {kept.machines.workers} workers;"
-        f" the runs since then took {duration(wall_s)}",
-    ]
-    return "\n".join(lines)
-
-
-def compare(
-    root: Path, kept: Plan, stages: Mapping[str, Stage] = STAGES
-) -> tuple[dict[str, Comparison], float]:
-    """Return the cost of each stage in the runs since a plan was made, and their wall seconds."""
-    begin = datetime.fromisoformat(kept.time)
-    tasks: dict[str, list[dict[str, Any]]] = {name: [] for name in kept.stages}
-    wall_s = 0.0
-    for path in records(root):
-        lines = read_record(path)
-        times = [datetime.fromisoformat(line["time"]) for line in lines if "time" in line]
-        if not times or times[0] < begin:
-            continue
-        wall_s += (times[-1] - times[0]).total_seconds()
-        for line in lines:
-            if line.get("event") == "task" and line.get("stage") in tasks:
-                tasks[line["stage"]].append(line)
-    return {
-        name: _compared(root, stages[name], one, tasks[name]) for name, one in kept.stages.items()
-    }, wall_s
-
-
-def _compared(root: Path, stage: Stage, planned: StagePlan, tasks: Sequence[dict[str, Any]]) -> Comparison:
-    done = [task for task in tasks if task["outcome"] == "computed"]
-    peaks = [int(task["peak_memory_mb"] * 1e6) for task in done]
-    return Comparison(
-        planned.computed,
-        len(done),
-        len(tasks) - len(done),
-        planned.cpu_s,
-        sum(task["cpu_s"] for task in done),
-        planned.memory_bytes,
-        max(peaks, default=0),
-        sum(peak > planned.memory_bytes for peak in peaks),
-        planned.product_bytes,
-        sum(
-            path.stat().st_size
-            for task in done
-            for path in stage.targets(root, task["object"])
-            if path.is_file()
-        ),
+def _stage_plan(name: str, tasks: Tasks, counts: Mapping[tuple[str, str], int], times: float) -> StagePlan:
+    found = [by_stage[name] for by_stage in tasks.values() if name in by_stage]
+    return StagePlan(
+        counts.get((name, "kept"), 0),
+        counts.get((name, "restored"), 0),
+        round(len(found) * times),
+        sum(one.cpu_s for one in found) * times,
+        max((one.memory_bytes for one in found), default=0),
+        round(sum(one.product_bytes for one in found) * times),
     )
 
 
-def _ratio(one: Comparison) -> float | None:
-    """Return CPU seconds of a task taken over planned."""
-    if not (one.computed and one.planned and one.planned_cpu_s):
-        return None
-    return (one.took_cpu_s / one.computed) / (one.planned_cpu_s / one.planned)
+def _chain_s(stages: Mapping[str, Stage], by_stage: Mapping[str, Estimate]) -> float:
+    ends: dict[str, float] = {}
+    for name, stage in stages.items():
+        before = max((ends.get(other, 0.0) for other in stage.follows), default=0.0)
+        ends[name] = before + (by_stage[name].wall_s if name in by_stage else 0.0)
+    return max(ends.values(), default=0.0)
 
 
-def write_plan(root: Path, made: Plan) -> None:
-    """Keep a plan for `compare`."""
-    (root / PLAN).parent.mkdir(parents=True, exist_ok=True)
-    (root / PLAN).write_text(json.dumps(asdict(made)) + "\n")
-
-
-def read_plan(root: Path) -> Plan:
-    """Return the plan that was made last.
-
-    Raises
-    ------
-    InputError
-        No plan was kept, or it cannot be read.
-    """
-    try:
-        content = json.loads((root / PLAN).read_text())
-        stages = {name: StagePlan(**one) for name, one in content["stages"].items()}
-        wall = {int(number): WallTime(**one) for number, one in content["wall"].items()}
-        machines = Machines(**content["machines"])
-        return Plan(**{**content, "stages": stages, "wall": wall, "machines": machines})
-    except FileNotFoundError as error:
-        raise InputError(str(PLAN), "there is no plan", "Run `objectfolder plan` before a run.") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(str(PLAN), f"cannot be read ({error})", "Run `objectfolder plan`.") from error
-
-
-def size(count: float) -> str:
-    """Return bytes with a unit, for people."""
+def _size(count: float) -> str:
     for unit in ("B", "kB", "MB", "GB"):
         if count < 1000:
             return f"{count:.3g} {unit}"
