@@ -117,7 +117,7 @@ def test_a_damaged_part_is_fetched_again_from_its_beginning(file_server, address
     file_server.cut = lambda length: 70_000 if length == len(CONTENT) else 0
     with pytest.raises(InputError):
         Downloader(cache_folder, **SHORT).file(url, md5=MD5)
-    partial = CachedFile(cache_folder, url, url).partial
+    partial = CachedFile(cache_folder, url).partial
     assert partial.read_bytes() == CONTENT[:70_000]
     partial.write_bytes(bytes(70_000))
     file_server.plan = scripted()
@@ -125,12 +125,10 @@ def test_a_damaged_part_is_fetched_again_from_its_beginning(file_server, address
     assert ranges(file_server)[-2:] == ["bytes=70000-", ""]
 
 
-@pytest.mark.parametrize("note", [b"", b"[]", b"[" * 100_000, b'{"asked": 1}'])
-def test_a_damaged_note_of_what_a_part_is_of_begins_again(file_server, address, cache_folder, note):
-    cached = CachedFile(cache_folder, f"{address}/a.bin", f"{address}/a.bin")
+def test_a_part_of_which_no_version_is_known_begins_again(file_server, address, cache_folder):
+    cached = CachedFile(cache_folder, f"{address}/a.bin")
     cached.folder.mkdir(parents=True)
     cached.partial.write_bytes(b"something")
-    (cached.folder / ".partial.json").write_bytes(note)
     assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
 
 
@@ -224,7 +222,7 @@ def test_names_in_addresses_stay_in_the_cache(cache_folder, file_server, address
         "/%FF",
         "/\ud800",
     ):
-        name = CachedFile(cache_folder, address + target, "").path.name
+        name = CachedFile(cache_folder, address + target).path.name
         assert re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}", name), (target, name)
 
 

@@ -43,7 +43,7 @@ def test_a_killed_fetch_goes_on_where_it_was(tmp_path):
     cache = tmp_path / "cache"
     with server.listening() as base:
         url = f"{base}/large"
-        partial = CachedFile(cache, url, url).partial
+        partial = CachedFile(cache, url).partial
         started: queue.SimpleQueue[subprocess.Popen[bytes]] = queue.SimpleQueue()
         for quarter in (1, 2, 3):
 

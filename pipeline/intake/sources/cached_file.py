@@ -1,7 +1,6 @@
 """A downloaded file and its parts, in a folder of a cache that processes share."""
 
 import hashlib
-import json
 import os
 import re
 from contextlib import AbstractContextManager
@@ -13,26 +12,14 @@ from pipeline.intake.disk import locked, writing
 
 
 class CachedFile:
-    """The folder of an address; the file has its final name only once it is verified.
+    """The folder of an address; the file has its final name only once it is verified."""
 
-    Parameters
-    ----------
-    cache
-        Folder of all of them.
-    url
-        The address as the source gives it.
-    asked
-        The address that is asked, a mirror's where there is one.
-    """
-
-    def __init__(self, cache: Path, url: str, asked: str) -> None:
-        self.folder = cache / _sha256(url)[:32]
+    def __init__(self, cache: Path, url: str) -> None:
+        address = url.encode("utf-8", "surrogatepass")
+        self.folder = cache / hashlib.sha256(address).hexdigest()[:32]
         self.path = self.folder / _file_name(url)
         self.partial = self.folder / ".partial"
-        self._note = self.folder / ".partial.json"
-        self._asked = _sha256(
-            asked
-        )  # a mirror's address may have a password in it, which is not for the disk
+        self._validator = self.folder / ".partial.validator"
 
     def locked(self) -> AbstractContextManager[object]:
         """Lock the folder; another process or thread waits."""
@@ -41,12 +28,10 @@ class CachedFile:
     def resumable(self) -> tuple[int, str]:
         """Return the bytes that are there and the validator of their version; 0 where they cannot be used."""
         try:
-            note = json.loads(self._note.read_bytes())
-            count = self.partial.stat().st_size
-            usable = note["asked"] == self._asked and isinstance(note["validator"], str)
-        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+            validator = self._validator.read_text("latin-1")
+            return (self.partial.stat().st_size, validator) if validator else (0, "")
+        except OSError:
             return 0, ""
-        return (count, note["validator"]) if usable and note["validator"] else (0, "")
 
     def begin(self, validator: str) -> None:
         """Discard the part that is there, and note the version of the next."""
@@ -54,8 +39,8 @@ class CachedFile:
         self.discard()
         with writing(self.partial):
             self.partial.touch()
-            with atomic_write(self._note) as file:
-                file.write(json.dumps({"asked": self._asked, "validator": validator}).encode())
+            with atomic_write(self._validator) as file:
+                file.write(validator.encode("latin-1"))
 
     def finish(self) -> None:
         """Give the whole file its name."""
@@ -63,23 +48,13 @@ class CachedFile:
             with self.partial.open("rb") as file:
                 os.fsync(file.fileno())
             os.replace(self.partial, self.path)
-            self._note.unlink(missing_ok=True)
+            self._validator.unlink(missing_ok=True)
 
     def discard(self) -> None:
         """Remove the part that is there."""
         with writing(self.partial):
-            self._note.unlink(missing_ok=True)
+            self._validator.unlink(missing_ok=True)
             self.partial.unlink(missing_ok=True)
-
-    def forget(self) -> None:
-        """Remove the file and its part."""
-        with writing(self.path):
-            self.path.unlink(missing_ok=True)
-        self.discard()
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _file_name(url: str) -> str:

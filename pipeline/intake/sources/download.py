@@ -1,41 +1,45 @@
 """Files from servers into a cache: resumed, verified, and whole or not there."""
 
+import contextlib
 import hashlib
 import io
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from datetime import timedelta
-from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
 import requests
-from urllib3.exceptions import MaxRetryError
+from urllib3.exceptions import HTTPError, MaxRetryError
 
 from objectfolder.errors import FormatError, InputError
 from pipeline.intake.disk import writing
 from pipeline.intake.sources.cached_file import CachedFile
 from pipeline.intake.sources.http_client import (
+    CONTENT_RANGE,
     LEAST_BYTES,
     RETRY_REMEDY,
-    HttpClient,
     InterruptedBodyError,
     UnreachableError,
+    body,
     check_address,
+    check_answer,
+    continues,
+    failure,
     retry_policy,
+    retrying_session,
+    validator_of,
 )
 
+CONNECT_S = 10.0
 LIMIT_BYTES = 2 << 30
 LIMIT_JSON_BYTES = 32 << 20
-LEAST_AGE = timedelta(seconds=60)  # of a Last-Modified that tells versions apart (RFC 9110, 8.8.2.2)
 REMEDY = (
     "Nothing of it is kept. The source has changed or a proxy stands between: compare with a mirror, and "
     "record what is new only if it is right."
 )
 Progress = Callable[[str, int, int | None], None]
-_CONTENT_RANGE = re.compile(r"bytes (\d+)-\d+/(\d+|\*)")
 _Result = TypeVar("_Result")
 
 
@@ -72,8 +76,12 @@ class Downloader:
     ----------
     cache
         Folder; a file lies in it under its address.
-    proxies, mirrors, timeout_s
-        As `HttpClient` takes them.
+    proxies
+        By scheme, ``{"https": "http://proxy:3128"}``; the environment's variables hold for others.
+    mirrors
+        Starts of addresses and what stands in their place; the longest that fits is taken.
+    timeout_s
+        Without a byte.
     retries
         How often to ask again while nothing new arrives. A server that asks for a wait of more than
         `http_client.LONGEST_WAIT_S` is given up at once.
@@ -101,8 +109,13 @@ class Downloader:
         progress: Progress | None = None,
     ) -> None:
         self._cache = Path(cache)
+        self._proxies = dict(proxies or {})
+        self._mirrors = dict(sorted((mirrors or {}).items(), key=lambda pair: -len(pair[0])))
+        for address in (*self._mirrors, *self._mirrors.values()):
+            check_address(address)
+        self._timeout_s = timeout_s
         self._retry = retry_policy(retries, backoff_s)
-        self._client = HttpClient(proxies=proxies, mirrors=mirrors, retry=self._retry, timeout_s=timeout_s)
+        self._session = retrying_session(self._retry)
         self._progress = progress or (lambda url, count, total: None)
 
     def file(
@@ -145,12 +158,32 @@ class Downloader:
     def forget(self, url: str) -> None:
         """Remove what the cache has of an address, as when its content turns out to be damaged."""
         cached = self._cached(url)
-        with cached.locked():
-            cached.forget()
+        with cached.locked(), writing(cached.path):
+            cached.path.unlink(missing_ok=True)
+            cached.discard()
 
     def _cached(self, url: str) -> CachedFile:
         check_address(url)
-        return CachedFile(self._cache, url, self._client.address(url))
+        return CachedFile(self._cache, url)
+
+    @contextlib.contextmanager
+    def _get(self, url: str, headers: Mapping[str, str]) -> Iterator[requests.Response]:
+        """Ask for `url` or its mirror; yield an answer of 200, 206 or 416, its body not read."""
+        start = next((start for start in self._mirrors if url.startswith(start)), "")
+        address = self._mirrors.get(start, "") + url.removeprefix(start)
+        try:
+            response = self._session.get(
+                address,
+                headers=headers,
+                stream=True,
+                timeout=(min(CONNECT_S, self._timeout_s), self._timeout_s),
+                proxies=dict(self._proxies),
+            )
+        except (requests.RequestException, HTTPError, OSError, ValueError) as error:
+            raise failure(url, error) from error
+        with response:
+            check_answer(url, response)
+            yield response
 
     def _fetch(self, cached: CachedFile, expected: Expected) -> None:
         """Bring all of a file, verify it, and give it its name."""
@@ -191,22 +224,22 @@ class Downloader:
         """Append what is missing; return whether some was there before."""
         count, validator = cached.resumable()
         headers = {"Range": f"bytes={count}-", "If-Range": validator} if count else {}
-        with self._client.get(expected.url, headers) as response:
+        with self._get(expected.url, headers) as response:
             if response.status_code == 416 and response.headers.get("Content-Range") == f"bytes */{count}":
                 return True  # all of it was there
             total = _total(response, expected)
             expected.check_count(total or 0)
-            resumed = bool(count) and _continues(response, count, validator)
+            resumed = bool(count) and continues(response, count, validator)
             if not resumed:
                 count = 0
-                cached.begin(_validator(response))
+                cached.begin(validator_of(response))
                 if response.status_code != 200:
                     raise InterruptedBodyError("its server sends another part than asked for")
             with writing(cached.partial):
                 file = cached.partial.open("ab")
             with file:
                 self._progress(expected.url, count, total)
-                for block in self._client.body(response):
+                for block in body(response, self._timeout_s):
                     count += len(block)
                     if count > expected.limit_bytes:
                         cached.discard()
@@ -221,8 +254,8 @@ class Downloader:
 
     def _document(self, expected: Expected) -> bytes:
         content = io.BytesIO()
-        with self._client.get(expected.url, {"Accept": "application/json"}) as response:
-            for block in self._client.body(response, decoded=True):
+        with self._get(expected.url, {"Accept": "application/json"}) as response:
+            for block in body(response, self._timeout_s, decoded=True):
                 content.write(block)
                 expected.check_count(content.tell())
         return content.getvalue()
@@ -240,7 +273,7 @@ def _total(response: requests.Response, expected: Expected) -> int | None:
     """
     if response.headers.get("Transfer-Encoding", "").lower() == "chunked":
         return None
-    matched = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+    matched = CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
     said = matched[2] if matched else response.headers.get("Content-Length", "")
     if not re.fullmatch(r"[0-9]{1,18}", said):
         if expected.size is None and expected.md5 is None:
@@ -254,23 +287,3 @@ def _total(response: requests.Response, expected: Expected) -> int | None:
         finding = f"differs from what is known of it: its size is {said}, not {expected.size}"
         raise FormatError(expected.url, finding, REMEDY)
     return int(said)
-
-
-def _validator(response: requests.Response) -> str:
-    """Return a strong ETag or an old enough date, which identify this version of a file; else nothing."""
-    tag = response.headers.get("ETag", "")
-    if re.fullmatch(r'"[!#-~]*"', tag):  # a strong one
-        return tag
-    modified = response.headers.get("Last-Modified", "")
-    try:
-        age = parsedate_to_datetime(response.headers.get("Date", "")) - parsedate_to_datetime(modified)
-    except (ValueError, TypeError, OverflowError):  # absent, no dates, or of which one has no time zone
-        return ""
-    return modified if age >= LEAST_AGE else ""
-
-
-def _continues(response: requests.Response, count: int, validator: str) -> bool:
-    """Whether an answer is the rest of a file after `count` bytes."""
-    matched = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
-    is_rest = response.status_code == 206 and matched is not None and int(matched[1]) == count
-    return is_rest and _validator(response) in ("", validator)

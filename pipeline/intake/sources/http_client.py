@@ -1,11 +1,12 @@
 """Requests over HTTP: urllib3 retries them; if that fails, an error names the remedy."""
 
-import contextlib
 import itertools
 import logging
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from datetime import timedelta
+from email.utils import parsedate_to_datetime
 from urllib.parse import urlsplit
 
 import requests
@@ -21,7 +22,6 @@ from objectfolder.errors import InputError
 logging.getLogger("urllib3.connectionpool").setLevel(logging.ERROR)
 
 USER_AGENT = f"objectfolder-factory/{__version__}"
-CONNECT_S = 10.0
 LONGEST_WAIT_S = 120.0
 """Of a server's Retry-After; a request that is to wait longer fails at once."""
 BACKOFF_MAX_S = 30.0
@@ -30,6 +30,8 @@ MOST_REDIRECTS = 8
 BLOCK = 256 << 10  # bytes
 LEAST_BYTES = 64 << 10
 """Bytes that must arrive within the timeout; a slower connection is given up."""
+LEAST_AGE = timedelta(seconds=60)  # of a Last-Modified that tells versions apart (RFC 9110, 8.8.2.2)
+CONTENT_RANGE = re.compile(r"bytes (\d+)-\d+/(\d+|\*)")
 RETRY_REMEDY = "Try again later, or check the network, proxy or mirror: what was downloaded is kept."
 
 FINDINGS = {
@@ -84,111 +86,11 @@ def retry_policy(retries: int, backoff_s: float) -> Retry:
     )
 
 
-class HttpClient:
-    """Asks servers for content.
-
-    Parameters
-    ----------
-    proxies
-        By scheme, ``{"https": "http://proxy:3128"}``; the environment's variables hold for others.
-    mirrors
-        Starts of addresses and what stands in their place; the longest that fits is taken.
-    retry
-        When to ask again.
-    timeout_s
-        Without a byte.
-
-    Raises
-    ------
-    InputError
-        A mirror that is no address.
-    """
-
-    def __init__(
-        self,
-        *,
-        proxies: Mapping[str, str] | None,
-        mirrors: Mapping[str, str] | None,
-        retry: Retry,
-        timeout_s: float,
-    ) -> None:
-        self._proxies = dict(proxies or {})
-        self._mirrors = dict(sorted((mirrors or {}).items(), key=lambda pair: -len(pair[0])))
-        for address in (*self._mirrors, *self._mirrors.values()):
-            check_address(address)
-        self._timeout_s = timeout_s
-        self._session = _session(retry)
-
-    def address(self, url: str) -> str:
-        """Return the address that is asked for `url`: a mirror's where there is one."""
-        for start, replacement in self._mirrors.items():
-            if url.startswith(start):
-                return replacement + url.removeprefix(start)
-        return url
-
-    @contextlib.contextmanager
-    def get(self, url: str, headers: Mapping[str, str]) -> Iterator[requests.Response]:
-        """Ask for `url`; yield an answer of 200, 206 or 416, its body not read.
-
-        Raises
-        ------
-        AbsentError, RefusedError, UnreachableError
-            The server has nothing there, refuses, or cannot be reached.
-        InputError
-            Anything else that asking again will not change.
-        """
-        address = self.address(url)
-        check_address(address)
-        # Bytes are wanted as they are stored: hashes and ranges are of these.
-        asked = {"Accept-Encoding": "identity", **headers}
-        timeout = (min(CONNECT_S, self._timeout_s), self._timeout_s)
-        try:
-            response = self._session.get(
-                address, headers=asked, stream=True, timeout=timeout, proxies=dict(self._proxies)
-            )
-        except requests.TooManyRedirects as error:
-            finding = f"redirected more than {MOST_REDIRECTS} times"
-            raise InputError(url, finding, "The source is broken or has moved; try a mirror.") from error
-        except ValueError as error:  # what requests raises for addresses that it cannot ask
-            raise InputError(
-                url,
-                f"it, its proxy or what it redirects to cannot be asked ({type(error).__name__})",
-                "Only http and https are; check the address and the options for proxies and mirrors.",
-            ) from error
-        except (requests.RequestException, HTTPError, OSError) as error:
-            raise _failure(url, error) from error
-        with response:
-            _check_answer(url, response)
-            yield response
-
-    def body(self, response: requests.Response, *, decoded: bool = False) -> Iterator[bytes]:
-        """Yield a body as it arrives, with its ``Content-Encoding`` undone where `decoded`.
-
-        Raises
-        ------
-        InterruptedBodyError
-            The connection broke, or fewer than `LEAST_BYTES` arrived within the timeout.
-        """
-        count, since = 0, time.monotonic()
-        while True:
-            try:
-                # Unlike `read`, this returns the bytes that have arrived, so that a slow server is noticed.
-                block = response.raw.read1(BLOCK, decode_content=decoded)
-            except (HTTPError, OSError) as error:
-                raise InterruptedBodyError(_finding(error)) from error
-            if not block:
-                return
-            yield block
-            count += len(block)
-            if count >= LEAST_BYTES:
-                count, since = 0, time.monotonic()
-            elif time.monotonic() - since > self._timeout_s:
-                raise InterruptedBodyError("its server is too slow")
-
-
-def _session(retry: Retry) -> requests.Session:
+def retrying_session(retry: Retry) -> requests.Session:
+    """Return a session that names this software and asks for bytes as they are stored."""
     session = requests.Session()
-    session.headers.update({"User-Agent": USER_AGENT})
+    # Hashes and ranges are of the stored bytes.
+    session.headers.update({"User-Agent": USER_AGENT, "Accept-Encoding": "identity"})
     session.max_redirects = MOST_REDIRECTS
     session.hooks["response"].append(_close_redirect)
     for scheme in ("http://", "https://"):
@@ -207,12 +109,14 @@ def check_address(address: str) -> None:
         raise InputError(address, "no address that begins with http:// or https://", "Correct the address.")
 
 
-def _close_redirect(response: requests.Response, **_: object) -> None:
-    if response.is_redirect:
-        response.raw.close()  # requests would read its body to the end, however long it is
+def check_answer(url: str, response: requests.Response) -> None:
+    """Raise `AbsentError`, `RefusedError` or `UnreachableError` unless the status is 200, 206 or 416.
 
-
-def _check_answer(url: str, response: requests.Response) -> None:
+    Raises
+    ------
+    InputError
+        A redirection left https.
+    """
     chain = [urlsplit(step.url).scheme for step in (*response.history, response)]
     if ("https", "http") in itertools.pairwise(chain):
         raise InputError(
@@ -232,9 +136,38 @@ def _check_answer(url: str, response: requests.Response) -> None:
     raise RefusedError(url, f"refused by its server or a proxy ({status})", remedy)
 
 
-def _failure(url: str, error: Exception) -> InputError:
+def validator_of(response: requests.Response) -> str:
+    """Return a strong ETag or an old enough date, which identify this version of a file; else nothing."""
+    tag = response.headers.get("ETag", "")
+    if re.fullmatch(r'"[!#-~]*"', tag):  # a strong one
+        return tag
+    modified = response.headers.get("Last-Modified", "")
+    try:
+        age = parsedate_to_datetime(response.headers.get("Date", "")) - parsedate_to_datetime(modified)
+    except (ValueError, TypeError, OverflowError):  # absent, no dates, or of which one has no time zone
+        return ""
+    return modified if age >= LEAST_AGE else ""
+
+
+def continues(response: requests.Response, count: int, validator: str) -> bool:
+    """Whether an answer is the rest of a file after `count` bytes."""
+    matched = CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
+    is_rest = response.status_code == 206 and matched is not None and int(matched[1]) == count
+    return is_rest and validator_of(response) in ("", validator)
+
+
+def failure(url: str, error: Exception) -> InputError:
     """Return the error of a request without an answer."""
     said = str(error)
+    if isinstance(error, requests.TooManyRedirects):
+        finding = f"redirected more than {MOST_REDIRECTS} times"
+        return InputError(url, finding, "The source is broken or has moved; try a mirror.")
+    if isinstance(error, ValueError):  # what requests raises for addresses that it cannot ask
+        return InputError(
+            url,
+            f"it, its proxy or what it redirects to cannot be asked ({type(error).__name__})",
+            "Only http and https are; check the address and the options for proxies and mirrors.",
+        )
     if isinstance(error, requests.exceptions.SSLError) and "CERTIFICATE_VERIFY_FAILED" in said:
         return InputError(
             url,
@@ -245,6 +178,36 @@ def _failure(url: str, error: Exception) -> InputError:
     if tunnel := re.search(r"Tunnel connection failed: (4\d\d)", said):
         return RefusedError(url, f"refused by its proxy ({tunnel[1]})", "Check the proxy and its password.")
     return UnreachableError(url, f"cannot be fetched: {_finding(error)}", RETRY_REMEDY)
+
+
+def body(response: requests.Response, timeout_s: float, *, decoded: bool = False) -> Iterator[bytes]:
+    """Yield a body as it arrives, with its ``Content-Encoding`` undone where `decoded`.
+
+    Raises
+    ------
+    InterruptedBodyError
+        The connection broke, or fewer than `LEAST_BYTES` arrived within the timeout.
+    """
+    count, since = 0, time.monotonic()
+    while True:
+        try:
+            # Unlike `read`, this returns the bytes that have arrived, so that a slow server is noticed.
+            block = response.raw.read1(BLOCK, decode_content=decoded)
+        except (HTTPError, OSError) as error:
+            raise InterruptedBodyError(_finding(error)) from error
+        if not block:
+            return
+        yield block
+        count += len(block)
+        if count >= LEAST_BYTES:
+            count, since = 0, time.monotonic()
+        elif time.monotonic() - since > timeout_s:
+            raise InterruptedBodyError("its server is too slow")
+
+
+def _close_redirect(response: requests.Response, **_: object) -> None:
+    if response.is_redirect:
+        response.raw.close()  # requests would read its body to the end, however long it is
 
 
 def _finding(error: Exception) -> str:
