@@ -132,8 +132,7 @@ def fetch(
     resolution
         [SOURCE=]NAME, as polyhaven=2k or google_64k (default: 1k, google_16k); may be given several times
     """
-    from pipeline.intake.sources.registry import Resolutions, source_named
-    from pipeline.intake.sources.source_table import chosen_rows, read_source_rows
+    from pipeline.intake.sources.registry import Resolutions, source_named, table_ids
 
     if sum(map(bool, (ids, table, list_source))) != 1:
         raise InputError("fetch", "names no objects, or in several ways", "Give ids, or --table, or --list.")
@@ -149,23 +148,23 @@ def fetch(
             print("\n".join(map(source.source_id, names)))
             return FINE
         if table:
-            ids = tuple(row.source_id for row in chosen_rows(table, read_source_rows(table), only))
+            ids = tuple(table_ids(table, only))
         ids = tuple(dict.fromkeys(ids))
         return (_list_missing if dry_run else _fetch)(fetcher, ids, resolutions, where)
 
 
 def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
     """Fetch all; print each object, and at the end the failures."""
+    from objectfolder.catalogue import read_rows
     from pipeline.intake.sources.fetch_summary import differences, lines_of, summary
-    from pipeline.intake.sources.fetching_all import Failed, fetch_all
-    from pipeline.intake.sources.source_table import read_source_rows
+    from pipeline.intake.sources.fetching import Failed
 
     try:
-        rows = read_source_rows(table)
+        rows = [row for _, row in read_rows(table)[1]]
     except InputError:
         rows = []  # a table that was not asked for need not be there
     fetched, failed = [], []
-    for number, outcome in enumerate(fetch_all(fetcher, ids, resolutions), start=1):
+    for number, outcome in enumerate(fetcher.fetch_all(ids, resolutions), start=1):
         count = f"{number}/{len(ids)} " if len(ids) > 1 else ""
         if isinstance(outcome, Failed):
             failed.append(outcome)

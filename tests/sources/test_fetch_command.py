@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue, read_rows
 from pipeline.cli import main
 from pipeline.intake.sources.http_client import USER_AGENT
 from pipeline.intake.sources.registry import Resolutions
-from pipeline.intake.sources.source_table import read_source_rows
 from tests.conftest import REPOSITORY
 from tests.sources.served_sources import GSO, IDS, POLY_HAVEN, YCB, ServedSources, files_in
 
@@ -214,14 +213,14 @@ def test_every_source_names_the_software_it_is_asked_by(fetch, sources):
 
 def test_the_papers_table_names_what_its_sources_lay_out():
     """Mesh and texture of each row are those that its source's module would find, at a known resolution."""
-    rows = read_source_rows(REPOSITORY / "data" / "objects.csv")
+    _, rows = read_rows(REPOSITORY / "data" / "objects.csv")
     assert len(rows) == 100
-    for row in rows:
-        asked = Resolutions().asked(row.source_id)
+    for _, row in rows:
+        asked = Resolutions().asked(row["source_id"])
         folder = f"fetched/{asked.source.id}/{asked.name}/"
         expected = {
             "ycb": (f"{folder}google_16k/textured.obj", f"{folder}google_16k/texture_map.png"),
             "gso": (f"{folder}meshes/model.obj", f"{folder}materials/textures/texture.png"),
             "polyhaven": (f"{folder}{asked.name}_1k.gltf", ""),
         }[asked.source.id]
-        assert (row.mesh, row.texture) == expected
+        assert (row["mesh"], row["texture"]) == expected

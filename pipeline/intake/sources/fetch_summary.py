@@ -1,11 +1,18 @@
-"""A summary of fetched objects, in lines for people."""
+"""A summary of fetched objects, and the rows of a table of objects that they could become."""
 
-from collections.abc import Iterable, Iterator, Sequence
+import csv
+import io
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from objectfolder.catalogue import AS_IN_FILE
 from pipeline.intake.sources.fetching import Fetched
-from pipeline.intake.sources.proposed_row import proposed_rows
-from pipeline.intake.sources.source_table import SourceRow
+
+COLUMNS = (
+    "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "source_id",
+)  # fmt: skip
 
 
 def lines_of(fetched: Fetched) -> str:
@@ -21,19 +28,20 @@ def lines_of(fetched: Fetched) -> str:
     )
 
 
-def differences(fetched: Fetched, table: Path, rows: Iterable[SourceRow]) -> Iterator[str]:
+def differences(fetched: Fetched, table: Path, rows: Collection[Mapping[str, str]]) -> Iterator[str]:
     """Yield which rows of a table name other files than those that were fetched."""
     for row in rows:
-        if row.source_id != fetched.asked.id:
+        if row.get("source_id") != fetched.asked.id:
             continue
-        for what, cell, path in (("mesh", row.mesh, fetched.mesh), ("texture", row.texture, fetched.texture)):
+        for what, path in (("mesh", fetched.mesh), ("texture", fetched.texture)):
+            cell = row.get(what)
             if cell and (path is None or (table.parent / cell).resolve() != path.resolve()):
-                yield f"{table}, {row.id}: its {what} is {cell}, but {path} was fetched"
+                yield f"{table}, {row['id']}: its {what} is {cell}, but {path} was fetched"
 
 
-def summary(fetched: Sequence[Fetched], table: Path, rows: Iterable[SourceRow], count: int) -> str:
+def summary(fetched: Sequence[Fetched], table: Path, rows: Collection[Mapping[str, str]], count: int) -> str:
     """Return rows to add to the table for new objects and, of several objects, how many there are."""
-    in_table = {row.source_id for row in rows}
+    in_table = {row.get("source_id") for row in rows}
     new = [one for one in fetched if one.asked.id not in in_table]
     lines = []
     if new:
@@ -42,3 +50,36 @@ def summary(fetched: Sequence[Fetched], table: Path, rows: Iterable[SourceRow], 
     if count > 1:
         lines += [f"{len(fetched)} of {count} are there, {sum(one.bytes for one in fetched) / 1e6:.1f} MB"]
     return "\n".join(lines)
+
+
+def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
+    """Return CSV with a header: all that is known of objects, but for their materials.
+
+    Parameters
+    ----------
+    folder
+        Of the table, which paths are relative to.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
+    writer.writeheader()
+    for fetched in objects:
+        source, name = fetched.asked.source, fetched.asked.name
+        mesh, texture = (
+            Path(os.path.relpath(path, folder)).as_posix() if path else ""
+            for path in (fetched.mesh, fetched.texture)
+        )
+        writer.writerow(
+            {
+                "id": re.sub(r"[^A-Za-z0-9_.-]", "_", name).lstrip(".")[:100],
+                "name": re.sub(r"^\d+(-\w)? ", "", name.replace("_", " ")),
+                "mesh": mesh,
+                "texture": texture,
+                "length_m": AS_IN_FILE,
+                "source": source.title,
+                "licence": source.licence,
+                "attribution": source.attribution,
+                "source_id": fetched.asked.id,
+            }
+        )
+    return text.getvalue()

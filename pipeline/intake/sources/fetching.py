@@ -1,13 +1,16 @@
-"""One object from its source to its folder: downloaded, unpacked, compared with what is known."""
+"""Objects from their sources to their folders: downloaded, unpacked, compared with what is known."""
 
+import difflib
 import shutil
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.download import Downloader
-from pipeline.intake.sources.http_client import AbsentError, RefusedError
+from pipeline.intake.sources.http_client import AbsentError, RefusedError, UnreachableError
 from pipeline.intake.sources.object_record import (
     RECORD,
     Form,
@@ -18,10 +21,12 @@ from pipeline.intake.sources.object_record import (
     write_record,
 )
 from pipeline.intake.sources.recorded_hashes import ChangedError, check_known, read_hashes, record_hashes
-from pipeline.intake.sources.source import Download, Source, SourceObject, near_names
+from pipeline.intake.sources.registry import Resolutions
+from pipeline.intake.sources.source import Download, Source, SourceObject
 from pipeline.intake.sources.unpacking import unpack
 
 FETCHED, KEPT = "fetched", "already there"
+MOST_UNREACHABLE = 2  # objects of a source in a row, after which its other objects are not asked for
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,14 @@ class Fetched:
         return sum(content.bytes for content in self.record.files_of(self.asked.resolution).values())
 
 
+@dataclass(frozen=True)
+class Failed:
+    """An object that was not fetched, by the id that was asked for, and why."""
+
+    source_id: str
+    error: ObjectFolderError
+
+
 class Fetcher:
     """Fetches objects of any source into one folder.
 
@@ -110,7 +123,12 @@ class Fetcher:
 
     def missing(self, asked: SourceObject) -> list[Download]:
         """Return what would be downloaded: nothing where all is there. Errors are those of `fetch`."""
-        return [] if self._kept(asked) else self._listed(asked)
+        if self._kept(asked):
+            return []
+        try:
+            return asked.source.downloads(asked.name, asked.resolution, self._downloader)
+        except (AbsentError, RefusedError) as problem:
+            raise self._absent(asked, problem) from problem
 
     def fetch(self, asked: SourceObject) -> Fetched:
         """Fetch one object, or find that it is there and whole.
@@ -138,9 +156,32 @@ class Fetcher:
                     record = _with_other_resolutions(target, before, partial, record)
                 write_record(partial, asked, record)
                 _replace_folder(target, partial)
+            except (AbsentError, RefusedError) as problem:
+                raise self._absent(asked, problem) from problem
             finally:
                 shutil.rmtree(partial, ignore_errors=True)
         return Fetched(asked, target, record, FETCHED, recorded)
+
+    def fetch_all(self, source_ids: Sequence[str], resolutions: Resolutions) -> Iterator[Fetched | Failed]:
+        """Fetch one object after another, each once; one that fails does not stop the others."""
+        unreachable: Counter[str] = Counter()
+        for source_id in dict.fromkeys(source_ids):
+            try:
+                asked = resolutions.asked(source_id)
+            except InputError as error:
+                yield Failed(source_id, error)
+                continue
+            source = asked.source.id
+            if unreachable[source] >= MOST_UNREACHABLE:
+                finding = "not tried, for its source cannot be reached"
+                yield Failed(source_id, InputError(source_id, finding, "Run the same command later."))
+                continue
+            try:
+                yield self.fetch(asked)
+                unreachable[source] = 0
+            except ObjectFolderError as error:
+                unreachable[source] = unreachable[source] + 1 if isinstance(error, UnreachableError) else 0
+                yield Failed(source_id, error)
 
     def _kept(self, asked: SourceObject) -> Record | None:
         """Return the record of the present files, if they are whole and have the known hashes."""
@@ -174,11 +215,11 @@ class Fetcher:
         """Fill an empty folder as the source lays it out; return which file is what."""
         shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
         folder.mkdir(parents=True)
-        listed = self._listed(asked)
+        listed = asked.source.downloads(asked.name, asked.resolution, self._downloader)
         for entry in listed:
             if anew:
                 self._downloader.forget(entry.url)
-            file = self._file(asked, entry)
+            file = self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
             if entry.top is None:
                 place = folder / entry.path
                 place.parent.mkdir(parents=True, exist_ok=True)
@@ -197,40 +238,24 @@ class Fetcher:
             self._check_known(asked, record)
         return record
 
-    def _listed(self, asked: SourceObject) -> list[Download]:
-        try:
-            return asked.downloads(self._downloader)
-        except AbsentError as problem:
-            raise self._absent(asked) from problem
-
-    def _file(self, asked: SourceObject, entry: Download) -> Path:
-        try:
-            return self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
-        except (AbsentError, RefusedError) as problem:
-            # Some servers refuse what they do not have; one that refuses its list, too, refuses everything.
-            if isinstance(problem, RefusedError) and not self._can_list(asked.source):
-                raise
-            raise self._absent(asked) from problem
-
-    def _can_list(self, source: Source) -> bool:
-        try:
-            return bool(self.names(source))
-        except ObjectFolderError:
-            return False
-
-    def _absent(self, asked: SourceObject) -> InputError:
-        """Return the error for an object that the source does not have."""
+    def _absent(self, asked: SourceObject, problem: InputError) -> InputError:
+        """Return the error for an object that the source does not have, or refuses."""
         source = asked.source
         try:
             names = self.names(source)
-        except ObjectFolderError as problem:
-            finding = f"not there, and the source's list cannot be had ({problem.finding})"
+        except ObjectFolderError as unlisted:
+            # Some servers refuse what they do not have; one that refuses its list, too, refuses everything.
+            if isinstance(problem, RefusedError):
+                return problem
+            finding = f"not there, and the source's list cannot be had ({unlisted.finding})"
             return InputError(asked.id, finding, f"Look for its name on {source.page}.")
         if asked.name in names:
             remedy = source.absent.replace("NAME", asked.name)
             return InputError(asked.id, f"{source.title} has no {asked.resolution} of it", remedy)
-        near = [source.source_id(name) for name in near_names(asked.name, names)]
-        remedy = f"Did you mean {' or '.join(near)}? " if near else ""
+        by_folded = {name.casefold(): name for name in names}
+        near = difflib.get_close_matches(asked.name.casefold(), by_folded)
+        meant = " or ".join(source.source_id(by_folded[name]) for name in near)
+        remedy = f"Did you mean {meant}? " if near else ""
         remedy += f"`objectfolder fetch --list {source.id}` prints its {len(names)} names."
         return InputError(asked.id, f"{source.title} has no such object", remedy)
 

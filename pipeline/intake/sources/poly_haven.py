@@ -14,7 +14,6 @@ from pipeline.intake.sources.source import Download, Source
 
 API = "https://api.polyhaven.com/"
 FILES = "https://dl.polyhaven.org/"
-RESOLUTIONS = ("1k", "2k", "4k", "8k")  # side of the textures; the mesh is the same
 MOST_FILES = 1000
 _SLUG = re.compile(r"[A-Za-z0-9_-]{1,50}")
 
@@ -28,71 +27,88 @@ class _ListedFile(BaseModel):
     include: dict[str, "_ListedFile"] = {}
 
 
-def downloads(name: str, resolution: str, documents: Downloader) -> list[Download]:
-    """Return the glTF and what it includes, as the API lists them with their own addresses and hashes.
-
-    Raises
-    ------
-    FormatError
-        The list is not one, or a file of it leads out of the folder or to a host of others.
-    InputError
-        No glTF of this resolution.
-    AbsentError
-        No such object.
-    """
-    address = f"{API}files/{name}"
-    listed = documents.json(address)
-    try:
-        if "gltf" not in listed:
-            raise InputError(f"polyhaven:{name}", "is no model: it has no glTF", "Name a model of its list.")
-        if resolution not in listed["gltf"]:
-            there = ", ".join(sorted(listed["gltf"], key=lambda one: (len(one), one)))
-            raise InputError(f"polyhaven:{name}", f"has no glTF of {resolution}", f"It has {there}.")
-        main = _ListedFile.model_validate(listed["gltf"][resolution]["gltf"])
-    except (KeyError, TypeError, ValidationError) as problem:
-        raise FormatError(address, f"no list of files ({problem})", "Its API has changed.") from problem
-    files = {main.url.rpartition("/")[2]: main, **main.include}
-    for path, entry in files.items():
-        _check_place(address, path, entry.url)
-    names = {path.casefold() for path in files}
-    if len(names) != 1 + len(main.include) or len(files) > MOST_FILES:
-        raise FormatError(address, f"lists {len(files)} files of {len(names)} names", "Its API is wrong.")
-    return [Download(entry.url, path, entry.size, entry.md5) for path, entry in files.items()]
+class _Form(BaseModel):
+    gltf: _ListedFile
 
 
-def mesh_and_texture(folder: Path, name: str, resolution: str) -> tuple[str, str | None]:
-    """Return the glTF, which names its own images: base colour, roughness and metallic.
+class _Answer(BaseModel):
+    """What the API answers for a model: its glTF by resolution."""
 
-    Raises
-    ------
-    FormatError
-        It names a file that the list did not have.
-    """
-    found = sorted(path.name for path in folder.glob(f"*_{resolution}.gltf"))
-    if len(found) != 1:
-        raise FormatError(name, f"has {len(found)} glTF files of {resolution}", "There should be one.")
-    _check_complete(folder / found[0])
-    return found[0], None
+    gltf: dict[str, _Form] = {}
 
 
-def names(documents: Downloader) -> list[str]:
-    """Return the slugs of all models."""
-    address = f"{API}assets?type=models"
-    listed = documents.json(address)
-    entries = list(listed.values()) if isinstance(listed, dict) else []
-    if not entries or not all(isinstance(entry, dict) for entry in entries):
-        raise FormatError(address, "no list of models", "Look at it in a browser, or use a mirror.")
-    return sorted(listed)
+class PolyHaven(Source):
+    """The models of Poly Haven."""
 
+    id = "polyhaven"
+    title = "Poly Haven"
+    page = "https://polyhaven.com/models"
+    licence = "CC0-1.0"
+    attribution = "Poly Haven (polyhaven.com)"
+    addresses = (API, FILES)
+    resolutions = ("1k", "2k", "4k", "8k")  # side of the textures; the mesh is the same
+    absent = "The model is listed, but its files are not. Try again later."
 
-def check_name(name: str) -> None:
-    """Refuse what is no slug."""
-    if not _SLUG.fullmatch(name):
-        raise InputError(
-            f"polyhaven:{name}",
-            "is no slug: letters, digits, '_' and '-', at most 50",
-            "Copy the end of the address of its page, as Television_01 of polyhaven.com/a/Television_01.",
-        )
+    def downloads(self, name: str, resolution: str, documents: Downloader) -> list[Download]:
+        """Return the glTF and what it includes, as the API lists them with their own addresses and hashes.
+
+        Raises
+        ------
+        FormatError
+            The list is not one, or a file of it leads out of the folder or to a host of others.
+        InputError
+            No glTF of this resolution.
+        AbsentError
+            No such object.
+        """
+        address = f"{API}files/{name}"
+        try:
+            forms = _Answer.model_validate(documents.json(address)).gltf
+        except ValidationError as problem:
+            raise FormatError(address, f"no list of files ({problem})", "Its API has changed.") from problem
+        if resolution not in forms:
+            there = ", ".join(sorted(forms, key=lambda one: (len(one), one)))
+            raise InputError(
+                self.source_id(name), f"has no glTF of {resolution}", f"It has {there or 'none'}."
+            )
+        main = forms[resolution].gltf
+        files = {main.url.rpartition("/")[2]: main, **main.include}
+        for path, entry in files.items():
+            _check_place(address, path, entry.url)
+        names = {path.casefold() for path in files}
+        if len(names) != 1 + len(main.include) or len(files) > MOST_FILES:
+            raise FormatError(address, f"lists {len(files)} files of {len(names)} names", "Its API is wrong.")
+        return [Download(entry.url, path, entry.size, entry.md5) for path, entry in files.items()]
+
+    def mesh_and_texture(self, folder: Path, name: str, resolution: str) -> tuple[str, str | None]:
+        """Return the glTF, which names its own images: base colour, roughness and metallic."""
+        found = sorted(path.name for path in folder.glob(f"*_{resolution}.gltf"))
+        if len(found) != 1:
+            raise FormatError(name, f"has {len(found)} glTF files of {resolution}", "There should be one.")
+        _check_complete(folder / found[0])
+        return found[0], None
+
+    def names(self, documents: Downloader) -> list[str]:
+        """Return the slugs of all models."""
+        address = f"{API}assets?type=models"
+        listed = documents.json(address)
+        entries = list(listed.values()) if isinstance(listed, dict) else []
+        if not entries or not all(isinstance(entry, dict) for entry in entries):
+            raise FormatError(address, "no list of models", "Look at it in a browser, or use a mirror.")
+        return sorted(listed)
+
+    def object_page(self, name: str) -> str:
+        """Return the page of a model."""
+        return f"https://polyhaven.com/a/{name}"
+
+    def check_name(self, name: str) -> None:
+        """Refuse what is no slug."""
+        if not _SLUG.fullmatch(name):
+            raise InputError(
+                self.source_id(name),
+                "is no slug: letters, digits, '_' and '-', at most 50",
+                "Copy the end of the address of its page, as Television_01 of polyhaven.com/a/Television_01.",
+            )
 
 
 def _check_place(address: str, path: str, url: str) -> None:
@@ -107,6 +123,7 @@ def _check_place(address: str, path: str, url: str) -> None:
 
 def _check_complete(mesh: Path) -> None:
     """Raise `FormatError` unless every buffer and image of a glTF is beside it."""
+    remedy = "The source is at fault; try later."
     try:
         header = read_gltf_file(mesh).header
         named = [
@@ -116,27 +133,7 @@ def _check_complete(mesh: Path) -> None:
             uri for uri in named if not uri.startswith("data:") and not (mesh.parent / unquote(uri)).is_file()
         ]
     except (InputError, TypeError, ValueError, AttributeError, OSError) as problem:
-        raise FormatError(
-            mesh.name, f"no glTF ({problem})", "The source is at fault; try later."
-        ) from problem
+        raise FormatError(mesh.name, f"no glTF ({problem})", remedy) from problem
     if missing:
         finding = f"names {missing[0]!r}, which its list of files does not have"
-        raise FormatError(mesh.name, finding, "The source is at fault.")
-
-
-SOURCE = Source(
-    id="polyhaven",
-    title="Poly Haven",
-    page="https://polyhaven.com/models",
-    licence="CC0-1.0",
-    attribution="Poly Haven (polyhaven.com)",
-    addresses=(API, FILES),
-    resolutions=RESOLUTIONS,
-    downloads=downloads,
-    wanted=lambda path: True,
-    mesh_and_texture=mesh_and_texture,
-    names=names,
-    object_page=lambda name: f"https://polyhaven.com/a/{name}",
-    absent="The model is listed, but its files are not. Try again later.",
-    check_name=check_name,
-)
+        raise FormatError(mesh.name, finding, remedy)

@@ -1,18 +1,22 @@
-"""The sources that are known. Another one is a module with a `SOURCE`, and its line here."""
+"""The sources that are known. Another one is a module with a subclass of `Source`, and its line here."""
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 
+from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
-from pipeline.intake.sources import google_scanned_objects, poly_haven, ycb
+from pipeline.intake.sources.google_scanned_objects import GoogleScannedObjects
+from pipeline.intake.sources.poly_haven import PolyHaven
 from pipeline.intake.sources.source import Source, SourceObject
+from pipeline.intake.sources.ycb import YCB
 
 SOURCES: Mapping[str, Source] = {
-    module.SOURCE.id: module.SOURCE
-    for module in (
-        ycb,
-        google_scanned_objects,
-        poly_haven,
+    source.id: source
+    for source in (
+        YCB(),
+        GoogleScannedObjects(),
+        PolyHaven(),
     )
 }
 
@@ -99,4 +103,28 @@ class Resolutions:
     def asked(self, source_id: str) -> SourceObject:
         """Return what an id asks for; InputError for an id that no source can have."""
         source, name = source_and_name(source_id)
-        return SourceObject.of(source, name, self._by_source.get(source.id))
+        source.check_name(name)
+        return SourceObject(source, name, self._by_source.get(source.id, source.resolutions[0]))
+
+
+def table_ids(table: Path, only: Collection[str] = ()) -> list[str]:
+    """Return the `source_id` of the rows of a table that have one, of those with the ids `only`, if any.
+
+    Raises
+    ------
+    InputError
+        No table of objects, no column `source_id`, or an id of `only` that is not there or has none.
+    """
+    columns, rows = read_rows(table)
+    if "source_id" not in columns:
+        remedy = "Add it: source_id says where from, as ycb:025_mug"
+        raise InputError(str(table), "has no column 'source_id'", remedy)
+    known = {row["id"]: row["source_id"] for _, row in rows}
+    for object_id in only:
+        if object_id not in known:
+            near = difflib.get_close_matches(object_id, known, n=1)
+            remedy = f"Did you mean {near[0]!r}?" if near else "Use an id of the table."
+            raise InputError(str(table), f"there is no object {object_id!r}", remedy)
+        if not known[object_id]:
+            raise InputError(f"{table}, {object_id}", "has no source_id", "Its files are not to be fetched.")
+    return [row["source_id"] for _, row in rows if row["source_id"] and (not only or row["id"] in only)]

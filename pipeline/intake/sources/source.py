@@ -1,14 +1,16 @@
 """What a source of objects declares, so that objects can be fetched from it."""
 
-import difflib
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.errors import InputError
+from objectfolder.errors import FormatError, InputError
+from objectfolder.geometry.material_library import read_material_library
+from objectfolder.geometry.obj import material_libraries
 from pipeline.intake.sources.download import Downloader
 
 LONGEST_NAME_BYTES = 200  # of a file system's 255, which temporary names share
+REMEDY = "The source's files are at fault, or laid out differently than they were: look at them."
 _NOT_IN_NAMES = frozenset('/\\:*?"<>|')
 
 
@@ -35,11 +37,10 @@ class Download:
     top: str | None = None
 
 
-@dataclass(frozen=True)
-class Source:
-    """A published collection; everything in it that differs from others.
+class Source(ABC):
+    """A published collection; a subclass says what differs from others.
 
-    Parameters
+    Attributes
     ----------
     id
         What stands before the colon of ``ycb:025_mug``, and the folder of its objects.
@@ -51,20 +52,8 @@ class Source:
         Starts of all addresses that are asked; a mirror stands in their place.
     resolutions
         That can be asked for, the default first.
-    downloads
-        From name, resolution and documents, what is to be downloaded.
-    wanted
-        Whether a member of an archive is, by its path in the object's folder.
-    mesh_and_texture
-        From an object's folder, name and resolution, paths in it; a texture of None is the mesh's own affair.
-    names
-        From documents, all names that the source lists.
-    object_page
-        From a name, the address where people find the object.
     absent
         What to say of a name that the source lists and of which it has not what was asked for.
-    check_name
-        Raises `InputError` for a name that no object of the source can have.
     """
 
     id: str
@@ -74,13 +63,51 @@ class Source:
     attribution: str
     addresses: tuple[str, ...]
     resolutions: tuple[str, ...]
-    downloads: Callable[[str, str, Downloader], list[Download]]
-    wanted: Callable[[str], bool]
-    mesh_and_texture: Callable[[Path, str, str], tuple[str, str | None]]
-    names: Callable[[Downloader], list[str]]
-    object_page: Callable[[str], str]
     absent: str
-    check_name: Callable[[str], None]
+
+    @abstractmethod
+    def downloads(self, name: str, resolution: str, documents: Downloader) -> list[Download]:
+        """Return what is to be downloaded; AbsentError for no such object."""
+
+    @abstractmethod
+    def mesh_and_texture(self, folder: Path, name: str, resolution: str) -> tuple[str, str | None]:
+        """Return paths in an object's folder; a texture of None is named by the mesh.
+
+        Raises
+        ------
+        FormatError
+            A file that they need is not there.
+        """
+
+    @abstractmethod
+    def names(self, documents: Downloader) -> list[str]:
+        """Return all names that the source lists, sorted; FormatError for what is no list."""
+
+    @abstractmethod
+    def object_page(self, name: str) -> str:
+        """Return the address where people find an object."""
+
+    def wanted(self, path: str) -> bool:
+        """Whether a member of an archive is to be unpacked, by its path in the object's folder."""
+        return True
+
+    def check_name(self, name: str) -> None:
+        """Refuse a name that no object of the source can have.
+
+        Raises
+        ------
+        InputError
+            It is empty, too long, hidden, or has characters that lead elsewhere or that file systems refuse.
+        """
+        where = self.source_id(name)
+        bad = sorted({letter for letter in name if letter in _NOT_IN_NAMES or not letter.isprintable()})
+        if not name or name.startswith(".") or name != name.strip() or bad:
+            finding = f"has {' '.join(map(repr, bad))} in it" if bad else f"{name!r} is no name"
+            raise InputError(where, finding, "Copy the name from the source's list of objects.")
+        if len(name.encode("utf-8", "surrogatepass")) > LONGEST_NAME_BYTES:
+            raise InputError(
+                where, f"longer than {LONGEST_NAME_BYTES} bytes", "Names of objects are shorter."
+            )
 
     def source_id(self, name: str) -> str:
         """Return what names an object among all sources."""
@@ -89,65 +116,52 @@ class Source:
 
 @dataclass(frozen=True)
 class SourceObject:
-    """An object that a source is asked for.
+    """An object that a source is asked for, at one of its resolutions.
 
-    Parameters
-    ----------
-    source, name
-        Which; the name is that of the source, letters' case and all.
-    resolution
-        One of the source's.
+    The name is that of the source, letters' case and all.
     """
 
     source: Source
     name: str
     resolution: str
 
-    @classmethod
-    def of(cls, source: Source, name: str, resolution: str | None = None) -> "SourceObject":
-        """Check a name, and take the source's default for a resolution of None; InputError for others."""
-        source.check_name(name)
-        if resolution is not None and resolution not in source.resolutions:
-            there = ", ".join(source.resolutions)
-            raise InputError(source.title, f"has no resolution {resolution!r}", f"It has {there}.")
-        return cls(source, name, resolution or source.resolutions[0])
-
     @property
     def id(self) -> str:
         """What names it among all sources, as ``ycb:025_mug``."""
         return self.source.source_id(self.name)
-
-    def downloads(self, documents: Downloader) -> list[Download]:
-        """Return what is to be downloaded."""
-        return self.source.downloads(self.name, self.resolution, documents)
 
     def folder(self, root: Path) -> Path:
         """Return its folder."""
         return root / self.source.id / self.name
 
 
-def check_file_name(source_id: str, name: str) -> None:
-    """Refuse a name that cannot be a folder everywhere.
+def obj_texture(folder: Path, mesh: str) -> str | None:
+    """Return the path in `folder` of the base colour image of an OBJ in it.
+
+    The name is mended as when the mesh is loaded: blanks after it, and images that lie in
+    ``materials/textures`` beside the folder of the library.
+
+    Returns
+    -------
+    str or None
+        None where the materials name several images, or none: the mesh then speaks for itself.
 
     Raises
     ------
-    InputError
-        It is empty, too long, hidden, or has characters that lead elsewhere or that file systems refuse.
+    FormatError
+        The mesh, a library or an image is not there, or an image lies outside the folder.
     """
-    bad = sorted({letter for letter in name if letter in _NOT_IN_NAMES or not letter.isprintable()})
-    if not name or name.startswith(".") or name != name.strip() or bad:
-        finding = f"has {' '.join(map(repr, bad))} in it" if bad else f"{name!r} is no name"
-        raise InputError(source_id, finding, "Copy the name from the source's list of objects.")
-    if len(name.encode("utf-8", "surrogatepass")) > LONGEST_NAME_BYTES:
-        raise InputError(
-            source_id, f"longer than {LONGEST_NAME_BYTES} bytes", "Names of objects are shorter."
-        )
-
-
-def near_names(name: str, names: Sequence[str]) -> list[str]:
-    """Return at most three of `names` that were perhaps meant; letters' case does not count."""
-    by_folded = {known.casefold(): known for known in reversed(names)}
-    folded = name.casefold()
-    near = difflib.get_close_matches(folded, by_folded, n=3, cutoff=0.6)
-    within = sorted((known for known in by_folded if folded and folded in known), key=len)
-    return [by_folded[known] for known in dict.fromkeys([*near, *within])][:3]
+    path = folder / mesh
+    if not path.is_file():
+        raise FormatError(mesh, "not among the downloaded files", REMEDY)
+    try:
+        libraries = [read_material_library(path, name) for name in dict.fromkeys(material_libraries(path))]
+    except InputError as problem:
+        raise FormatError(mesh, f"its material library {problem.finding}", REMEDY) from problem
+    images = {material.texture for library in libraries for material in library.values()}
+    if len(images) != 1 or None in images:
+        return None
+    image = next(image for image in images if image is not None).resolve()
+    if not image.is_relative_to(folder.resolve()):
+        raise FormatError(mesh, "its material library names an image outside the object's folder", REMEDY)
+    return image.relative_to(folder.resolve()).as_posix()
