@@ -4,11 +4,15 @@ Nothing under ``data/`` or ``reports/``, nothing that git tracks and nothing tha
 ever touched, but for half-written files. DVC's own cache is left to ``dvc gc``.
 """
 
+import contextlib
+import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+from rich.filesize import decimal
 
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
@@ -41,6 +45,14 @@ class Removable:
         """Bytes on disk of all of it."""
         return sum(map(_size, self.paths))
 
+    def remove(self) -> None:
+        """Remove all of it, as far as that is allowed."""
+        for path in self.paths:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+
 
 def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False) -> None:
     """List what may be removed, and remove it where that is asked for.
@@ -65,18 +77,20 @@ def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False)
     with exclusive(root, "clean"):
         found = [entry for entry in removable(root, with_memo) if entry.paths]
         for entry in found:
-            print(f"{gigabytes(entry.size_bytes):>10}  {entry.kind}: {entry.why}")
+            print(f"{decimal(entry.size_bytes):>10}  {entry.kind}: {entry.why}")
             for path in entry.paths[:LONGEST_LIST]:
-                print(f"{'':12}{_shown(path, root)}")
+                print(f"{'':12}{path.relative_to(root) if path.is_relative_to(root) else path}")
             if len(entry.paths) > LONGEST_LIST:
                 print(f"{'':12}and {len(entry.paths) - LONGEST_LIST} more")
-        total = gigabytes(sum(entry.size_bytes for entry in found))
-        if remove:
+        total = decimal(sum(entry.size_bytes for entry in found))
+        if not found:
+            print("nothing to remove")
+        elif remove:
             for entry in found:
-                _remove(entry.paths)
-            print(f"{total} removed" if found else "nothing to remove")
+                entry.remove()
+            print(f"{total} removed")
         else:
-            print(f"{total} could be removed: run again with --yes" if found else "nothing to remove")
+            print(f"{total} could be removed: run again with --yes")
     print(DVC_HINT)
 
 
@@ -100,14 +114,6 @@ def removable(root: Path, with_memo: bool = False) -> list[Removable]:
     return found
 
 
-def gigabytes(number: int) -> str:
-    """Return bytes with a unit, for people."""
-    for unit, size in (("GB", 1e9), ("MB", 1e6)):
-        if number >= size:
-            return f"{number / size:.1f} {unit}"
-    return f"{number / 1e3:.1f} kB"
-
-
 def _partial_files(root: Path) -> Iterator[Path]:
     for kind in _kinds():
         yield from (root / kind.folder).glob(f".*{PARTIAL}")
@@ -120,17 +126,11 @@ def _unneeded_memos(root: Path) -> Iterator[Path]:
     present = set()
     for kind in _kinds():
         for object_id in kind.object_ids(root):
-            try:
+            with contextlib.suppress(FormatError):
                 present.add(read_fingerprint(kind.path(root, object_id)))
-            except FormatError:
-                continue
-    for folder in _memos(root):
-        if folder.name not in present:
+    for folder in memo.memo_base(root).glob("*/*"):
+        if folder.is_dir() and folder.name not in present:
             yield folder
-
-
-def _memos(root: Path) -> Iterator[Path]:
-    yield from (path for path in memo.memo_base(root).glob("*/*") if path.is_dir())
 
 
 def _kinds() -> list[ProductKind]:
@@ -138,15 +138,23 @@ def _kinds() -> list[ProductKind]:
 
 
 def _protected(root: Path) -> Callable[[Path], bool]:
-    """Return a function that says whether a path must stay, of whatever kind."""
+    """Return a function that says whether a path must stay, of whatever kind.
+
+    Raises
+    ------
+    FormatError
+        ``dvc.lock``, which names what stages read and make, is damaged: nothing is removed then.
+    """
     tracked = _tracked(root)
-    kept = [root / "data", root / "reports", *_outputs(root)]
+    lock = root / LOCK
+    outputs = read_lock(LOCK, lock.read_bytes()).paths if lock.is_file() else ()
+    kept = {root / name for name in ("data", "reports", *outputs)}
 
     def protected(path: Path) -> bool:
         if path in tracked or any(path in file.parents for file in tracked):
             return True
         half_written = path.name.startswith(".") and path.name.endswith(PARTIAL)
-        return not half_written and any(path == folder or folder in path.parents for folder in kept)
+        return not half_written and not kept.isdisjoint((path, *path.parents))
 
     return protected
 
@@ -157,38 +165,13 @@ def _tracked(root: Path) -> set[Path]:
         listed = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, check=False)
     except FileNotFoundError:
         return set()
-    return {root / name for name in listed.stdout.decode(errors="surrogateescape").split("\0") if name}
-
-
-def _outputs(root: Path) -> list[Path]:
-    """Return what ``dvc.lock`` names as read or made by a stage.
-
-    Raises
-    ------
-    FormatError
-        It is damaged: nothing is removed then.
-    """
-    path = root / LOCK
-    return [root / name for name in read_lock(LOCK, path.read_bytes()).paths] if path.is_file() else []
-
-
-def _remove(paths: Iterable[Path]) -> None:
-    for path in paths:
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+    return {root / os.fsdecode(name) for name in listed.stdout.split(b"\0") if name}
 
 
 def _size(path: Path) -> int:
     """Return the bytes on disk of a file, or of all in a folder; links are not followed."""
     try:
-        if path.is_symlink() or not path.is_dir():
-            return 512 * path.lstat().st_blocks
-        return sum(_size(below) for below in path.iterdir())
+        below = path.iterdir() if path.is_dir() and not path.is_symlink() else ()
+        return 512 * path.lstat().st_blocks + sum(map(_size, below))
     except OSError:  # removed meanwhile
         return 0
-
-
-def _shown(path: Path, root: Path) -> str:
-    return str(path.relative_to(root) if path.is_relative_to(root) else path)

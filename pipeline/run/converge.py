@@ -121,11 +121,11 @@ def converge(
             write_failures(root, summary.stage, summary.failures, flow.fingerprints(summary.stage))
             record.stage(
                 summary.stage,
-                len(summary.kept),
-                len(summary.restored),
-                len(summary.computed),
-                len(summary.failures),
                 summary.removed,
+                kept=len(summary.kept),
+                restored=len(summary.restored),
+                computed=len(summary.computed),
+                failed=len(summary.failures),
             )
     if failures := _first_failures(summaries):
         print(failure_table(failures), file=sys.stderr)

@@ -1,37 +1,32 @@
 """Measured costs of tasks: ``.objectfolder/costs.csv``, beside the data set and outside its versions.
 
 The table has a row for every task that ran here and for every query that was timed (products hold no
-timings). Once it has grown large, it keeps the `KEPT_ROWS` last rows of each object and stage.
+timings). Once it has grown large, it keeps the last rows of each object and stage.
 """
 
 import contextlib
 import csv
-import fcntl
 import io
-import os
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
+
+from filelock import FileLock
 
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
 from pipeline.dataset.task import Outcome
-from pipeline.run.run_log import unwritable
+from pipeline.run.run_log import is_cut, unwritable
 
 COLUMNS = (
-    "object",
-    "stage",
-    "fingerprint",
-    "cpu_seconds",
-    "wall_seconds",
-    "peak_memory_mb",
-    "key",
+    "object", "stage", "fingerprint", "cpu_seconds", "wall_seconds", "peak_memory_mb", "key",
     "seconds_per_query",
-)
+)  # fmt: skip
 QUERY = "query"  # stands as the stage of a timed query
 REMEDY = "Delete it; runs note costs anew."
 LARGEST = 1e12  # of any number in the table; what is larger is no measurement
-KEPT_ROWS = 5  # of an object and stage, beside the one with the highest peak
+KEPT_ROWS = 5  # of an object, stage and query
 COMPACT_ABOVE_BYTES = 4 << 20
 
 
@@ -135,9 +130,7 @@ class Costs:
         cpu_s, wall_s, peak = round(outcome.cpu_s, 3), round(outcome.wall_s, 3), outcome.peak_bytes / 1e6
         cost = Cost(outcome.object_id, stage, made, cpu_s, wall_s, round(peak, 1))
         self._by_fingerprint[made] = cost
-        rows: list[tuple[object, ...]] = [
-            (cost.object_id, stage, made, cost.cpu_s, cost.wall_s, cost.peak_memory_mb, "", "")
-        ]
+        rows: list[Sequence[object]] = [(*astuple(cost)[:6], "", "")]
         for key, seconds in outcome.query_seconds.items():
             rows.append((cost.object_id, QUERY, made, "", "", "", key, f"{seconds:.3g}"))
         _append(self._path, _text(rows))
@@ -156,28 +149,34 @@ def compact(root: Path) -> None:
         return
     with _writing(path):
         with path.open(newline="", encoding="utf-8") as file:
-            header, *rows = csv.reader(file)
-        kept = _newest(rows)
-        if len(kept) > len(rows) // 2:
-            return
-        with atomic_write(path) as whole:
-            whole.write(_text([header, *kept]).encode())
+            rows = [row for row in csv.reader(file) if len(row) == len(COLUMNS)]  # no line that a kill cut
+        groups = [(row[0], row[1], row[6]) for row in rows]
+        left = Counter(groups)
+        kept = []
+        for group, row in zip(groups, rows, strict=True):
+            if left[group] <= KEPT_ROWS:
+                kept.append(row)
+            left[group] -= 1
+        if len(kept) <= len(rows) // 2:
+            with atomic_write(path) as whole:
+                whole.write(_text(kept).encode())
 
 
 def _cost(row: Mapping[str, str | None]) -> Cost:
-    cut_short = None in row.values()
-    numbers = {} if cut_short else row
+    def measured(name: str) -> float | None:
+        return None if None in row.values() else number(row.get(name))  # None: a kill cut the line short
+
     return Cost(
         row["object"] or "",
         row["stage"] or "",
         row.get("fingerprint") or "",
-        number(numbers.get("cpu_seconds")),
-        number(numbers.get("wall_seconds")),
-        number(numbers.get("peak_memory_mb")),
+        measured("cpu_seconds"),
+        measured("wall_seconds"),
+        measured("peak_memory_mb"),
         row.get("key") or "",
-        number(numbers.get("seconds_per_query")),
-        number(numbers.get("load")),
-        number(numbers.get("product_bytes")),
+        measured("seconds_per_query"),
+        measured("load"),
+        measured("product_bytes"),
     )
 
 
@@ -190,28 +189,6 @@ def number(text: str | None) -> float | None:
     return value if 0 <= value < LARGEST else None
 
 
-def _newest(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
-    """Return, in order, the rows that `compact` keeps, the last one of each fingerprint."""
-    key, stage, fingerprint, peak = (
-        COLUMNS.index(name) for name in ("key", "stage", "fingerprint", "peak_memory_mb")
-    )
-    kept: set[int] = set()
-    seen: dict[tuple[str, str, str], dict[str, int]] = {}
-    highest: dict[tuple[str, str, str], tuple[float, int]] = {}
-    for index in range(len(rows) - 1, -1, -1):
-        row = rows[index]
-        if len(row) != len(COLUMNS):  # a line that a kill cut short
-            continue
-        group = (row[0], row[stage], row[key])
-        last = seen.setdefault(group, {})
-        if row[fingerprint] not in last and len(last) < KEPT_ROWS:
-            last[row[fingerprint]] = index
-            kept.add(index)
-        with contextlib.suppress(ValueError):
-            highest[group] = max(highest.get(group, (0.0, index)), (float(row[peak]), index))
-    return [rows[index] for index in sorted(kept | {index for _, index in highest.values()})]
-
-
 def _text(rows: Sequence[Sequence[object]]) -> str:
     text = io.StringIO()
     csv.writer(text).writerows(rows)
@@ -219,17 +196,12 @@ def _text(rows: Sequence[Sequence[object]]) -> str:
 
 
 def _append(path: Path, text: str) -> None:
-    """Append whole lines to the table; a line that a kill cut short is ended first."""
-    with _writing(path):
-        new = not path.exists()
-        with path.open("ab+") as file:
-            if new:
-                file.write((",".join(COLUMNS) + "\r\n").encode())
-            elif file.seek(0, os.SEEK_END):
-                file.seek(-1, os.SEEK_END)
-                if file.read(1) != b"\n":
-                    file.write(b"\r\n")
-            file.write(text.encode())
+    with _writing(path), path.open("ab+") as file:
+        if not file.tell():
+            file.write(_text([COLUMNS]).encode())
+        elif is_cut(path):
+            file.write(b"\r\n")
+        file.write(text.encode())
 
 
 @contextlib.contextmanager
@@ -237,8 +209,7 @@ def _writing(path: Path) -> Iterator[None]:
     """Lock a table against other processes that write it; a failure is an error that names it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.with_suffix(".lock").open("a") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with FileLock(path.with_suffix(".lock")):
             yield
     except OSError as error:
         raise unwritable(path, error) from error

@@ -5,6 +5,7 @@ The record of every run is `pipeline.run.run_record`; what failed of the data se
 """
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +19,16 @@ def unwritable(path: Path, error: OSError) -> SimulationError:
     """Return the error for a record of a run that cannot be written."""
     finding = f"cannot be written ({error.strerror or error})"
     return SimulationError(str(path), finding, "Make room, and run again: nothing finished is lost.")
+
+
+def is_cut(path: Path) -> bool:
+    """Return whether a kill cut the last line of a file short; False where there is no file."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"\n"
+    except OSError:  # no file, or an empty one
+        return False
 
 
 def write_failures(

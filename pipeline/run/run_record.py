@@ -10,12 +10,13 @@ The commands of one `dvc repro` share a file (see `pipeline.dataset.run_id`). Th
 as far as they fit into `MOST_BYTES`.
 """
 
+import contextlib
 import json
 import os
 import platform
 import socket
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +26,7 @@ from typing import Any
 from pipeline.dataset.run_id import run_id
 from pipeline.dataset.task import Outcome
 from pipeline.run.costs import compact
-from pipeline.run.run_log import unwritable
+from pipeline.run.run_log import is_cut, unwritable
 
 PATTERN = "[0-9]*T[0-9]*Z-*.jsonl"
 MOST_RUNS = 200
@@ -56,7 +57,7 @@ class RunRecord:
         self._tasks = 0
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            cut = _is_cut(self.path)
+            cut = is_cut(self.path)
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
             if cut:
                 os.write(self._file, b"\n")
@@ -87,19 +88,7 @@ class RunRecord:
             compact(self._root)
 
     def task(self, stage: str, outcome: Outcome, slot: str = "", host: str = "", tries: int = 1) -> None:
-        """Note how a task ended.
-
-        Parameters
-        ----------
-        stage
-            Its stage.
-        outcome
-            Its outcome.
-        slot, host
-            Where it ran.
-        tries
-            How often it was started in this run, this time included.
-        """
+        """Note how a task ended, where it ran, and how often it was started in this run."""
         self._tasks += 1
         failure = outcome.failure
         self._write(
@@ -119,23 +108,9 @@ class RunRecord:
             detail=failure and failure.detail[-DETAIL_CHARACTERS:],
         )
 
-    def stage(
-        self, stage: str, kept: int, restored: int, computed: int, failed: int, removed: Sequence[str]
-    ) -> None:
+    def stage(self, stage: str, removed: Sequence[str] = (), **objects: int) -> None:
         """Note the outcome of a stage: counts of objects, and ids of those whose products were removed."""
-        self._write(
-            "stage",
-            stage=stage,
-            kept=kept,
-            restored=restored,
-            computed=computed,
-            failed=failed,
-            removed=list(removed),
-        )
-
-    def note(self, event: str, **values: Any) -> None:
-        """Note another event, such as the loss of a worker."""
-        self._write(event, **values)
+        self._write("stage", stage=stage, **objects, removed=list(removed))
 
     def _write(self, event: str, **values: Any) -> None:
         time = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -153,7 +128,12 @@ def records(root: Path) -> list[Path]:
 
 def read_record(path: Path) -> list[dict[str, Any]]:
     """Return the lines of a record, without those that a kill cut short."""
-    return list(_lines(path))
+    found = []
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            with contextlib.suppress(ValueError):
+                found.append(json.loads(line))
+    return found
 
 
 def prune(root: Path) -> list[Path]:
@@ -172,24 +152,3 @@ def excess(root: Path) -> list[Path]:
         if index and (index >= MOST_RUNS or room < 0):
             found.append(path)
     return found
-
-
-def _lines(path: Path) -> Iterator[dict[str, Any]]:
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for line in file:
-            try:
-                content = json.loads(line)
-            except ValueError:
-                continue
-            if isinstance(content, dict):
-                yield content
-
-
-def _is_cut(path: Path) -> bool:
-    """Whether a file is there and its last line has no end."""
-    try:
-        with path.open("rb") as file:
-            file.seek(-1, os.SEEK_END)
-            return file.read(1) != b"\n"
-    except OSError:  # no file, or an empty one
-        return False

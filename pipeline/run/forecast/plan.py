@@ -17,6 +17,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from rich.filesize import decimal
+
 from pipeline.cluster.places import Place, read_place
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.records import read_table
@@ -106,11 +108,11 @@ class Plan:
         for name, one in self.stages.items():
             lines.append(
                 f"{name:<10}{one.kept:>8}{one.restored:>10}{one.computed:>9}{duration(one.cpu_s):>12}"
-                f"{_size(one.memory_bytes):>13}{_size(one.product_bytes):>11}"
+                f"{decimal(one.memory_bytes):>13}{decimal(one.product_bytes):>11}"
             )
         cpu_s = sum(one.cpu_s for one in self.stages.values())
         made_bytes = sum(one.product_bytes for one in self.stages.values())
-        lines += [f"{'all':<10}{'':>27}{duration(cpu_s):>12}{'':>13}{_size(made_bytes):>11}", ""]
+        lines += [f"{'all':<10}{'':>27}{duration(cpu_s):>12}{'':>13}{decimal(made_bytes):>11}", ""]
         for number, wall in self.wall.items():
             here = " (this place)" if number == self.machines.workers else ""
             lines.append(
@@ -246,11 +248,3 @@ def _chain_s(stages: Mapping[str, Stage], by_stage: Mapping[str, Estimate]) -> f
         before = max((ends.get(other, 0.0) for other in stage.follows), default=0.0)
         ends[name] = before + (by_stage[name].wall_s if name in by_stage else 0.0)
     return max(ends.values(), default=0.0)
-
-
-def _size(count: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} TB"
