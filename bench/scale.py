@@ -109,7 +109,7 @@ def chain_s(costs: Costs, object_id: str, stage: str) -> float:
     """Return the seconds of a stage and of the longest chain behind it."""
     behind = [name for name, other in STAGES.items() if stage in other.follows]
     longest = max((chain_s(costs, object_id, name) for name in behind), default=0.0)
-    return costs[object_id, stage].wall_s + longest
+    return costs[object_id, stage].late_s + longest
 
 
 def makespan(
@@ -133,6 +133,7 @@ def makespan(
                 yield Job(
                     Call(stage, "", request, (), "", {}),
                     one.wall_s,
+                    one.wall_s,
                     chain_s(expected, *key),
                     one.memory_bytes,
                     declared.needs,
@@ -140,7 +141,7 @@ def makespan(
 
     first = [job for object_id in objects for job in ready(object_id)]
     begin = time.perf_counter()
-    for job in sorted(first, key=lambda job: job.path_seconds, reverse=True):
+    for job in sorted(first, key=lambda job: job.priority, reverse=True):
         runner.submit(job)
     for ended in runner.finished(lambda running, total: None):
         done[ended.job.object_id].add(ended.job.call.stage)
@@ -160,7 +161,7 @@ def empty_tasks(count: int) -> dict[str, float]:
     """Return what driver and scheduler spend on a task that does nothing."""
     request = Request("", {}, {"seconds": 0.0}, {}, 0)
     jobs = [
-        Job(Call("empty", "", replace(request, object_id=f"o{index}"), (), "", {}), 1.0, 1.0, 10**8)
+        Job(Call("empty", "", replace(request, object_id=f"o{index}"), (), "", {}), 1.0, 1.0, 1.0, 10**8)
         for index in range(count + 100)
     ]
     with cluster(1, 2) as (runner, client):

@@ -175,7 +175,7 @@ class DaskRunner:
             self._settings,
             job.memory_bytes,
             key=self._key(job),
-            priority=job.path_seconds,
+            priority=job.priority,
             resources={
                 self._plugin.name: 1,
                 MEMORY_BYTES: task.memory_bytes,

@@ -22,6 +22,9 @@ class Job:
         Expected wall seconds.
     path_seconds
         Expected wall seconds of it and of the longest chain of tasks that waits for it.
+    priority
+        The same in seconds that few such chains exceed: by the mean, a task that takes far longer than
+        foretold would start late and end alone.
     memory_bytes
         Expected peak memory of its process.
     needs
@@ -34,6 +37,7 @@ class Job:
     call: Call
     seconds: float = 0.0
     path_seconds: float = 0.0
+    priority: float = 0.0
     memory_bytes: int = 0
     needs: frozenset[str] = frozenset()
     inputs: Mapping[str, str] = field(default_factory=dict)
@@ -74,7 +78,7 @@ class Runner(Protocol):
     """Who runs jobs: the workers of a cluster, or one process."""
 
     def submit(self, job: Job) -> None:
-        """Accept a job, to be run before those with fewer `path_seconds`."""
+        """Accept a job, to be run before those with a lower `priority`."""
         ...
 
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:

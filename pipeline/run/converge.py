@@ -146,7 +146,7 @@ def _run(
         progress.expect(*expected)
     saved_s = sum(seconds for *_, seconds in left) - max(job.path_seconds for job in jobs)
     with runner_for(len(left) if saved_s > CLUSTER_S else 1) as runner:
-        for job in sorted(jobs, key=lambda job: job.path_seconds, reverse=True):
+        for job in sorted(jobs, key=lambda job: job.priority, reverse=True):
             runner.submit(job)
         for ended in runner.finished(progress.workers):
             stage, outcome = ended.job.call.stage, ended.outcome

@@ -151,22 +151,21 @@ class Flow:
             call,
             own.wall_s,
             own.wall_s + self._chain_seconds(stage, object_id, size if stage.inputs else None),
+            own.late_s + self._chain_seconds(stage, object_id, size if stage.inputs else None, late=True),
             own.memory_bytes,
             stage.needs,
             prepared.inputs,
         )
 
-    def _chain_seconds(self, stage: Stage, object_id: str, size: int | None) -> float:
+    def _chain_seconds(self, stage: Stage, object_id: str, size: int | None, late: bool = False) -> float:
         """Return the seconds of the longest chain of stages behind `stage`."""
         behind = [other for other in self._stages.values() if stage.name in other.follows]
-        return max(
-            (
-                self._estimates().of(other.name, object_id, size).wall_s
-                + self._chain_seconds(other, object_id, size)
-                for other in behind
-            ),
-            default=0.0,
-        )
+        seconds = []
+        for other in behind:
+            expected = self._estimates().of(other.name, object_id, size)
+            own_s = expected.late_s if late else expected.wall_s
+            seconds.append(own_s + self._chain_seconds(other, object_id, size, late))
+        return max(seconds, default=0.0)
 
     def _settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
         self._outcomes[stage][object_id] = outcome

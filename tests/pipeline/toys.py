@@ -181,7 +181,7 @@ class Here:
 
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         while self._jobs:
-            job = max(self._jobs, key=lambda one: one.path_seconds)
+            job = max(self._jobs, key=lambda one: one.priority)
             self._jobs.remove(job)
             self.order.append(f"{job.call.stage} {job.object_id}")
             yield Finished(job, execute(job.call))

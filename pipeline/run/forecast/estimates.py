@@ -33,6 +33,7 @@ from pipeline.run.forecast.loads import bending_modes
 PACKAGED = Path(__file__).with_name("known_costs.csv")
 MEMORY_MARGIN = 1.15
 HIGH_QUANTILE = 0.95
+LATE_ERRORS = 2.0  # standard errors by which few tasks exceed their estimates
 ENOUGH_ROWS = 10  # to fit a power of the load
 MOST_ROWS = 100  # of this data set that set its pace
 RENDERING = "views"
@@ -55,6 +56,12 @@ class Estimate:
     cpu_s: float
     memory_bytes: int
     product_bytes: int
+    error_s: float = 0.0  # standard error of the wall seconds; none where they were measured here
+
+    @property
+    def late_s(self) -> float:
+        """Wall seconds that few tasks like it exceed."""
+        return self.wall_s + LATE_ERRORS * self.error_s
 
 
 @dataclass(frozen=True)
@@ -95,11 +102,13 @@ class Model:
     cpu_share: float  # CPU seconds a wall second
     memory: PowerLaw
     product_bytes: int = 0
+    error_share: float = 0.0  # standard error, of the wall seconds in the middle
 
     def at(self, load: float | None) -> Estimate:
         """Return the expected cost of a task with this load."""
         wall_s = self.wall.at(load)
-        return Estimate(wall_s, wall_s * self.cpu_share, int(self.memory.at(load)), self.product_bytes)
+        cpu_s, error_s = wall_s * self.cpu_share, self.wall.level * self.error_share
+        return Estimate(wall_s, cpu_s, int(self.memory.at(load)), self.product_bytes, error_s)
 
 
 class Estimates:
@@ -247,11 +256,14 @@ def fit(tasks: Sequence[Taken]) -> Model:
     wall_s = [one.wall_s for one in tasks]
     wall = _law(loads, wall_s)
     mean = np.mean([seconds / wall.at(load) for load, seconds in zip(loads, wall_s, strict=True)])
+    wall = wall.times(float(mean))
+    errors = [seconds - wall.at(load) for load, seconds in zip(loads, wall_s, strict=True)]
     return Model(
-        wall.times(float(mean)),
+        wall,
         _cpu_share(tasks),
         memory.times(MEMORY_MARGIN * _high(over)),
         int(np.mean([one.product_bytes for one in tasks])),
+        float(np.std(errors)) / wall.level,
     )
 
 
