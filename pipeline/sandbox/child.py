@@ -16,7 +16,7 @@ import time
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NoReturn
+from typing import IO, Any, NoReturn
 
 from objectfolder.child_process import end_with
 from objectfolder.errors import InputError
@@ -27,9 +27,6 @@ from pipeline.dataset.task_code import known_sources
 from pipeline.sandbox.allocator import give_back
 from pipeline.store import memo
 from pipeline.store.storage import disk_error
-
-if TYPE_CHECKING:  # what it imports is not needed by every child
-    from pipeline.store.shipping import Shipment
 
 LENGTH_BYTES = 8
 STALE = "stale"
@@ -109,16 +106,14 @@ def serve(guard: int, scratch: str) -> NoReturn:
     # A clean exit at interruption is the parent's to decide.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while (call := receive(calls)) is not None:
-        answer = _executed(call) if code.serves(call) else STALE
+        answer: Outcome | str = STALE
+        if code.serves(call):  # a shipment runs itself: what it imports is not needed by every child
+            answer = execute(call) if type(call) is Call else call.run(execute)
         sys.stdout.flush()
         give_back()
         send(answers, answer)
     answers.flush()
     os._exit(0)  # native libraries may crash while they are unloaded, which no longer matters
-
-
-def _executed(call: "Call | Shipment") -> Outcome:
-    return execute(call) if isinstance(call, Call) else call.run(execute)
 
 
 class _LoadedCode:
@@ -138,7 +133,7 @@ class _LoadedCode:
         self._digests: dict[str, str] = {}
         self._mkl_alone = False
 
-    def serves(self, call: "Call | Shipment") -> bool:
+    def serves(self, call: Call) -> bool:
         """Whether a task yields here what it would yield in a new process with the code it names.
 
         Its modules are compared on disk too, because a task may start processes of its own.

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pipeline.dataset.task import Call, Failure, Outcome
 from pipeline.sandbox import host_memory, instructions, scratch
@@ -20,9 +20,6 @@ from pipeline.sandbox.allocator import GLIBC
 from pipeline.sandbox.child import STALE, receive, send
 from pipeline.sandbox.memory_watch import MemoryWatch, resident_bytes
 from pipeline.sandbox.process_tree import descendants, end_with_variable
-
-if TYPE_CHECKING:
-    from pipeline.store.shipping import Shipment
 
 # One thread a task: with as many tasks as cores, more threads only wait for one another.
 THREADS = (
@@ -94,7 +91,7 @@ class Child:
         self.close()
         self._scratch.close()
 
-    def run(self, call: "Call | Shipment", expected_bytes: int = 0) -> Outcome:
+    def run(self, call: Call, expected_bytes: int = 0) -> Outcome:
         """Run a call; a child that dies fails this call and no other.
 
         Parameters
@@ -145,7 +142,7 @@ class Child:
         """End the child; the next call starts another."""
         self._kill()
 
-    def _answer(self, call: "Call | Shipment", expected_bytes: int) -> tuple[Any, int]:
+    def _answer(self, call: Call, expected_bytes: int) -> tuple[Any, int]:
         """Return what a child answers, a `Failure` where it was too slow or too large, None where it died.
 
         Beside it, the peak memory that was seen.

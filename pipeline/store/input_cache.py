@@ -14,7 +14,7 @@ from pathlib import Path
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
 from pipeline.store.copying import copy_file
-from pipeline.store.storage import Store
+from pipeline.store.storage import Store, number_of
 
 FOLDER, CAP = "OBJECTFOLDER_CACHE", "OBJECTFOLDER_CACHE_GB"
 DEFAULT_GB = 20.0
@@ -107,11 +107,7 @@ def open_cache() -> InputCache:
     InputError
         ``OBJECTFOLDER_CACHE_GB`` is no number.
     """
-    text = os.environ.get(CAP, str(DEFAULT_GB))
-    try:
-        cap_bytes = int(float(text) * 1e9)
-    except ValueError:
-        raise InputError(CAP, f"{text!r} is no number", "Give gigabytes, 0 for no cache.") from None
+    cap_bytes = int(1e9 * number_of(CAP, DEFAULT_GB))
     if named := os.environ.get(FOLDER):
         return InputCache(Path(named), cap_bytes)
     # Not TMPDIR, which is each child's own scratch folder.

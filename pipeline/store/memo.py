@@ -11,12 +11,12 @@ import os
 import shutil
 from pathlib import Path
 
-from objectfolder.errors import FormatError, InputError
+from objectfolder.errors import FormatError
 from pipeline.dataset import products
 from pipeline.dataset.state import STATE
 from pipeline.store import shared
 from pipeline.store.copying import copy_file
-from pipeline.store.storage import Store, disk_error, product_name
+from pipeline.store.storage import Store, disk_error, number_of, product_name
 
 CAP = "OBJECTFOLDER_MEMO_GB"
 DEFAULT_GB = 20.0
@@ -113,11 +113,7 @@ def cap_bytes() -> int:
     InputError
         ``OBJECTFOLDER_MEMO_GB`` is no number.
     """
-    text = os.environ.get(CAP, str(DEFAULT_GB))
-    try:
-        return int(float(text) * 1e9)
-    except ValueError:
-        raise InputError(CAP, f"{text!r} is no number", "Give gigabytes, 0 for no memo.") from None
+    return int(1e9 * number_of(CAP, DEFAULT_GB))
 
 
 def memo_name(path: Path) -> str:

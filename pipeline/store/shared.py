@@ -16,7 +16,7 @@ from typing import TypeVar
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
 from pipeline.dataset import products
-from pipeline.store.storage import STORE, Store, default_patience_s
+from pipeline.store.storage import DEFAULT_PATIENCE_S, PATIENCE, STORE, Store, number_of
 
 PATIENCE_S = 20.0  # for what a run can do without
 REST_S = 60.0
@@ -60,7 +60,7 @@ class Cache:
             return self._without(error, otherwise)
 
     def _opened(self) -> Store:
-        store = Store(self._url, min(PATIENCE_S, default_patience_s()))
+        store = Store(self._url, min(PATIENCE_S, number_of(PATIENCE, DEFAULT_PATIENCE_S)))
         store.check()
         self._store = store
         return store

@@ -10,16 +10,15 @@ import functools
 import os
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
 from objectfolder.geometry.source_files import source_files
 from objectfolder.provenance import file_digest
 from pipeline.dataset import products
 from pipeline.dataset.job import Job
-from pipeline.dataset.task import Call, Outcome, Request, failure_of
+from pipeline.dataset.task import Call, Outcome, failure_of
 from pipeline.store import memo
 from pipeline.store.input_cache import InputCache, open_cache
 from pipeline.store.storage import Store, product_name, source_name
@@ -61,42 +60,19 @@ class StoredInput:
 
 
 @dataclass(frozen=True)
-class Shipment:
-    """A call with all its inputs in a store, to be run anywhere.
+class Shipment(Call):
+    """A call with all its inputs in a store, to be run anywhere; its paths mean nothing where it runs.
 
     Parameters
     ----------
-    call
-        The call; its paths mean nothing where it runs.
     inputs
         Where the store has its inputs, by name.
     url
         The store.
     """
 
-    call: Call
-    inputs: Mapping[str, StoredInput]
-    url: str
-
-    @property
-    def request(self) -> Request:
-        """The arguments of the task body, without the paths."""
-        return self.call.request
-
-    @property
-    def stage(self) -> str:
-        """Name of the stage."""
-        return self.call.stage
-
-    @property
-    def task(self) -> str:
-        """``module:function`` of the task body."""
-        return self.call.task
-
-    @property
-    def parts(self) -> Mapping[str, Any]:
-        """Parts of the fingerprint."""
-        return self.call.parts
+    inputs: Mapping[str, StoredInput] = field(default_factory=dict)
+    url: str = ""
 
     def run(self, execute: Callable[[Call], Outcome]) -> Outcome:
         """Fetch inputs, run the call in this process, and put its products into the store, last of all.
@@ -117,11 +93,11 @@ class Shipment:
     def _run(
         self, execute: Callable[[Call], Outcome], store: Store, cache: InputCache, folder: Path
     ) -> Outcome:
-        places = [f"made/{target.parent.name}/{target.name}" for target in self.call.targets]
+        places = [f"made/{target.parent.name}/{target.name}" for target in self.targets]
         targets = tuple(_below(folder, place) for place in places)
-        names = _product_names(self.call)
-        check = functools.partial(_check_product, fingerprint=self.call.fingerprint)
-        outcome = Outcome(self.request.object_id, fingerprint=self.call.fingerprint)
+        names = _product_names(self)
+        check = functools.partial(_check_product, fingerprint=self.fingerprint)
+        outcome = Outcome(self.request.object_id, fingerprint=self.fingerprint)
         if all(store.size(name) for name in names):
             return outcome
         if all(cache.find(name, target, check) for name, target in zip(names, targets, strict=True)):
@@ -129,7 +105,7 @@ class Shipment:
             return outcome
         inputs = self._fetch(store, cache, folder)
         request = replace(self.request, inputs=inputs)
-        outcome = execute(replace(self.call, request=request, targets=targets, memo=None))
+        outcome = execute(replace(self, request=request, targets=targets, memo=None))
         if outcome.failure is None:
             for name, target in zip(names, targets, strict=True):
                 cache.add(name, target)
@@ -161,7 +137,7 @@ class Shipment:
 
     def _failed(self, error: ObjectFolderError) -> Outcome:
         object_id = self.request.object_id
-        return Outcome(object_id, failure_of(object_id, error), fingerprint=self.call.fingerprint)
+        return Outcome(object_id, failure_of(object_id, error), fingerprint=self.fingerprint)
 
 
 def publish(job: Job, store: Store) -> Shipment:
@@ -184,7 +160,7 @@ def publish(job: Job, store: Store) -> Shipment:
         except FormatError as error:
             raise InputError(path.name, "changed since the run began", "Run again.") from error
     call = replace(job.call, request=replace(job.call.request, inputs={}), memo=None)
-    return Shipment(call, inputs, store.url)
+    return Shipment(**vars(call), inputs=inputs, url=store.url)
 
 
 def collect(job: Job, root: Path, store: Store) -> None:

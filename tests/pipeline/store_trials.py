@@ -10,6 +10,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -153,11 +154,11 @@ class Trials:
             PATIENCE: str(PATIENCE_S),
             "OBJECTFOLDER_CACHE": str(self._folder / "cache"),
         }
-        timeouts = {"connect_timeout": 5, "read_timeout": READ_TIMEOUT_S}
+        timeouts = {"connect_timeout": "5s", "read_timeout": f"{READ_TIMEOUT_S}s"}
         with (
             mock.patch.dict(os.environ, settings),
             mock.patch("pipeline.store.storage.TIMEOUTS", timeouts),
-            mock.patch("pipeline.store.storage.FIRST_PAUSE_S", 0.02),
+            mock.patch.dict("pipeline.store.storage.PAUSES", {"init_backoff": timedelta(seconds=0.02)}),
         ):
             yield
 
@@ -165,7 +166,7 @@ class Trials:
 @contextlib.contextmanager
 def unhurried() -> Iterator[None]:
     """Let an undisturbed run wait for a machine that is busy with other things."""
-    timeouts = {"connect_timeout": 60, "read_timeout": 60}
+    timeouts = {"connect_timeout": "60s", "read_timeout": "60s"}
     with (
         mock.patch.dict(os.environ, {PATIENCE: "120"}),
         mock.patch("pipeline.store.storage.TIMEOUTS", timeouts),

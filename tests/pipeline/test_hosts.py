@@ -202,7 +202,7 @@ class Run:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Iterator[Site]:
-    for needed in ("boto3", "moto.server", "s3fs"):
+    for needed in ("boto3", "moto.server", "obstore"):
         pytest.importorskip(needed)
     made = Site(tmp_path_factory.mktemp("site"))
     before = os.environ.get("PATIENCE")
