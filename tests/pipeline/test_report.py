@@ -16,8 +16,7 @@ from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 from objectfolder.errors import InputError
 from objectfolder.store import Product, write_product
 from pipeline.dataset.measures import HEADLINE, Measure, number_at
-from pipeline.publish.report.charts import histogram, speed_error_chart
-from pipeline.publish.report.effort import setting_medians
+from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.formats import (
     MINUS,
     NOTHING,
@@ -265,7 +264,7 @@ def test_numbers_and_links_are_printed_for_people() -> None:
     assert (digits(0.00123), digits(1.5e-7), digits(0.0)) == ("0.00123", f"1.50 {TIMES} 10⁻⁷", "0")
     assert (megabytes(60_000), megabytes(1_504_000), megabytes(None)) == ("60 kB", "1.50 MB", NOTHING)
     assert (seconds(0.15), seconds(2e-5)) == ("150 ms", "20 µs")
-    assert licence_link("cc-by-4.0") == "https://creativecommons.org/licenses/by/4.0/"
+    assert licence_link("cc-by-4.0") == "https://spdx.org/licenses/CC-BY-4.0.html"
     assert licence_link("all rights reserved") is None
     assert web_link("javascript:alert(1)") is None
     assert web_link("https://example.org/a") == "https://example.org/a"

@@ -2,8 +2,9 @@
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import statistics
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,10 @@ import matplotlib.style
 import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from pipeline.publish.report import formats
-from pipeline.publish.report.effort import setting_medians, steps
 from pipeline.publish.report.summary import MeasureSummary
 
 # Placeholders for colours of the page's style while matplotlib draws.
@@ -36,17 +35,8 @@ MOST_CURVES = 40  # more objects are drawn as a band
 BAND = (0.05, 0.95)
 
 
-class Chart:
-    """A drawing; `svg` has it once the ``with`` of `drawing` is left."""
-
-    def __init__(self, axes: Axes) -> None:
-        self.axes = axes
-        self.svg = Markup()
-
-
-@contextmanager
-def drawing(name: str, label: str, height: float = HEIGHT) -> Iterator[Chart]:
-    """Draw one chart.
+def drawing(name: str, label: str, draw: Callable[[Axes], None], height: float = HEIGHT) -> Markup:
+    """Return what `draw` draws as SVG.
 
     Parameters
     ----------
@@ -57,20 +47,17 @@ def drawing(name: str, label: str, height: float = HEIGHT) -> Iterator[Chart]:
     height
         Of the drawing, inches.
     """
+    text = io.StringIO()
     with matplotlib.style.context(STYLE, after_reset=True):
         figure = Figure(figsize=(WIDTH, height))
         size = (1 - (LEFT + RIGHT) / WIDTH, 1 - (BOTTOM + TOP) / height)
-        chart = Chart(figure.add_axes((LEFT / WIDTH, BOTTOM / height, *size)))
-        yield chart
-        text = io.StringIO()
+        draw(figure.add_axes((LEFT / WIDTH, BOTTOM / height, *size)))
         figure.savefig(text, format="svg", metadata={"Date": None})
     svg = re.sub(r"<(metadata|style)\b.*?</\1>", "", text.getvalue().partition("<svg")[2], flags=re.DOTALL)
     svg = re.sub(r'( id="|href="#|url\(#)', lambda found: f"{found[1]}{name}-", svg)
     svg = re.sub("|".join(COLOURS), lambda found: COLOURS[found[0]], svg)
-    opening, _, rest = svg.partition(">")
-    box = re.search(r'viewBox="[^"]*"', opening)
-    assert box is not None
-    chart.svg = Markup(f'<svg {box[0]} role="img" aria-label="{escape(label)}">{rest}')
+    box = f"0 0 {72 * WIDTH:g} {72 * height:g}"  # matplotlib writes points
+    return Markup(f'<svg viewBox="{box}" role="img" aria-label="{escape(label)}">{svg.partition(">")[2]}')
 
 
 def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], column: str) -> Markup | None:
@@ -86,28 +73,37 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
         Rows of one sense, as `tables.speed_error_rows` gives them.
     """
     known = [row for row in rows if _drawable(row, column)]
-    median = sorted(
-        (row[column], row["error"], row["label"]) for row in setting_medians(rows) if _drawable(row, column)
-    )
-    if len({x for x, _, _ in median}) < 2:
+    medians = [row for row in setting_medians(rows) if _drawable(row, column)]
+    if len({row[column] for row in medians}) < 2:
         return None
-    timed = column == "seconds_per_query"
-    x_label, y_label = "seconds a query" if timed else "bytes", known[0]["error_unit"]
+    text = formats.seconds if column == "seconds_per_query" else formats.megabytes
+    x_label = "seconds a query" if column == "seconds_per_query" else "bytes"
+    y_label = known[0]["error_unit"]
     objects = dict.fromkeys(row["object"] for row in known)
-    with drawing(f"{name}-{column}", f"{title}: {y_label} against {x_label}") as chart:
-        axes = chart.axes
+
+    def curve(axes: Axes, own: Sequence[Mapping[str, Any]], style: str, **options: Any) -> None:
+        points = sorted((row[column], row["error"]) for row in own)
+        axes.plot(*zip(*points, strict=True), style, **options)
+
+    def draw(axes: Axes) -> None:
         if len(objects) > MOST_CURVES:
             axes.fill_between(*_band(known, column), color=CURVE, alpha=0.28)
-        for object_id in objects if len(objects) <= MOST_CURVES else ():
-            own = sorted((row[column], row["error"]) for row in known if row["object"] == object_id)
-            axes.plot(*zip(*own, strict=True), color=CURVE, alpha=0.6, linewidth=0.8)
-        axes.plot([x for x, _, _ in median], [y for _, y, _ in median], "o-", color=ACCENT, markersize=4)
-        for x, y, text in median:
-            axes.annotate(text, (x, y), (0, 5), textcoords="offset points", ha="center", fontsize=7)
+        else:
+            for object_id in objects:
+                own = [row for row in known if row["object"] == object_id]
+                curve(axes, own, "-", color=CURVE, alpha=0.6, linewidth=0.8)
+        curve(axes, medians, "o-", color=ACCENT, markersize=4)
+        for row in medians:
+            place = (row[column], row["error"])
+            axes.annotate(row["label"], place, (0, 5), textcoords="offset points", ha="center", fontsize=7)
         axes.set(xlabel=x_label, ylabel=y_label, xscale="log")
         axes.margins(0.12)
-        mark(axes.xaxis, formats.seconds if timed else formats.megabytes)
-    return chart.svg
+        low, high = axes.xaxis.get_view_interval()
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,), numticks=6))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
+        axes.xaxis.set_minor_locator(NullLocator())
+
+    return drawing(f"{name}-{column}", f"{title}: {y_label} against {x_label}", draw)
 
 
 def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
@@ -119,37 +115,66 @@ def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
         The drawing, and whether the target lies within it.
     """
     measure, values = summary.measure, [value for value, _ in summary.values]
-    target, text = measure.target, partial(formats.number, decimals=measure.decimals)
+    text = partial(formats.number, decimals=measure.decimals)
     if measure.unit == "bytes":
         text = partial(formats.megabytes)
-    within = target is not None and min(values) <= target <= max(values)
-    with drawing(measure.key, f"Histogram of {measure.label}", height=1.4) as chart:
-        chart.axes.hist(values, bins="sqrt", color=ACCENT, alpha=0.75, rwidth=0.9)
-        if target is not None and within:
-            chart.axes.axvline(target, color=INK, linestyle="--", linewidth=1)
-        chart.axes.xaxis.set_major_locator(MaxNLocator(4))
-        chart.axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
-        chart.axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
-    return chart.svg, within
+    within = measure.target is not None and min(values) <= measure.target <= max(values)
+
+    def draw(axes: Axes) -> None:
+        axes.hist(values, bins="sqrt", color=ACCENT, alpha=0.75, rwidth=0.9)
+        if measure.target is not None and within:
+            axes.axvline(measure.target, color=INK, linestyle="--", linewidth=1)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
+        axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
+
+    return drawing(measure.key, f"Histogram of {measure.label}", draw, height=1.4), within
 
 
-def mark(axis: Axis, text: Callable[[float], str]) -> None:
-    """Put few marks that `text` prints on a logarithmic axis."""
-    low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,), numticks=6))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
-    axis.set_minor_locator(NullLocator())
+def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return one row a setting with its label and medians over objects of error, seconds and bytes.
+
+    Objects are matched step by step: the first setting of each, the second, and so on, because a number
+    of modes differs between objects where a share of them does not.
+    """
+    medians: list[dict[str, Any]] = []
+    for setting, step in _steps(rows):
+        row = {"label": _label(setting, step), "error_unit": step[0]["error_unit"]}
+        for column in ("error", "seconds_per_query", "bytes"):
+            known = [each[column] for each in step if each[column] is not None]
+            row[column] = statistics.median(known) if known else None
+        medians.append(row)
+    return medians
+
+
+def _steps(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[Mapping[str, Any]]]]:
+    """Return the rows of all objects by setting and by place among the object's rows of that setting."""
+    found: dict[str, dict[int, list[Mapping[str, Any]]]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    for row in rows:
+        own = (row["object"], row["setting"])
+        found.setdefault(row["setting"], {}).setdefault(counts[own], []).append(row)
+        counts[own] += 1
+    return [(setting, step) for setting, steps in found.items() for _, step in sorted(steps.items())]
+
+
+def _label(setting: str, step: Sequence[Mapping[str, Any]]) -> str:
+    name = setting.replace("_", " ")
+    values = [row["value"] for row in step if row["value"] is not None]
+    if not values:
+        return name
+    low, high = min(values), max(values)
+    return f"{name} {low:g}" + (f" to {high:g}" if high > low else "")
 
 
 def _drawable(row: Mapping[str, Any], column: str) -> bool:
     return row["error"] is not None and (row[column] or 0) > 0
 
 
-def _band(rows: Sequence[Mapping[str, Any]], column: str) -> tuple[list[float], list[float], list[float]]:
-    """Return median place, low and high error of each setting."""
+def _band(rows: Sequence[Mapping[str, Any]], column: str) -> np.ndarray:
+    """Return (3, settings) median place, low and high error of each setting."""
     found = []
-    for step in steps(rows).values():
+    for _, step in _steps(rows):
         errors = np.quantile([row["error"] for row in step], BAND)
-        found.append((float(np.median([row[column] for row in step])), *errors.tolist()))
-    x, low, high = zip(*sorted(found), strict=True)
-    return list(x), list(low), list(high)
+        found.append((np.median([row[column] for row in step]), *errors))
+    return np.array(sorted(found)).T

@@ -4,19 +4,11 @@ import math
 import re
 from typing import Any
 
+from pipeline.publish.cards.licences import Licence
+
 NOTHING = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
 TIMES = "\N{MULTIPLICATION SIGN}"
-LICENCES = {
-    "CC0 1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
-    "CC BY 4.0": "https://creativecommons.org/licenses/by/4.0/",
-    "CC BY 3.0": "https://creativecommons.org/licenses/by/3.0/",
-    "CC BY SA 4.0": "https://creativecommons.org/licenses/by-sa/4.0/",
-    "CC BY NC 4.0": "https://creativecommons.org/licenses/by-nc/4.0/",
-    "CC BY NC SA 4.0": "https://creativecommons.org/licenses/by-nc-sa/4.0/",
-    "APACHE 2.0": "https://www.apache.org/licenses/LICENSE-2.0",
-    "MIT": "https://opensource.org/license/mit",
-}
 
 
 def number(value: Any, decimals: int = 1) -> str:
@@ -61,8 +53,7 @@ def percent(share: Any) -> str:
 
 def licence_link(licence: Any) -> str | None:
     """Return the address of a known licence's text, or the address that `licence` itself is."""
-    key = re.sub(r"[\s_-]+", " ", str(licence or "")).strip().upper()
-    return LICENCES.get(key) or web_link(licence)
+    return web_link(Licence.of(str(licence or "")).url)
 
 
 def web_link(text: Any) -> str | None:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -11,8 +10,7 @@ from markupsafe import Markup
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import RANKING, SENSES, number_at
 from pipeline.publish.report import formats
-from pipeline.publish.report.charts import histogram, speed_error_chart
-from pipeline.publish.report.effort import setting_medians
+from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
 from pipeline.publish.report.object_page import SENSE_NAMES, page_name
 from pipeline.publish.report.summary import (
@@ -55,19 +53,8 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class Row:
-    """An object in the table.
-
-    Parameters
-    ----------
-    page
-        Name of its page; empty for an object without one.
-    status
-        ``made``, ``below target`` (some margin is negative) or ``failed``.
-    numbers
-        In the order of `COLUMNS`.
-    """
+class Row(NamedTuple):
+    """An object in the table; `page` is empty for an object without one, `numbers` are those of `COLUMNS`."""
 
     object_id: str
     name: str
@@ -77,19 +64,9 @@ class Row:
     status: str = "failed"
     numbers: Sequence[float | None] = (None,) * len(COLUMNS)
 
-    @property
-    def cells(self) -> list[str]:
-        """The numbers as printed."""
-        return [
-            formats.number(value, column.decimals)
-            for value, column in zip(self.numbers, COLUMNS, strict=True)
-        ]
-
 
 def render_index(
-    objects: Sequence[MeasuredObject],
-    failures: Sequence[FailedObject],
-    paged: frozenset[str],
+    objects: Sequence[MeasuredObject], failures: Sequence[FailedObject], paged: frozenset[str]
 ) -> str:
     """Return the first page.
 
@@ -133,7 +110,28 @@ def render_index(
     )
 
 
-def source_group(source: Any) -> str:
+def _row(one: MeasuredObject, failed: set[str], pages: dict[str, str]) -> Row:
+    below = one.margin_db is not None and one.margin_db < 0
+    return Row(
+        one.object_id,
+        one.name,
+        pages.get(one.object_id, ""),
+        str(one.description.get("material") or ""),
+        _source_group(one.description.get("source")),
+        "failed" if one.object_id in failed else "below target" if below else "made",
+        [_number(one, column) for column in COLUMNS],
+    )
+
+
+def _number(one: MeasuredObject, column: Column) -> float | None:
+    known = {**one.attributes, "margin": one.margin_db, "cpu_seconds": one.cpu_seconds}
+    value = number_at(known, column.key)
+    if value is None or (one.silent and column.key == "audio.gain_error_db"):
+        return None
+    return float(f"{value * column.scale:.7g}")
+
+
+def _source_group(source: Any) -> str:
     """Return what objects are filtered by: the host of an address, else the words of the source."""
     address = formats.web_link(source)
     if address is None:
@@ -142,31 +140,6 @@ def source_group(source: Any) -> str:
         return urlsplit(address).hostname or address
     except ValueError:
         return address
-
-
-def _row(one: MeasuredObject, failed: set[str], pages: dict[str, str]) -> Row:
-    below = one.margin_db is not None and one.margin_db < 0
-    return Row(
-        one.object_id,
-        one.name,
-        pages.get(one.object_id, ""),
-        str(one.description.get("material") or ""),
-        source_group(one.description.get("source")),
-        "failed" if one.object_id in failed else "below target" if below else "made",
-        [_number(one, column) for column in COLUMNS],
-    )
-
-
-def _number(one: MeasuredObject, column: Column) -> float | None:
-    if column.key == "margin":
-        value = one.margin_db
-    elif column.key == "cpu_seconds":
-        value = one.cpu_seconds
-    else:
-        value = number_at(one.attributes, column.key)
-    if value is None or (one.silent and column.key == "audio.gain_error_db"):
-        return None
-    return float(f"{value * column.scale:.7g}")
 
 
 def _efforts(objects: Sequence[MeasuredObject]) -> list[tuple[str, list[Markup], list[dict[str, Any]]]]:

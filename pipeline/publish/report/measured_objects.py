@@ -9,10 +9,9 @@ from objectfolder.errors import FormatError
 from objectfolder.store import read_attributes
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import number_at, smallest_margin_db
+from pipeline.dataset.products import ZARR
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import QUERY, Cost
-
-PRODUCT_SUFFIX = ".zarr.zip"
 
 
 @dataclass(frozen=True)
@@ -80,9 +79,6 @@ class MeasuredObject:
     def efforts(self) -> list[dict[str, Any]]:
         """Bytes, seconds and error at each setting of each sense, in the order of the product."""
         stated = self.attributes.get("speed_error")
-        entries = (
-            [entry for entry in stated if isinstance(entry, Mapping)] if isinstance(stated, list) else []
-        )
         return [
             {
                 "object": self.object_id,
@@ -94,7 +90,8 @@ class MeasuredObject:
                 "error": number_at(entry, "error"),
                 "error_unit": str(entry.get("error_unit") or ""),
             }
-            for entry in entries
+            for entry in (stated if isinstance(stated, list) else [])
+            if isinstance(entry, Mapping)
         ]
 
     def part(self, name: str) -> Mapping[str, Any]:
@@ -134,8 +131,8 @@ def read_objects(folder: Path, costs: Iterable[Cost]) -> tuple[list[MeasuredObje
     for cost in costs:
         own.setdefault(cost.object_id, []).append(cost)
     objects, failures = [], []
-    for path in sorted(folder.glob(f"*{PRODUCT_SUFFIX}")):
-        name = path.name.removesuffix(PRODUCT_SUFFIX)
+    for path in sorted(folder.glob(f"*{ZARR}")):
+        name = path.name.removesuffix(ZARR)
         try:
             one = MeasuredObject(name, read_attributes(path))
         except FormatError as error:

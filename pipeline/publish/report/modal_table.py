@@ -12,25 +12,13 @@ from pipeline.publish.report.object_products import ObjectProducts
 
 
 class ModeRow(NamedTuple):
-    """One mode; NaN where a number is not known.
-
-    Parameters
-    ----------
-    frequency_hz, damping_per_s, t60_s
-        Of the truth: the solver's.
-    error_cents
-        Object File against the truth, 1200 log2 of the ratio.
-    damping_error
-        Object File against the truth, relative.
-    solver_error_cents
-        Estimated error of the truth itself.
-    """
+    """One mode of the solver, the Object File's errors against it, and its own; NaN where unknown."""
 
     frequency_hz: float
     damping_per_s: float
     t60_s: float
     error_cents: float
-    damping_error: float
+    damping_error: float  # relative
     solver_error_cents: float
 
 
@@ -44,14 +32,13 @@ def modal_table(products: ObjectProducts, attributes: Mapping[str, Any]) -> list
         np.array([number_at(mode, name) for mode in truth], dtype=np.float64)
         for name in ("frequency_hz", "damping_per_s", "t60_s")
     )
-    tensors, modes = products.object_file_tensors(), products.get("modes")
+    tensors = products.object_file_tensors()
     eigenvalues = _of_length(len(truth), tensors.get("audio.eigenvalues"))
     dampings = _of_length(len(truth), tensors.get("audio.dampings_per_s"))
     frequencies = np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * math.pi)
     estimates = None
     with products.reading("modal table"):
-        if modes is not None and "error_estimates_cents" in modes:
-            estimates = modes.array("error_estimates_cents")
+        estimates = products.arrays("modes", "error_estimates_cents")["error_estimates_cents"]
     with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping has no relative error
         errors = cents(frequencies, frequency), dampings / damping - 1
     columns = (frequency, damping, t60, *errors, _of_length(len(truth), estimates))

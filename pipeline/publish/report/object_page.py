@@ -1,25 +1,27 @@
 """The page of one object, and whether the one that is there still shows what is known."""
 
 import hashlib
+import json
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import jinja2
 
 from objectfolder.provenance import canonical_json
+from objectfolder.store import Product
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, number_at
 from pipeline.dataset.records import SAFE_ID
+from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.modal_table import ModeRow, modal_table
-from pipeline.publish.report.object_products import ObjectProducts
+from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
 from pipeline.publish.report.pictures import thumbnail
-from pipeline.publish.report.provenance import Origin, material, origins
-from pipeline.publish.report.queries import Queries, queries
+from pipeline.publish.report.queries import queries
 from pipeline.publish.report.sounds import spectrogram_share
 from pipeline.publish.report.summary import definitions_of, split
 from pipeline.publish.report.templates import security_policy, template_environment
@@ -29,28 +31,9 @@ SCRIPTS = ("theme.js", "object.js")
 SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096
+PLAYER = ".player.js"
 PLAYER_STYLE = b'href="player.css"'
 _FINGERPRINT = re.compile(rb'<meta name="fingerprint" content="([0-9a-f]{64})">')
-
-
-class Filling(NamedTuple):
-    """The solid that is heard of an open surface: its volume against what the surface encloses."""
-
-    volume_m3: float
-    change: float
-    uncertainty: float | None
-
-
-@dataclass
-class Content:
-    """What a page shows of the products of its object; `unreadable` names the omitted products, and why."""
-
-    queries: Queries = field(default_factory=Queries)
-    modes: Sequence[ModeRow] = ()
-    origins: Sequence[Origin] = ()
-    filling: Filling | None = None
-    thumbnail: bytes = b""
-    unreadable: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -67,8 +50,6 @@ class ObjectPage:
         Ids of the objects before and after it in the order of ids; empty at an end.
     failures
         Of this object.
-    player
-        Name of the script of its player's data beside the page; empty for no player.
     pairs
         Held-out queries of each sense, at most.
     """
@@ -78,14 +59,25 @@ class ObjectPage:
     previous: str
     next: str
     failures: Sequence[FailedObject]
-    player: str
     pairs: int
+
+    @property
+    def products(self) -> ObjectProducts:
+        """The products of the object."""
+        return ObjectProducts(self.data, self.subject.stored_name)
+
+    @property
+    def player(self) -> str:
+        """Name of the script of its player's data beside the page; empty where there is no Object File."""
+        object_id = self.subject.object_id
+        there = self.products.path(OBJECT_FILES.name).is_file() and SAFE_ID.fullmatch(object_id)
+        return f"{object_id}{PLAYER}" if there else ""
 
     def fingerprint(self) -> str:
         """Return a hash of all that the page is made from: products, costs, neighbours, code of reports."""
         subject = self.subject
         parts = {
-            "products": self._products().digests(),
+            "products": self.products.digests(),
             "stages": [[stage, repr(subject.cost(stage))] for stage in subject.stages],
             "queries": subject.efforts,
             "beside": [self.previous, self.next, list(map(repr, self.failures)), self.player, self.pairs],
@@ -93,36 +85,40 @@ class ObjectPage:
         }
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
-    def read(self) -> Content:
-        """Read what the page shows of the products."""
-        subject, content = self.subject, Content()
-        with self._products() as products:
-            content.queries = queries(products, subject.attributes, self.pairs)
-            with products.reading("modal table"):
-                content.modes = modal_table(products, subject.attributes)
-            content.origins = origins(products)
-            content.filling = _filling(subject, products)
-            content.thumbnail = thumbnail(None)
-            fidelity = products.get("fidelity")
-            with products.reading("views"):
-                if fidelity is not None and "vision_truth" in fidelity:
-                    content.thumbnail = thumbnail(fidelity.array("vision_truth"))
-        content.unreadable = list(dict.fromkeys(products.unreadable))
-        return content
+    def render(self, fingerprint: str, player: str, findings: Sequence[str]) -> tuple[str, bytes]:
+        """Return the page as HTML that carries `fingerprint`, and a thumbnail of the object as WebP.
 
-    def render(self, content: Content, fingerprint: str) -> str:
-        """Return the page as HTML that carries `fingerprint`."""
-        environment = _environment()
-        return environment.get_template("object.html.j2").render(
+        Parameters
+        ----------
+        player
+            Name of the script of the player's data; empty for a page without a player.
+        findings
+            What was left out, beside what cannot be read here.
+        """
+        subject, products, environment = self.subject, self.products, _environment()
+        fidelity, modes = Product({}), list[ModeRow]()
+        with products.reading("fidelity"):
+            fidelity = products.arrays("fidelity")
+        shown = queries(fidelity, products, self.pairs)
+        with products.reading("modal table"):
+            modes = modal_table(products, subject.attributes)
+        small = thumbnail(None)
+        with products.reading("views"):
+            if "vision_truth" in fidelity:
+                small = thumbnail(fidelity["vision_truth"])
+        page = environment.get_template("object.html.j2").render(
             page=self,
-            record=self.subject,
-            content=content,
+            player=player,
+            record=subject,
+            queries=shown,
+            modes=modes,
+            origins=_origins(products),
+            filling=_filling(subject, products),
+            unreadable=list(dict.fromkeys([*products.unreadable, *findings])),
             fingerprint=fingerprint,
             policy=security_policy(environment, SCRIPTS),
         )
-
-    def _products(self) -> ObjectProducts:
-        return ObjectProducts(self.data, self.subject.stored_name)
+        return page, small
 
 
 def page_name(object_id: str) -> str:
@@ -143,26 +139,52 @@ def shown_fingerprint(page: Path) -> tuple[str | None, bool]:
     return found[1].decode() if found else None, PLAYER_STYLE in head
 
 
-def _filling(subject: MeasuredObject, products: ObjectProducts) -> Filling | None:
-    if subject.part("body").get("watertight") is not False:
-        return None
+def _filling(subject: MeasuredObject, products: ObjectProducts) -> dict[str, float | None] | None:
+    """Return volume (m^3), change and uncertainty of the solid that is heard of an open surface."""
     volume = number_at(subject.attributes, "body.filled_volume_m3")
-    modes = products.attributes("modes")
-    change = number_at(modes, "discretisation.volume_error")
-    if volume is None or change is None:
+    if subject.part("body").get("watertight") is not False or volume is None:
         return None
-    return Filling(volume, change, number_at(modes, "discretisation.volume_uncertainty"))
+    stated = products.attributes("modes")
+    change = number_at(stated, "discretisation.volume_error")
+    uncertainty = number_at(stated, "discretisation.volume_uncertainty")
+    return None if change is None else {"volume_m3": volume, "change": change, "uncertainty": uncertainty}
+
+
+def _origins(products: ObjectProducts) -> list[dict[str, Any]]:
+    """Return stage, fingerprint and provenance of every product that names what it was made from."""
+    found = []
+    for kind in [kind for kind in SUFFIXES if kind != OBJECT_FILES.name]:
+        attributes = products.attributes(kind)
+        stated = attributes.get("provenance")
+        with products.reading(f"provenance of {kind}"):
+            stated = json.loads(stated) if isinstance(stated, str) else stated
+            if isinstance(stated, Mapping):
+                found.append({"stage": kind, "fingerprint": attributes.get("fingerprint"), "stated": stated})
+    return found
+
+
+def _material(fidelity: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
+    """Return the material's numbers, and where they come from, as the fidelity product names them."""
+    stated = fidelity.get("provenance")
+    record = stated.get("record") if isinstance(stated, Mapping) else None
+    if not isinstance(record, Mapping):
+        return {}, ""
+    material = record.get("material")
+    return material if isinstance(material, Mapping) else {}, str(record.get("material_citation") or "")
 
 
 @cache
 def _environment() -> jinja2.Environment:
     environment = template_environment()
-    environment.filters["page_name"] = page_name
+    environment.filters |= {
+        "page_name": page_name,
+        "lines": lambda value: json.dumps(value, indent=1, sort_keys=True, ensure_ascii=False),
+    }
     environment.globals |= {
         "byte_parts": BYTE_PARTS,
         "definitions_of": definitions_of,
         "headline": HEADLINE,
-        "material_of": material,
+        "material_of": _material,
         "sense_names": SENSE_NAMES,
         "spectrogram_marks": [
             (text, round(104 - 100 * spectrogram_share(hertz), 1)) for text, hertz in SPECTROGRAM_MARKS
@@ -177,11 +199,10 @@ def _environment() -> jinja2.Environment:
 def code_digest() -> str:
     """Return a hash of the modules, templates and scripts that pages and their players are made by."""
     root = Path(__file__).parents[1]
-    suffixes = {".py", ".j2", ".css", ".js"}
-    files = [path for name in ("report", "viewer") for path in (root / name).rglob("*")]
+    files = sorted(path for name in ("report", "viewer") for path in (root / name).rglob("*.[pjc]*"))
     content = {
         str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in files
-        if path.suffix in suffixes
+        if path.suffix in {".py", ".j2", ".css", ".js"}
     }
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()

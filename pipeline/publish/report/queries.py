@@ -1,15 +1,13 @@
 """Queries to an Object File and its answers, as a page shows them: pictures, sounds, contacts."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from objectfolder.errors import FormatError
 from objectfolder.fidelity.images import psnr_db
+from objectfolder.store import Product
 from pipeline.dataset.measures import number_at
-from pipeline.publish.report.archive import Archive
 from pipeline.publish.report.contacts import Contact, contacts
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
@@ -30,7 +28,7 @@ class Fact(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Truth and answer of a held-out view or touch."""
+    """Truth and answer of a held-out view or touch, as data URIs."""
 
     place: str
     truth: str
@@ -49,106 +47,70 @@ class Heard(NamedTuple):
     facts: list[Fact]
 
 
-@dataclass(frozen=True)
-class Queries:
-    """All that a page shows of an object's senses."""
-
-    views: list[Seen] = field(default_factory=list)
-    strikes: list[Heard] = field(default_factory=list)
-    touches: list[Seen] = field(default_factory=list)
-
-
-def queries(products: ObjectProducts, attributes: Mapping[str, Any], pairs: int) -> Queries:
-    """Return up to `pairs` queries a sense, as many as the fidelity product stores at most.
-
-    What cannot be read is left out and noted in ``products.unreadable``.
-
-    Parameters
-    ----------
-    attributes
-        Of the fidelity product.
-    """
-    fidelity = products.get("fidelity")
-    if fidelity is None:
-        return Queries()
-
-    def safely(what: str, read: Callable[[], list[Any]]) -> list[Any]:
-        with products.reading(what):
-            return read()
-        return []
-
-    found = safely("contacts", lambda: _contacts(fidelity, products))
-    return Queries(
-        safely("views", lambda: _views(fidelity, products.get("views"), attributes, pairs)),
-        safely("strikes", lambda: _strikes(fidelity, products.get("modes"), pairs)),
-        safely("touches", lambda: _touches(fidelity, found, pairs)),
-    )
-
-
 class Stored(NamedTuple):
-    """A query that the fidelity product stores: its rank, worst first, out of `of`, with truth and answer."""
+    """A query that the fidelity product stores: its rank, worst first, with truth and answer."""
 
     rank: int
-    of: int
+    place: str
     truth: np.ndarray
     answer: np.ndarray
 
     def seen(self, facts: list[Fact], contact: Contact | None = None) -> Seen:
         """Return it as a page shows it."""
-        place = f"rank {self.rank + 1} of {self.of} stored"
-        if self.of == 1:
-            place = "the only one stored"
-        elif self.rank in (0, self.of - 1):
-            place = "best" if self.rank else "worst"
         height, width = self.truth.shape[:2]
-        return Seen(place, picture_uri(self.truth), picture_uri(self.answer), width, height, facts, contact)
+        pictures = picture_uri(self.truth), picture_uri(self.answer)
+        return Seen(self.place, *pictures, width, height, facts, contact)
 
 
-def _stored(fidelity: Archive, sense: str, most: int) -> list[Stored]:
-    truth_name, answer_name = f"{sense}_truth", f"{sense}_answer"
-    if truth_name not in fidelity or answer_name not in fidelity:
-        return []
-    truth, answer = fidelity.array(truth_name), fidelity.array(answer_name)
+def queries(fidelity: Product, products: ObjectProducts, most: int) -> dict[str, list[Any]]:
+    """Return up to `most` views, strikes and touches, as many as the fidelity product stores at most.
+
+    What cannot be read is left out and noted in ``products.unreadable``.
+    """
+    found: dict[str, list[Any]] = {"views": [], "strikes": [], "touches": []}
+    for sense, read in (("views", _views), ("strikes", _strikes), ("touches", _touches)):
+        with products.reading(sense):
+            found[sense] = read(fidelity, products, most)
+    return found
+
+
+def _stored(fidelity: Product, sense: str, most: int) -> Iterator[Stored]:
+    """Yield at most `most` stored queries, evenly spread over the ranks with both ends."""
+    if f"{sense}_truth" not in fidelity:
+        return
+    truth, answer = fidelity[f"{sense}_truth"], fidelity[f"{sense}_answer"]
     if truth.shape != answer.shape:
-        raise FormatError(str(fidelity.path), f"{sense}: {truth.shape} of truth, {answer.shape} of answer")
-    chosen = _evenly(len(truth), most)
-    return [Stored(rank, len(truth), truth[rank], answer[rank]) for rank in chosen]
+        raise ValueError(f"{truth.shape} of truth, {answer.shape} of answer")
+    count = len(truth)
+    for rank in np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist():
+        place = {0: "worst", count - 1: "best"}.get(rank, f"rank {rank + 1} of {count} stored")
+        yield Stored(rank, place if count > 1 else "the only one stored", truth[rank], answer[rank])
 
 
-def _evenly(count: int, most: int) -> list[int]:
-    """Return at most `most` of `count` places, evenly spread with both ends."""
-    places: list[int] = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist()
-    return places
-
-
-def _views(fidelity: Archive, views: Archive | None, attributes: Mapping[str, Any], most: int) -> list[Seen]:
-    vision = attributes.get("vision")
+def _views(fidelity: Product, products: ObjectProducts, most: int) -> list[Seen]:
+    vision = fidelity.attributes.get("vision")
     rows = vision.get("per_view") or [] if isinstance(vision, Mapping) else []
-    order = np.argsort([number_at(row, "psnr_db") or 0.0 for row in rows], kind="stable")
-    poses = _poses(views) if views else None
+    poses: list[Any] = []
+    with products.reading("views"):
+        views = products.arrays("views", "held_out", "camera_to_world", "light_position")
+        cameras, lights = views["camera_to_world"][:, :3, 3], views["light_position"]
+        poses = list(zip(cameras[views["held_out"]], lights[views["held_out"]], strict=True))
     shown = []
     for pair in _stored(fidelity, "vision", most):
         score = psnr_db(pair.truth, pair.answer)
-        ranks = _evenly(len(rows), pair.of)
-        row = rows[order[ranks[pair.rank]]] if pair.rank < len(ranks) else {}
-        if abs((number_at(row, "psnr_db") or 0.0) - score) > SAME_DB:
-            row = {}  # another rule chose what is stored: nothing more is known of this view
+        same = (one for one in rows if abs((number_at(one, "psnr_db") or 0.0) - score) <= SAME_DB)
+        row: Mapping[str, Any] = next(same, {})
         facts = [
             Fact("full image", score, "dB"),
             Fact("foreground", number_at(row, "psnr_foreground_db"), "dB"),
             Fact("SSIM", number_at(row, "ssim"), "", 4),
         ]
         view = number_at(row, "view")
-        if poses is not None and view is not None and view < len(poses[0]):
-            facts += _pose_facts("camera", poses[0][int(view)]) + _pose_facts("light", poses[1][int(view)])
+        if view is not None and view < len(poses):
+            for name, position in zip(("camera", "light"), poses[int(view)], strict=True):
+                facts += _pose_facts(name, position)
         shown.append(pair.seen(facts))
     return shown
-
-
-def _poses(views: Archive) -> tuple[np.ndarray, np.ndarray]:
-    """Return where cameras and lights of the held-out views stand, in the unit frame."""
-    held_out = views.array("held_out")
-    return views.array("camera_to_world")[held_out, :3, 3], views.array("light_position")[held_out]
 
 
 def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
@@ -157,35 +119,31 @@ def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
     return [Fact(f"{name} azimuth", azimuth, "°", 0), Fact(f"{name} elevation", elevation, "°", 0)]
 
 
-def _strikes(fidelity: Archive, modes: Archive | None, most: int) -> list[Heard]:
-    pairs = _stored(fidelity, "strike", most)
-    points = modes.array("points")[modes.array("held_out")] if modes and pairs else np.zeros((0, 3))
+def _strikes(fidelity: Product, products: ObjectProducts, most: int) -> list[Heard]:
+    points = np.zeros((0, 3))
+    with products.reading("modes"):
+        modes = products.arrays("modes", "points", "held_out")
+        points = modes["points"][modes["held_out"]]
     shown = []
-    for rank, _, truth, answer in pairs:
+    for rank, _, truth, answer in _stored(fidelity, "strike", most):
         sound = sound_pair(truth, answer)
-        facts, place = (
-            [Fact("difference", sound.difference_db, "dB of the truth's energy")],
-            f"strike {rank + 1}",
-        )
+        facts = [Fact("difference", sound.difference_db, "dB of the truth's energy")]
+        place = f"strike {rank + 1}"
         if rank < len(points):
-            axes = zip(IMPULSE, points[rank], strict=True)
-            facts += [Fact(axis, 1e3 * float(value), "mm") for axis, value in axes]
+            facts += [Fact(axis, 1e3 * float(x), "mm") for axis, x in zip(IMPULSE, points[rank], strict=True)]
             place = f"1 N s along {IMPULSE[rank % 3]}"
         shown.append(Heard(place, sound, facts))
     return shown
 
 
-def _contacts(fidelity: Archive, products: ObjectProducts) -> list[Contact | None]:
-    touches, objects = products.get("touches"), products.get("objects")
-    if touches is None or objects is None or "touch_truth" not in fidelity:
-        return []
-    return contacts(fidelity, touches, objects)
-
-
-def _touches(fidelity: Archive, found: Sequence[Contact | None], most: int) -> list[Seen]:
+def _touches(fidelity: Product, products: ObjectProducts, most: int) -> list[Seen]:
+    stored = list(_stored(fidelity, "touch", most))
+    found: list[Contact | None] = [None] * len(stored)
+    if stored:
+        with products.reading("contacts"):
+            found = contacts(np.stack([pair.truth for pair in stored]), products)
     shown = []
-    for pair in _stored(fidelity, "touch", most):
-        contact = found[pair.rank] if pair.rank < len(found) else None
+    for pair, contact in zip(stored, found, strict=True):
         facts = [Fact("whole image", psnr_db(pair.truth, pair.answer), "dB")]
         for name, value, unit in contact.labels if contact else []:
             facts.append(Fact(name, value, unit, 2 if name == "depth" else 1))

@@ -3,6 +3,7 @@
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pipeline.dataset.measures import BYTES, HEADLINE, Measure, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
@@ -54,28 +55,14 @@ class MeasureSummary:
         return self.measure.margin(self.mean) >= 0
 
 
-@dataclass(frozen=True)
-class StageRow:
-    """CPU seconds and peak memory of a stage over the objects it was measured for."""
-
-    stage: str
-    objects: int
-    median: float | None
-    largest: float | None
-    peak_memory_mb: float | None
-
-
 def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
     """Return every headline measure and the bytes; silent objects leave those of audio."""
     found = []
     for measure in (*HEADLINE, BYTES):
         counted = [one for one in objects if not (measure.sense == "audio" and one.silent)]
-        values = [(measure.of(one.attributes), one.object_id) for one in counted]
-        known = [(value, object_id) for value, object_id in values if value is not None]
-        trivial = [
-            measure.trivial_of(one.attributes) for one in counted if measure.of(one.attributes) is not None
-        ]
-        found.append(MeasureSummary(measure, known, mean(trivial) if known else None))
+        known = [(value, one) for one in counted if (value := measure.of(one.attributes)) is not None]
+        trivial = mean([measure.trivial_of(one.attributes) for _, one in known])
+        found.append(MeasureSummary(measure, [(value, one.object_id) for value, one in known], trivial))
     return found
 
 
@@ -85,15 +72,15 @@ def cost_summary(objects: Sequence[MeasuredObject]) -> MeasureSummary:
     return MeasureSummary(COST, [(value, object_id) for value, object_id in seconds if value is not None])
 
 
-def stage_rows(objects: Sequence[MeasuredObject]) -> list[StageRow]:
-    """Return the cost of each stage, in the order of the pipeline."""
+def stage_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
+    """Return CPU seconds and peak memory of each stage over the objects it was measured for."""
     rows = []
     for stage in stage_names(objects):
         costs = [cost for one in objects if (cost := one.cost(stage))]
         cpu = [cost.cpu_s for cost in costs if cost.cpu_s is not None]
         memory = [cost.peak_memory_mb for cost in costs if cost.peak_memory_mb is not None]
-        median = statistics.median(cpu) if cpu else None
-        rows.append(StageRow(stage, len(cpu), median, max(cpu, default=None), max(memory, default=None)))
+        row = {"stage": stage, "objects": len(cpu), "median": statistics.median(cpu) if cpu else None}
+        rows.append({**row, "largest": max(cpu, default=None), "peak_memory_mb": max(memory, default=None)})
     return rows
 
 

@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pipeline.dataset.failures import FailedObject
@@ -11,16 +11,7 @@ from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, SENSES, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
 from pipeline.publish.report.summary import MeasureSummary
 
-SPEED_ERROR_COLUMNS = (
-    "object",
-    "sense",
-    "setting",
-    "value",
-    "seconds_per_query",
-    "bytes",
-    "error",
-    "error_unit",
-)
+PARTS = ("body", *SENSES, "bytes")
 
 
 def metrics_text(
@@ -47,13 +38,13 @@ def metrics_text(
 
 def object_table(objects: Sequence[MeasuredObject]) -> str:
     """Return one row an object with every number known of it; an empty cell for an unknown one."""
+    stated = [(one, part, name) for one in objects for part in PARTS[:-1] for name in one.part(part)]
+    keys = {(part, name) for one, part, name in stated if number_at(one.part(part), name) is not None}
+    keys |= {(measure.sense, measure.name) for measure in HEADLINE}
+    ordered = sorted(keys, key=lambda key: (PARTS.index(key[0]), key[1]))
+    ordered += [("bytes", name) for name in BYTE_PARTS]
     stages = stage_names(objects)
-    rows: list[dict[str, Any]] = []
-    numbers: dict[str, list[str]] = {}
-    for part in ("body", *SENSES):
-        names = {name for one in objects for name in one.part(part) if _number(one, part, name) is not None}
-        numbers[part] = sorted(names | {measure.name for measure in HEADLINE if measure.sense == part})
-    numbers["bytes"] = list(BYTE_PARTS)
+    rows = []
     for one in objects:
         row: dict[str, Any] = {
             "id": one.object_id,
@@ -61,15 +52,13 @@ def object_table(objects: Sequence[MeasuredObject]) -> str:
             "material": str(one.description.get("material") or ""),
             "audio.audible": "" if "audible" not in one.part("audio") else int(not one.silent),
         }
-        row |= {
-            f"{part}.{name}": _number(one, part, name) for part, names in numbers.items() for name in names
-        }
-        costs = {stage: one.cost(stage) for stage in stages}
-        row |= {f"cpu_seconds.{stage}": cost.cpu_s if cost else None for stage, cost in costs.items()}
+        row |= {f"{part}.{name}": number_at(one.part(part), name) for part, name in ordered}
+        for stage in stages:
+            cost = one.cost(stage)
+            row[f"cpu_seconds.{stage}"] = cost.cpu_s if cost else None
         rows.append(row)
-    columns = ["id", "name", "material", "audio.audible"]
-    columns += [f"{part}.{name}" for part, names in numbers.items() for name in names]
-    return csv_text([*columns, *(f"cpu_seconds.{stage}" for stage in stages)], rows)
+    columns = ["id", "name", "material", "audio.audible", *(".".join(key) for key in ordered)]
+    return _csv([*columns, *(f"cpu_seconds.{stage}" for stage in stages)], rows)
 
 
 def speed_error_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
@@ -82,26 +71,26 @@ def speed_error_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
     ]
 
 
-def csv_text(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> str:
+def speed_error_table(objects: Sequence[MeasuredObject]) -> str:
+    """Return the rows of `speed_error_rows` as CSV."""
+    columns = ("object", "sense", "setting", "value", "seconds_per_query", "bytes", "error", "error_unit")
+    return _csv(columns, speed_error_rows(objects))
+
+
+def _csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     """Return rows as CSV, fractions to eight significant digits, nothing where there is no number."""
     buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(row[column]) for column in columns] for row in rows)
+    writer = csv.DictWriter(buffer, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
     return buffer.getvalue()
-
-
-def _number(one: MeasuredObject, part: str, name: str) -> float | None:
-    return number_at(one.part(part), name)
 
 
 def _rounded(value: float | None) -> float | None:
     return None if value is None else float(f"{value:.8g}")
 
 
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
+def _cell(value: Any) -> Any:
     if isinstance(value, float):
-        return str(int(value)) if value.is_integer() else f"{value:.8g}"
-    return str(value)
+        return int(value) if value.is_integer() else f"{value:.8g}"
+    return value

@@ -20,30 +20,19 @@ TEMPLATES = Path(__file__).parent / "template"
 def template_environment(*folders: Path) -> jinja2.Environment:
     """Return an environment that finds templates in `folders`, then those of the report.
 
-    Returns
-    -------
-    jinja2.Environment
-        With autoescape, strict about names that are not given, with the filters number, digits, megabytes,
-        percent, seconds, licence_link and web_link of `formats`, and with ``script(name)``, which puts a
-        script of these folders into the page.
+    It escapes, is strict about names that are not given, and has the functions of `formats` as filters and
+    ``script(name)``, which puts a script of these folders into the page.
     """
-    loader = jinja2.FileSystemLoader([*folders, TEMPLATES])
     environment = jinja2.Environment(
-        loader=loader,
+        loader=jinja2.FileSystemLoader([*folders, TEMPLATES]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
-        "number": formats.number,
-        "digits": formats.digits,
-        "megabytes": formats.megabytes,
-        "percent": formats.percent,
-        "seconds": formats.seconds,
-        "licence_link": formats.licence_link,
-        "web_link": formats.web_link,
-    }
+    printers = (formats.number, formats.digits, formats.megabytes, formats.percent, formats.seconds)
+    links = (formats.licence_link, formats.web_link)
+    environment.filters |= {function.__name__: function for function in (*printers, *links)}
     environment.globals["script"] = lambda name: Markup(f"<script>{_source(environment, name)}</script>")
     return environment
 

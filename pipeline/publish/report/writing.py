@@ -6,21 +6,22 @@ Everything is a function of the products and the cost table: no time, host or pa
 from collections.abc import Iterable
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
+from objectfolder.atomic import PARTIAL, atomic_write
+from objectfolder.errors import ObjectFolderError
+from pipeline.dataset.archives import REMEDY
 from pipeline.dataset.failures import FailedObject
+from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.dataset.state import PLAYERS
 from pipeline.publish.report.index_page import OBJECTS, render_index
 from pipeline.publish.report.measured_objects import read_objects
-from pipeline.publish.report.pages import PAIRS, write_pages
+from pipeline.publish.report.object_page import PLAYER, ObjectPage, page_name, shown_fingerprint
+from pipeline.publish.report.object_products import UNEXPECTED
 from pipeline.publish.report.summary import summaries
-from pipeline.publish.report.tables import (
-    SPEED_ERROR_COLUMNS,
-    csv_text,
-    metrics_text,
-    object_table,
-    speed_error_rows,
-)
+from pipeline.publish.report.tables import metrics_text, object_table, speed_error_table
 from pipeline.run.costs import read_costs
+
+# Pairs that a page shows of each sense, at most: as many as a verification stores.
+PAIRS = 4
 
 
 def write_report(
@@ -59,16 +60,91 @@ def write_report(
     own: dict[str, list[FailedObject]] = {}
     for failure in known:
         own.setdefault(failure.object, []).append(failure)
-    paged, damaged = write_pages(
-        objects, fidelity_folder.parent, own, reports_folder / OBJECTS, pairs, reports_folder.parent / PLAYERS
-    )
+    ids = ["", *(one.object_id for one in objects), ""]
+    pages = [
+        ObjectPage(one, fidelity_folder.parent, ids[place], ids[place + 2], own.get(one.object_id, ()), pairs)
+        for place, one in enumerate(objects)
+    ]
+    paged, damaged = _write_pages(pages, reports_folder / OBJECTS, reports_folder.parent / PLAYERS)
     known += damaged
     texts = {
         "metrics.json": metrics_text(summaries(objects), objects, known),
         "per_object.csv": object_table(objects),
-        "speed_error.csv": csv_text(SPEED_ERROR_COLUMNS, speed_error_rows(objects)),
+        "speed_error.csv": speed_error_table(objects),
         "index.html": render_index(objects, known, paged),
     }
     for name, text in texts.items():
         with atomic_write(reports_folder / name) as file:
             file.write(text.encode())
+
+
+def _write_pages(
+    pages: Iterable[ObjectPage], folder: Path, cache: Path
+) -> tuple[frozenset[str], list[FailedObject]]:
+    """Write pages, thumbnails and players into `folder`, and remove other files from it.
+
+    Returns
+    -------
+    tuple
+        Ids of the objects that have a page, and why the others have none.
+    """
+    paged, damaged = set(), []
+    wanted: set[str] = set()
+    for page in pages:
+        object_id = page.subject.object_id
+        try:
+            wanted |= _write_page(page, folder, cache)
+            paged.add(object_id)
+        except (ObjectFolderError, *UNEXPECTED) as error:
+            finding, remedy = _unexpected(error)
+            finding = f"{page.subject.stored_name}: {finding}"
+            damaged.append(FailedObject(object_id, "report", finding, remedy))
+    if any(name.endswith(PLAYER) for name in wanted):
+        from pipeline.publish.viewer.static import write_player_assets
+
+        wanted |= write_player_assets(folder)
+    for path in folder.iterdir() if folder.is_dir() else []:
+        if path.name not in wanted and path.is_file():
+            path.unlink()
+    return frozenset(paged), damaged
+
+
+def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
+    """Write the files of a page where they are not there already; return their names."""
+    path = folder / page_name(page.subject.object_id)
+    files = {path.name, path.with_suffix(".webp").name}
+    fingerprint = page.fingerprint()
+    shown, has_player = shown_fingerprint(path)
+    player = page.player
+    kept = files | {player} if has_player else files
+    if shown == fingerprint and all((folder / name).exists() for name in kept):
+        return kept
+    findings: list[str] = []
+    if player:
+        from pipeline.publish.viewer.static import write_player
+
+        try:
+            object_file = page.products.path(OBJECT_FILES.name)
+            files.add(write_player(object_file, folder, page.subject.object_id, cache).name)
+        except (ObjectFolderError, *UNEXPECTED) as error:
+            player = ""
+            findings = [f"player: {_unexpected(error)[0]}"]
+    text, small = page.render(fingerprint, player, findings)
+    _write(path.with_suffix(".webp"), small)
+    _write(path, text.encode())
+    return files
+
+
+def _unexpected(error: Exception) -> tuple[str, str]:
+    """Return finding and remedy."""
+    if isinstance(error, ObjectFolderError):
+        return error.finding, error.remedy
+    return f"not what a report can show ({type(error).__name__}: {error})", REMEDY
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all, without waiting for the disk: it can be made again."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}{PARTIAL}")
+    partial.write_bytes(content)
+    partial.replace(path)
