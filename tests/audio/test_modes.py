@@ -1,6 +1,7 @@
 """From a surface and a material to the product of modes."""
 
 import dataclasses
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,11 @@ from structured_solids import box, material
 
 from objectfolder.audio.modes import modes_of_solid, simulate_modes
 from objectfolder.audio.solid import Solid, clean
-from objectfolder.audio.tetrahedra import fill
-from objectfolder.errors import SimulationError
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product, read_product, write_product
 
 BAR = (0.1, 0.02, 0.01)
+LIMIT_HZ = 25000.0
 
 
 def surface_of(solid: Solid) -> Surface:
@@ -28,7 +28,7 @@ def bar_modes(scale: float = 1.0, max_modes: int = 256, **changes: float) -> Pro
         surface_of(solid),
         solid,
         material(**changes),
-        max_frequency_hz=40000.0 / scale,
+        max_frequency_hz=LIMIT_HZ / scale,
         max_modes=max_modes,
         training_points=120,
         held_out_points=30,
@@ -76,10 +76,14 @@ def test_mode_shapes_have_unit_modal_mass(bar: Product) -> None:
     assert np.all(bar["radiation_weights"] > 0)
 
 
+@cache
+def undamped_bar(scale: float = 1.0) -> Product:
+    return bar_modes(scale, rayleigh_alpha_per_s=0.0, rayleigh_beta_s=0.0)
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_size_scales_frequencies_and_loses_no_mode(scale: float) -> None:
-    undamped = {"rayleigh_alpha_per_s": 0.0, "rayleigh_beta_s": 0.0}
-    bar, other = bar_modes(**undamped), bar_modes(scale, **undamped)
+    bar, other = undamped_bar(), undamped_bar(scale)
     assert len(other["frequencies_hz"]) == len(bar["frequencies_hz"])
     np.testing.assert_allclose(other["eigenvalues"] * scale**2, bar["eigenvalues"], rtol=1e-7)
     here, there = (np.linalg.norm(product["mode_shapes"], axis=(0, 1)) for product in (bar, other))
@@ -93,7 +97,7 @@ def test_too_many_modes_end_the_band_in_a_gap(bar: Product) -> None:
     assert 1 <= kept <= 4
     assert bar["frequencies_hz"][kept - 1] < limit < bar["frequencies_hz"][kept]
     assert fewer.attributes["count_certificate"]["holds"]
-    assert bar.attributes["stated_frequency_limit_hz"] == pytest.approx(40000)
+    assert bar.attributes["stated_frequency_limit_hz"] == pytest.approx(LIMIT_HZ)
 
 
 def test_what_does_not_ring_is_kept_and_counted(bar: Product) -> None:
@@ -128,10 +132,13 @@ def test_repeated_modes_are_the_same_with_any_seed() -> None:
 
 
 def test_a_die_is_silent_and_still_an_object(tmp_path: Path) -> None:
-    die = trimesh.creation.box((0.016, 0.016, 0.016))
-    product = simulate_modes(
-        Surface(die.vertices, die.faces),
+    die = box((2, 2, 2), (0.016, 0.016, 0.016))
+    product = modes_of_solid(
+        surface_of(die),
+        die,
         material(0.37, 2.4e9, density_kg_m3=1190.0),
+        max_frequency_hz=20000.0,
+        max_modes=40,
         training_points=50,
         held_out_points=10,
         seed=0,
@@ -169,14 +176,6 @@ def test_an_open_overlapping_surface_becomes_one_solid_with_the_frequencies_of_a
     assert product.attributes["discretisation"]["bodies"] == 1
     np.testing.assert_allclose(product["frequencies_hz"][[0, 1, 2]], [2631.6, 5134.8, 7146.0], rtol=0.01)
     np.testing.assert_array_equal(product["mode_shapes"], again["mode_shapes"])
-
-
-def test_a_sheet_without_volume_is_refused_by_name() -> None:
-    sheet = Surface(
-        np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
-    )
-    with pytest.raises(SimulationError, match=r"sheet\.obj"):
-        fill(sheet, name="sheet.obj")
 
 
 def test_hidden_points_are_read_where_they_lie() -> None:
@@ -236,7 +235,7 @@ def test_a_scanned_mug_rings(shared_objects: Path) -> None:
 
 def test_the_wall_that_a_solid_lost_is_stated_in_cents() -> None:
     """A plate's bending frequencies are proportional to its thickness: 2 % of it are 34 cents."""
-    solid = box((8, 8, 1), (0.1, 0.1, 0.005))
+    solid = box((2, 2, 1), (0.1, 0.1, 0.005))
     report = {**solid.report, "volume_error": -0.02}
     attributes = modes_of_solid(
         surface_of(solid),

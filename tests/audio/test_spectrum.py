@@ -1,5 +1,6 @@
 """Frequencies of free solids against closed forms and published Ritz values."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from objectfolder.audio.adaptive import what_is_to_come
 from objectfolder.audio.eigen import count_below
 from objectfolder.audio.elasticity import assemble
 from objectfolder.audio.solid import Solid, clean
+from objectfolder.audio.space import Space
 from objectfolder.audio.spectrum import Spectrum, adapt_spectrum, solve_spectrum, space_on
 from objectfolder.audio.subspace import weigh
 
@@ -119,20 +121,26 @@ def test_what_is_to_come_of_an_algebraic_fall(rate: float) -> None:
     np.testing.assert_allclose(what_is_to_come(drops, 4), error[4], rtol=1e-6)
 
 
+@cache
+def plate() -> tuple[Solid, Space]:
+    """A plate some of whose modes are repeated, with its functions of order 3."""
+    solid = box((4, 4, 1), (1, 1, 0.03))
+    return solid, space_on(solid, 3, 1.0)[0]
+
+
+@cache
+def modes_of_plate(max_modes: int) -> Spectrum:
+    solid, space = plate()
+    return solve_spectrum(space, solid.component, 0.3, below=25.0, max_modes=max_modes, seed=0)
+
+
 @pytest.mark.parametrize("max_modes", [12, 60])
 def test_modes_from_a_start_are_those_found_from_scratch(max_modes: int) -> None:
     """Inverse iteration at the limit from modes of fewer functions against Lanczos; some are repeated."""
-    solid = box((6, 6, 1), (1, 1, 0.03))
-    settings: dict[str, Any] = {"below": 20.0, "max_modes": max_modes, "seed": 0}
-    found = adapt_spectrum(
-        space_on(solid, 3, 1.0)[0],
-        solid.component,
-        0.3,
-        accuracy_cents=1e-3,
-        max_unknowns=10**6,
-        **settings,
-    )
-    scratch = solve_spectrum(space_on(solid, 3, 1.0)[0], solid.component, 0.3, **settings)
+    solid, space = plate()
+    settings: dict[str, Any] = {"below": 25.0, "max_modes": max_modes, "seed": 0}
+    found = adapt_spectrum(space, solid.component, 0.3, accuracy_cents=1e-3, max_unknowns=10**6, **settings)
+    scratch = modes_of_plate(max_modes)
     assert found.unknowns == scratch.unknowns
     assert found.certificate == scratch.certificate
     np.testing.assert_allclose(found.eta_squared, scratch.eta_squared, rtol=1e-5)
@@ -143,10 +151,9 @@ def test_modes_from_a_start_are_those_found_from_scratch(max_modes: int) -> None
 
 
 def test_a_start_that_lacks_modes_is_not_believed() -> None:
-    solid = box((6, 6, 1), (1, 1, 0.03))
-    space = space_on(solid, 3, 1.0)[0]
-    settings: dict[str, Any] = {"below": 20.0, "max_modes": 60, "seed": 0}
-    whole = solve_spectrum(space, solid.component, 0.3, **settings)
+    solid, space = plate()
+    settings: dict[str, Any] = {"below": 25.0, "max_modes": 60, "seed": 0}
+    whole = modes_of_plate(60)
     lacking = whole.eta_squared[::2], whole.vectors[:, :, ::2]
     found = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
     np.testing.assert_allclose(found.eta_squared, whole.eta_squared, rtol=1e-7)
@@ -156,10 +163,9 @@ def test_a_start_that_lacks_modes_is_not_believed() -> None:
 def test_modes_that_the_start_has_not_are_found_by_their_count(
     missing: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solid = box((6, 6, 1), (1, 1, 0.03))
-    space = space_on(solid, 3, 1.0)[0]
-    settings: dict[str, Any] = {"below": 20.0, "max_modes": 60, "seed": 0}
-    whole = solve_spectrum(space, solid.component, 0.3, **settings)
+    solid, space = plate()
+    settings: dict[str, Any] = {"below": 25.0, "max_modes": 60, "seed": 0}
+    whole = modes_of_plate(60)
     lacking = whole.eta_squared[:-missing], whole.vectors[:, :, :-missing]
     assert len(lacking[0]) > missing + 8
     # Not by a search from scratch.
