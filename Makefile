@@ -28,9 +28,10 @@ hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the 
 	objectfolder fetch --table data/objects.csv
 	$(MAKE) --no-print-directory dataset OBJECTS=data/objects.csv
 
+# One process more than there are processors: tests of clusters wait most of their time.
 test: $(STAMP) ## Check style, types and imports, and run all tests
 	$(MAKE) --no-print-directory lint
-	pytest -n auto
+	pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
 lint: $(STAMP) ## Check style, types and imports
 	ruff check .

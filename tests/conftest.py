@@ -42,8 +42,11 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Remember what was collected, before any of it is deselected or shuffled."""
+    """Remember what was collected, before any of it is deselected or shuffled; a browser is slow."""
     config.stash[COLLECTED] = [item.nodeid for item in items]
+    for item in items:
+        if "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")

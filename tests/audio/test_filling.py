@@ -138,6 +138,7 @@ def test_needles_do_not_hurt() -> None:
     assert solid.volume_m3 == pytest.approx(0.1 * 0.03 * 0.02, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_cylinder_of_200_triangles() -> None:
     cylinder = trimesh.creation.cylinder(0.03, 0.1, sections=50)
     assert len(cylinder.faces) == 200
@@ -215,6 +216,7 @@ def test_a_closed_ball_with_a_shell_is_a_hollow_sphere() -> None:
     assert solid.volume_m3 == pytest.approx(truth, rel=0.06)
 
 
+@pytest.mark.slow
 def test_out_of_time_a_lattice_answers() -> None:
     vertices, faces = bumpy()
     solid = fill(Surface(vertices, faces), Filling(time_limit_s=1, lattice_nodes=6000))

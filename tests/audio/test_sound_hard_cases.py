@@ -109,8 +109,8 @@ def even_plate(cells: int, thickness: float) -> Solid:
     ("make", "thickness", "options", "tolerance"),
     [
         (plate, 0.1, DEFAULT, 1.1e-3),
-        (plate, 0.05, DEFAULT, 1e-3),
-        (plate, 0.01, DEFAULT, 1.3e-3),
+        pytest.param(plate, 0.05, DEFAULT, 1e-3, marks=pytest.mark.slow),
+        pytest.param(plate, 0.01, DEFAULT, 1.3e-3, marks=pytest.mark.slow),
         (even_plate, 0.002, DEFAULT, 4e-2),
         pytest.param(plate, 0.1, FINEST, 1e-4, marks=pytest.mark.slow),
         pytest.param(plate, 0.002, FINEST, 2.5e-4, marks=pytest.mark.slow),
@@ -190,6 +190,7 @@ def test_two_bars_that_touch_along_an_edge_ring_as_two() -> None:
     np.testing.assert_allclose(found["frequencies_hz"], np.repeat(single, 2), rtol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["scale 1e-3", "scale 240", "moved", "vertex order"])
 def test_size_place_and_vertex_order_leave_the_spectrum(change: str) -> None:
     surface, scale = bar(), 1.0

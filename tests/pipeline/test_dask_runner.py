@@ -170,6 +170,7 @@ def test_a_worker_killed_while_it_starts_is_replaced(toys):
     assert end.outcome.failure is None
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_ends_the_run(toys):
     with contextlib.ExitStack() as stack:
         address, process = stack.enter_context(scheduler(toys.root))
@@ -185,6 +186,7 @@ def test_a_scheduler_that_dies_ends_the_run(toys):
             run_until_killed()
 
 
+@pytest.mark.slow
 def test_no_scheduler_and_no_workers_are_said_so(toys):
     gone = Place(address="tcp://127.0.0.1:9", reconnect_s=0.5)
     with pytest.raises(SimulationError, match="no scheduler answers"), runner(gone, toys.root, 3):

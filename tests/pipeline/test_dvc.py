@@ -9,6 +9,7 @@ def repository(toys) -> Repository:
     return Repository(toys)
 
 
+@pytest.mark.slow
 def test_life_of_a_data_set(repository):
     toys = repository.toys
     assert len(repository.repro()) == 9
@@ -48,6 +49,7 @@ def test_life_of_a_data_set(repository):
     assert not list(toys.root.glob("data/*/dish*"))
 
 
+@pytest.mark.slow
 def test_failure_stops_the_stages_behind_it_and_is_made_good(repository):
     toys = repository.toys
     toys.add("cup", "poison raise ValueError('no cup')")

@@ -56,6 +56,7 @@ def test_killed_between_the_two_kinds_of_a_stage(toys, monkeypatch):
     assert len({products.read_fingerprint(path) for path in files}) == 1
 
 
+@pytest.mark.slow
 def test_interrupted_by_the_keyboard_ends_all_processes(toys):
     toys.set_parameter("training_views", 20000)
     toys.save()

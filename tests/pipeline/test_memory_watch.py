@@ -184,6 +184,7 @@ def control_group():
     pytest.skip("no control group can be made here (needs root, and the memory controller)")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("expected", "finding", "remedy"),
     [

@@ -122,6 +122,7 @@ def _start(place, root):
         pytest.fail("it started")
 
 
+@pytest.mark.slow
 def test_a_worker_killed_while_it_starts_is_started_again(root, capfd):
     """Other users of this machine cannot reach the scheduler, either."""
     killer = threading.Thread(target=_kill_a_starting_worker)

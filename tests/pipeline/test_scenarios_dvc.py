@@ -11,6 +11,7 @@ def repository(toys) -> Repository:
     return Repository(toys)
 
 
+@pytest.mark.slow
 def test_products_made_at_once_are_kept_by_every_stage_of_dvc(repository):
     assert repository.make() == sorted(
         f"{stage} {object_id}" for stage in ("ingest", "tune", "encode") for object_id in OBJECTS

@@ -29,7 +29,9 @@ def reference(surface: Surface, poses: np.ndarray, held: bool = False) -> tuple[
         return done.result()
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize(
+    "name", ["box", *(pytest.param(name, marks=pytest.mark.slow) for name in SURFACES if name != "box")]
+)
 def test_images_agree_with_opengl(name: str) -> None:
     surface = SURFACES[name]
     points = surface.sample(6, 2).points
@@ -64,6 +66,7 @@ def test_the_untouched_gel_agrees_with_opengl_to_a_grey_level() -> None:
     assert np.abs(images[0].astype(int) - no_contact_image(SENSOR)).max() <= 1
 
 
+@pytest.mark.slow
 def test_a_mesh_held_by_opengl_looks_as_one_handed_over_at_each_pose() -> None:
     surface = SURFACES["bumpy ball"]
     touch = press(surface, SENSOR, surface.sample(3, 4).points, depth_m=0.001)
