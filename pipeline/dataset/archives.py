@@ -19,6 +19,10 @@ REMEDY = "Delete it; a run makes it again."
 LARGEST_JSON_BYTES = 64_000_000
 LARGEST_PRODUCT_BYTES = 8_000_000_000  # of all arrays together, as they are in memory
 MOST_CHUNKS = 1_000_000
+UNREADABLE = (
+    zipfile.BadZipFile, struct.error, zlib.error, OSError, EOFError, LookupError, TypeError, ValueError,
+    RuntimeError, AttributeError,
+)  # fmt: skip
 ITEM_BYTES = {
     "bool": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "float16": 2, "int32": 4, "uint32": 4,
     "float32": 4, "complex64": 8, "int64": 8, "uint64": 8, "float64": 8, "complex128": 16,
@@ -50,9 +54,7 @@ def read_attributes(path: Path) -> dict[str, Any]:
             attributes = read_json(archive, archive.getinfo("zarr.json"))["attributes"]
     except FileNotFoundError:
         raise
-    except (
-        zipfile.BadZipFile, struct.error, OSError, EOFError, LookupError, TypeError, ValueError, RuntimeError,
-    ) as error:  # fmt: skip
+    except UNREADABLE as error:
         raise FormatError(str(path), f"not a readable product ({error})", REMEDY) from error
     if not isinstance(attributes, dict):
         raise FormatError(str(path), "not a readable product (its attributes have no names)", REMEDY)
@@ -71,10 +73,7 @@ def check(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             _check(archive)
             damaged = archive.testzip()
-    except (
-        zipfile.BadZipFile, struct.error, zlib.error, OSError, EOFError, LookupError, TypeError, ValueError,
-        RuntimeError, AttributeError,
-    ) as error:  # fmt: skip
+    except UNREADABLE as error:
         raise FormatError(str(path), f"unreadable ({error})", REMEDY) from error
     if damaged is not None:
         raise FormatError(str(path), f"entry {damaged} is damaged", REMEDY)
@@ -82,9 +81,10 @@ def check(path: Path) -> None:
 
 def _check(archive: zipfile.ZipFile) -> None:
     entries = archive.infolist()
-    if len({entry.filename for entry in entries}) != len(entries):
+    names = {entry.filename for entry in entries}
+    if len(names) != len(entries):
         raise ValueError("an entry is there twice")
-    if "zarr.json" not in {entry.filename for entry in entries}:
+    if "zarr.json" not in names:
         raise ValueError("no group of Zarr 3")
     arrays: dict[str, int] = {}
     total = 0
@@ -115,14 +115,10 @@ def read_json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
 
 
 def _check_group(said: dict[str, Any]) -> None:
-    more = said.keys() - {"attributes", "zarr_format", "node_type"}
-    if (
-        said["zarr_format"] != 3
-        or said["node_type"] != "group"
-        or not isinstance(said["attributes"], dict)
-        or more
-    ):
-        raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(more)}")
+    if {**said, "attributes": {}} != {"zarr_format": 3, "node_type": "group", "attributes": {}}:
+        raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(said)}")
+    if not isinstance(said["attributes"], dict):
+        raise TypeError("its attributes have no names")
 
 
 def described_bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:

@@ -142,14 +142,7 @@ def read_parameters(path: Path) -> Parameters:
     if file.size not in file.sizes:
         known = ", ".join(file.sizes)
         raise InputError(path.name, f"size: {file.size!r} is not described", f"Known sizes are {known}.")
-    described = file.sizes[file.size]
-    return Parameters(
-        size=file.size,
-        seed=file.seed,
-        allow_failures=file.allow_failures,
-        objects=file.objects,
-        vision=described.vision,
-        audio=described.audio,
-        touch=described.touch,
-        encode=described.encode,
-    )
+    shared = {
+        name: value for name, value in vars(file).items() if name in CommonParameters.__dataclass_fields__
+    }
+    return Parameters(**shared, **vars(file.sizes[file.size]))

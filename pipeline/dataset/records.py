@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 MATERIALS = Path("data/materials.csv")
 RECORDS = Path("data/records.json")
+STATED = ("source", "licence", "attribution")
 # As the table's own check: an id names files, and must not lead out of their folder.
 SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
 
@@ -82,9 +83,7 @@ def sources(row: Mapping[str, Any]) -> dict[str, Path]:
 
 def write_records(root: Path, records: Records) -> None:
     """Write what later stages read of the objects, atomically."""
-    handed_on = (
-        "name", "material", "material_citation", "appearance", "walls", "source", "licence", "attribution",
-    )  # fmt: skip
+    handed_on = ("name", "material", "material_citation", "appearance", "walls", *STATED)
     content = {
         "objects": {
             object_id: {field: row[field] for field in handed_on} for object_id, row in records.rows.items()
@@ -122,16 +121,10 @@ def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
     }
     physical = {key: value for key, value in asdict(material).items() if key not in (*appearance, "citation")}
     return {
-        "name": record.name,
-        "mesh": record.mesh,
-        "texture": record.texture,
-        "length_m": record.length_m,
+        **{name: getattr(record, name) for name in ("name", "mesh", "texture", "length_m", *STATED)},
         "file_names": [record.mesh.name, record.texture.name if record.texture else None],
         "material": physical,
         "material_citation": material.citation,
         "appearance": appearance,
         "walls": {"wall_m": record.wall_m, "shell_m": record.shell_m},
-        "source": record.source,
-        "licence": record.licence,
-        "attribution": record.attribution,
     }

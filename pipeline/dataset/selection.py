@@ -1,7 +1,8 @@
 """Choosing objects in ``params.yaml``, with its comments kept."""
 
 from pathlib import Path
-from typing import Any
+
+from ruamel.yaml import YAML
 
 from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
@@ -45,20 +46,11 @@ def select(path: Path, table: str | None, only: str | None) -> list[str]:
         was, now = ("all" if not ids else ", ".join(ids) for ids in (before.only, wanted_only))
         changes.append(f"{path.name}: objects.only is now {now} (was {was})")
     if changes:
-        _edit(path, wanted_table, wanted_only)
+        yaml = YAML()
+        yaml.preserve_quotes, yaml.width = True, 4096
+        content = yaml.load(path.read_text(encoding="utf-8"))
+        content["objects"]["table"] = wanted_table
+        content["objects"]["only"][:] = wanted_only  # in place: the list keeps its style and comments
+        with atomic_write(path) as file:
+            yaml.dump(content, file)
     return changes
-
-
-def _edit(path: Path, table: str, only: list[str]) -> None:
-    from ruamel.yaml import YAML
-
-    yaml = YAML()
-    yaml.preserve_quotes = True
-    yaml.width = 4096
-    content = yaml.load(path.read_text(encoding="utf-8"))
-    content["objects"]["table"] = table
-    # In place, so that the list keeps its style and comments.
-    ids: Any = content["objects"]["only"]
-    ids[:] = only
-    with atomic_write(path) as file:
-        yaml.dump(content, file)

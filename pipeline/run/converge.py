@@ -20,7 +20,7 @@ from pipeline.dataset.task import Failure
 from pipeline.dataset.verified import Verified
 from pipeline.run.costs import Costs
 from pipeline.run.failure_table import failure_table
-from pipeline.run.flow import COMPUTED, FAILED, KEPT, RESTORED, Flow
+from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
 from pipeline.run.run_log import write_failures
 from pipeline.run.run_record import RunRecord
@@ -110,8 +110,8 @@ def converge(
                 _run(jobs, flow, runner_for, costs, record, progress)
         finally:
             progress.close()
-            for stage in stages:
-                _sweep(stage, root)
+            for kind in (kind for stage in stages for kind in stage.products):
+                kind.sweep(root)
             verified.save()
             memo.prune(root)
         summaries = [_summary(stage.name, flow, removed[stage.name]) for stage in stages]
@@ -161,7 +161,7 @@ def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
     """Remove half-written files, and products of objects not listed; return the ids of those."""
     for kind in stage.products:
         (root / kind.folder).mkdir(parents=True, exist_ok=True)
-    _sweep(stage, root)
+        kind.sweep(root)
     present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
     unlisted = sorted(present - set(listed))
     for object_id in unlisted:
@@ -170,24 +170,12 @@ def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
     return tuple(unlisted)
 
 
-def _sweep(stage: Stage, root: Path) -> None:
-    """Remove half-written files of killed processes."""
-    for kind in stage.products:
-        kind.sweep(root)
-
-
 def _summary(stage: str, flow: Flow, removed: tuple[str, ...]) -> Summary:
-    by_outcome: dict[str, list[str]] = {KEPT: [], RESTORED: [], COMPUTED: [], FAILED: []}
-    for object_id, outcome in flow.outcomes(stage).items():
-        by_outcome[outcome].append(object_id)
-    return Summary(
-        stage,
-        tuple(by_outcome[KEPT]),
-        tuple(by_outcome[RESTORED]),
-        tuple(sorted(by_outcome[COMPUTED])),
-        removed,
-        tuple(flow.failures(stage)),
+    kept, restored, computed = (
+        tuple(object_id for object_id, one in flow.outcomes(stage).items() if one == outcome)
+        for outcome in (KEPT, RESTORED, COMPUTED)
     )
+    return Summary(stage, kept, restored, tuple(sorted(computed)), removed, tuple(flow.failures(stage)))
 
 
 def _first_failures(summaries: Sequence[Summary]) -> list[Failure]:

@@ -1,7 +1,5 @@
 """Failures as a table for people."""
 
-import shutil
-import textwrap
 from collections.abc import Sequence
 
 from pipeline.dataset.task import Failure
@@ -9,19 +7,16 @@ from pipeline.dataset.task import Failure
 
 def failure_table(failures: Sequence[Failure], width: int | None = None) -> str:
     """Return failures as a table of object, error and remedy; empty without any."""
+    # Imported here: most runs have no failure.
+    from rich.console import Console
+    from rich.table import Table
+
     if not failures:
         return ""
-    width = width or shutil.get_terminal_size((110, 24)).columns
-    first = min(32, max(6, *(len(failure.object_id) for failure in failures)))
-    rest = max(24, (width - first - 4) // 2)
-    lines = [f"{'object':<{first}}  {'error':<{rest}}  remedy"]
+    table = Table("object", "error", "remedy", box=None, padding=(0, 2, 0, 0), highlight=False)
     for failure in failures:
-        cells = (
-            textwrap.wrap(failure.object_id, first) or [""],
-            textwrap.wrap(failure.error, rest) or [""],
-            textwrap.wrap(failure.remedy, rest) or [""],
-        )
-        for row in range(max(map(len, cells))):
-            name, error, remedy = (cell[row] if row < len(cell) else "" for cell in cells)
-            lines.append(f"{name:<{first}}  {error:<{rest}}  {remedy}".rstrip())
-    return "\n".join(lines)
+        table.add_row(failure.object_id, failure.error, failure.remedy)
+    console = Console(width=width, markup=False, highlight=False, color_system=None)
+    with console.capture() as shown:
+        console.print(table)
+    return "\n".join(line.rstrip() for line in shown.get().splitlines())
