@@ -167,6 +167,7 @@ def test_a_nearly_incompressible_ball_does_not_lock(poisson_ratio: float, order:
     assert truth.multiplicities[:2].tolist() == [5, 5]
 
 
+@pytest.mark.slow
 def test_two_bodies_have_the_modes_of_both() -> None:
     """A bar, and one 1.25 times as large: the spectra side by side, 12 rigid motions."""
     one, two = box((6, 2, 1), (0.1, 0.02, 0.01)), box((6, 2, 1), (0.125, 0.025, 0.0125))
@@ -259,6 +260,7 @@ def test_without_damping_nothing_decays_and_nothing_is_nan() -> None:
     assert found["frequencies_hz"].min() > 100
 
 
+@pytest.mark.slow
 def test_beta_1e_4_silences_what_lies_above_its_limit() -> None:
     """c = beta lambda / 2 reaches omega at omega = 2 / beta, 3183 Hz: kept, counted, and without a tone."""
     creeping = ring(bar(), 20000.0, material(rayleigh_alpha_per_s=0.0, rayleigh_beta_s=1e-4))

@@ -53,6 +53,7 @@ def test_a_task_that_grows_beyond_its_limit_is_ended_and_the_next_one_runs(toys,
         assert child.run(good).failure is None
 
 
+@pytest.mark.slow
 def test_peak_counts_what_a_task_started(toys):
     body = IN_A_CHILD.replace("range(300)", "range(40)").replace("sleep(60)", "sleep(1)")
     small, starts = calls_of(toys, ["small", "starts"], {"starts": body})
