@@ -18,11 +18,13 @@ from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.points import point_rows
 from objectfolder.geometry.surface import ClosestPoints, Surface
-from objectfolder.geometry.surface_codec import decode_surface
-from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.geometry.surface_codec import LARGEST_COORDINATE_M, decode_surface
+from objectfolder.stored_values import check_body, check_material, number, numbers
+from objectfolder.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.touch.press import Touches
 from objectfolder.touch.touchnet import TouchNet
 from objectfolder.vision.sight_queries import SightQueries
+from objectfolder.vision.sparse_grid import HALF_WIDTH
 from objectfolder.vision.visionnet import VisionNet
 
 FORMAT = "objectfolder"
@@ -121,7 +123,9 @@ class ObjectFile(SightQueries, SoundQueries):
     def of_tensors(cls, tensors: Mapping[str, np.ndarray], description: Mapping[str, Any]) -> "ObjectFile":
         """Build the object from stored tensors, checking every one of them."""
         surface = decode_surface(dict(tensors))
-        frame = UnitFrame.from_dict(description["frame"])
+        frame = _frame_around(surface, description["frame"])
+        check_body(description["body"])
+        check_material(description["material"])
         vision = VisionNet.from_tensors(tensors, description["vision"], surface, frame)
         modes = AudioNet.from_tensors(tensors, description["audio"], surface)
         touch = TouchNet.from_tensors(tensors, description["touch"], surface)
@@ -153,8 +157,8 @@ class ObjectFile(SightQueries, SoundQueries):
             description = {key: json.loads(content.metadata[key]) for key in REQUIRED}
             return cls.of_tensors(content.tensors, description)
         except FormatError as error:
-            raise FormatError(where, str(error), "Fetch or build it again.") from error
-        except (KeyError, ValueError, TypeError, IndexError, RecursionError) as error:
+            raise FormatError(where, f"{error.where}: {error.finding}", "Fetch or build it again.") from error
+        except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, RecursionError) as error:
             raise FormatError(
                 where, f"incomplete ({type(error).__name__}: {error})", "Fetch or build it again."
             ) from error
@@ -274,3 +278,20 @@ class ObjectFile(SightQueries, SoundQueries):
         """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3)."""
         samples = self.surface.sample(count, seed)
         return samples.points, samples.normals
+
+
+def _frame_around(surface: Surface, stored: Mapping[str, Any]) -> UnitFrame:
+    """Return the stored unit frame, whose box is the surface's but for what compression moves.
+
+    Raises
+    ------
+    FormatError
+        Another box.
+    """
+    numbers("frame.centre", stored["centre"], (3,), LARGEST_COORDINATE_M)
+    number("frame.scale", stored["scale"], 1 / LARGEST_COORDINATE_M, LARGEST_COORDINATE_M)
+    frame = UnitFrame.from_dict(dict(stored))
+    box = frame.to_unit(surface.bounds)
+    if np.abs(box).max() > HALF_WIDTH or np.ptp(box, axis=0).max() < HALF_WIDTH:
+        raise FormatError("frame", "it is not that of the surface", REMEDY)
+    return frame

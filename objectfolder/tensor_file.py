@@ -160,7 +160,8 @@ def _checked_metadata(where: str, header: Mapping[str, Any], data_size: int) -> 
         try:
             (begin, end), shape = entry["data_offsets"], entry["shape"]
             expected = math.prod(shape) * DTYPES[entry["dtype"]].itemsize
-            whole = all(isinstance(number, int) and number >= 0 for number in (begin, end, *shape))
+            # Types, not instances: true and false are integers to Python, and no sizes to numpy.
+            whole = all(type(number) is int and number >= 0 for number in (begin, end, *shape))
         except (KeyError, TypeError, ValueError) as error:
             raise FormatError(where, f"array {name} is not described ({error!r})", REMEDY) from error
         if not whole or end - begin != expected:

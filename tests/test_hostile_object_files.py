@@ -12,16 +12,18 @@ import numpy as np
 import pytest
 
 from objectfolder.audio import audionet
-from objectfolder.errors import FormatError
+from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry import surface_codec
 from objectfolder.object_file import ObjectFile
 from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.touch.sensor import Sensor
 from objectfolder.unpacking import unpack_deflate, unpack_lzma
 from objectfolder.vision.sparse_grid import LARGEST_RESOLUTION, SparseGrid
 
 MEGABYTE = 1 << 20
 ENOUGH = 96 * MEGABYTE  # the window of LZMA's preset alone is 64
 BOMB = bytes(256 * MEGABYTE)
+BODY = {"filled_mass_kg": 1.0, "mass_kg": 1.0, "centre_of_mass_m": [0.0] * 3}
 QUICK = [{"id": lzma.FILTER_LZMA2, "preset": 0}]
 
 Tensors = dict[str, np.ndarray]
@@ -50,7 +52,7 @@ def changed(small_file: Path, tmp_path: Path) -> Callable[[Tensors, Metadata], P
     def write(tensors: Tensors, fields: Metadata) -> Path:
         metadata = dict(content.metadata)
         for key, values in fields.items():
-            metadata[key] = {**json.loads(metadata[key]), **values}
+            metadata[key] = json.dumps({**(json.loads(metadata[key]) or {}), **values})
         path = tmp_path / "hostile.safetensors"
         write_tensor_file(path, TensorFile({**content.tensors, **tensors}, metadata))
         return path
@@ -134,7 +136,60 @@ def test_coefficients_of_more_modes_and_points_than_any_object_has(size, changed
         "audio.coefficients": np.zeros(12 * modes, np.uint8),
         **{f"audio.{name}": np.zeros(modes) for name in audionet.MODE_TENSORS},
     }
-    refused(changed(tensors, {"audio": size}), f"{modes} modes, {points} control points")
+    refused(changed(tensors, {"audio": size}), r"audio\.(control_points|modes): \d+ is no number within 0 to")
+
+
+def test_fields_that_no_object_has(subtests, changed):
+    sensor = Sensor().to_dict()
+    for part, fields, match in [
+        ("frame", {"scale": 0.0}, "frame.scale: 0.0 is no number"),
+        ("frame", {"scale": True}, "frame.scale: True is no number"),
+        ("frame", {"centre": [1e3, 0.0, 0.0]}, "frame: it is not that of the surface"),
+        ("vision", {"grid_resolution": float("inf")}, "vision.grid_resolution: inf is no number"),
+        ("vision", {"radiance_scale": float("nan")}, "vision.radiance_scale: nan is no number"),
+        ("audio", {"modes": 1.5}, "audio.modes: 1.5 is no "),
+        ("audio", {"kernel": 3}, "audio metadata"),
+        ("body", {"filled_mass_kg": [[0.1]]}, r"body.filled_mass_kg: \[\[0.1\]\] is no number"),
+        ("body", {**BODY, "inertia_kg_m2": [[1.0]]}, "body.inertia_kg_m2: .* is not of shape"),
+        ("material", {"youngs_modulus_pa": "steel"}, "material.youngs_modulus_pa: 'steel' is no number"),
+        ("touch", {"sensor": []}, "touch.sensor"),
+        ("touch", {"sensor": {**sensor, "gel_width_m": {}}}, "touch.sensor.gel_width_m: {} is no number"),
+        ("touch", {"sensor": {**sensor, "near_m": "1"}}, "touch.sensor.near_m: '1' is no number"),
+        ("touch", {"sensor": {**sensor, "gel_apex_m": [0.0]}}, "gel_apex_m: .* is not of shape"),
+        ("touch", {"sensor": {**sensor, "light_colors": [{}] * 3}}, "touch.sensor.light_colors.0"),
+        ("touch", {"sensor": {**sensor, "light_colors": [[0.1] * 3] * 1000}}, "light_colors: 1000 is no"),
+        ("touch", {"sensor": {**sensor, "image_height": 5000, "image_width": 5000}}, "100000000 rays"),
+    ]:  # fmt: skip
+        with subtests.test(part=part, fields=str(fields)[:60]):
+            refused(changed({}, {part: fields}), match)
+
+
+def test_numbers_that_no_network_has(subtests, changed, small_file):
+    tensors = read_tensor_file(small_file).tensors
+    for name, value in [
+        ("vision.direct.0.bias", np.nan),
+        ("vision.tables.3", np.inf),
+        ("audio.eigenvalues", 1e300),
+        ("surface.origin", 1e7),
+        ("surface.step", 1e300),
+    ]:
+        with subtests.test(name=name):
+            refused(changed({name: np.full_like(tensors[name], value)}, {}), name.split(".")[0])
+
+
+def test_gains_that_no_body_has(changed, small_file):
+    step = read_tensor_file(small_file).tensors["audio.step"]
+    struck = ObjectFile.load(changed({"audio.step": step * 1e9}, {}))
+    points, normals = struck.sample_contacts(1, seed=0)
+    with pytest.raises(FormatError, match="gains of"):
+        struck.strike(points, -normals, 0.01)
+
+
+def test_a_camera_that_sees_past_the_gel(changed):
+    sensor = {**Sensor().to_dict(), "camera_position_m": [-0.03, 0.0, 0.015]}
+    pressed = ObjectFile.load(changed({}, {"touch": {"sensor": sensor}}))
+    with pytest.raises(QueryError, match="past the gel"):
+        pressed.press(pressed.sample_contacts(1, seed=0)[0])
 
 
 def test_nesting_in_the_header_and_in_the_metadata(changed, small_file):

@@ -22,6 +22,7 @@ from objectfolder.audio.surface_kernel import KernelParameters, SurfaceKernel
 from objectfolder.errors import FormatError
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
+from objectfolder.stored_values import number, whole_number
 from objectfolder.unpacking import unpack_lzma
 
 Floats = NDArray[np.float64]
@@ -36,8 +37,16 @@ ROWS = 16
 LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9}]
 # Several times what any object has needed; a larger number in a file is no reason to set memory aside.
 LARGEST_DIMENSIONS = 16
-LARGEST_POINTS = 1 << 14
-LARGEST_COEFFICIENTS = 1 << 24
+LARGEST_POINTS = 1 << 12
+LARGEST_MODES = 1 << 12
+LARGEST_COEFFICIENTS = 1 << 22
+LARGEST_VALUE = 1e15  # of an eigenvalue: 5 MHz
+KERNEL_RANGES = {
+    "length": (1e-6, 1e6),
+    "normal_weight": (0.0, 1e6),
+    "detour_weight": (0.0, 1e6),
+    "ridge": (1e-15, 1e6),
+}
 
 
 class AudioNet:
@@ -87,15 +96,16 @@ class AudioNet:
             says, with values that cannot be, or damaged.
         """
         try:
-            modes, points = int(metadata["modes"]), int(metadata["control_points"])
-            dimensions = int(metadata["detour_dimensions"])
-            KernelParameters(**metadata["kernel"])
-            if (
-                not 0 <= dimensions <= LARGEST_DIMENSIONS
-                or points > LARGEST_POINTS
-                or 3 * modes * points > LARGEST_COEFFICIENTS
-            ):
-                raise ValueError(f"{modes} modes, {points} control points, {dimensions} detour dimensions")
+            points = whole_number("audio.control_points", metadata["control_points"], 0, LARGEST_POINTS)
+            modes = whole_number(
+                "audio.modes", metadata["modes"], 0, LARGEST_COEFFICIENTS // max(1, 3 * points)
+            )
+            dimensions = whole_number(
+                "audio.detour_dimensions", metadata["detour_dimensions"], 0, LARGEST_DIMENSIONS
+            )
+            kernel = asdict(KernelParameters(**metadata["kernel"]))
+            for name, value in kernel.items():
+                number(f"audio.kernel.{name}", value, *KERNEL_RANGES[name])
         except (KeyError, TypeError, ValueError) as error:
             raise FormatError(
                 "Object File", f"audio metadata: {type(error).__name__} {error}", "Make it again."
@@ -125,8 +135,9 @@ class AudioNet:
             known[f"audio.{name}"] = tensor
         for name in (*MODE_TENSORS, "step"):
             values = known[f"audio.{name}"]
-            if not np.isfinite(values).all() or (values < 0).any():
-                raise FormatError("Object File", f"audio.{name} is negative or not finite", "Make it again.")
+            if not ((values >= 0) & (values <= LARGEST_VALUE)).all():
+                finding = f"audio.{name} is negative, not finite or above {LARGEST_VALUE:g}"
+                raise FormatError("Object File", finding, "Make it again.")
         faces = known["audio.control_faces"]
         if len(faces) and (faces.min() < 0 or faces.max() >= len(surface.faces)):
             raise FormatError("Object File", "audio.control_faces names faces that are not there")

@@ -1,5 +1,6 @@
 """What an Object File answers when it is struck."""
 
+import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Any
@@ -9,10 +10,18 @@ import numpy as np
 from objectfolder.audio.audionet import AudioNet
 from objectfolder.audio.object_stream import ObjectStream
 from objectfolder.audio.synthesis.bank import samples_of
+from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.struck_body import Pulse, RigidBody, StruckBody
-from objectfolder.errors import QueryError
+from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry.points import point_rows
 from objectfolder.geometry.surface import ClosestPoints, Surface
+from objectfolder.tensor_file import REMEDY
+
+# A rigid motion has 1 everywhere; the light tip of a heavy body has more, the starter set 15 at most.
+LARGEST_SHAPE = 1e3
+LARGEST_FORCE = 1e12
+SHORTEST_PULSE_S = 1e-12
+LEAST_KG = 1e-9  # of a body whose mass is not known
 
 
 class SoundQueries(ABC):
@@ -73,8 +82,12 @@ class SoundQueries(ABC):
         QueryError
             A contact off the surface (with its distance), or values that are not finite; a listener to an
             object of unknown mass.
+        FormatError
+            A file whose gains no body of its mass has.
         """
         contacts, pushes, ears = self._sound_query(points, forces, listener)
+        duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
+        _check_pulse(pulse)
         body = self._struck_body(modes)
         samples = samples_of(duration, sample_rate)
         sound = np.empty((len(contacts), 1 if ears is None else len(ears), samples), dtype=np.float32)
@@ -95,6 +108,8 @@ class SoundQueries(ABC):
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Sound any number of contacts in bounded memory: yield rows and what `strike` answers for them."""
         contacts, pushes, ears = self._sound_query(points, forces, listener)
+        duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
+        _check_pulse(pulse)
         body = self._struck_body(modes)
         for rows, part in body.sounds(contacts, pushes, duration, sample_rate, pulse=pulse, listeners=ears):
             yield rows, part[:, 0] if listener is None or np.ndim(listener) < 2 else part
@@ -115,18 +130,43 @@ class SoundQueries(ABC):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Return contacts on the surface (n, 3), a force each, and listeners (channels, 3)."""
         contacts = self.project(points).points
-        pushes = np.asarray(forces, dtype=np.float64)
-        if pushes.ndim != 3:
-            pushes = point_rows(pushes, "forces")
-        elif pushes.shape[2] != 3 or not np.isfinite(pushes).all():
-            raise QueryError("forces", f"shape {pushes.shape}, or not finite", "Give (n, k, 3) newtons.")
+        if np.ndim(forces) != 3:
+            pushes = point_rows(forces, "forces")
+        else:
+            pushes = point_rows(np.reshape(forces, (-1, np.shape(forces)[2])), "forces")
+            pushes = pushes.reshape(np.shape(forces))
+        if not np.abs(pushes).max(initial=0.0) <= LARGEST_FORCE:
+            raise QueryError("forces", f"above {LARGEST_FORCE:g}", "Give newton seconds, or newtons.")
         if len(pushes) not in (1, len(contacts)):
             raise QueryError("forces", f"{len(pushes)} for {len(contacts)} points", "Give one a point.")
         pushes = np.broadcast_to(pushes, (len(contacts), *pushes.shape[1:]))
         return contacts, pushes, None if listener is None else point_rows(listener, "listener")
 
+    def _gains(self, points: np.ndarray) -> np.ndarray:
+        """Return `AudioNet.gains`, but for those that no body of this mass has.
+
+        Raises
+        ------
+        FormatError
+            Such gains, or none.
+        """
+        body = self.description.get("body")
+        mass_kg = float(body["filled_mass_kg"]) if body else LEAST_KG
+        try:
+            gains = self.modes.gains(points)
+        except np.linalg.LinAlgError as error:
+            raise FormatError("audio", f"its coefficients have no solution ({error})", REMEDY) from error
+        largest = np.abs(gains).max(initial=0.0) * np.sqrt(mass_kg)
+        radiating = self.modes.radiation_weights.max(initial=0.0) * np.sqrt(mass_kg)
+        if not (largest <= LARGEST_SHAPE and radiating <= LARGEST_SHAPE):
+            finding = f"gains of {largest:.3g} and {radiating:.3g} over the root of the mass"
+            raise FormatError("audio", f"{finding}, above {LARGEST_SHAPE:g}", REMEDY)
+        return gains
+
     def _struck_body(self, modes: int | None) -> StruckBody:
         """Modes and body as synthesis takes them."""
+        if modes is not None and not isinstance(modes, int | np.integer):
+            raise QueryError("modes", reprlib.repr(modes), "Give a whole number, or None for all.")
         net, body, material = self.modes, self.description.get("body"), self.description.get("material")
         rigid = None
         if body:
@@ -143,7 +183,25 @@ class SoundQueries(ABC):
             net.eigenvalues[:modes],
             net.dampings_per_s[:modes],
             net.radiation_weights[:modes],
-            net.gains,
+            self._gains,
             rigid,
             (material["youngs_modulus_pa"], material["poisson_ratio"]) if material else None,
         )
+
+
+def _real(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise QueryError(name, reprlib.repr(value), "Give a number.") from error
+
+
+def _check_pulse(pulse: Pulse) -> None:
+    if pulse is None or isinstance(pulse, ContactBody):
+        return
+    try:
+        durations = np.asarray(pulse, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise QueryError("pulse", reprlib.repr(pulse), "Give seconds.") from error
+    if ((durations > 0) & (durations < SHORTEST_PULSE_S)).any():
+        raise QueryError("pulse", f"shorter than {SHORTEST_PULSE_S:g} s", "Give None for an instant.")

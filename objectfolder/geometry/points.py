@@ -1,5 +1,7 @@
 """Points and vectors as a query gives them: one or many."""
 
+import reprlib
+
 import numpy as np
 
 from objectfolder.errors import QueryError
@@ -18,7 +20,10 @@ def point_rows(values: np.ndarray, name: str) -> np.ndarray:
     QueryError
         Another shape, or values that are not finite.
     """
-    rows = np.asarray(values, dtype=np.float64)
+    try:
+        rows = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise QueryError(name, reprlib.repr(values), "Give an array (n, 3) of numbers.") from error
     if rows.ndim == 1:
         rows = rows[None]
     if rows.ndim != 2 or rows.shape[1] != 3:

@@ -19,6 +19,7 @@ STEPS_ALONG_LONGEST_SIDE = 1 << 14
 LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 1, "pb": 0}]
 LARGEST_COUNT = 1 << 22  # of vertices or faces; a larger number in a file is no reason to set memory aside
 LARGEST_PLANES = 8
+LARGEST_COORDINATE_M = 1e6
 
 
 def quantisation_step(surface: Surface) -> float:
@@ -74,7 +75,8 @@ def decode_surface(tensors: dict[str, np.ndarray]) -> Surface:
     Raises
     ------
     FormatError
-        Streams that are damaged or do not fit together, or more than `LARGEST_COUNT` vertices or faces.
+        Streams that are damaged or do not fit together, more than `LARGEST_COUNT` vertices or faces, or
+        coordinates beyond `LARGEST_COORDINATE_M`.
     """
     try:
         vertex_count, face_count = (int(value) for value in tensors["surface.counts"])
@@ -88,6 +90,8 @@ def decode_surface(tensors: dict[str, np.ndarray]) -> Surface:
             raise ValueError("connectivity names vertices that are not there")
         positions = _integrate(corners, is_new, offsets)
         vertices = tensors["surface.origin"] + positions * float(tensors["surface.step"][0])
+        if not np.abs(vertices).max() <= LARGEST_COORDINATE_M:
+            raise ValueError(f"a coordinate that is not within {LARGEST_COORDINATE_M:g} m")
         return Surface(vertices, corners.reshape(-1, 3))
     except (ValueError, KeyError, IndexError) as error:
         raise FormatError("surface", f"damaged ({error})") from error

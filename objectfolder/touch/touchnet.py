@@ -5,6 +5,7 @@ touch needs no weights of its own: any point, depth, tilt and azimuth is answere
 that also made the ground truth.
 """
 
+import reprlib
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -12,17 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.errors import FormatError
+from objectfolder.errors import FormatError, QueryError
 from objectfolder.geometry.surface import Surface
+from objectfolder.stored_values import whole_number
 from objectfolder.touch.calibrated import calibrated
 from objectfolder.touch.camera import no_contact_image
 from objectfolder.touch.noise import with_noise
 from objectfolder.touch.patch import FacePatches
 from objectfolder.touch.press import Touches, press
 from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.stored_sensor import stored_sensor
 
 CONTACTS = ("rigid", "elastic")
 MOST_SAMPLES = 16  # that a file may ask for where a query says nothing
+MOST_RAYS_ASKED = 1 << 24  # of an image
 
 
 class TouchNet:
@@ -95,24 +99,31 @@ class TouchNet:
         Raises
         ------
         QueryError
-            As `press` raises, or a background of another size than the images.
+            As `press` raises, an image that the sensor cannot take, or a background of another size than it.
         """
-        sensor = self.sensor if resolution is None else self.sensor.at_resolution(*resolution)
         samples = self.samples if samples is None else samples
         if contact is None:
             contact = self.contact if force_n is None else "elastic"
-        touches = press(
-            self._patches,
-            sensor,
-            points,
-            depth_m=depth_m,
-            force_n=force_n,
-            tilt_deg=tilt_deg,
-            azimuth_deg=azimuth_deg,
-            samples=samples,
-            contact=contact,
-            backend=backend,
-        )
+        try:
+            sensor = self.sensor if resolution is None else self.sensor.at_resolution(*resolution)
+            if sensor.image_height * sensor.image_width * samples**2 > MOST_RAYS_ASKED:
+                raise QueryError("resolution", f"above {MOST_RAYS_ASKED} rays", "Ask for fewer pixels.")
+            touches = press(
+                self._patches,
+                sensor,
+                points,
+                depth_m=depth_m,
+                force_n=force_n,
+                tilt_deg=tilt_deg,
+                azimuth_deg=azimuth_deg,
+                samples=samples,
+                contact=contact,
+                backend=backend,
+            )
+        except QueryError:
+            raise
+        except (ArithmeticError, TypeError, ValueError) as error:
+            raise QueryError("press", str(error), "Ask for numbers that this sensor can answer.") from error
         rgb = touches.rgb
         if background is not None:
             rgb = calibrated(rgb, no_contact_image(sensor, samples), background, sensor)
@@ -137,11 +148,10 @@ class TouchNet:
         Raises
         ------
         FormatError
-            A sensor with unknown or missing fields, an unknown contact model, or samples that nobody stores.
+            A sensor that cannot be, an unknown contact model, or samples that nobody stores.
         """
-        contact, samples = metadata["contact"], int(metadata["samples"])
+        contact = metadata["contact"]
+        samples = whole_number("touch.samples", metadata["samples"], 1, MOST_SAMPLES)
         if contact not in CONTACTS:
-            raise FormatError("touch.contact", f"{contact!r}", f"Known: {', '.join(CONTACTS)}.")
-        if not 1 <= samples <= MOST_SAMPLES:
-            raise FormatError("touch.samples", f"{samples}, not within 1 to {MOST_SAMPLES}")
-        return cls(surface, Sensor.from_dict(metadata["sensor"]), samples, contact)
+            raise FormatError("touch.contact", reprlib.repr(contact), f"Known: {', '.join(CONTACTS)}.")
+        return cls(surface, stored_sensor(metadata["sensor"], samples), samples, contact)

@@ -1,10 +1,16 @@
 """Cameras and lights as a query gives them: one or many of each."""
 
+import operator
+import reprlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from objectfolder.errors import QueryError
+
+FARTHEST = 1e6  # coordinate of a camera or a light, times the object's size: its square is a float32
+BRIGHTEST = 1e6  # factor of the data set's light
 
 
 @dataclass(frozen=True)
@@ -45,17 +51,16 @@ def view_query(
     QueryError
         Shapes that do not match, values that are not finite, a pose that is not rigid.
     """
-    cameras = np.asarray(camera_to_world, dtype=np.float64)
+    cameras = _numbers("camera_to_world", camera_to_world)
     cameras = cameras[None] if cameras.ndim == 2 else cameras
     if cameras.ndim != 3 or cameras.shape[1:] != (4, 4):
         raise QueryError("camera_to_world", f"shape {cameras.shape}", "Give (n, 4, 4) poses.")
-    _require_finite("camera_to_world", cameras)
     rotation = cameras[:, :3, :3]
-    if np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) > 1e-4:
-        raise QueryError(
-            "camera_to_world", "not a rigid pose", "Give an orthonormal rotation and a translation."
-        )
-    lights = np.asarray(light_position, dtype=np.float64)
+    rigid = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) <= 1e-4
+    if not rigid or (np.linalg.det(rotation) < 0).any() or (cameras[:, 3] != [0, 0, 0, 1]).any():
+        remedy = "Give an orthonormal rotation without a mirror, a translation, and 0 0 0 1 below."
+        raise QueryError("camera_to_world", "not a rigid pose", remedy)
+    lights = _numbers("light_position", light_position)
     if lights.ndim in (1, 2):
         lights = lights.reshape(-1, 1, lights.shape[-1])
     if lights.ndim != 3 or lights.shape[2] != 3 or len(lights) not in (1, len(cameras)):
@@ -64,7 +69,6 @@ def view_query(
             f"shape {np.shape(light_position)} for {len(cameras)} cameras",
             "Give (3,) or (n, 3), one light a camera, or (n, k, 3), k lights a camera.",
         )
-    _require_finite("light_position", lights)
     lights = np.broadcast_to(lights, (len(cameras), *lights.shape[1:]))
     return ViewQuery(cameras, lights, light_colours(light_colour, lights.shape))
 
@@ -75,9 +79,9 @@ def light_colours(light_colour: np.ndarray | None, shape: tuple[int, ...]) -> np
     Raises
     ------
     QueryError
-        A shape that does not fit that of the lights, or values that are not finite.
+        A shape that does not fit that of the lights, or values not within 0 to `BRIGHTEST`.
     """
-    colours = np.ones(3) if light_colour is None else np.asarray(light_colour, dtype=np.float64)
+    colours = np.ones(3) if light_colour is None else _numbers("light_colour", light_colour)
     # A colour for each light: one that numpy would repeat over a longer axis of another meaning is refused.
     fits = colours.shape == (3,) or (
         1 < colours.ndim <= len(shape)
@@ -90,7 +94,8 @@ def light_colours(light_colour: np.ndarray | None, shape: tuple[int, ...]) -> np
             f"shape {colours.shape} for lights {shape}",
             "Give (3,) for all lights, or (k, 3) or (n, k, 3), red, green and blue of each.",
         )
-    _require_finite("light_colour", colours)
+    if not ((colours >= 0) & (colours <= BRIGHTEST)).all():
+        raise QueryError("light_colour", "a value out of range", f"Give 0 to {BRIGHTEST:g}.")
     return np.broadcast_to(colours, shape)
 
 
@@ -102,22 +107,65 @@ def ray_query(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, 
     QueryError
         Shapes that do not match, values that are not finite, a direction without length.
     """
-    starts, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-    starts, along = np.atleast_2d(starts), np.atleast_2d(along)
+    starts = np.atleast_2d(_numbers("origins", origins))
+    along = np.atleast_2d(_numbers("directions", directions))
     if along.ndim != 2 or along.shape[1] != 3 or starts.shape not in ((1, 3), along.shape):
         raise QueryError(
             "origins, directions",
             f"shapes {np.shape(origins)} and {np.shape(directions)}",
             "Give (n, 3) directions, and (n, 3) origins or one.",
         )
-    _require_finite("origins", starts)
-    _require_finite("directions", along)
     length = np.linalg.norm(along, axis=1, keepdims=True)
     if not (length > 0).all():
         raise QueryError("directions", "one has no length", "Give vectors along the rays.")
     return np.broadcast_to(starts, along.shape), along / length
 
 
-def _require_finite(name: str, values: np.ndarray) -> None:
-    if not np.isfinite(values).all():
+def image_query(
+    resolution: Any, field_of_view: Any, sub_rays: Any, most_sub_rays: int
+) -> tuple[tuple[int, int], float, int]:
+    """Return (height, width) in pixels, the field of view in degrees, and the rays a pixel, of these types.
+
+    Raises
+    ------
+    QueryError
+        Another type, or more than `most_sub_rays`; ranges are for those to check that use them.
+    """
+    try:
+        sides = tuple(resolution) if np.iterable(resolution) else (resolution, resolution)
+        height, width = (operator.index(side) for side in sides)
+    except (TypeError, ValueError) as error:
+        remedy = "Give whole pixels of a side, or (height, width)."
+        raise QueryError("resolution", reprlib.repr(resolution), remedy) from error
+    try:
+        rays, degrees = operator.index(sub_rays), float(field_of_view)
+    except (TypeError, ValueError) as error:
+        finding = f"{reprlib.repr(field_of_view)}, {reprlib.repr(sub_rays)}"
+        remedy = "Give degrees, and a whole number of rays."
+        raise QueryError("field of view, sub_rays", finding, remedy) from error
+    if rays > most_sub_rays:
+        raise QueryError("sub_rays", f"{rays} rays a pixel", f"Use 1 to {most_sub_rays}.")
+    return (height, width), degrees, rays
+
+
+def require_near(name: str, positions: np.ndarray) -> None:
+    """Refuse positions, unit frame, beyond `FARTHEST`.
+
+    Raises
+    ------
+    QueryError
+        One of them.
+    """
+    if not np.abs(positions).max(initial=0.0) <= FARTHEST:
+        raise QueryError(name, f"more than {FARTHEST:g} times the object's size away", "Come nearer.")
+
+
+def _numbers(name: str, values: Any) -> np.ndarray:
+    """Return finite values as float64."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise QueryError(name, f"{reprlib.repr(values)}", "Give an array of numbers.") from error
+    if not np.isfinite(found).all():
         raise QueryError(name, "not finite", "Give numbers.")
+    return found

@@ -1,7 +1,8 @@
 """VisionNet: an object's appearance under any point light, from any camera."""
 
 import copy
-from collections.abc import Collection, Mapping
+import reprlib
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, overload
 
 import numpy as np
@@ -11,18 +12,21 @@ from objectfolder.geometry.frames import UnitFrame
 from objectfolder.geometry.points import point_rows
 from objectfolder.geometry.surface import Surface
 from objectfolder.store import Product
+from objectfolder.stored_values import number, whole_number
+from objectfolder.tensor_file import REMEDY
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.backends import Renderer, choose_backend, make_renderer
 from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.incidence import UnitSurface
 from objectfolder.vision.network_layout import has_mirrors, weight_shapes
 from objectfolder.vision.pixel_centres import cast_pixel_centres
-from objectfolder.vision.sparse_grid import SparseGrid, covering_points
-from objectfolder.vision.view_query import light_colours, ray_query, view_query
+from objectfolder.vision.sparse_grid import LARGEST_RESOLUTION, SparseGrid, covering_points
+from objectfolder.vision.view_query import image_query, light_colours, ray_query, require_near, view_query
 
 PREFIX = "vision."
 SUB_RAYS = 64
-MOST_SUB_RAYS = 4096  # that a file may ask for where a query says nothing
+MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
+BAND_PIXELS = 1 << 21  # rendered at once: working memory does not grow with the image
 # Rays through a training pixel without mirrors.
 FEW_RAYS = 4
 # Shape of a pixel, and type, of what a view can show.
@@ -116,23 +120,25 @@ class VisionNet:
         own = {key.removeprefix(PREFIX): value for key, value in tensors.items() if key.startswith(PREFIX)}
         if "grid" not in own:
             raise FormatError(PREFIX + "grid", "missing")
-        grid = SparseGrid.from_bytes(own.pop("grid"), int(metadata["grid_resolution"]))
+        resolution = whole_number(
+            "vision.grid_resolution", metadata["grid_resolution"], 8, LARGEST_RESOLUTION
+        )
+        grid = SparseGrid.from_bytes(own.pop("grid"), resolution)
         expected = weight_shapes(grid.sizes, mirrors=has_mirrors(own))
         for name in sorted(expected.keys() | own.keys()):
             found = own[name].shape if name in own else None
             if found != expected.get(name):
                 raise FormatError(PREFIX + name, f"shape {found}, expected {expected.get(name)}")
-        sub_rays = int(metadata["sub_rays"])
-        if not 1 <= sub_rays <= MOST_SUB_RAYS:
-            raise FormatError("vision.sub_rays", f"{sub_rays}, not within 1 to {MOST_SUB_RAYS}")
+            if not np.isfinite(own[name]).all():
+                raise FormatError(PREFIX + name, "not finite", REMEDY)
         return cls(
             surface,
             frame,
             grid,
             own,
-            radiance_scale=float(metadata["radiance_scale"]),
-            camera_radius=float(metadata["camera_radius"]),
-            sub_rays=sub_rays,
+            radiance_scale=number("vision.radiance_scale", metadata["radiance_scale"], 1e-6, 1e6),
+            camera_radius=number("vision.camera_radius", metadata["camera_radius"], 0.1, 1e3),
+            sub_rays=whole_number("vision.sub_rays", metadata["sub_rays"], 1, MOST_SUB_RAYS),
         )
 
     def on(self, device: str = "cpu", backend: str | None = None) -> "VisionNet":
@@ -241,16 +247,26 @@ class VisionNet:
             if name not in PASSES:
                 raise QueryError("passes", f"{name!r}", f"Use {', '.join(PASSES)}.")
         query = view_query(camera_to_world, light_position, light_colour)
-        size = image_size(resolution)
-        part = image_crop(crop, size)
+        require_near("camera_to_world", query.cameras[:, :3, 3])
+        require_near("light_position", query.lights)
         rays = self.sub_rays if sub_rays is None else sub_rays
+        resolution, field_of_view_deg, rays = image_query(resolution, field_of_view_deg, rays, MOST_SUB_RAYS)
+        size = image_size(resolution)
+        try:
+            part = image_crop(crop, size)
+        except (OverflowError, TypeError, ValueError) as error:
+            if isinstance(error, QueryError):
+                raise
+            raise QueryError("crop", reprlib.repr(crop), "Give (top, left, height, width).") from error
         views: list[dict[str, np.ndarray]] = []
         for camera, light, colour in zip(query.cameras, query.lights, query.colours, strict=True):
             view: dict[str, np.ndarray] = {}
             if "rgba" in wanted:
-                view["rgba"] = self._rendering().render(
-                    camera, light, colour, size, field_of_view_deg, rays, part
-                )
+                bands = [
+                    self._rendering().render(camera, light, colour, size, field_of_view_deg, rays, band)
+                    for band in _bands(part)
+                ]
+                view["rgba"] = np.concatenate(bands)
             if set(wanted) - {"rgba"}:
                 centres = cast_pixel_centres(self._surface, camera, size, field_of_view_deg, part)
                 view.update(depth=centres.depth, normal=centres.normal, mask=centres.mask)
@@ -292,8 +308,18 @@ class VisionNet:
         """
         starts, along = ray_query(origins, directions)
         lights = point_rows(light_position, "light_position")
+        require_near("origins", starts)
+        require_near("light_position", lights)
         colours = light_colours(light_colour, lights.shape)
         return self._rendering().radiance(starts, along, lights, colours)
+
+
+def _bands(part: tuple[int, int, int, int]) -> Iterator[tuple[int, int, int, int]]:
+    """Yield bands (top, left, height, width) of a part of an image, of about `BAND_PIXELS` each."""
+    top, left, height, width = part
+    rows = max(1, BAND_PIXELS // width)
+    for start in range(0, height, rows):
+        yield top + start, left, min(rows, height - start), width
 
 
 def fit_visionnet(

@@ -235,7 +235,7 @@ def test_what_is_stored_answers_alike_and_damage_is_named(
         {**metadata, "kernel": {"width": 1}},
         {**metadata, "modes": "many"},
     ):
-        with pytest.raises(FormatError, match="metadata"):
+        with pytest.raises(FormatError, match="audio"):
             AudioNet.from_tensors(tensors, changed, surface)
 
 
