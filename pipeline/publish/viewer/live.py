@@ -13,14 +13,13 @@ import threading
 import webbrowser
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
-from tornado.web import Application, RequestHandler
+from tornado.web import Application, HTTPError, RequestHandler
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.publish.viewer.live_queries import Answer, LiveObject
@@ -55,30 +54,25 @@ class Guarded(RequestHandler):
     def prepare(self) -> None:
         """Check the names under which the request was made and by whom."""
         hosts = self.settings["hosts"]
+        if self.request.host not in hosts:
+            raise HTTPError(403, reason="unknown host")
         origin = self.request.headers.get("Origin")
         site = self.request.headers.get("Sec-Fetch-Site", "none")
-        if self.request.host not in hosts:
-            self._refuse(HTTPStatus.FORBIDDEN, "unknown host")
-        elif (origin is not None and origin not in {f"http://{host}" for host in hosts}) or (
-            site not in ("same-origin", "none")
-        ):
-            self._refuse(HTTPStatus.FORBIDDEN, "another page asks")
+        foreign = origin is not None and origin not in {f"http://{host}" for host in hosts}
+        if foreign or site not in ("same-origin", "none"):
+            raise HTTPError(403, reason="another page asks")
 
     def write_error(self, status_code: int, **_: Any) -> None:
         """Send an error without details of the server."""
-        self._refuse(HTTPStatus(status_code), HTTPStatus(status_code).phrase)
+        self.finish({"error": self._reason})
 
-    def get(self) -> Awaitable[None] | None:
+    def get(self) -> None:
         """Answer that there is no such page."""
-        self._refuse(HTTPStatus.NOT_FOUND, "no such page")
-        return None
+        raise HTTPError(404)
 
-    post = get
-
-    def _refuse(self, status: HTTPStatus, reason: str) -> None:
-        self.set_status(status)
-        self.set_header("Content-Type", "application/json")
-        self.finish(json.dumps({"error": reason}))
+    async def post(self) -> None:
+        """Answer that there is no such page."""
+        raise HTTPError(404)
 
 
 class PageFile(Guarded):
@@ -101,42 +95,25 @@ class Query(Guarded):
     async def post(self) -> None:
         """Answer JSON: the length of a JSON header in four bytes, the header, the bytes."""
         if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
-            self._refuse(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "application/json is wanted")
-            return
+            raise HTTPError(415, reason="application/json is wanted")
         try:
             asked = json.loads(self.request.body)
             if not isinstance(asked, dict):
-                raise ValueError("not an object")
+                raise ValueError("not a JSON object")
             header, payload = await asyncio.get_running_loop().run_in_executor(
                 self._threads, self._answer, asked
             )
-        except ObjectFolderError as error:
-            self._refuse(HTTPStatus.BAD_REQUEST, str(error))
-            return
-        except ValueError as error:
-            self._refuse(HTTPStatus.BAD_REQUEST, f"not a JSON object ({error})")
+        except (ObjectFolderError, ValueError) as error:
+            self.set_status(400)
+            self.finish({"error": str(error)})
             return
         text = json.dumps(header, allow_nan=False).encode()
         self.set_header("Content-Type", "application/octet-stream")
-        self.write(len(text).to_bytes(4, "little"))
-        self.write(text)
-        self.finish(payload)
+        self.finish(len(text).to_bytes(4, "little") + text + payload)
 
 
 class Server:
-    """A live object that listens.
-
-    Parameters
-    ----------
-    live
-        What is shown.
-    port
-        Where; 0 takes a free one.
-
-    Attributes
-    ----------
-    address
-        Where the page is, with the port.
+    """A live object that listens at `address`; port 0 takes a free one.
 
     Raises
     ------
@@ -158,19 +135,16 @@ class Server:
     async def serve(self, until: Awaitable[Any]) -> None:
         """Answer requests until something has happened."""
         live = self._live
-        queries = {
-            "/object": (lambda _: live.describe(), self._contacts),
-            "/render": (live.render, self._images),
-            "/strike": (live.strike, self._contacts),
-            "/partials": (live.partials, self._contacts),
-            "/press": (live.press, self._contacts),
-        }
+        rules: list[Any] = [(path, PageFile) for path in FILES]
+        rules += [
+            ("/object", Query, {"answer": lambda _: live.describe(), "threads": self._contacts}),
+            ("/render", Query, {"answer": live.render, "threads": self._images}),
+            ("/strike", Query, {"answer": live.strike, "threads": self._contacts}),
+            ("/partials", Query, {"answer": live.partials, "threads": self._contacts}),
+            ("/press", Query, {"answer": live.press, "threads": self._contacts}),
+        ]
         application = Application(
-            [(path, PageFile) for path in FILES]
-            + [
-                (path, Query, {"answer": answer, "threads": threads})
-                for path, (answer, threads) in queries.items()
-            ],
+            rules,
             default_handler_class=Guarded,
             hosts={f"{name}:{self._port}" for name in (ADDRESS, "localhost")},
             files={path: (name, _content(name)) for path, name in FILES.items()},

@@ -19,12 +19,10 @@ Answer = tuple[dict[str, Any], bytes]
 
 
 class LiveObject:
-    """One Object File behind a page.
+    """One Object File behind a page, whose Python opens it by the `path` of the command line.
 
-    Parameters
-    ----------
-    path
-        As it was given on the command line; the page's Python opens it by this name.
+    Questions are JSON objects; lengths are in metres, angles in degrees, impulses in N s. Every answer is a
+    header and bytes. A question that has none raises `QueryError`.
 
     Raises
     ------
@@ -60,12 +58,9 @@ class LiveObject:
         return facts, b""
 
     def render(self, asked: Mapping[str, Any]) -> Answer:
-        """Return an image, (resolution, resolution, 3) bytes.
+        """Return an image of ``resolution``, from ``camera_to_world`` and ``light_position``.
 
-        Parameters
-        ----------
-        asked
-            ``camera_to_world``, ``light_position``, ``resolution``, and ``sub_rays`` or null.
+        ``sub_rays`` may be null. The bytes are (resolution, resolution, 3).
         """
         resolution = int(_number(asked, "resolution", 1, MOST_PIXELS))
         sub_rays = asked.get("sub_rays")
@@ -78,18 +73,10 @@ class LiveObject:
         return {"resolution": resolution}, image.tobytes()
 
     def strike(self, asked: Mapping[str, Any]) -> Answer:
-        """Strike where a ray meets the object; return the sound, float32 m/s.
+        """Strike where a ray (``origin``, ``direction``) meets the object.
 
-        Parameters
-        ----------
-        asked
-            ``origin`` and ``direction`` of the ray, ``impulse`` (N s), ``along`` (a direction, or null for
-            that into the surface), ``duration`` and ``sample_rate``.
-
-        Returns
-        -------
-        tuple
-            ``missed``; or point, normal and impulse, and the sound.
+        ``along`` may be null, for the direction into the surface; ``duration`` is in seconds, ``sample_rate``
+        in hertz. The header says ``missed``, or point, normal and impulse; the bytes are float32 m/s.
         """
         impulse = _number(asked, "impulse", 0, 1000)
         duration = _number(asked, "duration", 1e-3, LONGEST_S)
@@ -116,17 +103,10 @@ class LiveObject:
         return {"amplitudes": amplitudes.tolist()}, b""
 
     def press(self, asked: Mapping[str, Any]) -> Answer:
-        """Press the sensor where a ray meets the object; return its image and how deep it is indented.
+        """Press the sensor by ``depth`` where a ray meets the object, at ``tilt`` and ``azimuth``.
 
-        Parameters
-        ----------
-        asked
-            ``origin`` and ``direction`` of the ray, ``depth`` (m), ``tilt`` and ``azimuth`` (degrees).
-
-        Returns
-        -------
-        tuple
-            ``missed``; or point, normal, size and labels, and RGB bytes followed by float32 metres.
+        The header says ``missed``, or point, normal, size and labels; the bytes are RGB, then float32 metres
+        of indentation.
         """
         depth, tilt, azimuth = (float(_numbers(asked, name, ())) for name in ("depth", "tilt", "azimuth"))
         met = self._met(asked)

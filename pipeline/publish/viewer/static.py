@@ -63,13 +63,10 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
     """
     if object_id in ("", ".", "..") or "/" in object_id or "\\" in object_id or "\0" in object_id:
         raise InputError(repr(object_id), "no file name", "Give an id without separators.")
-    kept = None if cache is None else cache / f"{file_digest(object_file)}.{FORMAT}"
-    if kept is not None and kept.is_file():
-        data = kept.read_bytes()
-    else:
-        data = _data_of(object_file)
-        if kept is not None:
-            _write(kept, data)
+    kept = cache / f"{file_digest(object_file)}.{FORMAT}" if cache else None
+    data = kept.read_bytes() if kept and kept.is_file() else _data_of(object_file)
+    if kept and not kept.is_file():
+        _write(kept, data)
     target = folder / f"{object_id}.player.js"
     # An object without a prototype: any id is a plain key of it.
     own = f"(window.objectfolderPlayers ??= Object.create(null))[{_quoted(object_id)}] = "
