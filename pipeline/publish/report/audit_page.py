@@ -1,6 +1,6 @@
 """An audit as one HTML page that needs no network."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from objectfolder.atomic import atomic_write
@@ -16,28 +16,18 @@ FIDELITY_ROWS = 1000
 def write_page(
     audit: Audit, path: Path, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float]
 ) -> None:
-    """Write what an audit found, atomically; what objects and commits say of themselves is escaped.
+    """Write what an audit found, and what lost more than was allowed by measure, atomically.
 
-    Parameters
-    ----------
-    audit
-        What it found.
-    path
-        The page.
-    exceeded
-        What lost more than was allowed.
-    allowed
-        The largest loss allowed by measure.
+    What objects and commits say of themselves is escaped.
     """
     environment = template_environment()
-    filters: dict[str, Callable[..., object]] = {
+    environment.filters |= {
         "names": lambda found: names(found, most=len(found)),
         "change": table.change,
         "before": lambda one: table.value(one.measure, one.before),
         "after": lambda one: table.value(one.measure, one.after),
         "size": table.size,
     }
-    environment.filters |= filters
     page = environment.get_template("audit.html.j2").render(
         audit=audit,
         counts=counts(audit),

@@ -71,9 +71,9 @@ class MeasuredObject:
     @property
     def cpu_seconds(self) -> float | None:
         """CPU seconds of all stages, None unless each was measured."""
-        seconds = [cost.cpu_s if (cost := self.cost(stage)) else None for stage in self.stages]
-        known = [value for value in seconds if value is not None]
-        return sum(known) if len(known) == len(seconds) else None
+        costs = [self.cost(stage) for stage in self.stages]
+        known = [cost.cpu_s for cost in costs if cost and cost.cpu_s is not None]
+        return sum(known) if len(known) == len(costs) else None
 
     @property
     def efforts(self) -> list[dict[str, Any]]:

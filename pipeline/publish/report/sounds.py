@@ -52,10 +52,9 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
     factor = PEAK / loudest if loudest > 0 else 1.0
     sounds = _faded(pair * np.float32(factor))
     levels = np.rint(sounds * np.float32(32767)).astype("<i2")
-    heard = np.flatnonzero(levels[0] | levels[1])
-    length = max(
-        int(heard[-1]) + 1 if heard.size else 0, min(int(SHORTEST_S * SAMPLE_RATE_HZ), levels.shape[1])
-    )
+    heard = np.flatnonzero(levels.any(axis=0))
+    shortest = min(int(SHORTEST_S * SAMPLE_RATE_HZ), levels.shape[1])
+    length = max(int(heard[-1]) + 1 if heard.size else 0, shortest)
     energy = float(np.sum(np.square(pair[0], dtype=np.float64)))
     error = float(np.sum(np.square(pair[1] - pair[0], dtype=np.float64)))
     truth_uri, answer_uri = (wave_uri(sound[:length]) for sound in levels)
