@@ -188,27 +188,19 @@ def table(statuses: Sequence[Status]) -> str:
     for stage in stages:
         counts = [sum(one.stage == stage and one.state == state for one in statuses) for state in shown]
         lines.append(stage.ljust(12) + "".join(str(count or "").rjust(10) for count in counts))
-    groups: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+    reasons: dict[tuple[str, str], list[str]] = defaultdict(list)
+    doubts: dict[tuple[str, str], list[str]] = defaultdict(list)
     for one in statuses:
         if one.state not in (CURRENT, WAITING):
-            groups[one.stage, one.state, "; ".join(one.reasons)].append(one.object_id)
-    reasons = [
-        f"{stage} {state}: {_names(names)}{f' ({why})' if why else ''}"
-        for (stage, state, why), names in groups.items()
-    ]
-    if reasons:
-        lines += ["", *reasons[:LINES]]
-    if len(reasons) > LINES:
-        lines.append(f"... and {len(reasons) - LINES} more reasons (--json has all)")
-    warned: dict[str, list[str]] = defaultdict(list)
-    for one in statuses:
+            why = f" ({'; '.join(one.reasons)})" if one.reasons else ""
+            reasons[f"{one.stage} {one.state}", why].append(one.object_id)
         for text in one.warnings:
-            warned[text].append(one.object_id)
-    if warned:
-        doubts = [f"warning: {_names(names)}: {text}" for text, names in warned.items()]
-        lines += ["", *doubts[:LINES]]
-        if len(doubts) > LINES:
-            lines.append(f"... and {len(doubts) - LINES} more warnings (--json has all)")
+            doubts["warning", f": {text}"].append(one.object_id)
+    for what, groups in (("reasons", reasons), ("warnings", doubts)):
+        said = [f"{title}: {_names(names)}{why}" for (title, why), names in groups.items()]
+        lines += ["", *said[:LINES]] if said else []
+        if len(said) > LINES:
+            lines.append(f"... and {len(said) - LINES} more {what} (--json has all)")
     return "\n".join(lines)
 
 
