@@ -20,9 +20,9 @@ from typing import Any
 from bench.annotation_faults import injected, scaled
 from bench.record import write
 from objectfolder.audio.materials import read_materials
-from pipeline.intake.check import length_rule, mass_rule, material_rule, mesh_rules
-from pipeline.intake.check.entry import Entry
-from pipeline.intake.check.finding import NOTE
+from pipeline.intake.check.entry import NOTE, Entry
+from pipeline.intake.check.mesh_rules import LENGTH, MASS, SAME, WALLS, is_close
+from pipeline.intake.check.row_rules import MATERIAL
 from pipeline.intake.check.table_check import Check, check_entries, measured, read_entries
 
 REPOSITORY = Path(__file__).parents[1]
@@ -54,7 +54,7 @@ def main() -> None:
         }
     # A stated length scales a mesh, and ours is as in the file.
     right = [as_in_file(entry, ours_of[entry.object_id]) for entry in entries]
-    check = check_entries(entries, known)
+    check = check_entries(entries)
     wrong_material = {
         one.object_id
         for one in entries
@@ -63,20 +63,18 @@ def main() -> None:
     wrong_length = {one.object_id for one in entries if length_is_off(one)}
     figures = {
         "rows": len(entries),
-        "length": score(entries, wrong_length, doubted(check, (length_rule.RULE,))),
-        "material_by_name": score(entries, wrong_material, doubted(check, (material_rule.RULE,))),
-        "material_by_name_or_mass": score(
-            entries, wrong_material, doubted(check, (material_rule.RULE, mass_rule.RULE))
-        ),
-        "rows_with_a_doubt_about_walls": sorted(doubted(check, (mesh_rules.WALLS,))),
-        "faults_put_into_our_rows": injected(right, known),
+        "length": score(entries, wrong_length, doubted(check, (LENGTH,))),
+        "material_by_name": score(entries, wrong_material, doubted(check, (MATERIAL,))),
+        "material_by_name_or_mass": score(entries, wrong_material, doubted(check, (MATERIAL, MASS))),
+        "rows_with_a_doubt_about_walls": sorted(doubted(check, (WALLS,))),
+        "faults_put_into_our_rows": injected(right),
         "findings": [
             {"object": one.object_id, "rule": one.rule, "severity": one.severity, "found": one.found}
             for one in check.findings
             if one.severity != NOTE
         ],
     }
-    settings = {"objects": [one.object_id for one in entries], "same_length_within": length_rule.SAME}
+    settings = {"objects": [one.object_id for one in entries], "same_length_within": SAME}
     compared = (
         "Errors and warnings of objectfolder check on the published list against our table's judgement."
     )
@@ -127,9 +125,7 @@ def length_is_off(entry: Entry) -> bool:
     """Whether the published length is not the longest side of the mesh, which is in metres."""
     stated = entry.number("length_m")
     return (
-        entry.shape is not None
-        and stated is not None
-        and not length_rule.is_close(stated / entry.shape.file_length, 1)
+        entry.shape is not None and stated is not None and not is_close(stated / entry.shape.file_length, 1)
     )
 
 

@@ -1,32 +1,25 @@
 """Faults put into rows that are right, to count how many a check finds."""
 
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from objectfolder.audio.materials import Material
-from pipeline.intake.check import (
-    duplicate_rule,
-    length_rule,
-    licence_rule,
-    mass_rule,
-    material_rule,
-    provenance_rule,
-)
-from pipeline.intake.check.entry import Entry
-from pipeline.intake.check.finding import NOTE
+from pipeline.intake.check.duplicate_rule import RULE as DUPLICATE
+from pipeline.intake.check.entry import NOTE, Entry
+from pipeline.intake.check.mesh_rules import LENGTH, MASS
+from pipeline.intake.check.row_rules import LICENCE, MATERIAL, PROVENANCE
 from pipeline.intake.check.shape import Shape
 from pipeline.intake.check.table_check import check_entries
 
 SHORTEST_M, LONGEST_M = 0.003, 30.0
 CLASSES = {"steel": "metal", "iron": "metal", "plastic": "plastic", "polycarbonate": "plastic"}
-SIZE = (length_rule.RULE, mass_rule.RULE)
+SIZE = (LENGTH, MASS)
 
 Fault = Callable[[Entry], Entry | None]
 
 
-def faults(known: Mapping[str, Material], seed: int) -> dict[str, tuple[Fault, tuple[str, ...]]]:
+def faults(seed: int) -> dict[str, tuple[Fault, tuple[str, ...]]]:
     """Return what is done to a row by name (None where it cannot be), and the rules that should doubt it."""
     return {
         "length x 10": (length(10), SIZE),
@@ -37,41 +30,41 @@ def faults(known: Mapping[str, Material], seed: int) -> dict[str, tuple[Fault, t
         "own mesh, length x 10": (own(length(10)), SIZE),
         "own mesh, length x 0.1": (own(length(0.1)), SIZE),
         "own mesh, shortest side": (own(shortest_side), SIZE),
-        "another material": (another_material(known, seed), (material_rule.RULE, mass_rule.RULE)),
-        "grams as kilograms": (mass(1000), (mass_rule.RULE,)),
-        "pounds as kilograms": (mass(2.2046), (mass_rule.RULE,)),
-        "no licence": (cell("licence", ""), (licence_rule.RULE,)),
-        "licence of another": (cell("licence", "MIT"), (licence_rule.RULE,)),
-        "no source": (cell("source", ""), (provenance_rule.RULE,)),
+        "another material": (another_material(seed), (MATERIAL, MASS)),
+        "grams as kilograms": (mass(1000), (MASS,)),
+        "pounds as kilograms": (mass(2.2046), (MASS,)),
+        "no licence": (cell("licence", ""), (LICENCE,)),
+        "licence of another": (cell("licence", "MIT"), (LICENCE,)),
+        "no source": (cell("source", ""), (PROVENANCE,)),
     }
 
 
-def injected(entries: Sequence[Entry], known: Mapping[str, Material], seed: int = 0) -> dict[str, Any]:
+def injected(entries: Sequence[Entry], seed: int = 0) -> dict[str, Any]:
     """Return for each fault how many of the rows it was put into are doubted by the rules that should.
 
     A row that these rules doubt already, without the fault, is left out.
     """
     found: dict[str, Any] = {}
-    before = {entry.object_id: doubting([entry], known) for entry in entries}
-    for name, (fault, rules) in faults(known, seed).items():
+    before = {entry.object_id: doubting([entry]) for entry in entries}
+    for name, (fault, rules) in faults(seed).items():
         changed = [
             row
             for entry in entries
             if not before[entry.object_id] & set(rules) and (row := fault(entry)) is not None
         ]
-        hits = [row.object_id for row in changed if doubting([row], known) & set(rules)]
+        hits = [row.object_id for row in changed if doubting([row]) & set(rules)]
         found[name] = {"rows": len(changed), "found": len(hits)}
-    copies = [doubting([entry, copy_of(entry)], known) for entry in entries]
+    copies = [doubting([entry, copy_of(entry)]) for entry in entries]
     found["re-exported copy"] = {
         "rows": len(entries),
-        "found": sum(duplicate_rule.RULE in rules for rules in copies),
+        "found": sum(DUPLICATE in rules for rules in copies),
     }
     return found
 
 
-def doubting(entries: Sequence[Entry], known: Mapping[str, Material]) -> set[str]:
+def doubting(entries: Sequence[Entry]) -> set[str]:
     """Names of the rules that have an error or a warning for rows."""
-    return {one.rule for one in check_entries(entries, known).findings if one.severity != NOTE}
+    return {one.rule for one in check_entries(entries).findings if one.severity != NOTE}
 
 
 def length(factor: float) -> Fault:
@@ -111,17 +104,17 @@ def own(fault: Fault) -> Fault:
     return put
 
 
-def another_material(known: Mapping[str, Material], seed: int) -> Fault:
+def another_material(seed: int) -> Fault:
     """Return the fault that draws a material of another class."""
     chance = random.Random(seed)
 
     def put(entry: Entry) -> Entry | None:
         right = CLASSES.get(entry.cell("material"), entry.cell("material"))
-        drawn = chance.choice([name for name in known if CLASSES.get(name, name) != right])
+        drawn = chance.choice([name for name in entry.materials if CLASSES.get(name, name) != right])
         if entry.record is None:
             return None
         record = replace(entry.record, material=drawn)
-        return replace(entry, cells={**entry.cells, "material": drawn}, record=record, material=known[drawn])
+        return replace(entry, cells={**entry.cells, "material": drawn}, record=record)
 
     return put
 

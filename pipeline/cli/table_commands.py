@@ -87,7 +87,7 @@ def check(
     no_meshes
         look at the table only, at once (a mesh takes a second)
     """
-    from pipeline.intake.check import finding
+    from pipeline.intake.check.entry import ERROR, WARNING
     from pipeline.intake.check.listing import as_json, text
     from pipeline.intake.check.table_check import check_table
 
@@ -99,7 +99,7 @@ def check(
             progress=lambda done, rows, object_id: show(f"{done} of {rows}  {object_id}"),
         )
     print(as_json(found, table) if json else text(found, table, terminal_width(120)))
-    failing = found.count(finding.ERROR) + (found.count(finding.WARNING) if strict else 0)
+    failing = found.count(ERROR) + (found.count(WARNING) if strict else 0)
     return FAILED if failing else FINE
 
 

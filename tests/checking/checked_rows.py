@@ -77,6 +77,4 @@ def entry(
         wall_m=float(cells["wall_m"]) if "wall_m" in cells else None,
         shell_m=float(cells["shell_m"]) if "shell_m" in cells else None,
     )
-    return Entry(
-        object_id, {"id": object_id, "material": material, **cells}, record, MATERIALS.get(material), of
-    )
+    return Entry(object_id, {"id": object_id, "material": material, **cells}, MATERIALS, record, of)

@@ -4,7 +4,7 @@ import pytest
 from checked_rows import entry, shape
 
 from pipeline.intake.check.duplicate_rule import check
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import pytest
 from checked_rows import entry, shape
 
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING
-from pipeline.intake.check.length_rule import check
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING
+from pipeline.intake.check.mesh_rules import check_length as check
 
 MUG = (0.117, 0.0931, 0.0813)
 YCB = {"source": "YCB Object and Model Set"}

@@ -1,27 +1,22 @@
 """Density times volume against what is published, and against what is held."""
 
 import pytest
-from checked_rows import MATERIALS, entry, shape
+from checked_rows import entry, shape
 
-from pipeline.intake.check import mass_rule as masses
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING
-from pipeline.intake.check.mass_rule import mass_as_made
+from pipeline.intake.check.entry import ERROR, WARNING
+from pipeline.intake.check.mesh_rules import check_mass as check
+from pipeline.intake.check.mesh_rules import mass_as_made
 
 BLOCK = (0.2, 0.1, 0.1)  # 2 litres: 1.5 kg of wood, 15.7 kg of steel
-PUBLISHED = {"mass_source": "its maker"}
-
-
-def check(row):
-    return masses.check(row, MATERIALS)
 
 
 @pytest.mark.parametrize("mass", ["1.5", "0.8", "2.9"])
 def test_masses_that_agree_within_what_scans_and_woods_differ_by(mass):
-    assert list(check(entry(of=shape(BLOCK), mass_kg=mass, **PUBLISHED))) == []
+    assert list(check(entry(of=shape(BLOCK), mass_kg=mass))) == []
 
 
 def test_too_heavy_is_hollow_or_of_something_else():
-    (found,) = check(entry(material="iron", of=shape(BLOCK), mass_kg="2.8", **PUBLISHED))
+    (found,) = check(entry(material="iron", of=shape(BLOCK), mass_kg="2.8"))
     assert (found.severity, found.field) == (WARNING, "mass_kg")
     assert "16 kg, 5.7 times the published 2.8 kg" in found.found
     assert "iron has 8000 kg/m3, 1400 would fit, near plastic and polycarbonate" in found.found
@@ -29,7 +24,7 @@ def test_too_heavy_is_hollow_or_of_something_else():
 
 
 def test_too_light_misses_parts():
-    (found,) = check(entry(of=shape(BLOCK), mass_kg="5", **PUBLISHED))
+    (found,) = check(entry(of=shape(BLOCK), mass_kg="5"))
     assert found.severity == WARNING
     assert "0.3 times" in found.found
     assert "missing" in found.remedy
@@ -38,13 +33,13 @@ def test_too_light_misses_parts():
 def test_an_absurd_mass_names_the_length_that_explains_it():
     # 1.2 m stated for a board of 0.19 m: the mass is 6.28^3 times too large.
     large = tuple(side * 1.2 / 0.191 for side in (0.191, 0.167, 0.041))
-    (found,) = check(entry(of=shape(large), mass_kg="0.98", **PUBLISHED))
+    (found,) = check(entry(of=shape(large), mass_kg="0.98"))
     assert found.severity == ERROR
     assert "a length of 0.191 m instead of 1.2 m would explain it" in found.remedy
 
 
 def test_a_shell_weighs_what_its_wall_weighs():
-    can = {"of": shape((0.14, 0.1, 0.1), area=0.076), "mass_kg": "0.12", **PUBLISHED}
+    can = {"of": shape((0.14, 0.1, 0.1), area=0.076), "mass_kg": "0.12"}
     (found,) = check(entry(material="steel", **can))
     assert "published 120 g" in found.found
     assert list(check(entry(material="steel", shell_m="0.0002", **can))) == []
@@ -68,10 +63,5 @@ def test_furniture_may_be_heavy_but_not_absurdly():
 
 
 def test_nothing_is_said_of_what_is_open_or_not_there():
-    assert list(check(entry(of=shape(BLOCK, closed=False, boundary_edges=3), mass_kg="9", **PUBLISHED))) == []
-    assert list(check(entry(mass_kg="9", **PUBLISHED))) == []
-
-
-def test_a_mass_has_a_source():
-    (found,) = check(entry(of=shape(BLOCK), mass_kg="1.5"))
-    assert (found.severity, found.field) == (NOTE, "mass_source")
+    assert list(check(entry(of=shape(BLOCK, closed=False, boundary_edges=3), mass_kg="9"))) == []
+    assert list(check(entry(mass_kg="9"))) == []

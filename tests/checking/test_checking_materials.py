@@ -1,11 +1,11 @@
 """Materials that names contradict, and those they do not."""
 
+import dataclasses
+
 import pytest
 from checked_rows import MATERIALS, entry
 
-from pipeline.intake.check.material_rule import check
-
-KNOWN = MATERIALS.keys()
+from pipeline.intake.check.row_rules import check_material as check
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,7 @@ KNOWN = MATERIALS.keys()
     ],
 )
 def test_contradictions(object_id, material, found, remedy):
-    (finding,) = check(entry(object_id, material), KNOWN)
+    (finding,) = check(entry(object_id, material))
     assert finding.field == "material"
     assert found in finding.found
     assert remedy in finding.remedy
@@ -34,16 +34,16 @@ def test_contradictions(object_id, material, found, remedy):
     ],
 )
 def test_no_contradictions(object_id, material):
-    assert list(check(entry(object_id, material), KNOWN)) == []
+    assert list(check(entry(object_id, material))) == []
 
 
 def test_a_material_of_ones_own_table_is_known_by_its_name():
-    known = {*KNOWN, "brass"}
-    (found,) = check(entry("Solid_Brass_Bell", "steel"), known)
+    brass = dataclasses.replace(MATERIALS["steel"], name="brass")
+    row = dataclasses.replace(entry("Solid_Brass_Bell", "steel"), materials={**MATERIALS, "brass": brass})
+    (found,) = check(row)
     assert found.remedy.startswith("Write brass")
-    row = entry("Solid_Brass_Bell", "brass")
-    assert list(check(row, known)) == []
+    assert list(check(dataclasses.replace(row, cells={**row.cells, "material": "brass"}))) == []
 
 
 def test_an_unknown_material_is_for_the_table_to_refuse():
-    assert list(check(entry("Wooden_Box", "wod"), KNOWN)) == []
+    assert list(check(entry("Wooden_Box", "wod"))) == []

@@ -3,9 +3,8 @@
 import pytest
 from checked_rows import entry
 
-from pipeline.intake.check import licence_rule as licences
-from pipeline.intake.check import provenance_rule as provenance
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING
+from pipeline.intake.check.row_rules import check_licence, check_provenance
 
 MUG = {
     "source": "YCB Object and Model Set",
@@ -21,7 +20,7 @@ OWN = {"source": "my desk", "licence": "CC0-1.0", "attribution": "me"}
     "cells", [MUG, OWN, {**OWN, "licence": "LicenseRef-mine"}, {**OWN, "licence": "MIT OR X11"}]
 )
 def test_rows_that_say_where_they_are_from(cells):
-    assert [*provenance.check(entry(**cells)), *licences.check(entry(**cells))] == []
+    assert [*check_provenance(entry(**cells)), *check_licence(entry(**cells))] == []
 
 
 @pytest.mark.parametrize(
@@ -30,7 +29,7 @@ def test_rows_that_say_where_they_are_from(cells):
 )
 def test_what_is_missing(cells, column, severity):
     """The public domain asks for no name."""
-    (found,) = provenance.check(entry(**{**cells, column: ""}))
+    (found,) = check_provenance(entry(**{**cells, column: ""}))
     assert (found.severity, found.field, found.found) == (severity, column, "is empty")
 
 
@@ -44,33 +43,15 @@ def test_what_is_missing(cells, column, severity):
     ],
 )
 def test_a_source_that_nothing_fetches(source_id, remedy):
-    (found,) = provenance.check(entry(**{**OWN, "source_id": source_id}))
+    (found,) = check_provenance(entry(**{**OWN, "source_id": source_id}))
     assert (found.severity, found.field) == (ERROR, "source_id")
     assert source_id in found.found
     assert remedy in found.remedy
 
 
 def test_two_sources_in_one_row():
-    (found,) = provenance.check(entry(**{**MUG, "source": "Google Scanned Objects"}))
+    (found,) = check_provenance(entry(**{**MUG, "source": "Google Scanned Objects"}))
     assert "'ycb:025_mug' is of another source than 'Google Scanned Objects'" in found.found
-
-
-@pytest.mark.parametrize(
-    ("source", "address", "today"),
-    [
-        ("3D Model Haven", "https://3dmodelhaven.com/model/?m=Barrel_01", "polyhaven.com/a/"),
-        ("GSO", "https://app.ignitionrobotics.org/GoogleResearch/fuel/models/5_HTP", "gazebosim.org"),
-    ],
-)
-def test_addresses_that_no_longer_answer(source, address, today):
-    (found,) = provenance.check(entry(**{**OWN, "source": source, "source_url": address}))
-    assert "no longer answers" in found.found
-    assert today in found.remedy
-
-
-def test_an_address_that_is_none():
-    (found,) = provenance.check(entry(**{**MUG, "source_url": "025_mug"}))
-    assert "is no address" in found.found
 
 
 @pytest.mark.parametrize(
@@ -85,32 +66,32 @@ def test_an_address_that_is_none():
     ],
 )
 def test_licences_as_people_write_them(said, meant):
-    (found,) = licences.check(entry(**{**OWN, "licence": said}))
+    (found,) = check_licence(entry(**{**OWN, "licence": said}))
     assert (found.severity, found.remedy) == (WARNING, f"Write {meant}")
 
 
 @pytest.mark.parametrize("said", ["all rights reserved", "CC-BY-9.9"])
 def test_licences_that_nobody_knows(said):
-    (found,) = licences.check(entry(**{**OWN, "licence": said}))
+    (found,) = check_licence(entry(**{**OWN, "licence": said}))
     assert found.severity == WARNING
     assert "spdx.org/licenses" in found.remedy
 
 
 def test_no_licence():
-    (found,) = licences.check(entry(**{**OWN, "licence": ""}))
+    (found,) = check_licence(entry(**{**OWN, "licence": ""}))
     assert (found.severity, found.found) == (WARNING, "is empty")
 
 
 def test_a_licence_that_is_not_the_sources():
-    (found,) = licences.check(entry(**{**MUG, "licence": "CC0-1.0"}))
+    (found,) = check_licence(entry(**{**MUG, "licence": "CC0-1.0"}))
     assert found.severity == ERROR
     assert "not the licence of YCB Object and Model Set, CC-BY-4.0" in found.found
     # Written otherwise it is still the right one.
-    (found,) = licences.check(entry(**{**MUG, "licence": "CC BY 4.0"}))
+    (found,) = check_licence(entry(**{**MUG, "licence": "CC BY 4.0"}))
     assert (found.severity, found.remedy) == (WARNING, "Write CC-BY-4.0")
 
 
 @pytest.mark.parametrize(("licence", "severity"), [("CC-BY-ND-4.0", WARNING), ("CC-BY-NC-4.0", NOTE)])
 def test_licences_that_forbid_what_is_made(licence, severity):
-    (found,) = licences.check(entry(**{**OWN, "licence": licence}))
+    (found,) = check_licence(entry(**{**OWN, "licence": licence}))
     assert found.severity == severity

@@ -6,8 +6,9 @@ import pytest
 from checked_rows import entry, shape
 
 from objectfolder.errors import InputError
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING
-from pipeline.intake.check.mesh_rules import check_readable, check_surface, check_walls
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING
+from pipeline.intake.check.mesh_rules import check_surface, check_walls
+from pipeline.intake.check.row_rules import check_readable
 from pipeline.intake.check.table_check import accept
 
 

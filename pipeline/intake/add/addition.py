@@ -23,7 +23,7 @@ from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folde
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
 from pipeline.intake.add.wanted import Wanted
-from pipeline.intake.check.licence_rule import likely_spdx, spdx
+from pipeline.intake.check.row_rules import likely_spdx, spdx
 
 AS_IN_FILE = "as in file"
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))

@@ -1,4 +1,4 @@
-"""A row of a table of objects as the rules of a check see it."""
+"""A row of a table of objects as the rules of a check see it, and what they find."""
 
 import math
 from collections.abc import Mapping
@@ -7,8 +7,49 @@ from dataclasses import dataclass, field
 from objectfolder.audio.materials import Material
 from objectfolder.catalogue import ObjectRecord
 from objectfolder.errors import InputError
-from pipeline.intake.check.finding import Finding
 from pipeline.intake.check.shape import Shape
+from pipeline.intake.sources.registry import SOURCES
+from pipeline.intake.sources.source import Source
+
+ERROR, WARNING, NOTE = SEVERITIES = ("error", "warning", "note")
+
+NAMES = {
+    "ycb": ("ycb",),
+    "gso": ("google scanned", "gso", "scanned objects by google"),
+    "polyhaven": ("poly haven", "polyhaven", "3d model haven", "3dmodelhaven"),
+}
+"""By the id of a source, texts that name it in the column `source`, in small letters."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding, and its remedy.
+
+    Parameters
+    ----------
+    severity
+        ``"error"``: wrong, or cannot be built; ``"warning"``: doubtful; ``"note"``: good to know.
+    object_id
+        Whose row it is.
+    field
+        Column that it is about.
+    rule
+        What found it: the name that the column `accepted` may list.
+    found
+        A phrase with numbers and units.
+    remedy
+        What to do.
+    accepted
+        Whether the row says that this was looked at and stays.
+    """
+
+    severity: str
+    object_id: str
+    field: str
+    rule: str
+    found: str
+    remedy: str
+    accepted: bool = False
 
 
 @dataclass(frozen=True)
@@ -21,10 +62,10 @@ class Entry:
         The row's id; ``line N`` where it has none.
     cells
         Text of every column, known to the factory or not.
+    materials
+        The table of materials.
     record
         The row as the factory reads it; None for a row with a fault.
-    material
-        Of the table of materials; None where the row's is not there.
     shape
         What was measured on the mesh; None where it could not be, or was not asked for.
     problem
@@ -33,8 +74,8 @@ class Entry:
 
     object_id: str
     cells: Mapping[str, str] = field(default_factory=dict)
+    materials: Mapping[str, Material] = field(default_factory=dict)
     record: ObjectRecord | None = None
-    material: Material | None = None
     shape: Shape | None = None
     problem: InputError | None = None
 
@@ -51,9 +92,26 @@ class Entry:
         return value if math.isfinite(value) and value > 0 else None
 
     @property
+    def material(self) -> Material | None:
+        """Its material; None where the table of materials does not have it."""
+        return self.materials.get(self.cell("material"))
+
+    @property
     def names(self) -> str:
         """Id and name."""
         return f"{self.object_id} {self.cell('name')}"
+
+    @property
+    def source(self) -> Source | None:
+        """The public source that it names, by its source_id or in words; None for one's own."""
+        prefix, colon, _ = self.cell("source_id").partition(":")
+        return SOURCES.get(prefix) if colon else self.source_in_words
+
+    @property
+    def source_in_words(self) -> Source | None:
+        """The public source that the column `source` names."""
+        said = self.cell("source").lower()
+        return next((SOURCES[one] for one, names in NAMES.items() if any(n in said for n in names)), None)
 
     @property
     def is_unfetched(self) -> bool:

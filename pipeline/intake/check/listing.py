@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING, Finding
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Finding
 from pipeline.intake.check.table_check import Check
 
 NARROWEST = 110  # characters

@@ -1,29 +1,124 @@
-"""Rows that cannot be read, surfaces that are open, walls that a scan made wrong."""
+"""Rules about what was measured on a mesh: its length, mass, surface and walls."""
 
 from collections.abc import Iterator
 
 from objectfolder.geometry.vessels import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
-from pipeline.intake.check.entry import Entry
-from pipeline.intake.check.finding import ERROR, NOTE, WARNING, Finding
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding
+from pipeline.intake.check.shape import Shape
 
-READABLE, SURFACE, WALLS = "readable", "surface", "walls"
+LENGTH, MASS, SURFACE, WALLS = "length", "mass", "surface", "walls"
 
-NUMBERS = ("mass_kg", "paper_length_m", "paper_index")
-"""Columns of numbers above 0 that the factory itself passes over."""
+SAME = 0.03
+"""Relative difference within which two lengths of a scan are the same."""
+
+DOUBTFUL_FACTOR = 2.0
+"""Scans of thin walls are up to this much too thick; wood of one class varies as much."""
+ABSURD_FACTOR = 20.0
+NEAR = 1.35
+"""Factor within which a density is near that of a material."""
+
+HELD_M, HELD_KG = 0.5, 5.0
+"""A solid block of wood of that length weighs as much; what is held does not."""
+HEAVIEST_KG = 200.0
+
+SHELL = "shell_m"
+"""Column that makes a solid hollow."""
 
 
-def check_readable(entry: Entry) -> Iterator[Finding]:
-    """Find what keeps a row from being built; what is only not fetched yet is a note."""
-    if entry.problem is not None:
-        column = entry.problem.where.rpartition("field ")[2] if "field " in entry.problem.where else "mesh"
-        severity, found = ERROR, entry.problem.finding
-        if entry.is_unfetched:
-            severity, found = NOTE, "is not fetched: size, mass, walls and surface were not checked"
-        yield entry.found(READABLE, severity, column, found, entry.problem.remedy)
-    for column in NUMBERS:
-        if entry.cell(column) and entry.number(column) is None:
-            found = f"{entry.cell(column)!r} is not a number above 0"
-            yield entry.found(READABLE, WARNING, column, found, "Correct it, or leave it empty")
+def check_length(entry: Entry) -> Iterator[Finding]:
+    """Find slips of unit, lengths of another side, and what differs from the paper's."""
+    if entry.record is None or entry.shape is None:
+        return
+    stated = entry.record.length_m
+    if stated is not None:
+        yield from _against_mesh(entry, entry.shape, stated)
+    length_m, papers = entry.shape.length_m, entry.number("paper_length_m")
+    if papers is not None and not is_close(papers / length_m, 1):
+        found = (
+            f"{length_m:.4g} m, where the paper has {papers:.4g} m ({papers / length_m:.3g} times as long)"
+        )
+        severity, remedy = WARNING, "Say in the notes why"
+        if entry.cell("notes"):
+            severity, remedy = NOTE, "The notes should say why"
+        yield entry.found(LENGTH, severity, "paper_length_m", found, remedy)
+
+
+def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding]:
+    side = shape.file_length
+    factor = stated / side
+    if is_close(factor, 1):
+        return
+    what = f"the stated {stated:.4g} m is {factor:.3g} times the longest side of the mesh, {side:.4g}"
+    for other, axis in sorted(zip(shape.file_extents, "xyz", strict=True), reverse=True)[1:]:
+        if is_close(stated / other, 1) and not is_close(side / other, 1):
+            found = f"{what}; it is the side along {axis} ({other:.4g})"
+            remedy = f"Give the longest side ({side:.4g}), or 'as in file'"
+            yield entry.found(LENGTH, WARNING, "length_m", found, remedy)
+            return
+    # A mesh of one's own may be in any unit; those of all public sources are in metres.
+    if entry.source is not None:
+        severity = ERROR if not 1 / 3 <= factor <= 3 else WARNING
+        remedy = f"Write {side:.4g}, or 'as in file'"
+        yield entry.found(LENGTH, severity, "length_m", f"{what}, which is in metres", remedy)
+
+
+def is_close(ratio: float, one: float) -> bool:
+    """Whether a ratio is another one within what scans of one object differ by."""
+    return abs(ratio / one - 1) <= SAME
+
+
+def check_mass(entry: Entry) -> Iterator[Finding]:
+    """Find masses that contradict the published one, or that nothing of that size has."""
+    mass, published = mass_as_made(entry), entry.number("mass_kg")
+    if mass is None or entry.shape is None:
+        return
+    if published is not None:
+        yield from _against_published(entry, mass, published, entry.shape.length_m)
+        return
+    length_m = entry.shape.length_m
+    held = length_m <= HELD_M and mass > HELD_KG
+    if held or mass > HEAVIEST_KG:
+        found = f"density times volume is {kilograms(mass)} at a length of {length_m:.3g} m"
+        remedy = "If it is hollow, set shell_m; if not, check the length and the material"
+        yield entry.found(MASS, WARNING, SHELL if held else "length_m", found, remedy)
+
+
+def mass_as_made(entry: Entry) -> float | None:
+    """Kilograms of what would sound, of its shell where the row states one; None for open surfaces."""
+    if entry.shape is None or entry.material is None or not entry.shape.walls.closed:
+        return None
+    walls, shell_m = entry.shape.walls, entry.record.shell_m if entry.record else None
+    volume = walls.volume_m3 if shell_m is None else min(walls.volume_m3, walls.area_m2 * shell_m)
+    return volume * entry.material.density_kg_m3
+
+
+def _against_published(entry: Entry, mass: float, published: float, length_m: float) -> Iterator[Finding]:
+    factor, material = mass / published, entry.material
+    if material is None or 1 / DOUBTFUL_FACTOR <= factor <= DOUBTFUL_FACTOR:
+        return
+    fitting = material.density_kg_m3 / factor
+    near = [one.name for one in entry.materials.values() if 1 / NEAR <= fitting / one.density_kg_m3 <= NEAR]
+    found = (
+        f"density times volume is {kilograms(mass)}, {factor:.2g} times the "
+        f"published {kilograms(published)}; {material.name} has {material.density_kg_m3:.0f} kg/m3, "
+        f"{fitting:.0f} would fit"
+    )
+    if near:
+        found += f", near {' and '.join(near)}"
+    if factor > 1:
+        remedy = "It is hollow or scanned too thick (shell_m), or not of this material"
+    else:
+        remedy = "Parts are missing from the scan or too thin (wall_m), or it is not of this material"
+    absurd = not 1 / ABSURD_FACTOR <= factor <= ABSURD_FACTOR
+    if absurd:
+        fitting_m = length_m / factor ** (1 / 3)
+        remedy += f"; a length of {fitting_m:.3g} m instead of {length_m:.3g} m would explain it"
+    yield entry.found(MASS, ERROR if absurd else WARNING, "mass_kg", found, remedy)
+
+
+def kilograms(mass_kg: float) -> str:
+    """Return a mass as text, in grams below one kilogram."""
+    return f"{mass_kg:.3g} kg" if mass_kg >= 1 else f"{1e3 * mass_kg:.3g} g"
 
 
 def check_surface(entry: Entry) -> Iterator[Finding]:

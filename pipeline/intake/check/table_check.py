@@ -9,29 +9,22 @@ from pathlib import Path
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.catalogue import read_catalogue, read_rows
 from objectfolder.errors import InputError
-from pipeline.intake.check import (
-    duplicate_rule,
-    length_rule,
-    licence_rule,
-    mass_rule,
-    material_rule,
-    mesh_rules,
-    provenance_rule,
-)
-from pipeline.intake.check.entry import Entry
-from pipeline.intake.check.finding import ERROR, NOTE, SEVERITIES, WARNING, Finding
+from pipeline.intake.check import duplicate_rule, mesh_rules, row_rules
+from pipeline.intake.check.entry import ERROR, NOTE, SEVERITIES, WARNING, Entry, Finding
 from pipeline.intake.check.shape import measure
 
 ACCEPTED = "accepted"
 BY_ROW: Mapping[str, Callable[[Entry], Iterator[Finding]]] = {
-    mesh_rules.READABLE: mesh_rules.check_readable,
-    licence_rule.RULE: licence_rule.check,
-    provenance_rule.RULE: provenance_rule.check,
-    length_rule.RULE: length_rule.check,
+    row_rules.READABLE: row_rules.check_readable,
+    row_rules.LICENCE: row_rules.check_licence,
+    row_rules.PROVENANCE: row_rules.check_provenance,
+    mesh_rules.LENGTH: mesh_rules.check_length,
     mesh_rules.WALLS: mesh_rules.check_walls,
     mesh_rules.SURFACE: mesh_rules.check_surface,
+    mesh_rules.MASS: mesh_rules.check_mass,
+    row_rules.MATERIAL: row_rules.check_material,
 }
-RULES = (*BY_ROW, mass_rule.RULE, material_rule.RULE, duplicate_rule.RULE, ACCEPTED)
+RULES = (*BY_ROW, duplicate_rule.RULE, ACCEPTED)
 
 
 @dataclass(frozen=True)
@@ -83,24 +76,23 @@ def check_table(
     InputError
         A table that cannot be read at all.
     """
-    known = read_materials(materials_table)
-    entries = read_entries(path, known)
+    entries = read_entries(path, read_materials(materials_table))
     if with_meshes:
         for index, entry in enumerate(entries):
             progress(index, len(entries), entry.object_id)
             entries[index] = measured(entry)
         progress(len(entries), len(entries), "")
-    return check_entries(entries, known)
+    return check_entries(entries)
 
 
-def check_entries(entries: Sequence[Entry], known: Mapping[str, Material]) -> Check:
-    """Apply every rule to rows that were read; `known` is the table of materials."""
+def check_entries(entries: Sequence[Entry]) -> Check:
+    """Apply every rule to rows that were read."""
     doubles: dict[str, list[Finding]] = {}
     for one in duplicate_rule.check(entries):
         doubles.setdefault(one.object_id, []).append(one)
     findings: list[Finding] = []
     for entry in entries:
-        findings += accept(entry, [*_of_row(entry, known), *doubles.pop(entry.object_id, ())])
+        findings += accept(entry, [*_of_row(entry), *doubles.pop(entry.object_id, ())])
     findings.sort(key=lambda one: SEVERITIES.index(one.severity))
     unfetched = tuple(entry.object_id for entry in entries if entry.is_unfetched)
     return Check(len(entries), sum(entry.shape is not None for entry in entries), unfetched, tuple(findings))
@@ -138,8 +130,8 @@ def read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
         Entry(
             object_id=row["id"] or f"line {line}",
             cells=row,
+            materials=known,
             record=records.get(row["id"]),
-            material=known.get(row["material"]),
             problem=catalogue.errors.get(row["id"] or f"line {line}"),
         )
         for line, row in rows
@@ -156,12 +148,10 @@ def measured(entry: Entry) -> Entry:
         return replace(entry, problem=problem)
 
 
-def _of_row(entry: Entry, known: Mapping[str, Material]) -> Iterator[Finding]:
+def _of_row(entry: Entry) -> Iterator[Finding]:
     found = [one for rule in BY_ROW.values() for one in rule(entry)]
-    yield from found
-    shells = any(one.rule == mesh_rules.WALLS and one.field == mass_rule.SHELL for one in found)
-    for one in mass_rule.check(entry, known):
+    shells = any(one.rule == mesh_rules.WALLS and one.field == mesh_rules.SHELL for one in found)
+    for one in found:
         # A shell that the walls ask for already is not asked for again because of the mass.
-        if not (shells and one.field == mass_rule.SHELL):
+        if not (shells and one.rule == mesh_rules.MASS and one.field == mesh_rules.SHELL):
             yield one
-    yield from material_rule.check(entry, known.keys())
