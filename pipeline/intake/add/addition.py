@@ -5,11 +5,10 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
 
 from objectfolder.audio.materials import Material, find_material, read_materials
+from objectfolder.catalogue import AS_IN_FILE
 from objectfolder.errors import InputError
-from objectfolder.geometry.gltf_file import read_gltf_file
 from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
 from objectfolder.geometry.load import load_mesh
 from objectfolder.geometry.shell import hollow
@@ -25,7 +24,6 @@ from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
 from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.check.row_rules import likely_spdx, spdx
 
-AS_IN_FILE = "as in file"
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
 """Licences that do not ask for the author to be named."""
 COARSE = 10_000
@@ -64,9 +62,7 @@ class Checked:
 class Added:
     """Where an object is now; `changed` is false where it was there already, the same."""
 
-    table: Path
     folder: Path
-    mesh: Path
     changed: bool
 
 
@@ -79,14 +75,16 @@ def check_object(wanted: Wanted) -> Checked:
         Anything that keeps the object from being made, with the option to give or the cell to correct.
     """
     material = find_material(read_materials(wanted.materials), wanted.material, "--material")
-    licence = spdx(wanted.licence) or _refuse_licence(wanted.licence)
+    licence = _licence(wanted.licence)
     object_id = checked_id(wanted.object_id) if wanted.object_id else object_id_of(wanted.mesh)
     _check_numbers(wanted)
     for path, option in ((wanted.mesh, "MESH"), (wanted.texture, "--texture")):
         if path is not None and not path.is_file():
             raise InputError(f"{option} {path}", "no such file", "Correct the path")
     product = _ingested(wanted, object_id)
-    attribution = _attribution(wanted, licence)
+    if not wanted.attribution and licence not in WITHOUT_NAMING:
+        finding = f"{licence} asks for the author to be named"
+        raise InputError("--attribution", finding, "Name whom to thank")
     mesh = textured_mesh_of(product)
     where = f"{object_id} ({wanted.mesh})"
     if wanted.shell_m is not None:
@@ -115,7 +113,7 @@ def check_object(wanted: Wanted) -> Checked:
         "length_m": AS_IN_FILE if wanted.length_m is None else repr(wanted.length_m),
         "source": wanted.source,
         "licence": licence,
-        "attribution": attribution,
+        "attribution": wanted.attribution or "",
         "roughness": _cell(wanted.roughness),
         "metallic": _cell(wanted.metallic),
         "wall_m": _cell(wanted.wall_m),
@@ -160,9 +158,13 @@ def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
         folder = same or next((one for one in folders if not one.exists()), None)
         if folder is None:
             raise InputError(str(folders[-1]), "is in the way", "Remove it")
-        row = _row(checked, table_path, folder)
+        places = {"mesh": checked.layout.mesh, "texture": checked.layout.texture}
+        row = dict(checked.row) | {
+            column: (folder / place).relative_to(table_path.parent).as_posix() if place else ""
+            for column, place in places.items()
+        }
         if index is not None and same and all(old.get(column, "") == row[column] for column in row):
-            return Added(table_path, folder, folder / checked.layout.mesh, False)
+            return Added(folder, False)
         if index is not None and not replace:
             raise InputError(
                 f"{table_path}, {old['id']}",
@@ -173,12 +175,7 @@ def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
             copy_files(checked.layout, folder)
         write_table(table_path, with_row(table, row, index))
         _remove_unused(table_path, parent, old.get("mesh", ""))
-    return Added(table_path, folder, folder / checked.layout.mesh, True)
-
-
-def up_axis(mesh: Path) -> int:
-    """Which axis points up in files of this kind: y in glTF, z in scans."""
-    return 1 if mesh.suffix.lower() in (".gltf", ".glb") else 2
+    return Added(folder, True)
 
 
 def _ingested(wanted: Wanted, object_id: str) -> Product:
@@ -198,7 +195,9 @@ def _check_shell(surface: Surface, shell_m: float, where: str) -> None:
         hollow(surface, shell_m, where)
 
 
-def _refuse_licence(said: str) -> NoReturn:
+def _licence(said: str) -> str:
+    if known := spdx(said):
+        return known
     near = likely_spdx(said)
     hint = f"Did you mean {near}? " if near else ""
     raise InputError(
@@ -206,26 +205,6 @@ def _refuse_licence(said: str) -> NoReturn:
         f"{said!r} is no licence that SPDX knows",
         f"{hint}Use an identifier of https://spdx.org/licenses, such as CC-BY-4.0, or LicenseRef-NAME",
     )
-
-
-def _attribution(wanted: Wanted, licence: str) -> str:
-    if wanted.attribution:
-        return wanted.attribution
-    if licence in WITHOUT_NAMING:
-        return ""
-    said = _copyright(wanted.mesh)
-    hint = f"The file says {said!r}: " if said else ""
-    raise InputError(
-        "--attribution", f"{licence} asks for the author to be named", f"{hint}Name whom to thank"
-    )
-
-
-def _copyright(mesh: Path) -> str:
-    if mesh.suffix.lower() not in (".gltf", ".glb"):
-        return ""
-    asset = read_gltf_file(mesh).header.get("asset")
-    said = asset.get("copyright") if isinstance(asset, dict) else None
-    return said if isinstance(said, str) and said.isprintable() else ""
 
 
 def _check_numbers(wanted: Wanted) -> None:
@@ -239,13 +218,6 @@ def _check_numbers(wanted: Wanted) -> None:
     if wanted.wall_m is not None and wanted.shell_m is not None:
         remedy = "State --wall for an open vessel with thin walls, --shell for one that is scanned solid"
         raise InputError("--shell", "is stated together with --wall", remedy)
-
-
-def _row(checked: Checked, table_path: Path, folder: Path) -> dict[str, str]:
-    def cell(place: Path | None) -> str:
-        return "" if place is None else (folder / place).relative_to(table_path.parent).as_posix()
-
-    return {**checked.row, "mesh": cell(checked.layout.mesh), "texture": cell(checked.layout.texture)}
 
 
 def _remove_unused(table_path: Path, folder_of_objects: Path, mesh_cell: str) -> None:

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from objectfolder.catalogue import AS_IN_FILE
 from objectfolder.geometry.mass_evidence import millimetres
 from objectfolder.geometry.wall_measures import LEVELS
-from pipeline.intake.add.addition import AS_IN_FILE, Checked
+from pipeline.intake.add.addition import Checked
 
 
 def lines_about(checked: Checked) -> list[str]:

@@ -14,7 +14,7 @@ from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.geometry.vessels import THIN, TORN
 from objectfolder.geometry.wall_measures import FACING_AWAY, WALL_SHARE
 from objectfolder.geometry.walls_of_materials import limits_of
-from pipeline.intake.add.addition import Checked, up_axis
+from pipeline.intake.add.addition import Checked
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views
 
 PIXELS = 300
@@ -85,24 +85,13 @@ def _blended(colours: Floats, chosen: NDArray[np.bool_], colour: Floats) -> Floa
 
 
 def preview_of(checked: Checked, mesh: Path, path: Path, lines: Sequence[str]) -> None:
-    """Write the picture of an object that can be added; doubtful walls are marked.
-
-    Parameters
-    ----------
-    checked
-        The object.
-    mesh
-        The file that it was read from.
-    path
-        The picture, PNG.
-    lines
-        Text below it.
-    """
+    """Write the picture of an object that was read from `mesh`; doubtful walls are marked."""
     marked = any(finding.kind in (THIN, TORN) for finding in checked.findings)
     write_preview(
         path,
         textured_mesh_of(checked.product),
         lines,
         least_wall_m=limits_of(checked.material.name).least_wall_m if marked else None,
-        up_axis=up_axis(mesh),
+        # glTF has y up; scans, z.
+        up_axis=1 if mesh.suffix.lower() in (".gltf", ".glb") else 2,
     )

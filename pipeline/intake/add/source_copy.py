@@ -10,6 +10,7 @@ from pathlib import Path
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.source_files import source_files
+from objectfolder.provenance import file_digest
 from pipeline.intake.add.naming import safe_name
 
 
@@ -99,9 +100,7 @@ def digest_of(files: Mapping[Path, Path]) -> str:
     """Return the SHA-256 of all paths, which are the keys, and of the bytes of the files."""
     digest = hashlib.sha256()
     for place, path in sorted(files.items()):
-        with path.open("rb") as file:
-            content = hashlib.file_digest(file, "sha256").hexdigest()
-        digest.update(f"{place.as_posix()}\0{content}\0".encode("utf-8", "surrogateescape"))
+        digest.update(f"{place.as_posix()}\0{file_digest(path)}\0".encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
 
 

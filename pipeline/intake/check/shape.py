@@ -1,8 +1,6 @@
 """Measurements of a check on the mesh of an object."""
 
-import hashlib
 from dataclasses import dataclass
-from pathlib import Path
 
 from objectfolder.catalogue import ObjectRecord
 from objectfolder.geometry.clean import clean
@@ -10,6 +8,7 @@ from objectfolder.geometry.length import with_length
 from objectfolder.geometry.load import load_mesh
 from objectfolder.geometry.solid_properties import Topology, solid_properties, topology_of
 from objectfolder.geometry.wall_measures import WallMeasures, measure_walls
+from objectfolder.provenance import file_digest
 
 
 @dataclass(frozen=True)
@@ -66,8 +65,8 @@ def measure(record: ObjectRecord) -> Shape:
         file_extents=(extents[0], extents[1], extents[2]),
         topology=topology_of(mesh.vertices, mesh.faces),
         walls=measure_walls(mesh.surface, cavities=report.cavities),
-        mesh_sha256=_sha256(record.mesh),
-        texture_sha256=None if record.texture is None else _sha256(record.texture),
+        mesh_sha256=file_digest(record.mesh),
+        texture_sha256=None if record.texture is None else file_digest(record.texture),
         faces=len(cleaned.faces),
         likeness=(
             cleaned.surface.area,
@@ -75,8 +74,3 @@ def measure(record: ObjectRecord) -> Shape:
             *sorted(extents),
         ),
     )
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,6 +1,5 @@
 """`source.json` of a fetched object's folder: which file is what, where from, and what its content was."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -9,11 +8,11 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from objectfolder.atomic import atomic_write
+from objectfolder.provenance import file_digest
 from pipeline.intake.sources.recorded_hashes import Content
 from pipeline.intake.sources.source import SourceObject
 
 RECORD = "source.json"
-LARGEST_RECORD_BYTES = 16 << 20
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,6 @@ def read_record(folder: Path) -> Record | None:
     """Read `source.json` of an object's folder; None where it is absent or no such record."""
     path = folder / RECORD
     try:
-        if path.stat().st_size > LARGEST_RECORD_BYTES:
-            return None
         record = TypeAdapter(Record).validate_json(path.read_bytes())
         for resolution in {record.resolution, *record.resolutions}:
             record.files_of(resolution)
@@ -94,8 +91,7 @@ def read_record(folder: Path) -> Record | None:
 
 def content_of(path: Path) -> Content:
     """Read a file for its size and hash."""
-    with path.open("rb") as file:
-        return Content(path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest())
+    return Content(path.stat().st_size, file_digest(path))
 
 
 def is_whole(folder: Path, record: Record, resolution: str) -> bool:

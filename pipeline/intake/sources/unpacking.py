@@ -9,7 +9,7 @@ import tarfile
 import unicodedata
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -77,17 +77,14 @@ def unpack(
     files: list[str] = []
     with writing(archive):
         packed_bytes = archive.stat().st_size
+    limit_bytes = min(limit_bytes, max(LEAST_SUSPECT_BYTES, MOST_RATIO * packed_bytes))
     with writing(folder):
         try:
-            checked = _Members(packed_bytes, limit_bytes, limit_files)
-            for member in _members(archive):
-                path = checked.path(member)
+            for path, member in _checked(_members(archive), limit_bytes, limit_files):
                 inner = path.removeprefix(start)
-                if not member.is_folder and path.startswith(start) and wanted(inner):
+                if path.startswith(start) and wanted(inner):
                     member.extract(inner, folder)
                     files.append(inner)
-            if not checked.files:
-                raise BadArchiveError("it holds no file")
         except RecursionError as error:
             finding = "not to be unpacked: its headers follow one another without end"
             raise FormatError(str(archive), finding, REMEDY) from error
@@ -107,47 +104,39 @@ class _Member:
     extract: Callable[[str, Path], object]
 
 
-class _Members:
-    """The members met so far, and what all of them may have."""
-
-    def __init__(self, packed_bytes: int, limit_bytes: int, limit_files: int) -> None:
-        self.files = 0
-        self._count = 0
-        self._limit_files = limit_files
-        self._limit_bytes = min(limit_bytes, max(LEAST_SUSPECT_BYTES, MOST_RATIO * packed_bytes))
-        self._bytes = 0
-        # Names as a file system sees them that tells neither case nor composed letters apart.
-        self._known: dict[str, tuple[str, bool]] = {}
-
-    def path(self, member: _Member) -> str:
-        """Return a member's path below the folder; BadArchiveError for one that is refused."""
-        self._count += 1
-        self._bytes += member.size
-        if self._count > self._limit_files:
-            raise BadArchiveError(f"it has more than {self._limit_files} members")
-        if member.size < 0 or self._bytes > self._limit_bytes:
-            raise BadArchiveError(f"it unpacks to more than {self._limit_bytes} bytes")
+def _checked(members: Iterable[_Member], limit_bytes: int, limit_files: int) -> Iterator[tuple[str, _Member]]:
+    """Yield files and their plain paths; BadArchiveError for a member that is refused, or for no file."""
+    # By names as a file system sees them that tells neither case nor composed letters apart.
+    known: dict[str, tuple[str, bool]] = {}
+    total, files = 0, 0
+    for count, member in enumerate(members, start=1):
+        total += member.size
+        if count > limit_files:
+            raise BadArchiveError(f"it has more than {limit_files} members")
+        if member.size < 0 or total > limit_bytes:
+            raise BadArchiveError(f"it unpacks to more than {limit_bytes} bytes")
         path = _plain_path(member.name)
-        if not path.parts:
-            if not member.is_folder:
-                raise BadArchiveError(f"{member.name!r} is no name of a file")
-            return ""
         for parent in list(path.parents)[:-1]:
-            self._add(str(parent), is_folder=True)
-        self._add(str(path), is_folder=member.is_folder)
-        self.files += not member.is_folder
-        return str(path)
+            _add(known, str(parent), is_folder=True)
+        if path.parts:
+            _add(known, str(path), is_folder=member.is_folder)
+        elif not member.is_folder:
+            raise BadArchiveError(f"{member.name!r} is no name of a file")
+        if not member.is_folder:
+            files += 1
+            yield str(path), member
+    if not files:
+        raise BadArchiveError("it holds no file")
 
-    def _add(self, path: str, *, is_folder: bool) -> None:
-        key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", path).casefold())
-        if key not in self._known:
-            self._known[key] = path, is_folder
-            return
-        known, known_is_folder = self._known[key]
-        if known != path:
-            raise BadArchiveError(f"{path!r} and {known!r} are one name where case is not told apart")
-        if not (is_folder and known_is_folder):
-            raise BadArchiveError(f"{path!r} is there twice")
+
+def _add(known: dict[str, tuple[str, bool]], path: str, *, is_folder: bool) -> None:
+    key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", path).casefold())
+    if key not in known:
+        known[key] = path, is_folder
+    elif known[key][0] != path:
+        raise BadArchiveError(f"{path!r} and {known[key][0]!r} are one name where case is not told apart")
+    elif not (is_folder and known[key][1]):
+        raise BadArchiveError(f"{path!r} is there twice")
 
 
 def _plain_path(name: str) -> PurePosixPath:
