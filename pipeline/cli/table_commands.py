@@ -45,8 +45,7 @@ def add(
         check only; write no row and no copy
     """
     from pipeline.intake.add.addition import check_object, put_object
-    from pipeline.intake.add.addition_summary import lines_about
-    from pipeline.intake.add.preview import preview_of
+    from pipeline.intake.add.preview import lines_about, preview_of
 
     checked = check_object(wanted)
     lines = lines_about(checked)

@@ -1,4 +1,4 @@
-"""A picture of an object as it was read: all sides to one scale, a section, its walls, its numbers."""
+"""An object as it was read, for people: its numbers in lines, and a picture of all sides and a section."""
 
 import io
 import textwrap
@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.atomic import atomic_write
+from objectfolder.catalogue import AS_IN_FILE
+from objectfolder.geometry.mass_evidence import millimetres
 from objectfolder.geometry.mesh import TexturedMesh
 from objectfolder.geometry.mesh_product import textured_mesh_of
 from objectfolder.geometry.vessels import THIN, TORN
-from objectfolder.geometry.wall_measures import FACING_AWAY, WALL_SHARE
+from objectfolder.geometry.wall_measures import FACING_AWAY, LEVELS, WALL_SHARE
 from objectfolder.geometry.walls_of_materials import limits_of
 from pipeline.intake.add.addition import Checked
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views
@@ -95,3 +97,43 @@ def preview_of(checked: Checked, mesh: Path, path: Path, lines: Sequence[str]) -
         # glTF has y up; scans, z.
         up_axis=1 if mesh.suffix.lower() in (".gltf", ".glb") else 2,
     )
+
+
+def lines_about(checked: Checked) -> list[str]:
+    """Size, volume, mass, walls, and what is doubtful."""
+    attributes, walls = checked.product.attributes, checked.walls
+    extents = attributes["length"]["extents_m"]
+    origin = "as in the file" if checked.row["length_m"] == AS_IN_FILE else "as stated"
+    density = checked.material.density_kg_m3
+    closed = (
+        "closed" if walls.closed else f"open ({walls.boundary_edges} boundary edges): filled as it sounds"
+    )
+    lines = [
+        f"object       {checked.row['name']} ({checked.object_id}), {checked.row['licence']}",
+        f"size         {' x '.join(f'{side:.4g}' for side in extents)} m, longest side {origin}",
+        f"surface      {len(checked.product['faces'])} triangles, {closed}, "
+        f"pieces {walls.pieces}, cavities {walls.cavities}",
+        f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
+        f"{checked.material.name} ({density:g} kg/m3)",
+        _walls(checked),
+    ]
+    lines += [f"warning      {text}" for text in checked.warnings]
+    lines += [f"walls?       {finding}" for finding in checked.findings]
+    return lines
+
+
+def _walls(checked: Checked) -> str:
+    walls = checked.walls
+    solid = f"2V/A {millimetres(walls.effective_m)}, thickest {millimetres(walls.bulk_m)}"
+    median = walls.usual_wall_m()
+    if median is None:
+        return f"walls        none; {solid}"
+    thin = float(np.interp(0.05, LEVELS, walls.wall_m))
+    return (
+        f"walls        {100 * walls.wall_share:.0f} % of the area, median {millimetres(median)}, "
+        f"a twentieth of them below {millimetres(thin)}; {solid}"
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value >= 1000 else f"{value:.4g}"

@@ -23,8 +23,6 @@ class Table:
     ----------
     path
         The file; it need not be there.
-    mark
-        A byte order mark, or nothing.
     records
         Texts of the header and of each row, line ends included; empty lines are records, too.
     cells
@@ -32,7 +30,6 @@ class Table:
     """
 
     path: Path
-    mark: str
     records: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
 
@@ -67,12 +64,12 @@ def read_table(path: Path) -> Table:
     try:
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError:
-        return Table(path, "", (), ())
+        return Table(path, (), ())
     except UnicodeDecodeError as problem:
         raise _no_table(path, problem) from problem
-    mark = BYTE_ORDER_MARK if text.startswith(BYTE_ORDER_MARK) else ""
-    lines = list(io.StringIO(text[len(mark) :], newline=""))
-    reader = csv.reader(lines, strict=True)
+    lines = list(io.StringIO(text, newline=""))
+    # The mark stays in the text of the header, and is no part of the first column's name.
+    reader = csv.reader((line.removeprefix(BYTE_ORDER_MARK) for line in lines), strict=True)
     records, cells = [], []
     first = 0
     try:
@@ -82,7 +79,7 @@ def read_table(path: Path) -> Table:
             first = reader.line_num
     except csv.Error as problem:
         raise _no_table(path, problem) from problem
-    table = Table(path, mark, tuple(records), tuple(cells))
+    table = Table(path, tuple(records), tuple(cells))
     missing = [name for name in ("id", "mesh", "material") if name not in table.columns]
     if cells and missing:
         remedy = "Name another table with --table: it is made if absent"
@@ -115,7 +112,7 @@ def with_row(table: Table, row: Mapping[str, str], replaced: int | None = None) 
         kept = dict(zip(table.columns, table.cells[replaced], strict=False))
     values = [row[name] if name in row else kept.get(name, "") for name in columns]
     records[replaced] = _written(values, end)
-    return table.mark + "".join(records)
+    return "".join(records)
 
 
 def write_table(path: Path, text: str) -> None:

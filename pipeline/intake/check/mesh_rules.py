@@ -19,7 +19,7 @@ NEAR = 1.35
 
 HELD_M, HELD_KG = 0.5, 5.0
 """A solid block of wood of that length weighs as much; what is held does not."""
-HEAVIEST_KG = 200.0
+HEAVIEST_KG, LIGHTEST_KG = 200.0, 0.002
 
 SHELL = "shell_m"
 """Column that makes a solid hollow."""
@@ -77,9 +77,9 @@ def check_mass(entry: Entry) -> Iterator[Finding]:
         return
     length_m = entry.shape.length_m
     held = length_m <= HELD_M and mass > HELD_KG
-    if held or mass > HEAVIEST_KG:
+    if held or not LIGHTEST_KG <= mass <= HEAVIEST_KG:
         found = f"density times volume is {kilograms(mass)} at a length of {length_m:.3g} m"
-        remedy = "If it is hollow, set shell_m; if not, check the length and the material"
+        remedy = "If it is hollow, set shell_m; if not, check the length, its unit and the material"
         yield entry.found(MASS, WARNING, SHELL if held else "length_m", found, remedy)
 
 
