@@ -11,6 +11,7 @@ from pathlib import Path
 
 from objectfolder.errors import InputError
 from objectfolder.geometry.length import check_stated_length
+from objectfolder.geometry.named_files import is_file
 
 AS_IN_FILE = "as in file"
 """Value of `length_m` for a mesh whose own unit is the metre."""
@@ -249,7 +250,7 @@ def _record(
 
 
 def _check_exists(path: Path, where: str, source_id: str) -> None:
-    if not path.is_file():
+    if not is_file(path):
         remedy = (
             f"objectfolder fetch {shlex.quote(source_id)}"
             if source_id

@@ -144,6 +144,12 @@ def test_a_table_that_cannot_be_read(tmp_path, capsys, text):
     assert main(["check", str(tmp_path / "none.csv")]) == 1
 
 
+def test_a_name_that_no_file_can_have_is_an_error_of_its_row(folder, capsys):
+    status, found = check(folder, capsys, BLOCK.replace("block.stl", f"{'x' * 5000}.stl"), BALL)
+    assert (status, found["measured"]) == (1, 1)
+    assert "does not exist" in found["findings"][0]["found"]
+
+
 def test_the_papers_table_has_no_errors(capsys):
     """What is fetched of it depends on the machine; the table itself does not."""
     table = Path(__file__).parents[2] / "data" / "objects.csv"

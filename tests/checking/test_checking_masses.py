@@ -65,3 +65,9 @@ def test_furniture_may_be_heavy_but_not_absurdly():
 def test_nothing_is_said_of_what_is_open_or_not_there():
     assert list(check(entry(of=shape(BLOCK, closed=False, boundary_edges=3), mass_kg="9"))) == []
     assert list(check(entry(mass_kg="9"))) == []
+
+
+def test_what_weighs_next_to_nothing_may_be_in_another_unit():
+    (found,) = check(entry(of=shape((0.02, 0.01, 0.01))))
+    assert "1.5 g at a length of 0.02 m" in found.found
+    assert "its unit" in found.remedy
