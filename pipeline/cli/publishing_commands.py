@@ -56,11 +56,11 @@ def get(
     jobs
         files at a time
     """
-    from pipeline.publish.cards.single_objects import get as fetched
-    from pipeline.publish.cards.single_objects import known_ids
+    from pipeline.publish.cards import single_objects
 
     if list_ids:
-        print("\n".join(known_ids(repository, remote)))
+        with single_objects.opened(repository, remote) as published:
+            print("\n".join(sorted(published.products(single_objects.OBJECT_FILES))))
         return FINE
     outcomes, arrived = [], [0]
     with status_line() as show:
@@ -69,7 +69,7 @@ def get(
             arrived.append(count)
             show(f"{sum(arrived) / 1e6:.1f} MB")
 
-        for got in fetched(
+        for got in single_objects.get(
             repository, ids, output, stages=stage, remote=remote, jobs=jobs, progress=progress
         ):
             outcomes.append(got.outcome)
@@ -77,7 +77,7 @@ def get(
                 print_error(got.error)
             else:
                 print(f"{got.path}  {got.path.stat().st_size / 1e6:.2f} MB, {got.outcome}")
-    if failed := outcomes.count("failed"):
+    if failed := outcomes.count(single_objects.FAILED):
         print_error(
             f"{failed} of {len(outcomes)} failed. Run the same command again: it fetches what is missing."
         )

@@ -6,7 +6,6 @@ from objectfolder.atomic import atomic_write
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.publish.cards.citation_file import citation_text
-from pipeline.publish.cards.croissant import croissant_text
 from pipeline.publish.cards.data_card import card_text
 from pipeline.publish.cards.published_data_set import read_data_set
 from pipeline.publish.report.writing import write_report
@@ -31,18 +30,15 @@ def write_cards(root: Path, folder: Path) -> list[Path]:
     Everything is a function of the Object Files, the reports in `folder`, ``data/records.json``,
     ``data/card.yaml``, ``params.yaml`` and what failed last: equal inputs give equal bytes.
 
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    folder
-        Where per_object.csv and metrics.json of the report lie; without them the cards have no figures.
+    Without per_object.csv and metrics.json in `folder` the cards have no figures.
 
     Raises
     ------
     InputError
-        No records, or a parameter file, report or ``data/card.yaml`` that cannot be read.
+        See `read_data_set`.
     """
+    from pipeline.publish.cards.croissant import croissant_text  # its library takes a second
+
     data_set = read_data_set(root, folder)
     texts = {
         folder / "croissant.json": croissant_text(data_set, root, folder),

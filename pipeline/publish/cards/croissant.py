@@ -8,12 +8,11 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import mlcroissant
 
 from pipeline.publish.cards.published_data_set import LIMITS, SUMMARY, DataSet, PublishedObject
-
-if TYPE_CHECKING:
-    import mlcroissant
 
 # What the library's context of 1.0 lacks of the specification's of 1.1; loaders compare the keys.
 CONTEXT = {
@@ -36,8 +35,6 @@ def croissant_text(data_set: DataSet, root: Path, folder: Path) -> str:
     mlcroissant.ValidationError
         The library finds it wrong.
     """
-    import mlcroissant  # takes a second
-
     publication, objects = data_set.publication, data_set.objects
     context = mlcroissant.Context(conforms_to="http://mlcommons.org/croissant/1.1")
     context.rdf.context.update(CONTEXT)
@@ -66,9 +63,7 @@ def croissant_text(data_set: DataSet, root: Path, folder: Path) -> str:
     return json.dumps(metadata.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _distribution(context: "mlcroissant.Context", objects: Sequence[PublishedObject], base: str) -> list[Any]:
-    import mlcroissant
-
+def _distribution(context: mlcroissant.Context, objects: Sequence[PublishedObject], base: str) -> list[Any]:
     files: list[Any] = [
         mlcroissant.FileObject(
             ctx=context,
@@ -94,9 +89,7 @@ def _distribution(context: "mlcroissant.Context", objects: Sequence[PublishedObj
     return [*files, together] if files else []
 
 
-def _record_sets(context: "mlcroissant.Context", data_set: DataSet) -> list[Any]:
-    import mlcroissant
-
+def _record_sets(context: mlcroissant.Context, data_set: DataSet) -> list[Any]:
     rows = [_row(one) for one in data_set.objects]
     columns = dict.fromkeys(column for row in rows for column in row)
     types = mlcroissant.DataType
@@ -140,9 +133,7 @@ def _row(one: PublishedObject) -> dict[str, str | float | None]:
     return texts | {column: float(text) if text else None for column, text in figures.items()}
 
 
-def _of_files(context: "mlcroissant.Context", name: str, about: str) -> Any:
-    import mlcroissant
-
+def _of_files(context: mlcroissant.Context, name: str, about: str) -> Any:
     extract = mlcroissant.Extract(ctx=context, file_property=name)
     return mlcroissant.Field(
         ctx=context,

@@ -1,15 +1,18 @@
-"""Everything cards say of a data set, read from its products, reports and parameters."""
+"""Everything cards say of a data set, read from its products, reports, parameters and ``data/card.yaml``."""
 
 import contextlib
 import csv
+import datetime
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from objectfolder.errors import FormatError, InputError
+from pydantic import ConfigDict, StringConstraints
+from pydantic.dataclasses import dataclass as checked_dataclass
+
+from objectfolder.errors import FormatError
 from objectfolder.provenance import canonical_json, file_digest
 from objectfolder.splits import object_split
 from objectfolder.store import read_attributes
@@ -17,11 +20,12 @@ from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_records
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
-from pipeline.dataset.validation import read_yaml
+from pipeline.dataset.validation import read_yaml, validated
 from pipeline.publish.cards.licences import Licence
-from pipeline.publish.cards.publication import Publication, read_publication
 
-PARAMETERS, PER_OBJECT, METRICS = "params.yaml", "per_object.csv", "metrics.json"
+PUBLICATION, PARAMETERS = "data/card.yaml", "params.yaml"
+PER_OBJECT, METRICS = "per_object.csv", "metrics.json"
+Address = Annotated[str, StringConstraints(pattern=r"^https?://\S+$")]
 SUMMARY = (
     "Simulated by ObjectFolder Factory from meshes and material constants: views by path tracing (Blender "
     "Cycles), modal sound by finite elements, touches by a simulated tactile sensor. Each Object File was "
@@ -37,6 +41,34 @@ LIMITS = (
     "does not deform and bears no force.",
     "Masses, sizes and wall thicknesses are those of the mesh at its stated length.",
 )
+
+
+@checked_dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Publication:
+    """What no product knows, as the publisher states it in ``data/card.yaml``; empty where it is not stated.
+
+    Parameters
+    ----------
+    version
+        MAJOR.MINOR.PATCH; a digest of the Object Files is appended.
+    url
+        Page of the data set.
+    files_url
+        Address that paths such as ``data/object_files/mug.safetensors`` are relative to, if files are served.
+    doi
+        Without ``https://doi.org/``.
+    creators
+        Names of people or groups.
+    """
+
+    title: str = "ObjectFolder Factory data set"
+    description: str = ""
+    version: Annotated[str, StringConstraints(pattern=r"^\d+\.\d+\.\d+$")] = "0.1.0"
+    date: datetime.date | None = None
+    url: Address = ""
+    files_url: Address = ""
+    doi: str = ""
+    creators: tuple[Annotated[str, StringConstraints(min_length=1)], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,7 +178,7 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
     Raises
     ------
     InputError
-        No records, or a report or parameter file that is damaged.
+        No records, or a damaged file; in ``data/card.yaml`` an unknown key, or a value of a wrong kind.
     """
     records = read_records(root)
     figures = _figures(folder / PER_OBJECT)
@@ -156,10 +188,10 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
     unmade = sorted(records.listed.difference(made))
     parameters = read_parameters(root / PARAMETERS)
     return DataSet(
-        read_publication(root),
+        validated(PUBLICATION, Publication, _read(root / PUBLICATION)),
         tuple(_object(root, name, records.rows[name], figures.get(name, {})) for name in made),
         tuple(failed.get(name, FailedObject(name, "", "not made", "")) for name in unmade),
-        _metrics(folder / METRICS),
+        _read(folder / METRICS),
         _definitions(root, made),
         parameters.size,
         parameters.seed,
@@ -194,17 +226,11 @@ def _figures(path: Path) -> dict[str, dict[str, str]]:
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8") as file:
-        try:
-            return {row["id"]: row for row in csv.DictReader(file)}
-        except KeyError as error:
-            raise InputError(str(path), "it has no column id", "Run the stage `report`.") from error
+        return {row["id"]: row for row in csv.DictReader(file)}
 
 
-def _metrics(path: Path) -> dict[str, Any]:
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
-    except (ValueError, TypeError) as error:
-        raise InputError(str(path), f"not JSON of the report ({error})", "Run the stage `report`.") from error
+def _read(path: Path) -> Any:
+    return (read_yaml(path) or {}) if path.is_file() else {}
 
 
 def _definitions(root: Path, object_ids: Sequence[str]) -> dict[str, str]:

@@ -97,12 +97,6 @@ def get(
         yield from pool.map(fetch, *zip(*wanted, strict=True))
 
 
-def known_ids(repository: str, remote: str = "") -> list[str]:
-    """Return the ids that have an Object File in a revision; see `opened` for what is raised."""
-    with opened(repository, remote) as published:
-        return sorted(published.products(OBJECT_FILES))
-
-
 @contextlib.contextmanager
 def opened(repository: str, remote: str = "") -> Iterator["PublishedRevision"]:
     """Open a revision of a repository under DVC; a temporary clone is removed afterwards.
@@ -154,22 +148,7 @@ def split_revision(repository: str) -> tuple[str, str | None]:
 
 
 class PublishedRevision:
-    """Which products a revision of a published data set has, and where their bytes are.
-
-    Parameters
-    ----------
-    name
-        For messages.
-    repository
-        An open `dvc.repo.Repo`.
-    remote
-        Name of its remote; the default one where it is empty.
-
-    Raises
-    ------
-    InputError
-        No such remote.
-    """
+    """Which products a revision has, and the stores of their bytes; made by `opened`."""
 
     def __init__(self, name: str, repository: Any, remote: str) -> None:
         self.name = name
