@@ -133,7 +133,10 @@ def listen(
     duration_s
         seconds of each sound
     """
-    from pipeline.publish.listening.listening_page import write_page
+    from objectfolder.atomic import atomic_write
+    from pipeline.publish.listening.listening_page import draw_pairs, page_text
 
-    write_page(root, output, trials=trials, seed=seed, objects=ids or None, duration_s=duration_s)
+    pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)
+    with atomic_write(output) as file:
+        file.write(page_text(pairs, seed).encode())
     print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")

@@ -14,8 +14,7 @@ from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import InputError
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from pipeline.cli import main
-from pipeline.publish.listening.listening_page import page_text
-from pipeline.publish.listening.stimuli import PEAK, Pair, draw_pairs, match
+from pipeline.publish.listening.listening_page import PEAK, Pair, draw_pairs, match, page_text
 
 pytest_plugins = ["tests.browser"]
 

@@ -1,74 +1,145 @@
-"""The page of a listening test: one file that works from disk, without a network."""
+"""The page of a listening test: one file that works from disk, without a network.
+
+In each trial truth and Object File are struck alike at a held-out point, at one level.
+"""
 
 import base64
-import json
+import itertools
+import random
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
+import numpy as np
 
 import objectfolder
-from objectfolder.atomic import atomic_write
+from objectfolder.dataset import ObjectFolderDataset
+from objectfolder.errors import InputError
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
-from pipeline.publish.listening.stimuli import LEVEL_RULE, Pair, draw_pairs
+from pipeline.dataset.products import read_description
+from pipeline.dataset.stages import MODES, OBJECT_FILES
 from pipeline.publish.report.templates import security_policy, template_environment
 
 TEMPLATES = Path(__file__).parent / "template"
 SCRIPTS = ("theme.js", "abx.js", "listen.js")
+FADE_S = 0.01
+PEAK = 0.5
+LEVEL_RULE = (
+    "The Object File's sound is scaled to the root mean square of the truth's; then one factor brings the "
+    "larger peak of the two to half of full scale. The last 10 ms fade out; 16 bits."
+)
 
 
-def write_page(
-    root: Path,
-    path: Path,
-    *,
-    trials: int = 24,
-    seed: int = 0,
-    objects: Sequence[str] | None = None,
-    duration_s: float = 1.0,
-) -> None:
-    """Draw the sounds of a test from the data set at `root` and write its page, atomically.
+@dataclass(frozen=True)
+class Pair:
+    """One strike at a held-out point, row `query` of the product of modes, as both make it sound.
 
-    Raises
-    ------
-    InputError
-        See `draw_pairs`.
+    Sounds are (samples,) int16 after levels are matched, see `LEVEL_RULE`; the Object File's was made louder
+    by `level_change_db`. A fingerprint is empty where the pipeline did not write the product.
     """
-    pairs = draw_pairs(root, trials, seed, objects=objects, duration_s=duration_s)
-    with atomic_write(path) as file:
-        file.write(page_text(pairs, seed).encode())
+
+    object_id: str
+    query: int
+    truth: np.ndarray
+    object_file: np.ndarray
+    level_change_db: float
+    truth_fingerprint: str
+    object_file_fingerprint: str
 
 
 def page_text(pairs: Sequence[Pair], seed: int) -> str:
     """Return the page: equal pairs and seeds give equal bytes."""
     environment = template_environment(TEMPLATES)
-    # Within a script element only "<" could end it.
-    data = json.dumps(_content(pairs, seed), ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
-    return environment.get_template("listen.html.j2").render(
-        policy=security_policy(environment, SCRIPTS),
-        data=Markup(data),
-        trials=len(pairs),
-        objects=len({pair.object_id for pair in pairs}),
-        level_rule=LEVEL_RULE,
-    )
-
-
-def _content(pairs: Sequence[Pair], seed: int) -> dict[str, Any]:
-    return {
+    content = {
         "software": f"ObjectFolder Factory {objectfolder.__version__}",
         "seed": seed,
         "sample_rate_hz": SAMPLE_RATE_HZ,
         "level_rule": LEVEL_RULE,
         "pairs": [
-            {
-                "object_id": pair.object_id,
-                "query": pair.query,
-                "level_change_db": round(pair.level_change_db, 3),
-                "truth_fingerprint": pair.truth_fingerprint,
-                "object_file_fingerprint": pair.file_fingerprint,
-                "truth": base64.b64encode(pair.truth.tobytes()).decode(),
-                "object_file": base64.b64encode(pair.object_file.tobytes()).decode(),
-            }
+            {**vars(pair), "truth": _base64(pair.truth), "object_file": _base64(pair.object_file)}
             for pair in pairs
         ],
     }
+    return environment.get_template("listen.html.j2").render(
+        policy=security_policy(environment, SCRIPTS),
+        test=content,
+        objects=len({pair.object_id for pair in pairs}),
+    )
+
+
+def draw_pairs(
+    root: Path, count: int, seed: int, *, objects: Sequence[str] | None = None, duration_s: float = 1.0
+) -> list[Pair]:
+    """Draw strikes at held-out points of a data set: every audible object about as often as the others.
+
+    Parameters
+    ----------
+    root
+        Root of a data set with its modes and Object Files.
+    count
+        How many; no strike comes twice.
+    seed
+        Of the draw.
+    objects
+        Ids; all of the data set if None.
+
+    Raises
+    ------
+    InputError
+        No audible object, too few held-out points, an id that is not there, or a silent strike.
+    """
+    both = ObjectFolderDataset(root, "audio", "held_out", "object_file", objects=objects).object_ids
+    audible = [name for name in both if read_description(MODES.path(root, name)).get("audible")]
+    settings: dict[str, Any] = {
+        "objects": audible, "duration_s": duration_s, "sample_rate_hz": SAMPLE_RATE_HZ,
+    }  # fmt: skip
+    truth = ObjectFolderDataset(root, "audio", "held_out", "truth", **settings)
+    answer = ObjectFolderDataset(root, "audio", "held_out", "object_file", **settings)
+    if len(truth) < count:
+        finding = f"{len(truth)} held-out strikes of {len(audible)} audible objects for {count}"
+        raise InputError(str(root), finding, "Ask for fewer trials.")
+    chance = random.Random(seed)
+    of_objects = itertools.groupby(range(len(truth)), lambda index: truth.place(index)[0])
+    shuffled = [chance.sample(strikes, len(strikes)) for strikes in (list(group) for _, group in of_objects)]
+    chance.shuffle(shuffled)
+    # One strike of each object in turn.
+    turns = itertools.chain.from_iterable(itertools.zip_longest(*shuffled))
+    chosen = [index for index in turns if index is not None][:count]
+    pairs = []
+    for index in sorted(chosen):
+        object_id, query = truth.place(index)
+        try:
+            levelled = match(truth[index]["sound"].numpy(), answer[index]["sound"].numpy())
+        except ValueError as error:
+            where, finding = f"{object_id}, query {query}", f"cannot be compared by ear: {error}"
+            raise InputError(where, finding, "Name the other objects, or another --seed.") from error
+        files = (MODES.path(root, object_id), OBJECT_FILES.path(root, object_id))
+        fingerprints = [str(read_description(path).get("fingerprint", "")) for path in files]
+        pairs.append(Pair(object_id, query, *levelled, *fingerprints))
+    return pairs
+
+
+def match(truth: np.ndarray, answer: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return both sounds as int16 by `LEVEL_RULE`, and the change of the second, dB.
+
+    Raises
+    ------
+    ValueError
+        Silence: it has no level.
+    """
+    sounds = np.stack([truth, answer]).astype(np.float64)
+    levels = np.sqrt(np.mean(sounds**2, axis=1))
+    if not levels.all():
+        raise ValueError("silence has no level")
+    ratio = levels[0] / levels[1]
+    sounds[1] *= ratio
+    sounds *= PEAK / np.abs(sounds).max()
+    fade = min(round(FADE_S * SAMPLE_RATE_HZ), sounds.shape[1])
+    sounds[:, sounds.shape[1] - fade :] *= np.linspace(1.0, 0.0, fade)
+    levelled = np.round(sounds * 32767).astype("<i2")
+    return levelled[0], levelled[1], round(float(20 * np.log10(ratio)), 3)
+
+
+def _base64(sound: np.ndarray) -> str:
+    return base64.b64encode(sound.tobytes()).decode()
