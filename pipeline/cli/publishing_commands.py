@@ -102,12 +102,10 @@ def export(
     output
         a folder that does not exist yet
     """
-    from pipeline.publish.export.export_gltf import export_gltf
-    from pipeline.publish.export.export_views import export_views
+    from pipeline.publish.export.exports import write_export
     from pipeline.publish.export.found_products import find_products
 
-    write = export_gltf if wanted.format == "gltf" else export_views
-    print(write(find_products(object_, root), wanted, output))
+    print(write_export(find_products(object_, root), wanted, output))
 
 
 def listen(

@@ -20,8 +20,6 @@ from objectfolder.vision.export.folder import MANIFEST, write_json
 from pipeline.dataset.records import RECORDS, read_records
 from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, VIEWS
 
-VIEWS_SUFFIX = ".zarr.zip"
-OBJECT_FILE_SUFFIX = ".safetensors"
 KINDS = {"views": VIEWS, "object_file": OBJECT_FILES, "objects": OBJECTS}
 
 
@@ -85,12 +83,12 @@ def find_products(name: str, root: Path) -> FoundProducts:
     named: dict[str, Any] = {}
     object_id = name
     if path.is_file():
-        object_id = path.name.removesuffix(VIEWS_SUFFIX).removesuffix(OBJECT_FILE_SUFFIX)
         kind = _kind(path)
         if kind == "mesh":
             return FoundProducts(path.stem, mesh=path)
+        object_id = path.name.removesuffix(KINDS[kind].suffix)
         named[kind] = path
-        if path.parent.name not in [known.name for known in KINDS.values()]:
+        if path.parent.name != KINDS[kind].name:
             return FoundProducts(object_id, **named)
         root = path.resolve().parents[2]
     elif path.suffix or path.parent != Path("."):
@@ -101,9 +99,7 @@ def find_products(name: str, root: Path) -> FoundProducts:
             named.setdefault(kind, beside)
     if not named:
         ids = VIEWS.object_ids(root)
-        remedy = (
-            f"Use one of {', '.join(ids)}." if ids else "Give the data set's folder by --root, or a path."
-        )
+        remedy = f"Use one of {', '.join(ids)}." if ids else "Give the data set by --root, or a path."
         raise InputError(object_id, f"no product of it in {root / 'data'}", remedy)
     record = read_records(root).rows.get(object_id) if (root / RECORDS).is_file() else None
     return FoundProducts(object_id, **named, record=record)
@@ -111,9 +107,9 @@ def find_products(name: str, root: Path) -> FoundProducts:
 
 def _kind(path: Path) -> str:
     """Return what a file is; a product's attributes tell."""
-    if path.name.endswith(OBJECT_FILE_SUFFIX):
+    if path.name.endswith(OBJECT_FILES.suffix):
         return "object_file"
-    if not path.name.endswith(VIEWS_SUFFIX):
+    if not path.name.endswith(VIEWS.suffix):
         return "mesh"
     attributes = read_attributes(path)
     if "camera_radius" in attributes and "light_power_w" in attributes:

@@ -1,4 +1,4 @@
-"""The surface of an object as textured glTF."""
+"""Exports of one object: views as NeRF or COLMAP data, its surface as textured glTF."""
 
 import json
 from pathlib import Path
@@ -8,24 +8,59 @@ import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.geometry.surface import Surface
-from objectfolder.store import read_attributes
+from objectfolder.store import read_attributes, read_product
 from objectfolder.tensor_file import read_metadata
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.base_colour import nearest_texture_colour, network_colour
+from objectfolder.vision.export.colmap_views import write_colmap
 from objectfolder.vision.export.folder import new_folder
+from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
+from objectfolder.vision.export.transforms import write_transforms
 from pipeline.publish.export.export_request import Exporting
 from pipeline.publish.export.found_products import FoundProducts
 
 
-def export_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
-    """Write a surface; return what was written, in a line.
+def write_export(found: FoundProducts, wanted: Exporting, output: Path) -> str:
+    """Write an export; return what was written, in a line.
 
     Raises
     ------
     InputError
         What is asked for is not there, or a folder that cannot be written.
     """
+    write = _write_gltf if wanted.format == "gltf" else _write_views
+    return f"{output}: {write(found, wanted, output)}; {found.credit().licence}"
+
+
+def _write_views(found: FoundProducts, wanted: Exporting, output: Path) -> str:
+    if found.views is None:
+        finding = f"has no views, and {wanted.format} is made of them"
+        remedy = "Name a product of views, or run the stage `views`; glTF needs none."
+        raise InputError(found.object_id, finding, remedy)
+    views = PosedViews.of_product(read_product(found.views), wanted.frame, str(found.views))
+    held_out = int(views.held_out.sum())
+    said: dict[str, Any] = {"views": len(views), "held_out": held_out, "pixels": list(views.size)}
+    with new_folder(output, overwrite=wanted.overwrite) as folder:
+        if wanted.format == "nerf":
+            said["cameras"] = write_transforms(folder, views, found.credit(), exr=wanted.exr)
+        else:
+            said["points"] = write_colmap(
+                folder,
+                views,
+                found.credit(),
+                found.rendered_surface(),
+                points=wanted.points,
+                seed=wanted.seed,
+                exr=wanted.exr,
+            )
+        found.write_manifest(folder, wanted.format, {**said, "frame": views.described_frame()})
+    extra = f", {said['points']} points" if "points" in said else ""
+    size = f"{views.size[1]} x {views.size[0]} pixels ({held_out} held out)"
+    return f"{len(views)} views of {size}{extra}, {views.frame} frame"
+
+
+def _write_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
     surface = wanted.surface or ("stored" if found.object_file is not None else "source")
     appearance, credit = _appearance(found, wanted), found.credit()
     name = f"{found.object_id}.glb"
@@ -49,10 +84,8 @@ def export_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
             )
         found.write_manifest(folder, wanted.format, {"surface": surface, "file": name, **written})
     pitch = f", a texel each {written['texel_pitch_m'] * 1e3:.3g} mm" if "texel_pitch_m" in written else ""
-    return (
-        f"{output / name}: {written['triangles']} triangles of the {surface} surface{pitch}, "
-        f"{written['bytes'] / 1e6:.2f} MB; {credit.licence}"
-    )
+    size = f"{written['bytes'] / 1e6:.2f} MB"
+    return f"{name}, {written['triangles']} triangles of the {surface} surface{pitch}, {size}"
 
 
 def _stored_colours(
@@ -95,9 +128,9 @@ def _appearance(found: FoundProducts, wanted: Exporting) -> Appearance:
         material = json.loads(read_metadata(found.object_file)["material"])
         row = find_material(read_materials(wanted.materials), material["name"], str(wanted.materials))
         known = {"roughness": row.roughness, "metallic": row.metallic}
-    for name, value in (("roughness", wanted.roughness), ("metallic", wanted.metallic)):
-        if value is not None:
-            known[name] = value
+    asked = {"roughness": wanted.roughness, "metallic": wanted.metallic}
+    known |= {name: value for name, value in asked.items() if value is not None}
+    for name in asked:
         if name not in known:
             raise InputError(found.object_id, f"its {name} is not known", f"Give --{name}.")
     return Appearance(**known)
