@@ -64,7 +64,7 @@ def sample(
     output
         folder for views.npy, points.npy and forces.npy
     """
-    from pipeline.publish.queries.query_files import sample_queries
+    from pipeline.publish.queries.answers import sample_queries
 
     print(sample_queries(file, views, contacts, seed, output))
 
@@ -77,7 +77,7 @@ def render(file: ObjectFilePath, /, *, wanted: Annotated[Rendering, Fields], out
     output
         folder for 0000.png and so on
     """
-    from pipeline.publish.queries.render_views import render_views
+    from pipeline.publish.queries.answers import render_views
 
     print(render_views(file, wanted, output))
 
@@ -102,7 +102,7 @@ def strike(
     output
         folder for 0000.wav and so on
     """
-    from pipeline.publish.queries.strike_points import strike_points
+    from pipeline.publish.queries.answers import strike_points
 
     print(strike_points(file, wanted, output, pulse_s, striker))
 
@@ -127,7 +127,7 @@ def press(
     output
         folder for 0000.png, depth.npy and labels.json
     """
-    from pipeline.publish.queries.press_points import press_points
+    from pipeline.publish.queries.answers import press_points
 
     print(press_points(file, wanted, output, depth_m, force_n))
 

@@ -5,6 +5,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pandas
+
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.modes import simulate_modes
 from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
@@ -43,37 +45,28 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         name=mesh.name,
         seconds=seconds,
     )
-    attributes = modes.attributes
     dampings = modes["dampings_per_s"].tolist()
     errors = modes["error_estimates_cents"].tolist()
+    said = ("count_certificate", "error_estimate_cents", "geometry_error_estimate_cents", "discretisation")
     return {
         "frequencies_hz": modes["frequencies_hz"].tolist(),
         "dampings_per_s": dampings,
         "t60_s": [math.log(1000) / damping if damping > 0 else None for damping in dampings],
         "error_estimates_cents": [None if math.isnan(error) else error for error in errors],
-        "count_certificate": attributes["count_certificate"],
-        "error_estimate_cents": attributes["error_estimate_cents"],
-        "geometry_error_estimate_cents": attributes["geometry_error_estimate_cents"],
-        "frequency_limit_hz": attributes["stated_frequency_limit_hz"],
-        "bodies": attributes["discretisation"].get("bodies"),
-        "discretisation": attributes["discretisation"],
+        "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
+        **{name: modes.attributes[name] for name in said},
         "seconds": seconds,
     }
 
 
 def modes_table(result: dict[str, Any], material: str) -> str:
     """Return the result of `solve_modes` for people."""
-    lines = [
-        f"{len(result['frequencies_hz'])} modes below {result['frequency_limit_hz']:.0f} Hz in {material}"
-    ]
-    columns = ("frequencies_hz", "dampings_per_s", "t60_s", "error_estimates_cents")
-    for index, row in enumerate(zip(*(result[name] for name in columns), strict=True)):
-        frequency, damping, t60, error = row
-        rings = f"T60 {t60:8.3f} s" if t60 is not None else "undamped      "
-        known = f"error {error:6.1f} cents" if error is not None else ""
-        lines.append(
-            f"{index:4d} {frequency:10.2f} Hz  damping {damping:10.3f} 1/s  {rings}  {known}".rstrip()
-        )
+    count, limit_hz = len(result["frequencies_hz"]), result["frequency_limit_hz"]
+    lines = [f"{count} modes below {limit_hz:.0f} Hz in {material}"]
+    if count:
+        columns = ("frequencies_hz", "dampings_per_s", "t60_s", "error_estimates_cents")
+        table = pandas.DataFrame({name: result[name] for name in columns}, dtype=float)
+        lines.append(table.to_string(float_format="{:.2f}".format, na_rep="unknown"))
     certificate = result["count_certificate"]
     lines.append(
         f"count: {certificate['counted']} eigenvalues below the limit = {certificate['rigid']} rigid + "

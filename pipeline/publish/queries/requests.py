@@ -16,8 +16,8 @@ class Rendering:
     views
         .npy file, (n, 6): camera and light positions, unit frame; (n, 3) with --light or --environment
     light
-        X,Y,Z[:R,G,B]: a light for all views, unit frame, with linear colour factors (default 1,1,1);
-        may be given several times; --light=-1,0,0 where the first number is negative
+        X Y Z R G B: a light for all views, unit frame, with linear colour factors (white: 1 1 1); may be
+        given several times
     environment
         light all views by an equirectangular .exr or .hdr map of linear radiance, oriented as in Blender
     environment_lights
@@ -31,10 +31,10 @@ class Rendering:
     sub_rays
         rays in an edge pixel: slower and closer (default 64)
     crop
-        TOP,LEFT,HEIGHT,WIDTH in pixels: render only this part of the image
+        TOP LEFT HEIGHT WIDTH in pixels: render only this part of the image
     passes
-        names with commas between them: depth (0000_depth.npy, metres along the camera's axis), normal
-        (0000_normal.npy, object frame), mask (0000_mask.png)
+        depth (0000_depth.npy, metres along the camera's axis), normal (0000_normal.npy, object frame) or
+        mask (0000_mask.png); may be given several times
     device
         where VisionNet runs
     backend
@@ -42,15 +42,15 @@ class Rendering:
     """
 
     views: Path
-    light: tuple[str, ...] = ()
+    light: tuple[tuple[float, float, float, float, float, float], ...] = ()
     environment: Path | None = None
     environment_lights: int = 64
     environment_radius: float | None = None
     resolution: int = 256
     field_of_view_deg: float = 39.6
     sub_rays: int | None = None
-    crop: str | None = None
-    passes: str = ""
+    crop: tuple[int, int, int, int] | None = None
+    passes: tuple[Literal["depth", "normal", "mask"], ...] = ()
     device: Literal["cpu", "cuda"] = "cpu"
     backend: Literal["compiled", "reference"] | None = None
 

@@ -1,0 +1,200 @@
+"""Queries from files, asked of an Object File, and the answers written to a folder.
+
+Each function returns what was done, in a line. It raises `InputError` for a file or an option that cannot
+be used, and `QueryError` for what the Object File cannot answer.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+import objectfolder
+from objectfolder.audio.materials import find_material, read_materials
+from objectfolder.audio.synthesis import ContactBody, write_wav
+from objectfolder.errors import InputError
+from objectfolder.touch.calibrated import synthetic_background
+from objectfolder.vision.cameras import look_at
+from objectfolder.vision.environment import RADIUS, environment_lights
+from pipeline.publish.queries.requests import Pressing, Rendering, Striking
+
+LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",
+          "sensor_to_object")  # fmt: skip
+
+
+def sample_queries(path: Path, views: int, contacts: int, seed: int, output: Path) -> str:
+    """Write valid queries: views in the unit frame, as published tools have them; contacts in metres."""
+    file = objectfolder.load(path)
+    cameras, lights = file.sample_views(views, seed)
+    points, normals = file.sample_contacts(contacts, seed)
+    drawn = np.concatenate([file.frame.to_unit(cameras[:, :3, 3]), file.frame.to_unit(lights)], axis=1)
+    output.mkdir(parents=True, exist_ok=True)
+    np.save(output / "views.npy", drawn)
+    np.save(output / "points.npy", points)
+    np.save(output / "forces.npy", -normals)
+    return f"{output}: views.npy {drawn.shape}, points.npy and forces.npy {points.shape} (1 N s inwards)"
+
+
+def render_views(path: Path, wanted: Rendering, output: Path) -> str:
+    """Render views to PNG, further passes to PNG and .npy."""
+    file = objectfolder.load(path).on(wanted.device, wanted.backend)
+    lights = _lights(wanted, file.vision.radiance_scale)
+    columns = (6,) if lights is None else (3, 6)
+    views = _read_numbers(wanted.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
+    output.mkdir(parents=True, exist_ok=True)
+    for index, view in enumerate(views):
+        drawn = file.render(
+            file.frame.camera_to_object(look_at(view[:3])),
+            file.frame.to_object(view[None, 3:] if lights is None else lights[:, :3])[None],
+            wanted.resolution,
+            wanted.field_of_view_deg,
+            sub_rays=wanted.sub_rays,
+            light_colour=None if lights is None else lights[:, 3:],
+            crop=wanted.crop,
+            passes=["image", *wanted.passes],
+        )
+        Image.fromarray(drawn["image"][0]).save(output / f"{index:04d}.png")
+        for name in wanted.passes:
+            if name == "mask":
+                Image.fromarray(drawn[name][0].astype(np.uint8) * 255).save(output / f"{index:04d}_mask.png")
+            else:
+                np.save(output / f"{index:04d}_{name}.npy", drawn[name][0])
+    shown = "" if lights is None else f", {len(lights)} light{'s' * (len(lights) != 1)}"
+    _, _, height, width = wanted.crop or (0, 0, wanted.resolution, wanted.resolution)
+    more = f" with {', '.join(wanted.passes)}" if wanted.passes else ""
+    return f"{output}: {len(views)} images of {height} x {width} pixels{more}{shown} ({file.vision.backend})"
+
+
+def strike_points(
+    path: Path,
+    wanted: Striking,
+    output: Path,
+    pulse_s: float | None,
+    striker: tuple[str, float, float] | None,
+) -> str:
+    """Write a float WAV file for each contact.
+
+    The pulse is a half sine of `pulse_s` seconds, or that of a striker: material, radius at the contact
+    (m), mass (kg).
+    """
+    file = objectfolder.load(path)
+    body = None
+    if striker:
+        name, radius_m, mass_kg = striker
+        material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
+        body = ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius_m, mass_kg)
+    points = _read_numbers(wanted.points, (3,))
+    parts = file.strikes(
+        points,
+        _read_numbers(wanted.forces, (3,), (2, 3)),
+        wanted.duration_s,
+        wanted.sample_rate_hz,
+        pulse=body or pulse_s,
+        listener=np.array(wanted.listener) if wanted.listener else None,
+    )
+    output.mkdir(parents=True, exist_ok=True)
+    peak = 0.0
+    for rows, sounds in parts:
+        for index, sound in zip(range(rows.start, rows.stop), sounds, strict=True):
+            write_wav(output / f"{index:04d}.wav", sound, wanted.sample_rate_hz, gain=wanted.gain)
+        peak = max(peak, float(np.abs(sounds).max(initial=0.0)))
+    unit = "Pa" if wanted.listener else "m/s"
+    written = "" if wanted.gain == 1 else f", written times {wanted.gain:g}"
+    return f"{output}: {len(points)} sounds of {wanted.duration_s} s, peak {peak:.3g} {unit}{written}"
+
+
+def press_points(
+    path: Path, wanted: Pressing, output: Path, depth_m: float | None, force_n: float | None
+) -> str:
+    """Write an image of each touch, depth.npy and labels.json; a force makes the gel elastic."""
+    file = objectfolder.load(path)
+    sensor = file.touch.sensor
+    resolution = wanted.resolution or (sensor.image_height, sensor.image_width)
+    touches = file.press(
+        _read_numbers(wanted.points, (3,)),
+        depth_m,
+        wanted.tilt_deg,
+        wanted.azimuth_deg,
+        force=force_n,
+        contact=wanted.contact,
+        resolution=resolution,
+        background=_background(wanted, sensor.at_resolution(*resolution)),
+        noise_seed=wanted.noise_seed,
+    )
+    output.mkdir(parents=True, exist_ok=True)
+    for index, image in enumerate(touches.rgb):
+        Image.fromarray(image).save(output / f"{index:04d}.png")
+    np.save(output / "depth.npy", touches.depth)
+    labels = {name: getattr(touches, name).tolist() for name in LABELS}
+    # JSON has no NaN: a rigid contact has no force.
+    labels["force_n"] = [None if np.isnan(force) else force for force in labels["force_n"]]
+    (output / "labels.json").write_text(json.dumps(labels, indent=1))
+    return f"{output}: {len(touches.rgb)} touches, {int(touches.reachable.sum())} reachable"
+
+
+def _read_numbers(
+    path: Path, columns: tuple[int, ...], dimensions: tuple[int, ...] = (2,), remedy: str = ""
+) -> np.ndarray:
+    """Read finite numbers as float64, with one of these lengths of the last axis and numbers of axes."""
+    try:
+        values = np.load(path, allow_pickle=False)
+    except ValueError as error:
+        finding = f"not an .npy file of numbers ({error})"
+        raise InputError(str(path), finding, "Write it with numpy.save.") from error
+    remedy = remedy or f"Give an (n, {columns[0]}) array of numbers."
+    if values.ndim not in dimensions or values.shape[-1] not in columns:
+        raise InputError(str(path), f"shape {values.shape}", remedy)
+    if not np.issubdtype(values.dtype, np.number):
+        raise InputError(str(path), f"values of type {values.dtype}", remedy)
+    if not np.isfinite(values).all():
+        raise InputError(str(path), "holds values that are not finite", "Give numbers.")
+    return np.asarray(values, dtype=np.float64)
+
+
+def _lights(wanted: Rendering, radiance_scale: float) -> np.ndarray | None:
+    """Return (k, 6) positions, unit frame, and colours; None where the views have their own."""
+    if not wanted.light and wanted.environment is None:
+        return None
+    lights = np.array(wanted.light, dtype=np.float64).reshape(-1, 6)
+    if not np.isfinite(lights).all():
+        raise InputError("--light", f"{wanted.light} is not finite", "Give X Y Z R G B as numbers.")
+    if wanted.environment is None:
+        return lights
+    around = environment_lights(
+        _environment(wanted.environment),
+        wanted.environment_lights,
+        radiance_scale=radiance_scale,
+        radius=RADIUS if wanted.environment_radius is None else wanted.environment_radius,
+    )
+    return np.concatenate([lights, np.concatenate(around, axis=1)])
+
+
+def _environment(path: Path) -> np.ndarray:
+    """Read an OpenEXR or Radiance map as (h, w, 3) float64 linear radiance, row 0 on top."""
+    # OpenCV reads OpenEXR only with this variable, by which a user states that files are trusted.
+    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
+    import cv2
+
+    content = np.frombuffer(path.read_bytes(), np.uint8)
+    image: Any = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    if image is None or image.ndim != 3 or image.dtype.kind != "f":
+        raise InputError(str(path), "not a map of linear radiance", "Give an OpenEXR or Radiance HDR file.")
+    return np.asarray(image[..., 2::-1], dtype=np.float64)
+
+
+def _background(wanted: Pressing, sensor: Any) -> np.ndarray | None:
+    """Return the image (height, width, 3) to lay touches over, at the resolution of the sensor."""
+    if not wanted.background:
+        return None
+    if wanted.background == "synthetic":
+        return synthetic_background(sensor, wanted.noise_seed or 0)
+    try:
+        with Image.open(wanted.background) as image:
+            size = (sensor.image_width, sensor.image_height)
+            return np.asarray(image.convert("RGB").resize(size, Image.Resampling.BILINEAR))
+    except OSError as error:
+        finding = f"not an image ({error})"
+        raise InputError(wanted.background, finding, "Give a picture for --background.") from error
