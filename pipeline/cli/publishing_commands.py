@@ -8,7 +8,7 @@ from cyclopts.validators import Number
 
 from pipeline.cli.options import AtLeastOne, Fields, Output, Remote, Root
 from pipeline.cli.printing import FAILED, FINE, print_error, status_line
-from pipeline.publish.export.export_request import Exporting
+from pipeline.publish.queries.requests import Exporting
 
 MOST_TRIALS = 500
 LARGEST_SEED = 999_999_999  # what the page takes

@@ -17,8 +17,8 @@ from objectfolder.vision.export.folder import new_folder
 from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
 from objectfolder.vision.export.transforms import write_transforms
-from pipeline.publish.export.export_request import Exporting
 from pipeline.publish.export.found_products import FoundProducts
+from pipeline.publish.queries.requests import Exporting
 
 
 def write_export(found: FoundProducts, wanted: Exporting, output: Path) -> str:
