@@ -140,18 +140,16 @@ def _read_numbers(
 ) -> np.ndarray:
     """Read finite numbers as float64, with one of these lengths of the last axis and numbers of axes."""
     try:
-        values = np.load(path, allow_pickle=False)
-    except ValueError as error:
+        values = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+    except (ValueError, TypeError) as error:
         finding = f"not an .npy file of numbers ({error})"
         raise InputError(str(path), finding, "Write it with numpy.save.") from error
     remedy = remedy or f"Give an (n, {columns[0]}) array of numbers."
     if values.ndim not in dimensions or values.shape[-1] not in columns:
         raise InputError(str(path), f"shape {values.shape}", remedy)
-    if not np.issubdtype(values.dtype, np.number):
-        raise InputError(str(path), f"values of type {values.dtype}", remedy)
     if not np.isfinite(values).all():
         raise InputError(str(path), "holds values that are not finite", "Give numbers.")
-    return np.asarray(values, dtype=np.float64)
+    return values
 
 
 def _lights(wanted: Rendering, radiance_scale: float) -> np.ndarray | None:
