@@ -5,8 +5,7 @@ from pathlib import Path
 from objectfolder.atomic import atomic_write
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
-from pipeline.publish.cards.citation_file import citation_text
-from pipeline.publish.cards.data_card import card_text
+from pipeline.publish.cards.data_card import card_text, citation_text
 from pipeline.publish.cards.published_data_set import read_data_set
 from pipeline.publish.report.writing import write_report
 from pipeline.run.costs import costs_path

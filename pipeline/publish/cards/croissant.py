@@ -120,8 +120,17 @@ def _record_sets(context: mlcroissant.Context, data_set: DataSet) -> list[Any]:
         name="object_files",
         description="The Object Files as bytes, with their names.",
         fields=[
-            _of_files(context, "filename", "Id and .safetensors."),
-            _of_files(context, "content", "Bytes of the file."),
+            mlcroissant.Field(
+                ctx=context,
+                id=f"object_files/{name}",
+                name=name,
+                description=about,
+                data_types=[types.TEXT],
+                source=mlcroissant.Source(
+                    ctx=context, file_set=FILES, extract=mlcroissant.Extract(ctx=context, file_property=name)
+                ),
+            )
+            for name, about in (("filename", "Id and .safetensors."), ("content", "Bytes of the file."))
         ],
     )
     return [objects, files]
@@ -131,15 +140,3 @@ def _row(one: PublishedObject) -> dict[str, str | float | None]:
     texts = {name: getattr(one, name) for name in TEXTS} | {"licence": one.licence.stated}
     figures = {column: text for column, text in one.figures.items() if column not in texts}
     return texts | {column: float(text) if text else None for column, text in figures.items()}
-
-
-def _of_files(context: mlcroissant.Context, name: str, about: str) -> Any:
-    extract = mlcroissant.Extract(ctx=context, file_property=name)
-    return mlcroissant.Field(
-        ctx=context,
-        id=f"object_files/{name}",
-        name=name,
-        description=about,
-        data_types=[mlcroissant.DataType.TEXT],
-        source=mlcroissant.Source(ctx=context, file_set=FILES, extract=extract),
-    )

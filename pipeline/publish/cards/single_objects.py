@@ -20,7 +20,6 @@ from pipeline.dataset.products import ProductKind, verify
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
 
-JOBS = 4
 KINDS = {kind.name: kind for kind in (OBJECT_FILES, OBJECTS, VIEWS, MODES, TOUCHES, FIDELITY)}
 KEPT, FETCHED, FAILED = "already there", "fetched", "failed"
 SCP_FORM = re.compile(r"[^/@]+@[^/:]+:")
@@ -44,7 +43,7 @@ def get(
     *,
     stages: Sequence[str] = (),
     remote: str = "",
-    jobs: int = JOBS,
+    jobs: int = 4,
     progress: Callable[[int], None] = lambda count: None,
 ) -> Iterator[Got]:
     """Fetch products of objects; what is whole already is not fetched again.
@@ -58,10 +57,8 @@ def get(
     folder
         Object Files come to ``<folder>/<id>.safetensors``. Where `stages` are named, products come under
         the paths they have in the repository, ``<folder>/data/views/<id>.zarr.zip``.
-    stages
-        Keys of `KINDS`.
-    jobs
-        Files at a time.
+    stages, jobs
+        Keys of `KINDS`; files at a time.
     progress
         Called with the number of new bytes as they come, from any thread.
 
@@ -78,23 +75,13 @@ def get(
     if unknown := set(stages).difference(KINDS):
         raise InputError(min(unknown), "no products of this name", f"There are {', '.join(KINDS)}.")
 
-    def fetch(object_id: str, md5: str, path: Path) -> Got:
-        try:
-            return Got(object_id, path, _fetched(published.stores, md5, path, progress))
-        except ObjectFolderError as error:
-            return Got(object_id, path, FAILED, error)
-        except OSError as error:  # of the folder it is written to: errors of stores are handled above
-            finding = f"cannot be written ({error.strerror or error})"
-            said = InputError(str(path), finding, "Check space and permissions of the folder.")
-            return Got(object_id, path, FAILED, said)
-
     with opened(repository, remote) as published, ThreadPoolExecutor(max_workers=jobs) as pool:
         wanted = []
         for kind in (KINDS[stage] for stage in stages or (OBJECT_FILES.name,)):
             place = folder / kind.folder if stages else folder
             chosen = published.chosen(kind, object_ids)
             wanted += [(name, md5, place / f"{name}{kind.suffix}") for name, md5 in chosen.items()]
-        yield from pool.map(fetch, *zip(*wanted, strict=True))
+        yield from pool.map(lambda product: _fetch(published.stores, progress, *product), wanted)
 
 
 @contextlib.contextmanager
@@ -205,17 +192,23 @@ class PublishedRevision:
         return {object_id: known[object_id] for object_id in object_ids or sorted(known)}
 
 
-def _fetched(stores: Stores, md5: str, path: Path, progress: Callable[[int], None]) -> str:
+def _fetch(stores: Stores, progress: Callable[[int], None], object_id: str, md5: str, path: Path) -> Got:
     """Bring a product to `path`; until it is whole, it is ``.partial-<md5>-<name>`` beside it."""
-    if path.is_file() and md5_of(path) == md5:
-        return KEPT
-    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".partial-{md5}-{path.name}")
-    stores.fetch(md5, partial, str(path), progress)
     try:
+        if path.is_file() and md5_of(path) == md5:
+            return Got(object_id, path, KEPT)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        stores.fetch(md5, partial, str(path), progress)
         verify(partial)
-    except FormatError:
+        os.replace(partial, path)
+        return Got(object_id, path, FETCHED)
+    except FormatError as error:
         partial.unlink()
-        raise
-    os.replace(partial, path)
-    return FETCHED
+        return Got(object_id, path, FAILED, error)
+    except ObjectFolderError as error:
+        return Got(object_id, path, FAILED, error)
+    except OSError as error:  # of the folder it is written to: errors of stores are handled above
+        finding = f"cannot be written ({error.strerror or error})"
+        said = InputError(str(path), finding, "Check space and permissions of the folder.")
+        return Got(object_id, path, FAILED, said)
