@@ -230,10 +230,7 @@ def test_the_publisher_states_what_no_product_knows(folder, tmp_path, capsys):
     [
         ("titel: x", "unknown key titel. Did you mean title"),
         ("date: soon", "date is 'soon'. It must be a valid date"),
-        ("version: 1.0", "version is 1.0"),
         ("url: javascript:alert(1)", "url is 'javascript:alert.*http"),
-        ("creators: Ada", "creators is 'Ada'"),
-        ("- a", "holds no keys|dictionary"),
         ("a: [", "cannot be read"),
     ],
 )

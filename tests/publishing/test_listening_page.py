@@ -283,11 +283,7 @@ def test_a_seed_that_the_form_refuses_is_not_taken_from_the_address(open_page, p
     "options",
     [
         ["--trials", "0"],
-        ["--trials", "501"],
-        ["--duration", "0"],
-        ["--duration", "0.00001"],
         ["--duration", "nan"],
-        ["--seed", "-1"],
         ["--seed", "1000000000"],
     ],
 )
