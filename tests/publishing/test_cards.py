@@ -240,6 +240,16 @@ def test_wrong_statements_are_refused(folder, tmp_path, text, match):
         write_cards(tmp_path, folder)
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [("per_object.csv", "a,b\n1,2\n", "it has no column id"), ("metrics.json", "{", "cannot be read")],
+)
+def test_a_damaged_report_is_named(folder, tmp_path, name, text, match):
+    (folder / name).write_text(text)
+    with pytest.raises(InputError, match=rf"{name}: {match}"):
+        write_cards(tmp_path, folder)
+
+
 def test_splits_are_stable_and_of_the_stated_shares():
     # Published: these may never change.
     assert object_split("mug", "ceramic") == "train"

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, StringConstraints
 from pydantic.dataclasses import dataclass as checked_dataclass
 
-from objectfolder.errors import FormatError
+from objectfolder.errors import FormatError, InputError
 from objectfolder.provenance import canonical_json, file_digest
 from objectfolder.splits import object_split
 from objectfolder.store import read_attributes
@@ -226,7 +226,10 @@ def _figures(path: Path) -> dict[str, dict[str, str]]:
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8") as file:
-        return {row["id"]: row for row in csv.DictReader(file)}
+        try:
+            return {row["id"]: row for row in csv.DictReader(file)}
+        except KeyError:
+            raise InputError(str(path), "it has no column id", "Run the stage `report`.") from None
 
 
 def _read(path: Path) -> Any:
