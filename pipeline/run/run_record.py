@@ -136,12 +136,10 @@ def read_record(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-def prune(root: Path) -> list[Path]:
-    """Remove the oldest records beyond the limits of number and size; return them."""
-    removed = excess(root)
-    for path in removed:
+def prune(root: Path) -> None:
+    """Remove the oldest records beyond the limits of number and size."""
+    for path in excess(root):
         path.unlink(missing_ok=True)
-    return removed
 
 
 def excess(root: Path) -> list[Path]:

@@ -95,7 +95,10 @@ def status(
         rows = records.rows
         refused = {failure.object_id: failure.error for failure in records.refused}
     verified = Verified(root)
-    failures = {stage.name: _failures(root, stage.name) for stage in stages}
+    failures: dict[str, dict[str, tuple[str, str]]] = {stage.name: {} for stage in stages}
+    for stage in stages:
+        for failure, wanted in read_failures(root, stage.name).items():
+            failures[stage.name][failure.object_id] = wanted, failure.error
     found = [Status(object_id, stages[0].name, FAILED, (error,)) for object_id, error in refused.items()]
     for object_id, row in rows.items():
         behind: set[str] = set()  # stages of this object that are not current
@@ -171,13 +174,6 @@ def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Difference, ...]
         old = {}
     old = json.loads(old) if isinstance(old, str) else old
     return tuple(differences(old, json.loads(canonical_json(parts))))
-
-
-def _failures(root: Path, stage: str) -> dict[str, tuple[str, str]]:
-    """Return fingerprint and error of the objects that failed when the stage last ran."""
-    return {
-        failure.object_id: (wanted, failure.error) for failure, wanted in read_failures(root, stage).items()
-    }
 
 
 def table(statuses: Sequence[Status]) -> str:
