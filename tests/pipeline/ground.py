@@ -206,10 +206,17 @@ class Ground:
                 process.kill()
 
     def litter(self) -> list[str]:
-        """Return temporary files left, but for locks, and half-written ones beside the products."""
+        """Return temporary files left, but for locks, and half-written ones beside the products.
+
+        The folder of a scheduler that was killed is Dask's, and goes when Dask starts there again.
+        """
         left = [
             *(path for path in self.temporary.iterdir() if not path.is_dir()),
-            *(path for path in self.temporary.glob("*/*") if path.suffix != ".lock"),
+            *(
+                path
+                for path in self.temporary.glob("*/*")
+                if path.suffix != ".lock" and not path.match("dask-scratch-space/scheduler-*")
+            ),
             *self.root.glob("data/*/.*.partial"),
         ]
         return sorted(str(path.relative_to(self.root)) for path in left)
