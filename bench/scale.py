@@ -26,7 +26,7 @@ import psutil
 
 from bench.record import write
 from pipeline.cluster import dask_runner
-from pipeline.cluster.dask_settings import settings
+from pipeline.cluster.dask_cluster import settings
 from pipeline.cluster.run_task import Answer
 from pipeline.cluster.workers import WaitLimits
 from pipeline.dataset.job import BLENDER, Job

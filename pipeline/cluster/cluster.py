@@ -5,13 +5,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pipeline.cluster.places import CUDA, LOCAL, SSH, Place, read_place
+from pipeline.cluster.places import HERE, LOCAL, SSH, Place, read_place
 from pipeline.dataset.job import Runner
 
 __all__ = ["Place", "read_place", "runner"]
 
 FEW = 1  # jobs for which starting a cluster takes longer than it saves
-HERE = (LOCAL, CUDA)  # classes whose workers run this installation
 STARTED_S = 120.0  # within which workers that need no queue have started
 
 
@@ -45,7 +44,6 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
     from pipeline.cluster.dask_cluster import connect
     from pipeline.cluster.dask_runner import DaskRunner
     from pipeline.cluster.environment_check import environment_of
-    from pipeline.cluster.performance_report import performance_report
     from pipeline.cluster.workers import WaitLimits
 
     workers_s = place.workers_within_s
@@ -56,6 +54,5 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
     with (
         connect(place, root, jobs_at_most) as client,
         DaskRunner(client, root, place.child, limits, environment, place.memory_gb) as running,
-        performance_report(client, root),
     ):
         yield running

@@ -1,18 +1,33 @@
 """Starting, or joining, the Dask cluster that a place describes."""
 
 import contextlib
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import SimulationError
 from pipeline.cluster import tls
-from pipeline.cluster.dask_settings import settings
-from pipeline.cluster.places import CUDA, LOCAL, Place
+from pipeline.cluster.places import HERE, Place
 from pipeline.cluster.starting import make_cluster, start_workers
 from pipeline.sandbox import scratch
 
-HERE = (LOCAL, CUDA)  # classes whose workers run this installation
+# Task bodies run in child processes, so an event loop that is silent for long has ended.
+DEFAULTS: Mapping[str, Any] = {
+    "distributed.worker.daemon": False,  # workers have child processes
+    "distributed.scheduler.worker-ttl": "60s",
+    "distributed.deploy.lost-worker-timeout": "2 minutes",  # for a worker to restart on a busy machine
+    "distributed.admin.tick.limit": "1 hour",
+    # By default, ticks and samples take 2 to 3 % of a core in every process; with these, a fifth of that.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.profile.enabled": False,  # it would show a thread that waits for a child process
+    "distributed.comm.timeouts.connect": "60s",
+    "distributed.worker.memory.target": False,  # the memory is the children's, of which Dask knows nothing
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": False,
+}
 
 
 @contextlib.contextmanager
@@ -43,6 +58,8 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
     SimulationError
         The cluster does not start, or the scheduler does not answer.
     """
+    from distributed import Client
+
     with contextlib.ExitStack() as stack:
         scratch.sweep()
         own = dict(place.dask)
@@ -59,7 +76,9 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
         address = str(cluster.scheduler_address if cluster else place.address)
         tls.warn_if_open(address)
         try:
-            client = stack.enter_context(_connected(address, security, place.reconnect_s))
+            client = stack.enter_context(
+                Client(address, timeout=place.reconnect_s, security=security, set_as_default=False)
+            )
         except OSError as error:
             finding = f"no scheduler answers ({error})"
             raise SimulationError("cluster", finding, "Start it, or correct its address.") from error
@@ -72,7 +91,15 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
         yield client
 
 
-def _connected(address: str, security: Any, seconds: float) -> Any:
-    from distributed import Client
+def settings(own: Mapping[str, Any] | None = None) -> Any:
+    """Return a context in which these settings hold; ``DASK_...`` variables and those of a place go first."""
+    import dask
+    import distributed  # noqa: F401  (its defaults must be there before, or they would go with the context)
 
-    return Client(address, timeout=seconds, security=security, set_as_default=False)
+    free = {key: value for key, value in DEFAULTS.items() if _variable(key) not in os.environ}
+    return dask.config.set({**free, **(own or {})})
+
+
+def _variable(key: str) -> str:
+    """Return the environment variable from which Dask reads a setting."""
+    return f"DASK_{key.upper().replace('.', '__').replace('-', '_')}"

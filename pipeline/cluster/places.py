@@ -20,6 +20,7 @@ SCHEMES = ("tcp://", "tls://", "ws://", "wss://", "ucx://")
 FOLDER = "cluster"
 DEFAULT = "local"
 LOCAL, CUDA, SSH = "distributed.LocalCluster", "dask_cuda.LocalCUDACluster", "distributed.SSHCluster"
+HERE = (LOCAL, CUDA)  # classes whose workers run this installation
 
 
 class Adapt(BaseModel):

@@ -16,7 +16,6 @@ from rich.filesize import decimal
 
 from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
-from pipeline.cluster import performance_report
 from pipeline.dataset.lock_file import LOCK, read_lock
 from pipeline.dataset.products import ProductKind, read_fingerprint
 from pipeline.dataset.stages import STAGES
@@ -105,7 +104,6 @@ def removable(root: Path, with_memo: bool = False) -> list[Removable]:
         entry("half-written files", "left by a process that was killed", _partial_files(root)),
         entry("scratch folders", "their owners are dead", scratch.abandoned()),
         entry("run records", "older than the last ones", run_record.excess(root)),
-        entry("Dask's reports", "older than the last ones", performance_report.excess(root)),
         entry("marks of runs", "left by a driver that was killed", (root / STATE).glob("shared-*")),
         entry("players", "drawn anew from Object Files for the next report", (root / PLAYERS).glob("*")),
     ]

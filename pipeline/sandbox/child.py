@@ -6,6 +6,7 @@ may leave what it likes. A call whose code is not the code that is loaded here i
 """
 
 import contextlib
+import ctypes
 import importlib
 import os
 import pickle
@@ -24,7 +25,6 @@ from objectfolder.provenance import code_identity
 from pipeline.dataset import products
 from pipeline.dataset.task import Call, Outcome, Timed, failure_of
 from pipeline.dataset.task_code import known_sources
-from pipeline.sandbox.allocator import give_back
 from pipeline.store import memo
 from pipeline.store.storage import disk_error
 
@@ -110,7 +110,7 @@ def serve(guard: int, scratch: str) -> NoReturn:
         if code.serves(call):  # a shipment runs itself: what it imports is not needed by every child
             answer = execute(call) if type(call) is Call else call.run(execute)
         sys.stdout.flush()
-        give_back()
+        _return_free_memory()
         send(answers, answer)
     answers.flush()
     os._exit(0)  # native libraries may crash while they are unloaded, which no longer matters
@@ -151,6 +151,12 @@ class _LoadedCode:
             return True  # the import will say what is wrong
         self._digests = {**found, **self._digests}
         return found == wanted and all(self._digests[name] == digest for name, digest in wanted.items())
+
+
+def _return_free_memory() -> None:
+    """Return what is free to the system; other C libraries than glibc do so by themselves or not at all."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _cpu_seconds() -> float:

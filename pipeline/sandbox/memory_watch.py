@@ -1,6 +1,7 @@
 """The memory of a task's processes, watched so that one that grows too large fails before its host does."""
 
 import contextlib
+import resource
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -92,7 +93,7 @@ def resident_bytes(pids: Iterable[int]) -> int:
     for pid in pids:
         with contextlib.suppress(OSError, IndexError, ValueError), open(f"/proc/{pid}/statm", "rb") as file:
             pages += int(file.read().split()[1])
-    return pages * _PAGE_BYTES
+    return pages * resource.getpagesize()
 
 
 def proportional_bytes(pids: Sequence[int]) -> int:
@@ -107,18 +108,9 @@ def proportional_bytes(pids: Sequence[int]) -> int:
     return total
 
 
-def _page_bytes() -> int:
-    import resource
-
-    return resource.getpagesize()
-
-
 def _gigabytes(number: int) -> str:
     return f"{number / 1e9:.3g} GB"
 
 
 def _processes(pids: Sequence[int]) -> str:
     return "one process" if len(pids) == 1 else f"{len(pids)} processes"
-
-
-_PAGE_BYTES = _page_bytes()

@@ -122,6 +122,14 @@ def memo_name(path: Path) -> str:
     return f"{path.parent.name}{suffix}"
 
 
+def check_product(path: Path, fingerprint: str) -> None:
+    """Raise FormatError unless a product is whole and has this fingerprint."""
+    products.verify(path)
+    if products.read_fingerprint(path) != fingerprint:
+        finding = "another fingerprint than its name says"
+        raise FormatError(str(path), finding, "Delete it; a run makes it again.")
+
+
 def _sources(folder: Path, targets: tuple[Path, ...]) -> list[Path]:
     return [folder / memo_name(target) for target in targets]
 
@@ -136,13 +144,11 @@ def _whole(sources: list[Path], fingerprint: str) -> bool:
         return False
     try:
         for source in sources:
-            products.verify(source)
-        if all(products.read_fingerprint(source) == fingerprint for source in sources):
-            return True
+            check_product(source, fingerprint)
     except FormatError:
-        pass
-    shutil.rmtree(sources[0].parent, ignore_errors=True)
-    return False
+        shutil.rmtree(sources[0].parent, ignore_errors=True)
+        return False
+    return True
 
 
 def _place(sources: list[Path], targets: tuple[Path, ...]) -> None:

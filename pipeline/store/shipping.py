@@ -54,7 +54,7 @@ class StoredInput:
     def check(self, path: Path) -> None:
         """Raise FormatError unless the file at `path` is this one, whole."""
         if self.is_product:
-            _check_product(path, self.content)
+            memo.check_product(path, self.content)
         elif file_digest(path) != self.content:
             raise FormatError(str(path), "another content than its name says", "Run again.")
 
@@ -96,7 +96,7 @@ class Shipment(Call):
         places = [f"made/{target.parent.name}/{target.name}" for target in self.targets]
         targets = tuple(_below(folder, place) for place in places)
         names = _product_names(self)
-        check = functools.partial(_check_product, fingerprint=self.fingerprint)
+        check = functools.partial(memo.check_product, fingerprint=self.fingerprint)
         outcome = Outcome(self.request.object_id, fingerprint=self.fingerprint)
         if all(store.size(name) for name in names):
             return outcome
@@ -200,14 +200,6 @@ def _is_product(name: str, path: Path, object_id: str) -> bool:
 
 def _product_names(call: Call) -> list[str]:
     return [product_name(call.fingerprint, memo.memo_name(target)) for target in call.targets]
-
-
-def _check_product(path: Path, fingerprint: str) -> None:
-    products.verify(path)
-    if products.read_fingerprint(path) != fingerprint:
-        raise FormatError(
-            str(path), "another fingerprint than its name says", "Delete it; a run makes it again."
-        )
 
 
 def _send(store: Store, names: list[str], targets: tuple[Path, ...]) -> None:
