@@ -103,14 +103,33 @@ def read_records(root: Path) -> Records:
         A missing or damaged file.
     """
     try:
-        content = json.loads((root / RECORDS).read_text(encoding="utf-8"))
+        text = (root / RECORDS).read_bytes()
+    except OSError as error:
+        raise _unreadable(error) from error
+    return parse_records(text)
+
+
+def parse_records(text: bytes) -> Records:
+    """Return what a ``data/records.json`` holds.
+
+    Raises
+    ------
+    InputError
+        A damaged one.
+    """
+    try:
+        content = json.loads(text)
         rows = content["objects"]
         for object_id, row in rows.items():
             if not SAFE_ID.fullmatch(object_id) or not isinstance(row, dict):
                 raise ValueError(f"{object_id!r} is no id, or has no record")
         return Records(rows, tuple(Failure(**entry) for entry in content["refused"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(str(RECORDS), f"cannot be read ({error})", "Run the stage `objects`.") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise _unreadable(error) from error
+
+
+def _unreadable(error: Exception) -> InputError:
+    return InputError(str(RECORDS), f"cannot be read ({error})", "Run the stage `objects`.")
 
 
 def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
