@@ -6,34 +6,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich.filesize import decimal
+
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.versions import PER_OBJECT, Version
+from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import Costs, number
-
-CPU_COLUMN = "cpu_seconds."
 
 
 class KnownCosts:
-    """CPU seconds of tasks: measured here, else read from the version's own report.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    version
-        Whose report.
-    """
+    """CPU seconds of tasks: measured in the data set at `root`, else read from the version's own report."""
 
     def __init__(self, root: Path, version: Version) -> None:
         self._measured = Costs(root)
-        self._reported: dict[tuple[str, str], float] = {}
         text = version.texts.get(PER_OBJECT, b"").decode(errors="replace")
-        for row in csv.DictReader(io.StringIO(text)):
-            for column, value in row.items():
-                seconds = number(value)
-                if isinstance(column, str) and column.startswith(CPU_COLUMN) and seconds is not None:
-                    self._reported[row.get("id") or "", column.removeprefix(CPU_COLUMN)] = seconds
+        self._reported = {
+            (row.get("id"), stage): number(row.get(f"cpu_seconds.{stage}"))
+            for row in csv.DictReader(io.StringIO(text))
+            for stage in STAGES
+        }
 
     def of(self, object_id: str, stage: str, fingerprint: str) -> float | None:
         """Return the CPU seconds of a product; None where no file has them."""
@@ -47,12 +39,8 @@ class Fetch:
 
     Parameters
     ----------
-    bytes
-        In all, as far as sizes are known.
-    files
-        How many.
-    unknown
-        How many of them are of unknown size.
+    bytes, files, unknown
+        Bytes of all whose sizes are known, number of files, and of those with an unknown size.
     by_out
         Bytes by output of the data set.
     unlisted
@@ -65,10 +53,19 @@ class Fetch:
     by_out: Mapping[str, int]
     unlisted: tuple[str, ...] = ()
 
+    def __str__(self) -> str:
+        text = f"{decimal(self.bytes)} in {self.files} files"
+        if self.unknown:
+            text += f", and {self.unknown} files of unknown size"
+        if self.unlisted:
+            text += f", and what {', '.join(self.unlisted)} has, of which the list is unknown"
+        parts = ", ".join(f"{path} {decimal(count)}" for path, count in self.by_out.items() if count)
+        return f"{text} ({parts})" if parts else text
+
 
 def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
     """Return the files to fetch for `new` where `old` is present."""
-    unlisted: list[str] = []
+    unlisted: set[str] = set()
     had, wanted = _hashes(contents, old, new, unlisted), _hashes(contents, new, old, unlisted)
     every = set().union(*had.values())
     wanted = {path: hashes - every for path, hashes in wanted.items() if path not in unlisted}
@@ -77,22 +74,18 @@ def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
     sizes = {md5: contents.size(lying.get(md5, Content(md5))) for md5 in missing}
     sizes |= contents.sizes_far(md5 for md5, size in sizes.items() if size is None)
     by_out = {path: sum(sizes[md5] or 0 for md5 in hashes) for path, hashes in wanted.items() if hashes}
-    return Fetch(
-        sum(size or 0 for size in sizes.values()),
-        len(sizes),
-        sum(size is None for size in sizes.values()),
-        dict(sorted(by_out.items())),
-        tuple(unlisted),
-    )
+    unknown = sum(size is None for size in sizes.values())
+    in_all = sum(size or 0 for size in sizes.values())
+    return Fetch(in_all, len(sizes), unknown, dict(sorted(by_out.items())), tuple(sorted(unlisted)))
 
 
-def _hashes(contents: Contents, version: Version, other: Version, unlisted: list[str]) -> dict[str, set[str]]:
+def _hashes(contents: Contents, version: Version, other: Version, unlisted: set[str]) -> dict[str, set[str]]:
     """Return the hashes of a version's files by output, without the outputs that are equal in the other.
 
     Outputs whose list of files cannot be read are put to the unlisted. What git has is not fetched by DVC.
     """
-    found = {path: version.lying(path) for path in version.folders if version.lying(path)}
-    same = {out.md5 for out in version.lock.outs.values()} & {out.md5 for out in other.lock.outs.values()}
+    found = {path: lying for path in version.folders if (lying := version.lying(path))}
+    same = {out.md5 for out in other.lock.outs.values()}
     for path, out in version.lock.outs.items():
         if path in found or path in version.texts or (out.md5 in same and not other.lying(path)):
             continue
@@ -101,5 +94,5 @@ def _hashes(contents: Contents, version: Version, other: Version, unlisted: list
             try:
                 found[path] = set(contents.folder(out.md5, path).values())
             except (ObjectFolderError, OSError):
-                unlisted += [path] if path not in unlisted else []
+                unlisted.add(path)
     return found

@@ -1,37 +1,26 @@
 """Compares two versions of the data set, object by object and stage by stage, by attributes of products."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from objectfolder.errors import FormatError, ObjectFolderError
+from objectfolder.provenance import canonical_json
 from pipeline.audit import reasons
-from pipeline.audit.arrays import Arrays
 from pipeline.audit.change_costs import KnownCosts, to_fetch
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.fidelity import FidelityChange, changes, worst_first
-from pipeline.audit.findings import (
-    ADDED,
-    CHANGED,
-    FAILED,
-    GONE,
-    MADE,
-    MENDED,
-    REMOVED,
-    RENAMED,
-    STILL_FAILED,
-    UNCHANGED,
-    Audit,
-    ObjectChange,
-    StageChange,
-)
+from pipeline.audit.findings import Audit, ObjectChange, StageChange, State
 from pipeline.audit.product_comparison import ProductComparison
 from pipeline.audit.reasons import Circumstances, Reason
-from pipeline.audit.renaming import renamed
+from pipeline.audit.reproducibility import Arrays
 from pipeline.audit.versions import Version
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECTS, STAGES
+
+Pair = tuple[Content | None, Content | None]
 
 
 class Comparison:
@@ -62,7 +51,7 @@ class Comparison:
         self._products = ProductComparison(contents, read_arrays)
         self._known = KnownCosts(contents.root, new)
         self._problems: dict[str, ObjectFolderError] = {}  # by what they hide
-        self._compared = tuple(kind for stage in stages for kind in stage.products if self._is_known(kind))
+        self._compared = [kind for stage in stages for kind in stage.products if self._is_known(kind)]
 
     @property
     def problems(self) -> tuple[ObjectFolderError, ...]:
@@ -77,19 +66,30 @@ class Comparison:
                 raise damage
         # Asked of a remote one after the other, these would take minutes.
         self._contents.describe_all(self._differing())
-        pairs = renamed(old, new, self._contents.describe)
+        pairs = _renamed(self._contents, old, new)
         former = {after: before for before, after in pairs.items()}
         failed_before, failed_after = old.failures(self._stages), new.failures(self._stages)
         found, fidelity = [], []
         for object_id in sorted((old.listed | new.listed) - set(pairs)):
             was = former.get(object_id, object_id)
             stages, measures = self.stages(was, object_id)
+            fidelity += measures
             stage_name, failure = failed_after.get(object_id, ("", None))
-            state = self._state(was, object_id, failed_before.get(was), failure, bool(stages))
+            if object_id not in new.listed:
+                state = State.REMOVED
+            elif failure is not None:
+                state = State.STILL_FAILED if was in failed_before else State.FAILED
+            elif was not in old.listed:
+                state = State.ADDED
+            elif was != object_id:
+                state = State.RENAMED
+            elif was in failed_before:
+                state = State.MENDED
+            else:
+                state = State.CHANGED if stages else State.UNCHANGED
             found.append(
                 ObjectChange(object_id, state, former.get(object_id, ""), stages, failure, stage_name)
             )
-            fidelity += measures
         return Audit(
             old.label, new.label, tuple(found), tuple(worst_first(fidelity)),
             to_fetch(self._contents, old, new), self._products.read_arrays, self.problems,
@@ -103,52 +103,40 @@ class Comparison:
         was, object_id
             Its id in the earlier and in the later version.
         """
-        around = self._circumstances(was, object_id)
+        changed = {kind: pair for kind in self._compared if (pair := self._pair(kind, was, object_id))}
+        if not changed:
+            return (), []
+        around = Circumstances(
+            (self._old.lock.parameter("seed"), self._new.lock.parameter("seed")),
+            (self._old.material(was), self._new.material(object_id)),
+            (self._old.materials, self._new.materials),
+            self._digests(changed.get(OBJECTS)),
+            was != object_id,
+        )
         stages: list[StageChange] = []
         measures: list[FidelityChange] = []
         for stage in self._stages:
-            pairs = [
-                (kind, old, new)
-                for kind in stage.products
-                if kind in self._compared
-                for old, new in [(self._old.content(kind, was), self._new.content(kind, object_id))]
-                if (old and old.md5) != (new and new.md5)
-            ]
-            if not pairs:
-                continue
-            change, more = self._stage(stage, object_id, pairs, around)
-            stages.append(change)
-            measures += more
+            pairs = {kind: changed[kind] for kind in stage.products if kind in changed}
+            if pairs:
+                change, more = self._stage(stage, object_id, pairs, around)
+                stages.append(change)
+                measures += more
         return tuple(stages), measures
 
-    def _state(
-        self, was: str, object_id: str, before: object | None, after: object | None, changed: bool
-    ) -> str:
-        if object_id not in self._new.listed:
-            return REMOVED
-        if after is not None:
-            return STILL_FAILED if before is not None else FAILED
-        if was not in self._old.listed:
-            return ADDED
-        if was != object_id:
-            return RENAMED
-        if before is not None:
-            return MENDED
-        return CHANGED if changed else UNCHANGED
+    def _pair(self, kind: ProductKind, was: str, object_id: str) -> Pair | None:
+        """Return the products of an object in both versions; None where they are the same."""
+        old, new = self._old.content(kind, was), self._new.content(kind, object_id)
+        return (old, new) if (old and old.md5) != (new and new.md5) else None
 
     def _stage(
-        self,
-        stage: Stage,
-        object_id: str,
-        pairs: Sequence[tuple[ProductKind, Content | None, Content | None]],
-        around: Circumstances,
+        self, stage: Stage, object_id: str, pairs: dict[ProductKind, Pair], around: Circumstances
     ) -> tuple[StageChange, list[FidelityChange]]:
         """Compare the products of a stage that are not the same."""
         why: list[Reason] = []
         arrays = Arrays()
         prints = ["", ""]
         measures: list[FidelityChange] = []
-        for kind, old, new in pairs:
+        for kind, (old, new) in pairs.items():
             before, after = self._described(old, why), self._described(new, why)
             for side, one in enumerate((before, after)):
                 prints[side] = prints[side] or (one.fingerprint if one else "")
@@ -160,12 +148,12 @@ class Comparison:
             if old and new and before and after:
                 found, more = self._products.compare(stage, (old, new), (before, after), around)
                 arrays += found
-                why += [one for one in more if one not in why]
+                why = reasons.distinct([*why, *more])
         # One product of a stage can be made from another thing, and the other be the same but damaged.
         if any(one.kind not in (reasons.BYTES, *reasons.DEFECTS) for one in why):
             why = [one for one in why if one.kind != reasons.BYTES]
-        olds, news = ([pair[side] for pair in pairs] for side in (1, 2))
-        state = MADE if not any(olds) else GONE if not any(news) else CHANGED
+        olds, news = zip(*pairs.values(), strict=True)
+        state = State.MADE if not any(olds) else State.GONE if not any(news) else State.CHANGED
         cost = self._known.of(object_id, stage.name, prints[1]) if prints[1] != prints[0] else None
         return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost), measures
 
@@ -189,9 +177,7 @@ class Comparison:
         for kind in self._compared:
             old, new = self._old.folders[kind.folder].products, self._new.folders[kind.folder].products
             for object_id in old.keys() | new.keys():
-                pair = old.get(object_id), new.get(object_id)
-                if (pair[0] and pair[0].md5) != (pair[1] and pair[1].md5):
-                    yield from filter(None, pair)
+                yield from filter(None, self._pair(kind, object_id, object_id) or ())
 
     def _is_known(self, kind: ProductKind) -> bool:
         """Whether products of a kind are to be compared; an unreadable list of them is noted as a problem."""
@@ -203,25 +189,51 @@ class Comparison:
                 self._problems.setdefault(kind.folder, folder.problem)
         return old.problem is None and new.problem is None
 
-    def _circumstances(self, was: str, object_id: str) -> Circumstances:
-        old, new = self._old, self._new
-        return Circumstances(
-            (old.lock.parameter("seed"), new.lock.parameter("seed")),
-            (old.material(was), new.material(object_id)),
-            (old.materials, new.materials),
-            self._digests(was, object_id),
-            was != object_id,
-        )
-
-    def _digests(self, was: str, object_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _digests(self, changed: Pair | None) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the shape and colour of an object in both versions, where that product changed."""
-        if OBJECTS not in self._compared:
-            return {}, {}
-        old, new = self._old.content(OBJECTS, was), self._new.content(OBJECTS, object_id)
-        if old is None or new is None or old.md5 == new.md5:
+        old, new = changed or (None, None)
+        if old is None or new is None:
             return {}, {}
         try:
             before, after = (self._contents.describe(one).attributes.get("digests") for one in (old, new))
         except ObjectFolderError:
             return {}, {}
         return (before, after) if isinstance(before, dict) and isinstance(after, dict) else ({}, {})
+
+
+def _renamed(contents: Contents, old: Version, new: Version) -> dict[str, str]:
+    """Return former id to later id of objects that were renamed.
+
+    Objects that went and objects that came are paired where they were read from the same files; of several
+    with the same files, those with the same material first, then those with the same name.
+    """
+    gone, came = sorted(old.listed - new.listed), sorted(new.listed - old.listed)
+    if not gone or not came:
+        return {}
+    by_files: dict[str, list[str]] = defaultdict(list)
+    for object_id in gone:
+        if key := _files(contents, old, object_id):
+            by_files[key].append(object_id)
+    wanted = {object_id: _files(contents, new, object_id) for object_id in came}
+    pairs: dict[str, str] = {}
+    for fields in (("material", "name"), ("material",), ()):
+        for object_id in came:
+            if object_id in pairs.values():
+                continue
+            row = new.rows.get(object_id, {})
+            for one in by_files.get(wanted[object_id], ()):
+                former = old.rows.get(one, {})
+                if one not in pairs and all(former.get(name) == row.get(name) for name in fields):
+                    pairs[one] = object_id
+                    break
+    return pairs
+
+
+def _files(contents: Contents, version: Version, object_id: str) -> str:
+    """Return digests of the files an object is read from; empty where they are not known."""
+    content = version.content(OBJECTS, object_id)
+    try:
+        inputs = content and contents.describe(content).provenance.get("inputs")
+        return canonical_json(inputs) if inputs else ""
+    except (ObjectFolderError, TypeError, ValueError, RecursionError):
+        return ""

@@ -1,7 +1,6 @@
 """Descriptions of the products of any version, read from the cache or, in parts, from the remote."""
 
 import contextlib
-import json
 import os
 import shutil
 import sqlite3
@@ -9,7 +8,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -17,22 +16,21 @@ import diskcache
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.audit import descriptions
-from pipeline.audit.descriptions import Description
+from pipeline.audit.descriptions import TAIL_BYTES, Description
 from pipeline.audit.stores import FETCH, NotHere, Stores
 
 AT_ONCE = 16  # requests to a remote
 CACHED_BYTES = 256 << 20  # descriptions of about 100,000 products
-RECENT = 64  # descriptions in memory: those of the object that is looked at
+DESCRIBED = 64  # local products in memory: those of the object that is looked at
+_CACHE_ERRORS = (sqlite3.Error, OSError, LookupError, ValueError, zlib.error, diskcache.Timeout)
 
 
 @dataclass(frozen=True)
 class Content:
-    """The content of a product: its kind, its hash, and its path if it is not in the cache.
+    """The content of a product, by the MD5 of its bytes.
 
     Parameters
     ----------
-    md5
-        Of its bytes.
     suffix
         `pipeline.dataset.products.ZARR` or `TENSORS`.
     where
@@ -52,34 +50,30 @@ class Contents(Stores):
 
     Parameters
     ----------
-    root
-        Root of the data set.
+    folder
+        Root of the data set, or a folder in it.
     remote
         Name of a remote of DVC; the default one where it is empty.
 
     Raises
     ------
     InputError
-        `root` is not under DVC.
+        `folder` is not under DVC.
     """
 
-    def __init__(self, root: Path, remote: str = "") -> None:
+    def __init__(self, folder: Path, remote: str = "") -> None:
         from dvc.exceptions import DvcException
         from dvc.repo import Repo
 
-        self.root = root
         try:
-            repository = Repo(str(root))
+            repository = Repo(str(folder))
         except (DvcException, OSError) as error:
-            raise InputError(
-                str(root), f"not under DVC ({error})", "Go to the root of a data set."
-            ) from error
-        if Path(repository.root_dir) != root:
-            remedy = f"Go to {repository.root_dir}."
-            raise InputError(str(root), "not the root of the data set, but a folder in it", remedy)
+            finding = f"not under DVC ({error})"
+            raise InputError(str(folder), finding, "Go to the root of a data set.") from error
+        self.root = Path(repository.root_dir)
         super().__init__(repository, remote)
         self._far: dict[str, Description | ObjectFolderError] = {}
-        self._recent: dict[str, Description] = {}
+        self._describe_near = lru_cache(DESCRIBED)(self._read_near)
 
     def __enter__(self) -> "Contents":
         return self
@@ -143,34 +137,26 @@ class Contents(Stores):
         FormatError
             A damaged one.
         """
-        known = self._recent.get(content.md5)
-        if known is None:
-            known = self._describe_near(content)
-            if known is None:
-                self._read_far([content])
-                far = self._far[content.md5]
-                if isinstance(far, ObjectFolderError):
-                    raise far
-                return far
-            if len(self._recent) >= RECENT:
-                self._recent.clear()
-            self._recent[content.md5] = known
-        return known
+        near = self._describe_near(content)
+        if near is not None:
+            return near
+        self._read_far([content])
+        far = self._far[content.md5]
+        if isinstance(far, ObjectFolderError):
+            raise far
+        return far
 
     def describe_all(self, wanted: Iterable[Content]) -> None:
         """Read the descriptions of many remote products in parallel; one by one would take minutes."""
         self._read_far(one for one in wanted if one.path is None and self._near(one.md5) is None)
 
     def _read_far(self, wanted: Iterable[Content]) -> None:
-        missing = {}
-        for content in wanted:
-            if content.md5 in self._far:
-                continue
-            known = self._cached_description(content.md5)
-            if known is None:
-                missing[content.md5] = content
-            else:
-                self._far[content.md5] = known
+        missing = {one.md5: one for one in wanted if one.md5 not in self._far}
+        with contextlib.suppress(*_CACHE_ERRORS):
+            for md5 in [md5 for md5 in missing if md5 in self._cached]:
+                attributes, listing = self._cached[md5]
+                self._far[md5] = Description(attributes, listing.encode("latin-1"))
+                del missing[md5]
         if not missing:
             return
         assert self.remote is None or self.remote.fs  # opened once, before there are threads
@@ -178,11 +164,10 @@ class Contents(Stores):
             for md5, found in zip(missing, pool.map(self._describe_far, missing.values()), strict=True):
                 self._far[md5] = found
                 if isinstance(found, Description):
-                    packed = json.dumps(found.attributes).encode() + b"\0" + found.listing
-                    with contextlib.suppress(sqlite3.Error, OSError, diskcache.Timeout):
-                        self._cached.set(md5, zlib.compress(packed, 1))
+                    with contextlib.suppress(*_CACHE_ERRORS):
+                        self._cached[md5] = found.attributes, found.listing.decode("latin-1")
 
-    def _describe_near(self, content: Content) -> Description | None:
+    def _read_near(self, content: Content) -> Description | None:
         path = content.path or self._near(content.md5)
         if path is None:
             return None
@@ -197,33 +182,28 @@ class Contents(Stores):
 
     def _describe_far(self, content: Content) -> Description | ObjectFolderError:
         """Read the parts of a remote product that describe it; return the error where that fails."""
-        odb = self.remote
-        if odb is None:
-            return self._missing(content.md5, content.where, [])
-        path = odb.oid_to_path(content.md5)
+        problems = []
         try:
-            with odb.fs.open(path, "rb", block_size=descriptions.TAIL_BYTES, cache_type="none") as file:
-                return descriptions.read(file, odb.fs.size(path), content.suffix, content.where)
+            if self.remote is not None:
+                path = self.remote.oid_to_path(content.md5)
+                with self.remote.fs.open(path, "rb", block_size=TAIL_BYTES, cache_type="none") as file:
+                    size = self.remote.fs.size(path)
+                    return descriptions.read(file, size, content.suffix, content.where)
         except ObjectFolderError as error:
             return error
         except FileNotFoundError:
-            return self._missing(content.md5, content.where, [])
+            pass
         except Exception as error:  # clouds have errors of their own making
-            return self._missing(content.md5, content.where, [f"the remote: {type(error).__name__}: {error}"])
-
-    def _cached_description(self, md5: str) -> Description | None:
-        try:
-            attributes, _, listing = zlib.decompress(self._cached.get(md5, b"")).partition(b"\0")
-            return Description(json.loads(attributes), listing)
-        except (sqlite3.Error, OSError, diskcache.Timeout, zlib.error, ValueError):
-            return None
+            problems = [f"the remote: {type(error).__name__}: {error}"]
+        return self._missing(content.md5, content.where, problems)
 
     @cached_property
     def _cached(self) -> diskcache.Cache:
         """A cache of descriptions of remote products, beside DVC's own state of this repository."""
         place = Path(self.repository.site_cache_dir) / "objectfolder-audit"
+        settings = {"size_limit": CACHED_BYTES, "timeout": 5, "disk": diskcache.JSONDisk}
         try:
-            return diskcache.Cache(str(place), size_limit=CACHED_BYTES, timeout=5)
-        except (sqlite3.Error, OSError, diskcache.Timeout):  # damaged: losing it costs time only
+            return diskcache.Cache(str(place), **settings)
+        except _CACHE_ERRORS:  # damaged: losing it costs time only
             shutil.rmtree(place, ignore_errors=True)
-            return diskcache.Cache(str(place), size_limit=CACHED_BYTES, timeout=5)
+            return diskcache.Cache(str(place), **settings)

@@ -6,7 +6,6 @@ may come from others: only lengths that fit into the file are believed.
 """
 
 import io
-import json
 import re
 import struct
 import zipfile
@@ -16,8 +15,18 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, BinaryIO
 
+from pydantic_core import from_json
+
 from objectfolder.errors import FormatError
-from pipeline.dataset.archives import CENTRAL, CENTRAL_MARK, END, END_MARK, LARGEST_JSON_BYTES, LOCAL
+from pipeline.dataset.archives import (
+    CENTRAL,
+    CENTRAL_MARK,
+    END,
+    END_MARK,
+    LARGEST_JSON_BYTES,
+    LOCAL,
+    read_json,
+)
 from pipeline.dataset.products import TENSORS
 
 REMEDY = "See `objectfolder verify`; fetch it again (`dvc fetch`), or delete it and run `dvc repro`."
@@ -74,25 +83,14 @@ class Description:
             raise ValueError("its list of entries is damaged: a name is longer or shorter than it says")
         return set(found)
 
-    @property
-    def damage(self) -> str:
-        """What is wrong with the list of entries; empty where nothing is."""
-        try:
-            _ = self.chunks
-        except ValueError as error:
-            return str(error)
-        return ""
-
 
 def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
-    """Read the description of a product.
+    """Read the description of a product; only parts of the file are read.
 
     Parameters
     ----------
-    file
-        The product, at any position; only parts of it are read.
     size
-        Its length, bytes.
+        Length of the file, bytes.
     suffix
         `pipeline.dataset.products.ZARR` or `TENSORS`.
     where
@@ -115,47 +113,38 @@ def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
 
 
 def _of_archive(file: BinaryIO, size: int) -> Description:
+    """Read the end of an archive; one that does not lie there as a product's does is left to zipfile."""
     first = max(0, size - TAIL_BYTES)
     tail = _span(file, first, size)
     if len(tail) < END.size:
         raise ValueError(f"{size} bytes are no archive")
-    magic, disk, start_disk, _, count, length, start, comment = END.unpack_from(tail, len(tail) - END.size)
-    if magic != END_MARK or comment or _ZIP64[0] in (count, disk) or _ZIP64[1] in (start, length):
-        return _by_zipfile(file)
+    mark, *disks, _, count, length, start, comment = END.unpack_from(tail, len(tail) - END.size)
     end = size - END.size
-    if disk or start_disk or start + length != end:
-        raise ValueError("its list of entries does not end where the archive does")
-    if length > LARGEST_JSON_BYTES:
-        raise ValueError(f"its list of entries takes {length} bytes")
-    if start < first:
+    if (mark, *disks, comment) != (END_MARK, 0, 0, 0) or count == _ZIP64[0] or start + length != end:
+        return _by_zipfile(file)
+    if start < first and length <= LARGEST_JSON_BYTES:
         first, tail = start, _span(file, start, size)
-    listing = tail[start - first : end - first]
-    # The last entry, where the writer puts the attributes; an archive of another order is read in full.
+    listing = tail[max(0, start - first) : end - first]
+    # The last entry, where the writer puts the attributes.
     last = len(listing) - CENTRAL.size - len(GROUP)
-    if last < 0 or not listing.endswith(GROUP.encode()):
+    if start < first or last < 0 or not listing.endswith(GROUP.encode()):
         return _by_zipfile(file)
-    entry = CENTRAL.unpack_from(listing, last)
-    flags, method, checksum, packed, plain, offset = entry[3], entry[4], *entry[7:10], entry[16]
-    if entry[0] != CENTRAL_MARK or entry[10] != len(GROUP) or entry[11] or entry[12]:
+    mark, _, _, flags, method, _, _, checksum, packed, plain, *lengths = CENTRAL.unpack_from(listing, last)
+    begin = lengths[-1] + LOCAL.size + len(GROUP)
+    if (mark, flags, method, *lengths[:3]) != (CENTRAL_MARK, 0, zipfile.ZIP_STORED, len(GROUP), 0, 0):
         return _by_zipfile(file)
-    begin = offset + LOCAL.size + len(GROUP)
-    if flags or method != zipfile.ZIP_STORED or packed != plain or begin + plain != start:
-        raise ValueError("its attributes do not lie where a product has them")
-    if plain > LARGEST_JSON_BYTES:
-        raise ValueError(f"its attributes take {plain} bytes")
-    text = tail[begin - first : begin - first + plain] if begin >= first else _span(file, begin, start)
+    if plain > LARGEST_JSON_BYTES or packed != plain or begin + plain != start:
+        raise ValueError(f"its attributes of {plain} bytes do not lie where a product has them")
+    text = tail[begin - first : start - first] if begin >= first else _span(file, begin, start)
     if zlib.crc32(text) != checksum:
         raise ValueError("its attributes are damaged")
-    return Description(json.loads(text)["attributes"], listing)
+    return Description(from_json(text)["attributes"], listing)
 
 
 def _by_zipfile(file: BinaryIO) -> Description:
-    """Read an archive of more entries or bytes than the plain form of the format can name."""
+    """Read an archive of more entries than the plain form of the format can name, or of another order."""
     with zipfile.ZipFile(file) as archive:
-        entry = archive.getinfo(GROUP)
-        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > LARGEST_JSON_BYTES:
-            raise ValueError(f"its attributes are compressed or of {entry.file_size} bytes")
-        attributes = json.loads(archive.read(entry))["attributes"]
+        attributes = read_json(archive, archive.getinfo(GROUP))["attributes"]
         listing = io.BytesIO()
         for one in archive.infolist():
             name = one.filename.encode()
@@ -170,7 +159,7 @@ def _of_tensors(file: BinaryIO, size: int) -> Description:
     if size < 8 or length > min(LARGEST_JSON_BYTES, size - 8):
         raise ValueError(f"not a safetensors file, or truncated ({size} bytes)")
     text = head[8 : 8 + length] if 8 + length <= len(head) else _span(file, 8, 8 + length)
-    header = json.loads(text)
+    header = from_json(text)
     attributes = header.get("__metadata__", {})
     ends = [entry["data_offsets"][1] for name, entry in header.items() if name != "__metadata__"]
     if max(ends, default=0) != size - 8 - length:
@@ -190,7 +179,7 @@ def _mapping(value: Any) -> Mapping[str, Any]:
     """Return a mapping that may be stored as JSON text; empty for anything else."""
     if isinstance(value, str):
         try:
-            value = json.loads(value)
+            value = from_json(value)
         except (ValueError, RecursionError):
             return {}
     return value if isinstance(value, dict) else {}

@@ -22,14 +22,10 @@ _NOTICEABLE = {"dB": 1.0, "cents": 5.0, "bytes": 1e5, "": 0.005}
 
 @dataclass(frozen=True)
 class FidelityChange:
-    """A measure of an object in two versions.
+    """A measure (by its key) of an object (by its later id) in two versions.
 
     Parameters
     ----------
-    object_id
-        The object, by its later id.
-    measure
-        Key of the measure.
     before, after
         Its values; None where there is none.
     loss
@@ -83,23 +79,18 @@ def thresholds(texts: Sequence[str]) -> dict[str, float]:
     """
     found = {}
     for text in texts:
-        key, equals, number = text.partition("=")
-        key = key.strip()
+        key, _, number = text.partition("=")
         if key not in MEASURES:
-            near = difflib.get_close_matches(key, MEASURES, 1, 0.0)
-            raise InputError(
-                f"--max-loss {text}",
-                f"no measure {key!r}; the nearest is {near[0]!r}" if near else f"no measure {key!r}",
-                "Known: " + ", ".join(MEASURES) + ".",
-            )
+            (near,) = difflib.get_close_matches(key, MEASURES, 1, 0.0)
+            finding = f"no measure {key!r}; the nearest is {near!r}"
+            raise InputError(f"--max-loss {text}", finding, f"Known: {', '.join(MEASURES)}.")
         try:
             value = float(number)
         except ValueError:
             value = math.nan
-        if not equals or not math.isfinite(value) or value < 0:
-            raise InputError(
-                f"--max-loss {text}", "no loss that is allowed", f"Write {key}=0.5, in {_unit(key)}."
-            )
+        if not math.isfinite(value) or value < 0:
+            remedy = f"Write {key}=0.5, in {MEASURES[key].unit or 'its own unit'}."
+            raise InputError(f"--max-loss {text}", "no loss that is allowed", remedy)
         found[key] = value
     return found
 
@@ -108,7 +99,3 @@ def exceeded(found: Iterable[FidelityChange], allowed: Mapping[str, float]) -> l
     """Return the changes that lose more than is allowed."""
     # Sums of decimals: a loss from 0.3 to 0.2 is not more than 0.1.
     return [one for one in found if one.measure in allowed and one.loss > allowed[one.measure] + 1e-9]
-
-
-def _unit(key: str) -> str:
-    return MEASURES[key].unit or "its own unit"

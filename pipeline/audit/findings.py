@@ -1,20 +1,36 @@
-"""The findings of an audit: on every object and stage, on fidelity, and on files that could not be read."""
+"""The findings of an audit: on objects and stages, in groups of the same reasons, and in sums and words."""
 
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from objectfolder.errors import ObjectFolderError
-from pipeline.audit import reasons
-from pipeline.audit.arrays import Arrays
 from pipeline.audit.change_costs import Fetch
-from pipeline.audit.fidelity import FidelityChange
-from pipeline.audit.reasons import Reason
+from pipeline.audit.fidelity import MEASURES, FidelityChange
+from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, Reason, distinct
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays
+from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
 
-ADDED, REMOVED, RENAMED, CHANGED, FAILED, STILL_FAILED, MENDED, UNCHANGED = (
-    "added", "removed", "renamed", "changed", "failed", "failed as before", "mended", "unchanged",
-)  # fmt: skip
-STATES = (ADDED, REMOVED, RENAMED, CHANGED, FAILED, STILL_FAILED, MENDED, UNCHANGED)
-MADE, GONE = "made", "gone"
+NAMED = 3  # modules, and parameters of one section, before the rest are counted
+Texts = tuple[str, ...]
+
+
+class State(StrEnum):
+    """What became of an object, or of its products of a stage (changed, made or gone)."""
+
+    ADDED = "added"
+    REMOVED = "removed"
+    RENAMED = "renamed"
+    CHANGED = "changed"
+    FAILED = "failed"
+    STILL_FAILED = "failed as before"
+    MENDED = "mended"
+    UNCHANGED = "unchanged"
+    MADE = "made"
+    GONE = "gone"
 
 
 @dataclass(frozen=True)
@@ -23,27 +39,28 @@ class StageChange:
 
     Parameters
     ----------
-    stage
-        Its name.
-    state
-        `CHANGED`, `MADE` or `GONE`.
     reasons
-        Why, for `CHANGED`.
+        Why, for changed products.
     old, new
         Fingerprints; empty for a product without one.
     arrays
         What is known of the arrays without reading them, or after.
     cpu_s
-        What it took to make, where that is known.
+        CPU seconds that it took to make, where they are known.
     """
 
     stage: str
-    state: str
+    state: State
     reasons: tuple[Reason, ...] = ()
     old: str = ""
     new: str = ""
     arrays: Arrays = field(default_factory=Arrays)
     cpu_s: float | None = None
+
+    @property
+    def follows(self) -> bool:
+        """Whether it changed because of stages before it only."""
+        return bool(self.reasons) and all(one.kind == UPSTREAM for one in self.reasons)
 
 
 @dataclass(frozen=True)
@@ -52,22 +69,16 @@ class ObjectChange:
 
     Parameters
     ----------
-    object_id
-        Its later id.
-    state
-        One of `STATES`.
     was
         Its former id, where it was renamed.
     stages
         The stages whose products are not the same.
-    failure
-        Why it has not all products in the later version; None where it has.
-    failed_stage
-        The stage that failed.
+    failure, failed_stage
+        Why it has not all products in the later version, and the first stage that lacks one.
     """
 
     object_id: str
-    state: str
+    state: State
     was: str = ""
     stages: tuple[StageChange, ...] = ()
     failure: Failure | None = None
@@ -76,9 +87,7 @@ class ObjectChange:
     @property
     def roots(self) -> tuple[Reason, ...]:
         """Reasons that are no consequence of another stage's change, each once."""
-        found = [one for stage in self.stages for one in stage.reasons if one.kind != reasons.UPSTREAM]
-        known = [one for position, one in enumerate(found) if one not in found[:position]]
-        return tuple(known)
+        return tuple(distinct(one for stage in self.stages for one in stage.reasons if one.kind != UPSTREAM))
 
 
 @dataclass(frozen=True)
@@ -93,8 +102,6 @@ class Audit:
         Every object of either.
     fidelity
         Measures that changed, worst first.
-    fetch
-        Files to fetch.
     arrays_read
         Whether arrays were read, or only their checksums compared.
     problems
@@ -108,3 +115,156 @@ class Audit:
     fetch: Fetch
     arrays_read: bool
     problems: tuple[ObjectFolderError, ...] = ()
+
+
+@dataclass(frozen=True)
+class Group:
+    """Objects with one state, the same reasons (in sentences), and the same stages that changed.
+
+    Stages in `direct` changed for these reasons, those `behind` because of stages before them only.
+    """
+
+    state: str
+    reasons: Texts
+    direct: Texts
+    behind: Texts
+    objects: tuple[ObjectChange, ...]
+
+    @property
+    def title(self) -> str:
+        """State, and number of objects."""
+        return f"{self.state} ({len(self.objects)})" if len(self.objects) > 1 else self.state
+
+    @property
+    def places(self) -> str:
+        """Stages that changed."""
+        direct, behind = f"in {', '.join(self.direct)}", f"{UPSTREAM} of {', '.join(self.behind)}"
+        return "; ".join([direct] * bool(self.direct) + [behind] * bool(self.behind))
+
+
+@dataclass(frozen=True)
+class StageTotal:
+    """What happened in a stage, over all objects.
+
+    Parameters
+    ----------
+    states, arrays
+        Number of products of each state, and of arrays of each verdict.
+    unread
+        Products whose arrays were not compared.
+    cpu_s, costed, made
+        CPU seconds of the new products whose cost is known, their number, and that of all new products.
+    """
+
+    stage: str
+    states: Counter[str]
+    arrays: Counter[str]
+    unread: int
+    cpu_s: float
+    costed: int
+    made: int
+
+    @property
+    def cells(self) -> list[str]:
+        """Its row of a table, empty where there is nothing."""
+        numbers = [self.states[state] for state in (State.CHANGED, State.MADE, State.GONE)]
+        numbers += [self.arrays[verdict] for verdict in (EQUAL, WITHIN, DIFFERENT)]
+        cost = f"{self.cpu_s:.1f}" if self.costed else "unknown" if self.made else ""
+        return [*(str(number or "") for number in (*numbers, self.unread)), cost]
+
+
+def groups(audit: Audit) -> list[Group]:
+    """Return what changed, the largest groups of a state last: single objects are what one looks for."""
+    found: dict[tuple[str, Texts, Texts, Texts], list[ObjectChange]] = defaultdict(list)
+    for one in audit.objects:
+        if one.state == State.UNCHANGED and not one.stages:
+            continue
+        failed = [f"{one.failed_stage}: {one.failure.error}"] if one.failure is not None else []
+        why = sentences(one.roots) if one.state != State.REMOVED else []
+        behind = tuple(change.stage for change in one.stages if change.follows)
+        direct = tuple(change.stage for change in one.stages if not change.follows)
+        found[one.state, (*failed, *why), direct, behind].append(one)
+    made = [Group(*alike, tuple(objects)) for alike, objects in found.items()]
+    return sorted(made, key=lambda one: (one.state, len(one.objects), one.objects[0].object_id))
+
+
+def sentences(found: Sequence[Reason]) -> list[str]:
+    """Return reasons as texts; many modules of code, or parameters of one section, in one."""
+    texts = []
+    together: dict[tuple[str, str], list[Reason]] = defaultdict(list)
+    for one in found:
+        section = one.name.rpartition(".")[0] if one.kind == PARAMETER else ""
+        together[one.kind, section].append(one)
+    for (kind, section), alike in together.items():
+        rest = len(alike) - NAMED
+        if kind == CODE and rest > 0:
+            named = ", ".join(one.name for one in alike[:NAMED])
+            texts.append(f"code {named} and {rest} more modules changed")
+        elif kind == PARAMETER and rest > 1:
+            texts += [*map(str, alike[:NAMED]), f"parameter {section}: {rest} more"]
+        else:
+            texts += map(str, alike)
+    return texts
+
+
+def totals(audit: Audit) -> list[StageTotal]:
+    """Return what happened in each stage."""
+    found = []
+    for name in STAGES:
+        changes = [change for one in audit.objects for change in one.stages if change.stage == name]
+        if not changes:
+            continue
+        made = [one for one in changes if one.new and one.new != one.old]
+        known = [one.cpu_s for one in made if one.cpu_s is not None]
+        arrays = Counter(verdict for one in changes for verdict in one.arrays.verdicts.values())
+        unread = sum(one.arrays.unread for one in changes)
+        states = Counter[str](one.state for one in changes)
+        found.append(StageTotal(name, states, arrays, unread, sum(known), len(known), len(made)))
+    return found
+
+
+def counts(audit: Audit) -> str:
+    """Return the number of objects of each state."""
+    count = Counter(one.state for one in audit.objects)
+    return numbered({state: count[state] for state in State if count[state]}) or "none"
+
+
+def numbered(counts: Mapping[str, int]) -> str:
+    """Return numbers of words, as in ``3 equal, 1 different``."""
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def names(found: Sequence[ObjectChange], most: int = 6) -> str:
+    """Return ids with commas between them, the rest counted."""
+    ids = [f"{one.was} -> {one.object_id}" if one.state == State.RENAMED else one.object_id for one in found]
+    text = ", ".join(ids[:most])
+    return text if len(ids) <= most else f"{text} and {len(ids) - most} more"
+
+
+def value(measure: str, found: float | None) -> str:
+    """Return a measure's value for people."""
+    if found is None:
+        return "none"
+    decimals = MEASURES[measure].decimals + 1 if MEASURES[measure].unit != "bytes" else 0
+    return f"{found:.{decimals}f}"
+
+
+def change(one: FidelityChange) -> str:
+    """Return by how much a measure changed, for people."""
+    if one.before is None or one.after is None:
+        return "lost" if math.isinf(one.loss) and one.loss > 0 else "new"
+    loss = value(one.measure, abs(one.loss))
+    if not loss.strip("0."):
+        loss = f"{abs(one.loss):.1g}"  # less than the decimals that the measure is printed with
+    return f"{'worse' if one.loss > 0 else 'better'} by {loss}"
+
+
+def cost(found: Sequence[StageTotal]) -> str:
+    """Return the CPU seconds of the new products."""
+    made, costed = sum(one.made for one in found), sum(one.costed for one in found)
+    if not made:
+        return "nothing"
+    if not costed:
+        return f"{made} products; what they took is not noted here"
+    spent = sum(one.cpu_s for one in found)
+    return f"{made} products in {spent:.0f} CPU s" + (f" (known of {costed})" if costed < made else "")

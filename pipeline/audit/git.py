@@ -1,6 +1,8 @@
 """What the audit reads of git: revisions, files of a revision, and the commits that changed a file."""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 
 import pygit2
@@ -10,17 +12,7 @@ from objectfolder.errors import InputError
 
 @dataclass(frozen=True)
 class Commit:
-    """A commit.
-
-    Parameters
-    ----------
-    hash
-        In full.
-    time
-        Seconds since 1970 at which it was made.
-    subject
-        First line of its message, as written by whoever made it.
-    """
+    """A commit: its full hash, time (seconds since 1970), and first line of the message as it was written."""
 
     hash: str
     time: int
@@ -30,6 +22,11 @@ class Commit:
     def short(self) -> str:
         """First digits of the hash."""
         return self.hash[:9]
+
+    @property
+    def day(self) -> str:
+        """Day at which it was made, in UTC."""
+        return datetime.fromtimestamp(self.time, UTC).strftime("%Y-%m-%d")
 
 
 class GitRepository:
@@ -55,18 +52,8 @@ class GitRepository:
         self._prefix = root.resolve().relative_to(top)
 
     def commit(self, revision: str) -> Commit:
-        """Return the commit that a revision names.
-
-        Raises
-        ------
-        InputError
-            No such revision.
-        """
-        try:
-            return _commit(self._repository.revparse_single(revision).peel(pygit2.Commit))
-        except (KeyError, ValueError, pygit2.GitError) as error:
-            remedy = "`git log --oneline` lists them; a shallow clone has few (`git fetch --unshallow`)."
-            raise InputError(repr(revision), "no such revision in this repository", remedy) from error
+        """Return the commit that a revision names; raise InputError for no such revision."""
+        return _commit(self._resolved(revision))
 
     def commits_of(self, path: str, revision: str = "HEAD") -> list[Commit]:
         """Return the commits behind `revision` that changed a file, newest first.
@@ -78,36 +65,31 @@ class GitRepository:
         InputError
             No such revision.
         """
-        walk = self._repository.walk(self.commit(revision).hash)
+        walk = self._repository.walk(self._resolved(revision).id)
         walk.simplify_first_parent()
-        found: list[Commit] = []
-        later: tuple[pygit2.Commit, pygit2.Oid | None] | None = None
-        for commit in walk:
-            content = self._blob_id(commit, path)
-            if later is not None and later[1] != content:
-                found.append(_commit(later[0]))
-            later = commit, content
-        if later is not None and later[1] is not None:
-            found.append(_commit(later[0]))
-        return found
+        commits = list(walk)
+        blobs = [blob and blob.id for blob in (self._blob(commit, path) for commit in commits)]
+        changes = zip(commits, pairwise([*blobs, None]), strict=True)
+        return [_commit(commit) for commit, (blob, before) in changes if blob != before]
 
     def read(self, revision: str, path: str) -> bytes | None:
-        """Return a file of a revision, None where it has none.
+        """Return a file of a revision, None where it has none; raise InputError for no such revision."""
+        blob = self._blob(self._resolved(revision), path)
+        return None if blob is None else blob.data
 
-        Raises
-        ------
-        InputError
-            No such revision.
-        """
-        blob = self._blob_id(self._repository[self.commit(revision).hash].peel(pygit2.Commit), path)
-        return None if blob is None else self._repository[blob].peel(pygit2.Blob).data
+    def _resolved(self, revision: str) -> pygit2.Commit:
+        try:
+            return self._repository.revparse_single(revision).peel(pygit2.Commit)
+        except (KeyError, ValueError, pygit2.GitError) as error:
+            remedy = "`git log --oneline` lists them; a shallow clone has few (`git fetch --unshallow`)."
+            raise InputError(repr(revision), "no such revision in this repository", remedy) from error
 
-    def _blob_id(self, commit: pygit2.Commit, path: str) -> pygit2.Oid | None:
+    def _blob(self, commit: pygit2.Commit, path: str) -> pygit2.Blob | None:
         try:
             found = commit.tree[(self._prefix / path).as_posix()]
         except (KeyError, ValueError):
             return None
-        return found.id if isinstance(found, pygit2.Blob) else None
+        return found if isinstance(found, pygit2.Blob) else None
 
 
 def _commit(found: pygit2.Commit) -> Commit:

@@ -7,10 +7,9 @@ from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.audit.comparison import Comparison
 from pipeline.audit.contents import Contents
 from pipeline.audit.fidelity import MEASURES
-from pipeline.audit.findings import ObjectChange
+from pipeline.audit.findings import ObjectChange, State, sentences
 from pipeline.audit.git import Commit, GitRepository
-from pipeline.audit.groups import sentences
-from pipeline.audit.versions import Version, commit_version, made_nothing
+from pipeline.audit.versions import Version, made_nothing, read_version
 from pipeline.dataset.lock_file import LOCK
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY
@@ -25,8 +24,6 @@ class ObjectVersion:
 
     Parameters
     ----------
-    commit
-        Which commit.
     state
         `APPEARED`, `CHANGED`, `GONE`, or `INCOMPLETE` where it has some of its products only.
     stages
@@ -52,12 +49,17 @@ class ObjectVersion:
     cpu_s: float | None = None
     problems: tuple[str, ...] = ()
 
+    @property
+    def products(self) -> list[str]:
+        """The stages, each with the fingerprint of its product."""
+        return [f"{stage} {self.fingerprints.get(stage, '')}".rstrip() for stage in self.stages]
+
 
 Unreadable = tuple[Commit, ObjectFolderError]
 
 
 def history(
-    git: GitRepository, contents: Contents, object_id: str, stages: Sequence[Stage], revision: str = "HEAD"
+    contents: Contents, object_id: str, stages: Sequence[Stage], revision: str = "HEAD"
 ) -> tuple[list[ObjectVersion], list[Unreadable]]:
     """Return the versions of an object, oldest first, and the commits that cannot be read here.
 
@@ -66,12 +68,10 @@ def history(
 
     Parameters
     ----------
-    git, contents
+    contents
         Where versions are read from.
-    object_id
-        The object.
-    stages
-        All stages.
+    object_id, stages
+        The object, and all stages.
     revision
         The last commit to be looked at.
 
@@ -83,16 +83,16 @@ def history(
     found: list[ObjectVersion] = []
     unreadable: list[Unreadable] = []
     former = made_nothing(stages)
-    for commit in reversed(git.commits_of(LOCK, revision)):
+    for commit in reversed(GitRepository(contents.root).commits_of(LOCK, revision)):
         try:
-            version = commit_version(git, contents, commit.hash, stages)
+            version = read_version(contents, stages, commit.hash)
             problem = next((folder.problem for folder in version.folders.values() if folder.problem), None)
         except ObjectFolderError as error:
             problem = error
         if problem is not None:
             unreadable.append((commit, problem))
             continue
-        if _products(former, object_id, stages) != _products(version, object_id, stages):
+        if _products(former, object_id) != _products(version, object_id):
             found.append(_version(contents, object_id, stages, former, version, commit))
         former = version
     if not found and not unreadable:
@@ -101,36 +101,31 @@ def history(
     return found, unreadable
 
 
-def _products(version: Version, object_id: str, stages: Sequence[Stage]) -> dict[str, str]:
+def _products(version: Version, object_id: str) -> dict[str, str]:
     """Return the hashes of an object's files in a version, by folder."""
-    kinds = (kind for stage in stages for kind in stage.products)
-    return {kind.folder: found.md5 for kind in kinds if (found := version.content(kind, object_id))}
+    folders = version.folders.items()
+    return {path: one.products[object_id].md5 for path, one in folders if object_id in one.products}
 
 
 def _version(
-    contents: Contents,
-    object_id: str,
-    stages: Sequence[Stage],
-    old: Version,
-    new: Version,
-    commit: Commit,
+    contents: Contents, object_id: str, stages: Sequence[Stage], old: Version, new: Version, commit: Commit
 ) -> ObjectVersion:
     comparison = Comparison(contents, old, new, stages)
     changed, _ = comparison.stages(object_id, object_id)
     seconds = [one.cpu_s for one in changed if one.cpu_s is not None]
-    held = len(_products(new, object_id, stages))
-    state = CHANGED if _products(old, object_id, stages) else APPEARED
-    if held < sum(len(stage.products) for stage in stages):
+    held = len(_products(new, object_id))
+    state = CHANGED if _products(old, object_id) else APPEARED
+    if held < len(new.folders):
         state = INCOMPLETE if held else GONE
     return ObjectVersion(
         commit,
         state,
         tuple(one.stage for one in changed),
         {one.stage: one.new[:SHORT] for one in changed if one.new},
-        tuple(sentences(ObjectChange(object_id, state, stages=changed).roots)),
+        tuple(sentences(ObjectChange(object_id, State.CHANGED, stages=changed).roots)),
         _fidelity(contents, new, object_id),
         sum(seconds) if seconds else None,
-        tuple(str(one) for one in comparison.problems),
+        tuple(map(str, comparison.problems)),
     )
 
 

@@ -5,22 +5,17 @@ themselves, and are read whole.
 """
 
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from pipeline.audit.arrays import Arrays, by_checksums, by_reading, stored_tolerances
 from pipeline.audit.contents import Content, Contents
-from pipeline.audit.descriptions import Description
+from pipeline.audit.descriptions import GROUP, Description
 from pipeline.audit.reasons import BYTES, CORRUPTED, UNREADABLE, Circumstances, Reason, why
-from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
-from pipeline.dataset import products
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays, compare, stored_tolerances
 from pipeline.dataset.stage import Stage
 
-# What is read without being asked to, in all.
-MOST_PRODUCTS = 32
-MOST_BYTES = 256 << 20
+MOST_PRODUCTS = 32  # pairs that are read without being asked to
+EARLIER, LATER = "earlier", "later"
 ASK = "made from the same, other bytes: --arrays reads them"
 
 
@@ -38,7 +33,7 @@ class ProductComparison:
     def __init__(self, contents: Contents, read_arrays: bool) -> None:
         self.read_arrays = read_arrays
         self._contents = contents
-        self._products, self._bytes = MOST_PRODUCTS, MOST_BYTES
+        self._unasked = 0
 
     def compare(
         self,
@@ -47,31 +42,24 @@ class ProductComparison:
         said: tuple[Description, Description],
         around: Circumstances,
     ) -> tuple[Arrays, list[Reason]]:
-        """Return how the arrays of two products compare, and why they differ.
+        """Return how the arrays of two products of a stage compare, and why they differ.
 
         Parameters
         ----------
-        stage
-            Which makes them.
         contents, said
             The products and what they say of themselves, the earlier one first.
-        around
-            What else explains a difference.
         """
         reasons = why(stage, *said, around)
         suspicious = all(one.kind == BYTES for one in reasons)
         arrays, defects = _by_checksums(*said)
         if self.read_arrays or (suspicious and self._affords(contents)):
             try:
-                with self._file(contents[0], "earlier") as old, self._file(contents[1], "later") as new:
-                    defects = [*_damage("earlier", old), *_damage("later", new)]
-                    if not defects:
-                        allowed, stored = stored_tolerances(stage, *reversed(said))
-                        arrays = by_reading(old, new, allowed)
-                        reasons = [Reason(BYTES, note=_sentence(arrays, stored))] if suspicious else reasons
+                arrays, sentence = self._read(stage, contents, said)
+                defects, reasons = [], [Reason(BYTES, note=sentence)] if suspicious else reasons
+            except FormatError as error:
+                defects = [_corrupted(Path(error.where).name.partition(".")[0], error.finding)]
             except ObjectFolderError as error:
-                kind = CORRUPTED if isinstance(error, FormatError) else UNREADABLE
-                defects = [Reason(kind, note=error.finding)]
+                defects = [Reason(UNREADABLE, note=error.finding)]
         elif suspicious:
             reasons = [Reason(BYTES, note=ASK)]
         if defects:
@@ -79,54 +67,51 @@ class ProductComparison:
         return arrays, reasons
 
     def _affords(self, contents: tuple[Content, Content]) -> bool:
-        sizes = [self._contents.size(one) for one in contents]
-        if None in sizes or self._products < 1 or self._bytes < sum(filter(None, sizes)):
+        if self._unasked == MOST_PRODUCTS or None in map(self._contents.size, contents):
             return False
-        self._products -= 1
-        self._bytes -= sum(filter(None, sizes))
+        self._unasked += 1
         return True
 
-    @contextmanager
-    def _file(self, content: Content, name: str) -> Iterator[Path]:
-        """Yield a file with the content, named as products are."""
+    def _read(
+        self, stage: Stage, contents: tuple[Content, Content], said: tuple[Description, Description]
+    ) -> tuple[Arrays, str]:
+        """Compare two products by their values, within the tolerances of the later one."""
         with tempfile.TemporaryDirectory(prefix="objectfolder-audit-") as folder:
-            path = Path(folder) / f"{name}{content.suffix}"
-            self._contents.place(content, path)
-            yield path
+            old, new = (Path(folder) / f"{which}{contents[0].suffix}" for which in (EARLIER, LATER))
+            self._contents.place(contents[0], old)
+            self._contents.place(contents[1], new)
+            allowed, stored = stored_tolerances(stage.tolerances, said[1], said[0])
+            arrays = Arrays.read(compare(old, new, allowed))
+        counts = arrays.count()
+        if counts[DIFFERENT]:
+            sentence = f"made from the same, beyond tolerance: {arrays.different()}"
+        elif counts[WITHIN]:
+            sentence = f"made from the same, {counts[WITHIN]} arrays within tolerance, {counts[EQUAL]} equal"
+        else:
+            sentence = "made from the same, arrays equal, packed otherwise"
+        return arrays, sentence if stored else f"{sentence}; tolerances as declared now, none are stored"
 
 
 def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list[Reason]]:
-    """Compare two products by the checksums in them, where they have any; a damaged list is a defect."""
+    """Compare two products by the checksums in them, where they have any; a damaged list is a defect.
+
+    Two CRC-32 of different chunks of one size are equal once in four thousand million times, unless
+    somebody wants them to be.
+    """
     if not (before.listing and after.listing):
         return Arrays(unread=1), []
-    try:
-        return by_checksums(before, after), []
-    except ValueError:
-        damage = (("earlier", before.damage), ("later", after.damage))
-    return Arrays(unread=1), [
-        Reason(CORRUPTED, note=f"the {which} one: {text}") for which, text in damage if text
-    ]
+    chunks, damage = [], []
+    for which, one in ((EARLIER, before), (LATER, after)):
+        try:
+            chunks.append(one.chunks)
+        except ValueError as error:
+            damage.append(_corrupted(which, error))
+    if damage:
+        return Arrays(unread=1), damage
+    differing = {entry[2] for entry in chunks[0] ^ chunks[1]}
+    names = {entry[2] for entry in chunks[0] | chunks[1]} - {GROUP.encode()}
+    return Arrays({name.decode(): DIFFERENT if name in differing else EQUAL for name in sorted(names)}), []
 
 
-def _damage(which: str, path: Path) -> list[Reason]:
-    """Return the fault of a whole product."""
-    try:
-        products.verify(path)
-    except FormatError as error:
-        return [Reason(CORRUPTED, note=f"the {which} one: {error.finding}")]
-    except FileNotFoundError:
-        return [Reason(CORRUPTED, note=f"the {which} one: it is gone")]
-    return []
-
-
-def _sentence(found: Arrays, stored: bool) -> str:
-    counts = found.count()
-    if counts.get(DIFFERENT):
-        names = [name for name, verdict in found.verdicts.items() if verdict == DIFFERENT]
-        text = f"made from the same, beyond tolerance: {', '.join(names[:3])}"
-        text += f" and {len(names) - 3} more" if len(names) > 3 else ""
-    elif counts.get(WITHIN):
-        text = f"made from the same, {counts[WITHIN]} arrays within tolerance, {counts.get(EQUAL, 0)} equal"
-    else:
-        text = "made from the same, arrays equal, packed otherwise"
-    return text if stored else f"{text}; tolerances as declared now, none are stored"
+def _corrupted(which: str, finding: object) -> Reason:
+    return Reason(CORRUPTED, note=f"the {which} one: {finding}")

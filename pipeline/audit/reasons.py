@@ -1,12 +1,13 @@
 """Why a product differs between two versions, from the parts of its fingerprint, in users' words."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import pydantic
+
 from objectfolder.provenance import fingerprint
 from pipeline.audit.descriptions import Description
-from pipeline.audit.texts import printable
 from pipeline.dataset.differences import ABSENT, SECTIONS, Difference, differences
 from pipeline.dataset.stage import Stage
 
@@ -23,20 +24,16 @@ BESIDE = ("fingerprints", "tolerances")
 DEFECTS = (CORRUPTED, MISLABELLED, UNREADABLE)
 
 
-@dataclass(frozen=True)
+@pydantic.dataclasses.dataclass(frozen=True)
 class Reason:
-    """One reason.
+    """One reason, of a `kind` above; a `note` says what else is known.
 
     Parameters
     ----------
-    kind
-        One of the words above.
     name
         Which one, dotted; a module for code, a stage and what is read of it for upstream.
     old, new
         Values, digests for files and code; None where they say nothing.
-    note
-        What else is known.
     """
 
     kind: str
@@ -45,15 +42,15 @@ class Reason:
     new: Any = None
     note: str = ""
 
+    @pydantic.computed_field
+    def text(self) -> str:
+        """In words."""
+        return str(self)
+
     def __str__(self) -> str:
         what = f"{self.kind} {self.name}".strip()
         if self.kind in (MESH, TEXTURE, SOURCE, CODE, UPSTREAM):
-            if self.old == ABSENT:
-                what += " is new"
-            elif self.new == ABSENT:
-                what += " is gone"
-            else:
-                what += " changed"
+            what += " is new" if self.old == ABSENT else " is gone" if self.new == ABSENT else " changed"
         elif self.old is not None or self.new is not None:
             what += f" {_shown(self.old)} -> {_shown(self.new)}"
         return f"{what} ({self.note})" if self.note else what
@@ -85,6 +82,15 @@ class Circumstances:
     renamed: bool = False
 
 
+def distinct(found: Iterable[Reason]) -> list[Reason]:
+    """Return each reason once."""
+    known: list[Reason] = []
+    for one in found:
+        if one not in known:
+            known.append(one)
+    return known
+
+
 def is_labelled_truly(found: Description) -> bool:
     """Whether a product's fingerprint is that of the parts it names."""
     parts = {section: part for section, part in found.provenance.items() if section not in BESIDE}
@@ -103,8 +109,6 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
         Which makes them.
     old, new
         What they say of themselves; their bytes differ.
-    around
-        What else is known.
 
     Returns
     -------
@@ -124,8 +128,7 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
             found += _explained(stage, difference, around)
     except RecursionError:
         found.append(Reason(MISLABELLED, note="its parts are too deep to be read"))
-    found = [one for position, one in enumerate(found) if one not in found[:position]]
-    found = _without_what_a_material_explains(found, around)
+    found = _without_what_a_material_explains(distinct(found), around)
     if not is_labelled_truly(new):
         found.insert(0, Reason(MISLABELLED, note="it is not that of the parts the product names"))
     if not found:
@@ -222,6 +225,6 @@ def _tolerances(old: Any, new: Any) -> list[Reason]:
 
 
 def _shown(value: Any) -> str:
-    """Return a value as text on one line, shortened: it may come from an untrusted file."""
-    text = printable(str(value))
+    """Return a value as a short text: it may come from an untrusted file."""
+    text = str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

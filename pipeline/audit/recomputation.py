@@ -4,14 +4,14 @@ import random
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.provenance import code_identity, file_digest, package_versions
-from pipeline.audit.arrays import Arrays, by_reading, stored_tolerances
 from pipeline.audit.contents import Content, Contents
-from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN
+from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays, compare, stored_tolerances
 from pipeline.audit.versions import Version
 from pipeline.dataset.parameters import ObjectsParameters
 from pipeline.dataset.products import ProductKind
@@ -30,16 +30,14 @@ class Remade:
 
     Parameters
     ----------
-    stage, object_id
-        Which.
     verdict
         `EQUAL`, `WITHIN`, `DIFFERENT` or `FAILED`.
     finding
-        What is to be said of it: why it failed, which arrays differ, that today's code is another.
+        Why it failed, which arrays differ, that today's code is another.
     arrays
         Verdicts on its arrays and attributes.
     cpu_s
-        What it took.
+        CPU seconds that it took.
     """
 
     stage: str
@@ -56,7 +54,6 @@ def recompute(
     stages: Sequence[Stage],
     count: int,
     seed: int,
-    settings: ChildSettings | None = None,
     started: Callable[[str, str], None] = lambda *_: None,
 ) -> list[Remade]:
     """Make products again, drawn at random, and compare them within the tolerances that they carry.
@@ -66,18 +63,12 @@ def recompute(
 
     Parameters
     ----------
-    contents
-        Where files lie.
-    version
-        Which version.
+    contents, version
+        Where files lie, and which are to be made.
     stages
         All stages.
-    count
-        Number of products; all of them where the version has fewer.
-    seed
-        Of the choice.
-    settings
-        How the child process runs.
+    count, seed
+        Number of products, all of them where the version has fewer, and the seed of the draw.
     started
         Called with stage and object before each.
 
@@ -98,7 +89,7 @@ def recompute(
     found = []
     with tempfile.TemporaryDirectory(prefix="objectfolder-again-") as folder:
         bench = _Bench(Path(folder), contents, version)
-        with Child(Path(folder), settings or ChildSettings()) as child:
+        with Child(Path(folder), ChildSettings()) as child:
             for stage, object_id in chosen:
                 started(stage.name, object_id)
                 try:
@@ -113,15 +104,14 @@ class _Bench:
 
     def __init__(self, root: Path, contents: Contents, version: Version) -> None:
         self._root, self._contents, self._version = root, contents, version
-        self._table: Mapping[str, Mapping[str, Any]] | None = None
 
     def remake(self, stage: Stage, object_id: str, child: Child) -> Remade:
         """Make one product again."""
         there = [self._content(kind, object_id) for kind in stage.products]
         told = [self._contents.describe(content) for content in there]
-        parts = dict(told[-1].provenance)
+        parts = told[-1].provenance
         code = code_identity(stage.task.partition(":")[0])
-        changed = tuple(_changed(parts, code))
+        changed = list(_changed(parts, code))
         request = Request(
             object_id,
             self._inputs(stage, object_id, parts),
@@ -140,13 +130,11 @@ class _Bench:
             return Remade(stage.name, object_id, FAILED, finding, cpu_s=outcome.cpu_s)
         arrays = Arrays()
         for content, target, description in zip(there, targets, told, strict=True):
-            allowed, _ = stored_tolerances(stage, description)
-            arrays += by_reading(self._place(content), target, allowed)
+            allowed, _ = stored_tolerances(stage.tolerances, description)
+            arrays += Arrays.read(compare(self._place(content), target, allowed))
             target.unlink()
-        counts = arrays.count()
-        verdict = next((one for one in (DIFFERENT, WITHIN) if counts.get(one)), EQUAL)
-        differing = [name for name, one in arrays.verdicts.items() if one == DIFFERENT]
-        finding = "; ".join([*differing[:3], *changed])
+        verdict = next((one for one in (DIFFERENT, WITHIN) if arrays.count()[one]), EQUAL)
+        finding = "; ".join(filter(None, [arrays.different(), *changed]))
         return Remade(stage.name, object_id, verdict, finding, arrays, outcome.cpu_s)
 
     def _content(self, kind: ProductKind, object_id: str) -> Content:
@@ -154,6 +142,37 @@ class _Bench:
         if found is None:
             raise InputError(kind.name, "the version has none of this object", "Run `dvc repro`.")
         return found
+
+    def _inputs(self, stage: Stage, object_id: str, parts: Mapping[str, Any]) -> dict[str, Path]:
+        """Return the products and the source files that a product was made from."""
+        kinds = [product.kind for product in stage.inputs]
+        found = {kind.name: self._place(self._content(kind, object_id)) for kind in kinds}
+        if stage.sources is None:
+            return found
+        if object_id not in self._rows:
+            finding = "its row in the table is not here"
+            raise InputError(object_id, finding, "Make it again from its own work tree.")
+        for role, path in stage.sources(self._rows[object_id]).items():
+            if _mapping(parts, "inputs").get(role) != file_digest(path):
+                finding = f"the {role} here is not the one that it was made from"
+                raise InputError(str(path), finding, "Fetch the version's own files.")
+            found[role] = path
+        return found
+
+    @cached_property
+    def _rows(self) -> Mapping[str, Mapping[str, Any]]:
+        """Rows of the version's table of objects, its source files beside it."""
+        name = self._version.lock.table or TABLE
+        if self._version.commit is None:
+            return read_table(self._contents.root, ObjectsParameters(name, ())).rows
+        for path in (name, MATERIALS.as_posix()):
+            if path in self._version.texts:
+                self._inside(path).write_bytes(self._version.texts[path])
+        for path, out in self._version.lock.outs.items():
+            if out.is_folder and path not in self._version.folders:
+                for inner, md5 in self._contents.folder(out.md5, path).items():
+                    self._place(Content(md5, where=f"{path}/{inner}"))
+        return read_table(self._root, ObjectsParameters(name, ())).rows
 
     def _place(self, content: Content) -> Path:
         """Return the path of a file of the version, put into the scratch folder."""
@@ -169,42 +188,6 @@ class _Bench:
             raise InputError(where, "leads out of the data set", "Look at who wrote dvc.lock.")
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
-
-    def _inputs(self, stage: Stage, object_id: str, parts: Mapping[str, Any]) -> dict[str, Path]:
-        kinds = [product.kind for product in stage.inputs]
-        paths = {kind.name: self._place(self._content(kind, object_id)) for kind in kinds}
-        if stage.sources is not None:
-            paths |= self._sources(stage, object_id, _mapping(parts, "inputs"))
-        return paths
-
-    def _sources(self, stage: Stage, object_id: str, digests: Mapping[str, Any]) -> dict[str, Path]:
-        """Return the source files of an object, those that the product was made from and no others."""
-        assert stage.sources is not None
-        if self._table is None:
-            self._table = self._read_table()
-        if object_id not in self._table:
-            raise InputError(
-                object_id, "its row in the table is not here", "Make it again from its own work tree."
-            )
-        found = dict(stage.sources(self._table[object_id]))
-        for role, path in found.items():
-            if digests.get(role) != file_digest(path):
-                finding = f"the {role} here is not the one that it was made from"
-                raise InputError(str(path), finding, "Fetch the version's own files.")
-        return found
-
-    def _read_table(self) -> Mapping[str, Mapping[str, Any]]:
-        name = self._version.lock.table or TABLE
-        if self._version.commit is None:
-            return read_table(self._contents.root, ObjectsParameters(name, ())).rows
-        for path in (name, MATERIALS.as_posix()):
-            if path in self._version.texts:
-                self._inside(path).write_bytes(self._version.texts[path])
-        for path, out in self._version.lock.outs.items():
-            if out.is_folder and path not in self._version.folders:
-                for inner, md5 in self._contents.folder(out.md5, path).items():
-                    self._place(Content(md5, where=f"{path}/{inner}"))
-        return read_table(self._root, ObjectsParameters(name, ())).rows
 
 
 def _mapping(parts: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -6,10 +6,13 @@ product's provenance and held against measurements by ``bench/machines.py`` and 
 declared is the same bytes.
 """
 
+import contextlib
 import fnmatch
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +21,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.store import read_product
 from objectfolder.tensor_file import read_tensor_file
+from pipeline.audit.descriptions import Description
 from pipeline.dataset import products
 from pipeline.dataset.tolerances import SAME_BYTES, Tolerance
 
@@ -53,6 +57,65 @@ class Difference:
     relative: float = 0.0
     rms: float = 0.0
     where: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Arrays:
+    """Verdicts on the arrays of products.
+
+    Parameters
+    ----------
+    verdicts
+        Array name to `EQUAL`, `WITHIN` or `DIFFERENT`.
+    unread
+        Number of products whose arrays carry no checksums of their own and were not read.
+    largest
+        Array name to the largest difference, in the array's unit, where it was read and is not equal.
+    """
+
+    verdicts: Mapping[str, str] = field(default_factory=dict)
+    unread: int = 0
+    largest: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, found: Sequence[Difference]) -> "Arrays":
+        """Return the verdicts of differences."""
+        apart = {one.name: one.largest for one in found if one.verdict != EQUAL}
+        return cls({one.name: one.verdict for one in found}, largest=apart)
+
+    def __add__(self, other: "Arrays") -> "Arrays":
+        return Arrays(
+            {**self.verdicts, **other.verdicts}, self.unread + other.unread, {**self.largest, **other.largest}
+        )
+
+    def count(self) -> Counter[str]:
+        """Return how many there are of each verdict."""
+        return Counter(self.verdicts.values())
+
+    def different(self) -> str:
+        """Name the first arrays that are different; empty where none is."""
+        names = [name for name, verdict in self.verdicts.items() if verdict == DIFFERENT]
+        return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def stored_tolerances(
+    declared: Mapping[str, Tolerance], *found: Description
+) -> tuple[Mapping[str, Tolerance], bool]:
+    """Return the tolerances that the first of some products stores, and whether one does.
+
+    Products from before tolerances were stored are judged by what is declared now.
+    """
+    for one in found:
+        with contextlib.suppress(LookupError, TypeError, ValueError, AttributeError):
+            return {name: _tolerance(said) for name, said in one.provenance["tolerances"].items()}, True
+    return declared, False
+
+
+def _tolerance(said: Mapping[str, Any]) -> Tolerance:
+    relative, rms, absolute = (float(said.get(name, 0.0)) for name in ("relative", "rms", "absolute"))
+    if not all(math.isfinite(value) and value >= 0 for value in (relative, rms, absolute)):
+        raise ValueError(f"no tolerance: {said}")
+    return Tolerance(relative, rms, absolute)
 
 
 def compare(first: Path, second: Path, tolerances: Mapping[str, Tolerance]) -> list[Difference]:

@@ -3,7 +3,6 @@
 import hashlib
 import operator
 import tempfile
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -33,17 +32,7 @@ Progress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault of a file.
-
-    Parameters
-    ----------
-    where
-        Its path in the version.
-    kind
-        One of the words above.
-    finding, remedy
-        What is wrong, and what to do.
-    """
+    """A fault of a file: its path in the version, one of the words above, what is wrong, and what to do."""
 
     where: str
     kind: str
@@ -53,15 +42,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verified:
-    """The files that were read, and their faults.
-
-    Parameters
-    ----------
-    files, bytes
-        That were read.
-    findings
-        Empty where all is as it should be.
-    """
+    """Number of files and bytes that were read, and faults; none where all is as it should be."""
 
     files: int
     bytes: int
@@ -122,12 +103,11 @@ def _items(
     items: list[_Item] = []
     findings: list[Finding] = []
     lying = version.commit is None
-    listed: set[str] = set()
     for path, out in sorted(version.lock.outs.items()):
+        place = contents.root / path if lying else contents.path(out.md5)
         if not out.is_folder:
             # What DVC does not cache is in git.
-            place, text = (contents.root / path, None) if lying else (None, version.texts.get(path))
-            items.append(_Item(path, out.md5, place or contents.path(out.md5), text=text))
+            items.append(_Item(path, out.md5, place, text=None if lying else version.texts.get(path)))
             continue
         listing = contents.path(out.md5)
         if listing is not None:
@@ -141,13 +121,13 @@ def _items(
             finding = f"none of its {len(files)} files is there"
             findings.append(Finding(path, MISSING, finding, f"`dvc pull {path}`, or `dvc checkout {path}`."))
             continue
+        kind = kinds.get(path)
         for name, md5 in sorted(files.items()):
             place = contents.root / path / name if lying else contents.path(md5)
-            kind = kinds.get(path)
             object_id = name.removesuffix(kind.suffix) if kind is not None else ""
             items.append(_Item(f"{path}/{name}", md5, place, kind, object_id))
-            listed.add(f"{path}/{name}")
-    for folder, kind in kinds.items() if lying else ():
+    listed = {item.where for item in items}
+    for folder, kind in kinds.items():
         for object_id, content in version.folders[folder].products.items():
             if content.path is not None and content.where not in listed:
                 items.append(_Item(content.where, "", content.path, kind, object_id))
@@ -157,7 +137,7 @@ def _items(
 def _check(
     item: _Item, contents: Contents, version: Version, scratch: Path
 ) -> tuple[int, list[Finding], Description | None]:
-    """Return bytes read, the finding, and the description of the product."""
+    """Return bytes read, the findings, and the description of the product."""
     try:
         size, digest = _hashed(item)
     except FileNotFoundError:
@@ -188,21 +168,15 @@ def _check(
 
 def _hashed(item: _Item) -> tuple[int, str]:
     """Return size and MD5 of a file, or of what git has in its place."""
-    if item.path is not None and (item.text is None or item.path.is_file()):
+    if item.path is not None:
         return item.path.stat().st_size, md5_of(item.path)
     if item.text is None:
         raise FileNotFoundError(item.where)
-    return len(item.text), hashlib.md5(item.text).hexdigest()
+    return len(item.text), hashlib.md5(item.text, usedforsecurity=False).hexdigest()
 
 
 def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Description:
-    """Open a product as each of its readers does.
-
-    Raises
-    ------
-    FormatError
-        A damaged one.
-    """
+    """Open a product as each of its readers does."""
     # Files of the cache lack the suffix by which the kind of a product is known.
     named = scratch / f"{kind.name}-{name}{kind.suffix}"
     named.symlink_to(path.resolve())
@@ -244,22 +218,20 @@ def _restore(item: _Item, contents: Contents) -> str:
 
 def _lineage(stages: Sequence[Stage], told: Mapping[tuple[str, str], Description]) -> Iterator[Finding]:
     """Compare what each product was made from with what the version has."""
-    wrong: dict[tuple[ProductKind, str], list[str]] = defaultdict(list)
-    for stage in stages:
-        for kind in stage.products:
-            for (name, object_id), description in told.items():
-                if name != kind.name:
-                    continue
-                inputs = description.provenance.get("inputs")
-                for product in stage.inputs:
-                    there = told.get((product.kind.name, object_id))
-                    said = inputs.get(product.kind.name) if isinstance(inputs, dict) else None
-                    if there is not None and said != _digest(there, product.attributes):
-                        wrong[kind, object_id].append(product.kind.name)
-    for (kind, object_id), names in wrong.items():
-        where = f"{kind.folder}/{object_id}{kind.suffix}"
-        finding = f"made from other {', '.join(names)} than those beside it"
-        yield Finding(where, MADE_FROM_ANOTHER, finding, "Run `dvc repro`.")
+    made_by = {kind.name: (stage, kind) for stage in stages for kind in stage.products}
+    for (name, object_id), description in told.items():
+        stage, kind = made_by[name]
+        inputs = description.provenance.get("inputs")
+        others = []
+        for product in stage.inputs:
+            there = told.get((product.kind.name, object_id))
+            said = inputs.get(product.kind.name) if isinstance(inputs, dict) else None
+            if there is not None and said != _digest(there, product.attributes):
+                others.append(product.kind.name)
+        if others:
+            where = f"{kind.folder}/{object_id}{kind.suffix}"
+            finding = f"made from other {', '.join(others)} than those beside it"
+            yield Finding(where, MADE_FROM_ANOTHER, finding, "Run `dvc repro`.")
 
 
 def _digest(found: Description, attributes: Sequence[str]) -> Any:

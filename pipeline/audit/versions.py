@@ -2,20 +2,17 @@
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
-from pipeline.audit.texts import printable
 from pipeline.dataset.lock_file import LOCK, Lock, read_lock
 from pipeline.dataset.products import ProductKind
-from pipeline.dataset.records import MATERIALS, RECORDS
+from pipeline.dataset.records import MATERIALS, RECORDS, Records, parse_records
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.task import Failure
 from pipeline.run.run_log import read_failures
@@ -55,8 +52,6 @@ class Version:
 
     Parameters
     ----------
-    name
-        As it was asked for.
     commit
         None for the work tree.
     lock
@@ -71,7 +66,6 @@ class Version:
         What is wrong with the ``dvc.lock`` of the work tree; it is read as an empty one, then.
     """
 
-    name: str
     commit: Commit | None
     lock: Lock
     texts: Mapping[str, bytes]
@@ -82,33 +76,26 @@ class Version:
     @property
     def label(self) -> str:
         """For people."""
-        if self.commit is None:
-            return WORK_TREE
-        return f"{self.commit.short} {printable(self.commit.subject)[:60]}"
+        return WORK_TREE if self.commit is None else f"{self.commit.short} {self.commit.subject[:60]}"
 
     @cached_property
-    def rows(self) -> Mapping[str, Mapping[str, Any]]:
+    def records(self) -> Records:
         """Records of the objects it lists, empty ones where the version has no record of them."""
-        rows = self._records.get("objects")
-        if isinstance(rows, dict):
-            return {str(key): row if isinstance(row, dict) else {} for key, row in rows.items()}
-        return {object_id: {} for folder in self.folders.values() for object_id in folder.products}
+        try:
+            return parse_records(self.texts.get(RECORDS.as_posix(), b""))
+        except InputError:
+            made = (folder.products for folder in self.folders.values())
+            return Records({object_id: {} for products in made for object_id in products})
+
+    @property
+    def rows(self) -> Mapping[str, Mapping[str, Any]]:
+        """Records of the objects that the table's check did not refuse."""
+        return self.records.rows
 
     @cached_property
-    def refused(self) -> Mapping[str, Failure]:
-        """Objects whose rows the table's check refused."""
-        found = {}
-        entries = self._records.get("refused")
-        for entry in entries if isinstance(entries, list) else ():
-            if isinstance(entry, dict) and isinstance(entry.get("object_id"), str):
-                error, remedy = str(entry.get("error", "")), str(entry.get("remedy", ""))
-                found[entry["object_id"]] = Failure(entry["object_id"], error, remedy)
-        return found
-
-    @cached_property
-    def listed(self) -> set[str]:
+    def listed(self) -> frozenset[str]:
         """Ids of all objects it was to make."""
-        return {*self.rows, *self.refused}
+        return self.records.listed
 
     @cached_property
     def materials(self) -> Mapping[str, Mapping[str, str]]:
@@ -135,7 +122,7 @@ class Version:
 
         A stage that the version does not have at all, or whose products are not known here, says nothing.
         """
-        found = {object_id: (stages[0].name, failure) for object_id, failure in self.refused.items()}
+        found = {failure.object_id: (stages[0].name, failure) for failure in self.records.refused}
         for stage in stages:
             folders = [self.folders[kind.folder] for kind in stage.products]
             if not all(folder.made and folder.problem is None for folder in folders):
@@ -146,25 +133,20 @@ class Version:
                     found.setdefault(object_id, (stage.name, failure))
         return found
 
-    @cached_property
-    def _records(self) -> Mapping[str, Any]:
-        try:
-            found = json.loads(self.texts.get(RECORDS.as_posix(), b"{}"))
-        except (ValueError, RecursionError):
-            return {}
-        return found if isinstance(found, dict) else {}
 
-
-def commit_version(git: GitRepository, contents: Contents, revision: str, stages: Sequence[Stage]) -> Version:
-    """Return the version of a commit.
+def read_version(contents: Contents, stages: Sequence[Stage], revision: str | None) -> Version:
+    """Return the version of a git revision; of the work tree where none is given.
 
     Raises
     ------
     InputError
-        No such revision, or it has no ``dvc.lock``.
+        No such revision, or no data set was made there.
     FormatError
-        A ``dvc.lock`` that is none.
+        A revision's ``dvc.lock`` that is none.
     """
+    if revision is None:
+        return _work_tree(contents, stages)
+    git = GitRepository(contents.root)
     commit = git.commit(revision)
     texts = _texts(git, commit, TEXTS)
     if LOCK not in texts:
@@ -172,21 +154,14 @@ def commit_version(git: GitRepository, contents: Contents, revision: str, stages
         raise InputError(f"{revision} ({commit.short})", f"it has no {LOCK}", remedy)
     lock = read_lock(f"{LOCK} of {revision}", texts[LOCK])
     # Outputs that DVC does not cache are in git, and so is the table of objects.
-    texts |= _texts(
-        git, commit, [path for path, out in lock.outs.items() if not out.is_folder] + [lock.table]
-    )
+    more = [path for path, out in lock.outs.items() if not out.is_folder]
+    texts |= _texts(git, commit, [*more, lock.table])
     folders = {kind.folder: _locked(contents, lock, kind) for stage in stages for kind in stage.products}
-    return Version(revision, commit, lock, texts, folders)
+    return Version(commit, lock, texts, folders)
 
 
-def work_tree_version(contents: Contents, stages: Sequence[Stage]) -> Version:
-    """Return the version of the work tree; an absent folder counts as ``dvc.lock`` says.
-
-    Raises
-    ------
-    InputError
-        There is neither a ``dvc.lock`` nor a product.
-    """
+def _work_tree(contents: Contents, stages: Sequence[Stage]) -> Version:
+    """Return the version of the work tree; an absent folder counts as ``dvc.lock`` says."""
     root = contents.root
     texts = {path: (root / path).read_bytes() for path in TEXTS if (root / path).is_file()}
     lock, damage = Lock(), None
@@ -195,23 +170,22 @@ def work_tree_version(contents: Contents, stages: Sequence[Stage]) -> Version:
             lock = read_lock(LOCK, texts[LOCK])
         except FormatError as error:
             damage = error
+    kinds = [kind for stage in stages for kind in stage.products]
     folders = {
         kind.folder: _lying(contents, kind)
         if (root / kind.folder).is_dir()
         else _locked(contents, lock, kind)
-        for stage in stages
-        for kind in stage.products
+        for kind in kinds
     }
     if LOCK not in texts and not any(folder.products for folder in folders.values()):
-        raise InputError(
-            WORK_TREE, f"there is no {LOCK} and no product", "Run `dvc repro` or `make dataset`."
-        )
+        finding = f"there is no {LOCK} and no product"
+        raise InputError(WORK_TREE, finding, "Run `dvc repro` or `make dataset`.")
     reported = {
         (stage.name, failure.object_id): failure
         for stage in stages
         for failure in read_failures(root, stage.name)
     }
-    return Version(WORK_TREE, None, lock, texts, folders, reported, damage)
+    return Version(None, lock, texts, folders, reported, damage)
 
 
 def _texts(git: GitRepository, commit: Commit, paths: Sequence[str]) -> dict[str, bytes]:
@@ -229,11 +203,11 @@ def _locked(contents: Contents, lock: Lock, kind: ProductKind) -> Folder:
     except (ObjectFolderError, OSError) as error:
         problem = error if isinstance(error, ObjectFolderError) else FormatError(kind.folder, str(error))
         return Folder(out.md5, problem=problem)
-    products = {}
-    for name, md5 in files.items():
-        if name.endswith(kind.suffix) and "/" not in name:
-            object_id = name.removesuffix(kind.suffix)
-            products[object_id] = Content(md5, kind.suffix, f"{kind.folder}/{name}")
+    products = {
+        name.removesuffix(kind.suffix): Content(md5, kind.suffix, f"{kind.folder}/{name}")
+        for name, md5 in files.items()
+        if name.endswith(kind.suffix) and "/" not in name
+    }
     return Folder(out.md5, products)
 
 
@@ -257,9 +231,4 @@ def _lying(contents: Contents, kind: ProductKind) -> Folder:
 def made_nothing(stages: Sequence[Stage]) -> Version:
     """Return the version before the first: without an object or a product."""
     folders = {kind.folder: Folder(made=False) for stage in stages for kind in stage.products}
-    return Version("nothing", None, Lock(), {}, folders)
-
-
-def data_set_root(folder: Path) -> Path:
-    """Return the folder at or above `folder` that is under DVC, `folder` itself where none is."""
-    return next((one for one in (folder, *folder.parents) if (one / ".dvc").is_dir()), folder)
+    return Version(None, Lock(), {}, folders)

@@ -44,39 +44,29 @@ def audit(
     html
         write a page that needs no network
     """
-    from pipeline.audit.as_json import audit_json
     from pipeline.audit.comparison import Comparison
     from pipeline.audit.contents import Contents
     from pipeline.audit.fidelity import exceeded, thresholds
-    from pipeline.audit.git import GitRepository
-    from pipeline.audit.table import change, table
-    from pipeline.audit.versions import commit_version, data_set_root, work_tree_version
+    from pipeline.audit.findings import totals
+    from pipeline.audit.rendering import as_json, audit_text
+    from pipeline.audit.versions import read_version
     from pipeline.dataset.stages import STAGES
     from pipeline.publish.report.audit_page import write_page
 
     stages = tuple(STAGES.values())
     allowed = thresholds(max_loss)
     with _no_garbage_collection():
-        folder = data_set_root(root.absolute())
-        git = GitRepository(folder)
-        with Contents(folder, remote) as contents:
-            before = commit_version(git, contents, old, stages)
-            after = (
-                work_tree_version(contents, stages)
-                if new is None
-                else commit_version(git, contents, new, stages)
-            )
+        with Contents(root, remote) as contents:
+            before, after = (read_version(contents, stages, revision) for revision in (old, new))
             found = Comparison(contents, before, after, stages, arrays).audit()
         too_much = exceeded(found.fidelity, allowed)
         if html:
             write_page(found, html, too_much, allowed)
     if json:
-        print(audit_json(found, too_much, allowed))
+        more = {"stages": totals(found), "max_loss": allowed, "exceeded": too_much}
+        print(as_json(vars(found) | more))
     else:
-        print(table(found, terminal_width()))
-        for one in too_much:
-            limit = f"more than the {allowed[one.measure]:g} allowed"
-            print(f"too much: {one.object_id}: {one.measure} {change(one)}, {limit}")
+        print(audit_text(found, too_much, allowed, terminal_width()))
     if allowed and found.problems:
         print_error("the files that could not be read were not judged.")
         return FAILED
@@ -106,25 +96,18 @@ def verify(
     seed
         of the draw
     """
-    from pipeline.audit.as_json import verified_json
     from pipeline.audit.contents import Contents
-    from pipeline.audit.git import GitRepository
-    from pipeline.audit.listings import remade_text, verified_text
     from pipeline.audit.recomputation import FAILED as NOT_MADE
     from pipeline.audit.recomputation import recompute as make_again
+    from pipeline.audit.rendering import as_json, verified_text
     from pipeline.audit.reproducibility import DIFFERENT
     from pipeline.audit.verification import verify as verified
-    from pipeline.audit.versions import commit_version, data_set_root, work_tree_version
+    from pipeline.audit.versions import read_version
     from pipeline.dataset.stages import STAGES
 
     stages = tuple(STAGES.values())
-    folder = data_set_root(root.absolute())
-    with Contents(folder) as contents, status_line() as show:
-        version = (
-            work_tree_version(contents, stages)
-            if revision is None
-            else commit_version(GitRepository(folder), contents, revision, stages)
-        )
+    with Contents(root) as contents, status_line() as show:
+        version = read_version(contents, stages, revision)
         found = verified(
             contents,
             version,
@@ -144,11 +127,9 @@ def verify(
             else []
         )
     if json:
-        print(verified_json(found, remade))
+        print(as_json(vars(found) | {"remade": remade}))
     else:
-        print(verified_text(found, version.label, terminal_width()))
-        if remade:
-            print(remade_text(remade, terminal_width()))
+        print(verified_text(found, remade, version.label, terminal_width()))
     wrong = found.findings or any(one.verdict in (DIFFERENT, NOT_MADE) for one in remade)
     return FAILED if wrong else FINE
 
@@ -171,22 +152,18 @@ def history(
     rev
         the last version, a git revision
     """
-    from pipeline.audit.as_json import history_json
     from pipeline.audit.contents import Contents
-    from pipeline.audit.git import GitRepository
     from pipeline.audit.history import history as versions_of
-    from pipeline.audit.listings import history_text
-    from pipeline.audit.versions import data_set_root
+    from pipeline.audit.rendering import as_json, history_text
     from pipeline.dataset.stages import STAGES
 
-    folder = data_set_root(root.absolute())
-    with Contents(folder, remote) as contents:
-        found, unreadable = versions_of(GitRepository(folder), contents, object_, tuple(STAGES.values()), rev)
-    print(
-        history_json(object_, found, unreadable)
-        if json
-        else history_text(object_, found, unreadable, terminal_width())
-    )
+    with Contents(root, remote) as contents:
+        found, unreadable = versions_of(contents, object_, tuple(STAGES.values()), rev)
+    if json:
+        commits = [{"commit": commit, "error": error} for commit, error in unreadable]
+        print(as_json({"object_id": object_, "versions": found, "unreadable": commits}))
+    else:
+        print(history_text(object_, found, unreadable, terminal_width()))
 
 
 @contextlib.contextmanager

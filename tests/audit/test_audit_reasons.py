@@ -13,17 +13,7 @@ from objectfolder.provenance import fingerprint
 from objectfolder.store import Array, Product, read_product, write_product
 from pipeline.audit import reasons
 from pipeline.audit.fidelity import exceeded
-from pipeline.audit.findings import (  # fmt: skip
-    ADDED,
-    CHANGED,
-    FAILED,
-    MENDED,
-    REMOVED,
-    RENAMED,
-    STILL_FAILED,
-    UNCHANGED,
-)
-from pipeline.audit.groups import groups
+from pipeline.audit.findings import State, groups
 from pipeline.audit.reasons import (  # fmt: skip
     BYTES,
     CODE,
@@ -95,7 +85,7 @@ def test_material_of_one_object(workshop):
     workshop.row("cup")["material"] = "glass"
     workshop.save()
     found = audit_of_change(workshop)
-    assert states(found) == {"cup": CHANGED, "dish": UNCHANGED, "spoon": UNCHANGED}
+    assert states(found) == {"cup": State.CHANGED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
     assert told(found, "cup") == {(MATERIAL, "")}
     assert stages_of(found, "cup") == ({"views", "modes", "fidelity"}, {"encode"})
 
@@ -104,7 +94,7 @@ def test_cells_of_one_object(workshop):
     workshop.row("cup").update(licence="CC BY 4.0", attribution="B. Maker")
     workshop.save()
     found = audit_of_change(workshop)
-    assert states(found) == {"cup": CHANGED, "dish": UNCHANGED, "spoon": UNCHANGED}
+    assert states(found) == {"cup": State.CHANGED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
     assert told(found, "cup") == {(RECORD, "licence"), (RECORD, "attribution")}
     assert stages_of(found, "cup") == ({"fidelity"}, set())
 
@@ -113,7 +103,7 @@ def test_row_of_a_material(workshop):
     workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
     workshop.edit("data/materials.csv", ",60,2e-6,0.7,0,", ",61,2e-6,0.6,0,")
     found = audit_of_change(workshop)
-    assert states(found) == {"cup": UNCHANGED, "dish": CHANGED, "spoon": CHANGED}
+    assert states(found) == {"cup": State.UNCHANGED, "dish": State.CHANGED, "spoon": State.CHANGED}
     sound = {(ROW, "wood.density_kg_m3"), (ROW, "wood.rayleigh_alpha_per_s")}
     for object_id in ("dish", "spoon"):
         stages = reasons_by_stage(found, object_id)
@@ -149,7 +139,7 @@ def test_parameters_each_of_the_stage_that_reads_it(workshop):
     for old, new, _, _ in PARAMETERS:
         workshop.edit("params.yaml", old, new)
     found = audit_of_change(workshop)
-    assert set(states(found).values()) == {CHANGED}
+    assert set(states(found).values()) == {State.CHANGED}
     for object_id in IDS:
         stages = reasons_by_stage(found, object_id)
         assert stages.pop("fidelity") == set()
@@ -244,7 +234,12 @@ def test_object_removed_and_another_added(workshop):
     workshop.table.remove(workshop.row("cup"))
     workshop.add("ewer", "glass")
     found = audit_of_change(workshop)
-    assert states(found) == {"cup": REMOVED, "dish": UNCHANGED, "ewer": ADDED, "spoon": UNCHANGED}
+    assert states(found) == {
+        "cup": State.REMOVED,
+        "dish": State.UNCHANGED,
+        "ewer": State.ADDED,
+        "spoon": State.UNCHANGED,
+    }
     assert {one.object_id for one in exceeded(found.fidelity, {"vision.psnr_db": 100.0})} == {"cup"}
 
 
@@ -252,7 +247,7 @@ def test_object_renamed(workshop):
     workshop.row("cup")["id"] = "beaker"
     workshop.save()
     found = audit_of_change(workshop)
-    assert states(found) == {"beaker": RENAMED, "dish": UNCHANGED, "spoon": UNCHANGED}
+    assert states(found) == {"beaker": State.RENAMED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
     assert only(found, "beaker").was == "cup"
     assert set(sentences(found, "beaker")) == {"seed (drawn from the id)", "record name cup -> beaker"}
 
@@ -278,20 +273,20 @@ def test_object_failed_and_mended(workshop):
     workshop.write("cup.obj", "poison")
     failed = workshop.version("poisoned")
     found = workshop.audit(workshop.first, failed)
-    assert states(found) == {"cup": FAILED, "dish": UNCHANGED, "spoon": UNCHANGED}
+    assert states(found) == {"cup": State.FAILED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
     assert only(found, "cup").failed_stage == "objects"
     # The work tree's own record says why, as long as it is that of the last run.
     assert "no mesh" in only(workshop.audit(workshop.first), "cup").failure.error
-    assert only(workshop.audit(failed, failed), "cup").state == STILL_FAILED
+    assert only(workshop.audit(failed, failed), "cup").state == State.STILL_FAILED
     workshop.write("cup.obj", "v 0 0 0\n")
-    assert only(workshop.audit(failed, workshop.version("mended")), "cup").state == MENDED
+    assert only(workshop.audit(failed, workshop.version("mended")), "cup").state == State.MENDED
 
 
 def test_object_that_the_table_refuses(workshop):
     workshop.row("cup")["material"] = "unobtainium"
     workshop.save()
     found = audit_of_change(workshop)
-    assert only(found, "cup").state == FAILED
+    assert only(found, "cup").state == State.FAILED
     assert "unobtainium" in only(found, "cup").failure.error
 
 
@@ -305,7 +300,7 @@ def test_corrupted_array(workshop):
     found = workshop.audit(workshop.first, workshop.version("corrupted", make=False))
     assert told(found, "cup") == {(CORRUPTED, "")}
     assert "the later one" in sentences(found, "cup")[0]
-    assert states(found)["dish"] == UNCHANGED
+    assert states(found)["dish"] == State.UNCHANGED
 
 
 # A flipped bit of the length of a name, in an entry's mark, and of how long what follows the name is.

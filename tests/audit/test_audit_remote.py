@@ -8,7 +8,7 @@ import s3_server
 from versions_of_workshop import made_versions, only, states
 
 from pipeline.audit.contents import Contents
-from pipeline.audit.findings import CHANGED, UNCHANGED
+from pipeline.audit.findings import State
 from pipeline.audit.verification import MISSING, verify
 from pipeline.dataset.stages import VIEWS
 
@@ -45,7 +45,7 @@ def far(tmp_path_factory):
 
 def test_versions_that_are_far_compare_as_those_at_hand(far):
     found = far.audit("HEAD~1", "HEAD")
-    assert states(found) == {"cup": CHANGED, "dish": CHANGED}
+    assert states(found) == {"cup": State.CHANGED, "dish": State.CHANGED}
     assert [str(one) for one in only(found, "cup").roots] == ["parameter audio.accuracy_cents 5.0 -> 6.0"]
     assert found.problems == ()
     assert found.fetch.files > 0
@@ -83,7 +83,7 @@ def test_descriptions_are_fetched_once(far, monkeypatch):
 def test_cache_that_is_damaged_costs_time_only(far, cached):
     far.audit("HEAD~1", "HEAD")
     (cached / "cache.db").write_bytes(b"no database" * 100)
-    assert states(far.audit("HEAD~1", "HEAD")) == {"cup": CHANGED, "dish": CHANGED}
+    assert states(far.audit("HEAD~1", "HEAD")) == {"cup": State.CHANGED, "dish": State.CHANGED}
 
 
 def test_arrays_of_what_is_far_are_read(far):
@@ -102,7 +102,7 @@ def test_arrays_of_what_is_far_are_read(far):
 @pytest.mark.usefixtures("cached")
 def test_same_version_needs_nothing_but_lists(far, monkeypatch):
     monkeypatch.delattr(Contents, "_describe_far")
-    assert set(states(far.audit("HEAD", "HEAD")).values()) == {UNCHANGED}
+    assert set(states(far.audit("HEAD", "HEAD")).values()) == {State.UNCHANGED}
 
 
 def test_verification_reads_what_is_at_hand_and_names_the_rest(far):

@@ -16,8 +16,7 @@ from workshop import Workshop
 from pipeline.audit.comparison import Comparison
 from pipeline.audit.contents import Contents
 from pipeline.audit.findings import Audit, ObjectChange
-from pipeline.audit.git import GitRepository
-from pipeline.audit.versions import Version, commit_version, work_tree_version
+from pipeline.audit.versions import Version, read_version
 from pipeline.dataset.records import read_table, write_records
 
 # Fidelity that follows from what the object was made from, for there to be something to compare.
@@ -147,15 +146,12 @@ class VersionedWorkshop(Workshop):
     def audit(self, old: str, new: str | None = None, arrays: bool = False, remote: str = "") -> Audit:
         """Compare two versions, or one and the work tree."""
         with Contents(self.root, remote) as contents:
-            return Comparison(
-                contents, self.at(contents, old), self.at(contents, new), self.stages, arrays
-            ).audit()
+            before, after = self.at(contents, old), self.at(contents, new)
+            return Comparison(contents, before, after, self.stages, arrays).audit()
 
     def at(self, contents: Contents, revision: str | None) -> Version:
         """A version, or the work tree."""
-        if revision is None:
-            return work_tree_version(contents, self.stages)
-        return commit_version(GitRepository(self.root), contents, revision, self.stages)
+        return read_version(contents, self.stages, revision)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from bench.overhead_repository import OverheadRepository
 from pipeline.audit.contents import Contents
 from pipeline.audit.stores import md5_of
 from pipeline.audit.verification import verify
-from pipeline.audit.versions import work_tree_version
+from pipeline.audit.versions import read_version
 from pipeline.dataset.products import read_fingerprint
 from pipeline.dataset.stages import STAGES, VIEWS
 from pipeline.run.run_record import read_record, records
@@ -62,7 +62,7 @@ class Repository(OverheadRepository):
         """What verification finds in the work tree."""
         stages = tuple(STAGES.values())
         with Contents(self.root) as contents:
-            return verify(contents, work_tree_version(contents, stages), stages).findings
+            return verify(contents, read_version(contents, stages, None), stages).findings
 
     def changed(self, before: dict[str, int]) -> set[str]:
         return {path for path, time in self.times().items() if before.get(path) != time}

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from rich.filesize import decimal
+
 from objectfolder.atomic import atomic_write
-from pipeline.audit import table
 from pipeline.audit.fidelity import MEASURES, FidelityChange
-from pipeline.audit.findings import Audit
-from pipeline.audit.groups import counts, groups, names, totals
+from pipeline.audit.findings import Audit, change, cost, counts, groups, names, totals, value
 from pipeline.publish.report.templates import template_environment
 
 FIDELITY_ROWS = 1000
@@ -21,21 +21,22 @@ def write_page(
     What objects and commits say of themselves is escaped.
     """
     environment = template_environment()
+    stages = totals(audit)
     environment.filters |= {
         "names": lambda found: names(found, most=len(found)),
-        "change": table.change,
-        "before": lambda one: table.value(one.measure, one.before),
-        "after": lambda one: table.value(one.measure, one.after),
-        "size": table.size,
+        "change": change,
+        "before": lambda one: value(one.measure, one.before),
+        "after": lambda one: value(one.measure, one.after),
+        "size": decimal,
     }
     page = environment.get_template("audit.html.j2").render(
         audit=audit,
         counts=counts(audit),
         groups=groups(audit),
-        stages=totals(audit),
+        stages=stages,
         measures=MEASURES,
         most=FIDELITY_ROWS,
-        cost=table.cost(audit),
+        cost=cost(stages),
         exceeded=exceeded,
         allowed=[(key, f"{loss:g} {MEASURES[key].unit}".strip()) for key, loss in allowed.items()],
     )

@@ -1,0 +1,137 @@
+"""The findings of the commands: as JSON, and as plain text of a terminal's width."""
+
+import re
+import textwrap
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from pydantic_core import to_json
+from rich.filesize import decimal
+
+from objectfolder.errors import ObjectFolderError
+from pipeline.audit.fidelity import MEASURES, FidelityChange
+from pipeline.audit.findings import Audit, change, cost, counts, groups, names, numbered, totals, value
+from pipeline.audit.history import ObjectVersion, Unreadable
+from pipeline.audit.recomputation import Remade
+from pipeline.audit.verification import Verified
+
+TEMPLATES = Path(__file__).parent / "template"
+NARROWEST, WIDEST = 72, 120
+GROUPS, FIDELITY_ROWS, FINDINGS = 40, 20, 200  # that are shown
+LEAST_WEIGHT = 0.01  # of what a person would notice
+COLUMNS = ("stage", "changed", "made", "gone", "= arrays", "~ arrays", "!= arrays", "not read", "CPU s")
+# One measure of each sense, and the size, beside the words of a history.
+SHOWN = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db", "bytes.total")
+
+
+def as_json(content: Mapping[str, Any]) -> str:
+    """Return findings as JSON; a number that is not finite is null."""
+
+    def error(found: ObjectFolderError) -> dict[str, str]:
+        return {"where": found.where, "finding": found.finding, "remedy": found.remedy}
+
+    return to_json(content, indent=1, inf_nan_mode="null", fallback=error).decode()
+
+
+def audit_text(
+    audit: Audit, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float], width: int
+) -> str:
+    """Return what an audit found, for people.
+
+    Parameters
+    ----------
+    audit
+        What it found.
+    exceeded
+        What lost more than was allowed.
+    allowed
+        The largest loss allowed by measure.
+    width
+        Columns of the terminal.
+    """
+    felt = [one for one in audit.fidelity if abs(one.weight) >= LEAST_WEIGHT]
+    rows = [("object", "measure", "before", "after", "change")]
+    for one in felt[:FIDELITY_ROWS]:
+        unit = MEASURES[one.measure].unit
+        name = f"{one.measure} ({unit})" if unit not in ("", "bytes") else one.measure
+        before, after = value(one.measure, one.before), value(one.measure, one.after)
+        rows.append((one.object_id, name, before, after, change(one)))
+    stages = totals(audit)
+    return _rendered(
+        "audit",
+        width,
+        audit=audit,
+        counts=counts(audit),
+        groups=groups(audit),
+        most=GROUPS,
+        stages=[COLUMNS, *((one.stage, *one.cells) for one in stages)] if stages else [],
+        fidelity=rows if felt else [],
+        unshown=len(felt[FIDELITY_ROWS:]),
+        smaller=len(audit.fidelity) - len(felt),
+        cost=cost(stages),
+        exceeded=exceeded,
+        allowed=allowed,
+    )
+
+
+def verified_text(found: Verified, remade: Sequence[Remade], label: str, width: int) -> str:
+    """Return what a verification found, and how products made again compare."""
+    return _rendered("verified", width, verified=found, remade=remade, label=label, most=FINDINGS)
+
+
+def history_text(
+    object_id: str, found: Sequence[ObjectVersion], unreadable: Sequence[Unreadable], width: int
+) -> str:
+    """Return the versions of an object, oldest first."""
+    together: dict[str, list[str]] = defaultdict(list)
+    for commit, error in unreadable:
+        together[str(error)].append(commit.short)
+    return _rendered("history", width, object_id=object_id, versions=found, unreadable=together)
+
+
+def _rendered(template: str, width: int, **found: object) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_printable,
+    )
+
+    def wrapped(text: str, indent: str = "") -> str:
+        columns = min(max(width, NARROWEST), WIDEST)
+        return textwrap.fill(
+            text, columns, initial_indent=indent, subsequent_indent=f"{indent}  ", break_on_hyphens=False
+        )
+
+    environment.filters |= {
+        "wrapped": wrapped, "columns": _columns, "measured": _measured, "names": names, "counted": numbered,
+        "size": decimal, "change": change,
+    }  # fmt: skip
+    text = environment.get_template(f"{template}.txt.j2").render(found)
+    return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
+
+
+def _printable(value: object) -> str:
+    """Return a text without what would command a terminal: parts of it were written by others."""
+    return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in str(value))
+
+
+def _measured(fidelity: Mapping[str, float]) -> str:
+    shown = (key for key in SHOWN if key in fidelity)
+    return ", ".join(f"{key} {value(key, fidelity[key])} {MEASURES[key].unit}".rstrip() for key in shown)
+
+
+def _columns(rows: Sequence[Sequence[str]], texts: int) -> str:
+    """Return rows as lines; the first columns are texts, the others numbers."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if index < texts else cell.rjust(width)
+            for index, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    )
