@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from bench.record import RESULTS, write
-from objectfolder.audio.audionet import AudioNet, fit_audionet
+from objectfolder.audio.audionet.audionet import AudioNet, fit_audionet
 from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes import simulate_modes
+from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.fidelity.sounds import (
     envelope_distance,
@@ -28,10 +28,10 @@ from objectfolder.fidelity.sounds import (
     stft_distance,
     unscaled_stft_distance,
 )
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
-from objectfolder.store import Product, read_product, write_product
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.surface import Surface
 
 OBJECTS = (
     "024_bowl",

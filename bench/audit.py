@@ -22,8 +22,8 @@ from typing import Any
 import yaml
 
 from bench.record import RESULTS, write
-from objectfolder.provenance import fingerprint
-from objectfolder.tensor_file import TensorFile, read_tensor_file, to_bytes
+from objectfolder.products.provenance import fingerprint
+from objectfolder.products.tensor_file import TensorFile, read_tensor_file, to_bytes
 from pipeline.audit.reasons import BESIDE
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.stages import STAGES

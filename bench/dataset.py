@@ -18,7 +18,7 @@ import numpy as np
 from bench.record import RESULTS, write
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.dataset import ObjectFolderDataset
-from objectfolder.store import read_product
+from objectfolder.products.store import read_product
 from objectfolder.vision.compositing import on_white
 
 ROUNDS = 3

@@ -28,12 +28,12 @@ from bench.discretisation_cases import SCANS, Case, revolution_case, scan_case, 
 from bench.discretisation_ours import ours
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Outcome, Stopwatch, compare
 from bench.record import RESULTS, write
+from bench.references.bodies import BODIES
+from bench.rivals.audio.voxels import voxel_modes
 from bench.rivals_uniform import of_order
-from objectfolder.audio.hierarchic import EDGES
-from objectfolder.audio.references.bodies import BODIES
-from objectfolder.audio.rivals.voxels import voxel_modes
-from objectfolder.audio.solid import Solid
-from objectfolder.audio.tetrahedra import Filling, fill
+from objectfolder.audio.elements.hierarchic import EDGES
+from objectfolder.solid.filling import Filling, fill
+from objectfolder.solid.solid import Solid
 
 # Wanted accuracies in cents; the first is the default and the one the bars are about.
 ACCURACIES = (5.0, 20.0, 10.0, 2.0, 1.0)

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ
+from bench.references.bodies import BODIES
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.audio.references.bodies import BODIES
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.catalogue import read_catalogue
-from objectfolder.geometry.ingest import ingest_object
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.geometry.surface import Surface
+from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.solid.solid import Solid, clean
+from objectfolder.surface.surface import Surface
 
 REPOSITORY = Path(__file__).parents[1]
 SCANS = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))

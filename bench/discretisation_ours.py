@@ -6,9 +6,9 @@ import numpy as np
 
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Outcome, Stopwatch
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes import modes_of_solid
-from objectfolder.audio.tetrahedra import Filling, fill
-from objectfolder.geometry.surface import Surface
+from objectfolder.audio.modes.modes import modes_of_solid
+from objectfolder.solid.filling import Filling, fill
+from objectfolder.surface.surface import Surface
 
 MAX_MODES = 256
 POINTS = {"training_points": 1000, "held_out_points": 100}

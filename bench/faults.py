@@ -28,7 +28,7 @@ from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, u
 from ground import Ground  # noqa: E402
 
 from bench.faults_real import RealGround  # noqa: E402
-from objectfolder.geometry.starter.write import write_starter_set  # noqa: E402
+from objectfolder.mesh.starter.write import write_starter_set  # noqa: E402
 
 TASK_S = 0.2
 CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(8)}

@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from bench.record import RESULTS, write
-from objectfolder.geometry.starter.write import write_starter_set
+from objectfolder.mesh.starter.write import write_starter_set
 from pipeline.audit.reproducibility import ATTRIBUTE, EQUAL, compare
 from pipeline.dataset.stages import STAGES
 from pipeline.sandbox import instructions

@@ -8,7 +8,7 @@ import json
 import sys
 from pathlib import Path
 
-from objectfolder.provenance import fingerprint
+from objectfolder.products.provenance import fingerprint
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from objectfolder.store import ZIP_DATE, Product, write_product
-from objectfolder.tensor_file import to_bytes
+from objectfolder.products.store import ZIP_DATE, Product, write_product
+from objectfolder.products.tensor_file import to_bytes
 from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table, write_records

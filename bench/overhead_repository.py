@@ -41,8 +41,8 @@ import hashlib
 
 import numpy as np
 
-from objectfolder.store import Array, Product
-from objectfolder.tensor_file import TensorFile
+from objectfolder.products.store import Array, Product
+from objectfolder.products.tensor_file import TensorFile
 
 
 def product(chunks, attributes):

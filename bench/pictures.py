@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
-from objectfolder.store import Product, read_product
+from objectfolder.products.store import Product, read_product
 
 matplotlib.use("Agg")
 from matplotlib import pyplot

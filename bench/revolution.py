@@ -1,7 +1,7 @@
 """Bodies of revolution with thin walls: this project's modes of their surfaces against an independent solver.
 
 Run as ``python -m bench.revolution``. The solver sees only a closed triangle surface; the reference is an
-axisymmetric solution of the true body (`objectfolder.audio.references`), which shares no code with it.
+axisymmetric solution of the true body (`bench.references`), which shares no code with it.
 """
 
 import argparse
@@ -13,9 +13,9 @@ import numpy as np
 from bench.discretisation_ours import ours
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Stopwatch, compare
 from bench.record import RESULTS, write
+from bench.references.bodies import BODIES
+from bench.references.spectrum import ReferenceSpectrum
 from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.references.bodies import BODIES
-from objectfolder.audio.references.spectrum import ReferenceSpectrum
 
 REPOSITORY = Path(__file__).parents[1]
 # Bars of the project: every audible mode within so many cents, at so many CPU seconds of solving.

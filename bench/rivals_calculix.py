@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Outcome, Stopwatch
 from objectfolder.audio.materials import Material
-from objectfolder.audio.solid import Solid
+from objectfolder.solid.solid import Solid
 
 HOW = "apt-get install calculix-ccx"
 # Mid-side nodes of a C3D10 after its corners.

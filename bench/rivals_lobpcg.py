@@ -14,13 +14,13 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, lobpcg, spilu
 
 from bench.discretisation_outcome import Outcome, Stopwatch
-from objectfolder.audio.elasticity import assemble
+from bench.rivals.audio import voxels
+from bench.rivals.audio.voxel_grid import voxelise
+from objectfolder.audio.elements.elasticity import assemble
+from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material
-from objectfolder.audio.rivals import voxels
-from objectfolder.audio.rivals.voxel_grid import voxelise
-from objectfolder.audio.solid import Solid
-from objectfolder.audio.space import Space
-from objectfolder.geometry.surface import Surface
+from objectfolder.solid.solid import Solid
+from objectfolder.surface.surface import Surface
 
 MODES = 20
 PRECONDITIONERS = ("diagonal", "incomplete LU")

@@ -6,11 +6,11 @@ What they differ in from the project's own answer is the discretisation alone.
 import numpy as np
 
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Outcome, Stopwatch
-from objectfolder.audio.eigen import count_below, lowest_elastic, rigid_motions
-from objectfolder.audio.elasticity import assemble
+from objectfolder.audio.elements.elasticity import assemble
+from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material
-from objectfolder.audio.solid import Solid
-from objectfolder.audio.space import Space
+from objectfolder.audio.modes.eigen import count_below, lowest_elastic, rigid_motions
+from objectfolder.solid.solid import Solid
 
 # Modes looked for at most where the limit is a frequency.
 MAX_MODES = 256

@@ -21,11 +21,11 @@ import numpy as np
 from bench.audionet import HELD_OUT_POINTS, OBJECTS, TRAINING_POINTS
 from bench.record import RESULTS, write
 from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.modes import modes_of_solid
-from objectfolder.audio.tetrahedra import fill
+from objectfolder.audio.modes.modes import modes_of_solid
 from objectfolder.errors import ObjectFolderError
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.store import write_product
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.products.store import write_product
+from objectfolder.solid.filling import fill
 
 matplotlib.use("Agg")
 MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 128
@@ -62,8 +62,8 @@ def main() -> None:
 
 
 COMPARED = (
-    "Estimated error of the first 50 audible modes of each object (objectfolder/audio/adaptive.py) and CPU "
-    "seconds of filling and solving, mode shapes at points included; defaults of simulate_modes"
+    "Estimated error of the first 50 audible modes of each object (objectfolder/audio/modes/adaptive.py) and "
+    "CPU seconds of filling and solving, mode shapes at points included; defaults of simulate_modes"
 )
 
 

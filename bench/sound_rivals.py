@@ -24,23 +24,23 @@ from typing import Any
 import numpy as np
 
 from bench.record import RESULTS, write
-from objectfolder.audio.audionet import fit_audionet
+from bench.rivals.audio.gains_network import fit_gains_network
+from bench.rivals.audio.spectrogram import SAMPLE_RATE_HZ, SAMPLES
+from bench.rivals.audio.spectrogram_network import fit_spectrogram_network
+from bench.rivals.audio.vertex_mean import nearest_vertex_mean
+from bench.rivals.audio.voxels import VoxelModes, voxel_modes
+from objectfolder.audio.audionet.audionet import fit_audionet
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.audio.modes import simulate_modes
-from objectfolder.audio.rivals.gains_network import fit_gains_network
-from objectfolder.audio.rivals.spectrogram import SAMPLE_RATE_HZ, SAMPLES
-from objectfolder.audio.rivals.spectrogram_network import fit_spectrogram_network
-from objectfolder.audio.rivals.vertex_mean import nearest_vertex_mean
-from objectfolder.audio.rivals.voxels import VoxelModes, voxel_modes
+from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis import mode_bank
-from objectfolder.catalogue import read_catalogue
+from objectfolder.dataset.catalogue import read_catalogue
 from objectfolder.fidelity.sounds import cents, envelope_distance, gain_error_db, stft_distance
-from objectfolder.geometry.ingest import ingest_object
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
-from objectfolder.store import Product, read_product, write_product
-from objectfolder.tensor_file import TensorFile, write_tensor_file
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.surface import Surface
 
 REPOSITORY = Path(__file__).parents[1]
 OBJECTS = ("025_mug", "Room_Essentials_Salad_Plate_Turquoise", "031_spoon")

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.geometry.surface import Surface
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.height_field import gap_field
+from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.elastic.contact_problem import solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
-from objectfolder.touch.height_field import gap_field
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import press
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import press
 
 CELLS = (96, 64)
 DEPTHS_M = (0.0003, 0.0005, 0.001)

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from objectfolder.fidelity.feel import measure_feel
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
 from objectfolder.object_file import ObjectFile
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import Touches, press
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.touch.truth.press import Touches, press
 
 HELD_OUT = 24
 LABELLED = 200

@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from bench.rivals.touch.deformation_network import NAME as SECOND
+from bench.rivals.touch.deformation_network import render_deformation
+from bench.rivals.touch.fitting import RIVALS, fit_touch_rival
 from objectfolder.fidelity.feel import measure_feel
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
-from objectfolder.store import Product
-from objectfolder.touch.press import press
-from objectfolder.touch.rivals.deformation_network import NAME as SECOND
-from objectfolder.touch.rivals.deformation_network import render_deformation
-from objectfolder.touch.rivals.fitting import RIVALS, fit_touch_rival
-from objectfolder.touch.sensor import Sensor
+from objectfolder.products.store import Product
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.touch.truth.press import press
 
 # Touches that were trained on, judged to tell learning from generalising.
 SHOWN = 24

@@ -12,16 +12,16 @@ import numpy as np
 from bench.touch_networks import network_rows
 from objectfolder.errors import QueryError
 from objectfolder.fidelity.feel import measure_feel
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Product
-from objectfolder.touch.backends import BACKENDS, choose_backend
-from objectfolder.touch.camera import no_contact_image, ray_grid, to_bytes
-from objectfolder.touch.gel import gel_surface
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import press
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.shading import shade
-from objectfolder.touch.touches import simulate_touches
+from objectfolder.products.store import Product
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.rendering.backends import BACKENDS, choose_backend
+from objectfolder.touch.sensor.camera import no_contact_image, ray_grid, to_bytes
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.shading import shade
+from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.record import simulate_touches
 
 SAMPLES = (1, 2, 3, 4)
 TRUTH_SAMPLES = 8
@@ -188,7 +188,7 @@ def _by_opengl(
     vertices: np.ndarray, faces: np.ndarray, sensor: Sensor, poses: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Images of poses by pyrender in a process of its own, and CPU seconds of one, the first left out."""
-    from objectfolder.touch.pyrender_reference import ReferenceRenderer
+    from objectfolder.touch.rendering.pyrender_reference import ReferenceRenderer
 
     renderer = ReferenceRenderer(sensor)
     surface = Surface(vertices, faces)

@@ -23,13 +23,13 @@ from bench.touch_objects import OBJECTS, surface_of
 from bench.touch_outcome import draw_tacto
 from bench.touch_tacto_measure import ONE_LEVEL, edge_share, over_poses, psnr_db
 from objectfolder.fidelity.images import ssim
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.calibrated import calibrated
-from objectfolder.touch.camera import no_contact_image
-from objectfolder.touch.image import render_poses
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import press
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.rendering.image import render_poses
+from objectfolder.touch.sensor.calibrated import calibrated
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import press
 
 SAMPLES = (1, 2, 3, 4)
 NORMALS = ("vertex", "crease")

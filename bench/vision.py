@@ -24,25 +24,25 @@ from typing import Any
 import numpy as np
 
 from bench.record import versions
+from bench.rivals.vision.scattering_function import ScatteringFunction
+from bench.rivals.vision.scattering_training import fit_scattering_function
+from bench.rivals.vision.textures import SHADINGS, TexturedSurface
 from bench.vision_outcome import conclude
 from objectfolder.audio.materials import read_materials
 from objectfolder.errors import QueryError
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
-from objectfolder.store import Product, read_product, write_product
-from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.backends import BACKENDS
 from objectfolder.vision.compositing import composite_on_white, on_white
-from objectfolder.vision.render_request import Shots, save_request, unit_scene
-from objectfolder.vision.rivals.scattering_function import ScatteringFunction
-from objectfolder.vision.rivals.scattering_training import fit_scattering_function
-from objectfolder.vision.rivals.textures import SHADINGS, TexturedSurface
-from objectfolder.vision.views import simulate_views
-from objectfolder.vision.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.rendering.backends import BACKENDS
+from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
+from objectfolder.vision.truth.views import simulate_views
+from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
 
 SIZES = (128, 256)
 SUB_RAYS = (1, 4, 16, 64)

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.child_process import end_with
-from objectfolder.vision.cycles import render
-from objectfolder.vision.render_request import load_request
+from objectfolder.vision.truth.cycles import render
+from objectfolder.vision.truth.render_request import load_request
 
 
 def main() -> None:

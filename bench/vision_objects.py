@@ -24,19 +24,19 @@ from bench.record import RESULTS, write
 from bench.vision_lights import BEHIND_DEG, GRAZING_DEG, LIGHTS, light_positions
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
-from objectfolder.store import Array, Product, read_product, write_product
-from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.products.store import Array, Product, read_product, write_product
+from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import CAMERA_RADIUS, FIELD_OF_VIEW_DEG, look_at, uniform_on_sphere
 from objectfolder.vision.compositing import on_white
-from objectfolder.vision.cycles_process import render_in_children
-from objectfolder.vision.render_request import Shots, unit_scene
-from objectfolder.vision.views import simulate_views
-from objectfolder.vision.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.render_request import Shots, unit_scene
+from objectfolder.vision.truth.views import simulate_views
+from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
 
 matplotlib.use("Agg")
 

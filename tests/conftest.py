@@ -17,14 +17,14 @@ from filelock import FileLock
 from hypothesis import settings
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes import simulate_modes
-from objectfolder.encoding import encode_object
+from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.fidelity.verification import verify_object
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.touches import simulate_touches
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.object_file.encoding import encode_object
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.views import simulate_views
+from objectfolder.vision.truth.views import simulate_views
 
 REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()

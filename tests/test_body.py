@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.body import body_of
-from objectfolder.geometry.ingest import ingest_object
+from objectfolder.mesh.body import body_of
+from objectfolder.mesh.ingest import ingest_object
 
 
 def test_a_box_has_the_mass_and_inertia_of_a_box(tmp_path: Path) -> None:

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from objectfolder.audio import audionet
+from objectfolder.audio.audionet import audionet
 from objectfolder.errors import FormatError, QueryError
-from objectfolder.geometry import surface_codec
 from objectfolder.object_file import ObjectFile
-from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
-from objectfolder.touch.sensor import Sensor
-from objectfolder.unpacking import unpack_deflate, unpack_lzma
-from objectfolder.vision.sparse_grid import LARGEST_RESOLUTION, SparseGrid
+from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.products.unpacking import unpack_deflate, unpack_lzma
+from objectfolder.surface import codec as surface_codec
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
 
 MEGABYTE = 1 << 20
 ENOUGH = 96 * MEGABYTE  # the window of LZMA's preset alone is 64

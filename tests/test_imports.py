@@ -7,8 +7,8 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[1]
 BORDERS = {
-    "objectfolder/vision/cycles.py": "bpy",
-    "objectfolder/touch/pyrender_reference.py": "pyrender",
+    "objectfolder/vision/truth/cycles.py": "bpy",
+    "objectfolder/touch/rendering/pyrender_reference.py": "pyrender",
 }
 
 

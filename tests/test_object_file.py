@@ -16,7 +16,7 @@ from rounding import assert_equal_but_for_rounding
 import objectfolder
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.object_file import ObjectFile
-from objectfolder.tensor_file import TensorFile, write_tensor_file
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from objectfolder.vision.cameras import look_at, pixel_rays
 
 

@@ -7,7 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.errors import InputError
-from objectfolder.provenance import canonical_json, code_identity, fingerprint, package_versions, seed_from
+from objectfolder.products.provenance import (
+    canonical_json,
+    code_identity,
+    fingerprint,
+    package_versions,
+    seed_from,
+)
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),

@@ -16,15 +16,15 @@ import pytest
 import yaml
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import read_catalogue
+from objectfolder.dataset.catalogue import read_catalogue
 from objectfolder.errors import FormatError, InputError
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.source_files import source_files
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.readers.source_files import source_files
 from objectfolder.object_file import ObjectFile
-from objectfolder.store import Array, Product, read_product, write_product
-from objectfolder.tensor_file import read_tensor_file
-from objectfolder.touch.photometric_table import PhotometricTable
-from objectfolder.touch.sensor_file import read_sensor
+from objectfolder.products.store import Array, Product, read_product, write_product
+from objectfolder.products.tensor_file import read_tensor_file
+from objectfolder.touch.sensor.photometric_table import PhotometricTable
+from objectfolder.touch.sensor.sensor_file import read_sensor
 from pipeline.dataset import archives, products
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import RECORDS, read_records

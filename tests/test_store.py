@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from objectfolder.errors import FormatError
-from objectfolder.store import Array, Product, read_attributes, read_product, write_product
+from objectfolder.products.store import Array, Product, read_attributes, read_product, write_product
 
 
 def _product() -> Product:

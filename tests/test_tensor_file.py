@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from objectfolder.errors import FormatError
-from objectfolder.tensor_file import (
+from objectfolder.products.tensor_file import (
     DTYPES,
     TensorFile,
     read_metadata,

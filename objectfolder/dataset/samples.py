@@ -20,8 +20,8 @@ from objectfolder.dataset.reading import Kept, ProductReader
 from objectfolder.dataset.senses import SENSES, Sample, Settings
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
-from objectfolder.provenance import seed_from
-from objectfolder.splits import OBJECT_SPLITS, object_split
+from objectfolder.products.provenance import seed_from
+from objectfolder.products.splits import OBJECT_SPLITS, object_split
 
 SPLITS = ("training", "held_out")
 SOURCES = ("truth", "object_file")
@@ -61,8 +61,9 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
     objects
         Ids, in this order; all of the data set by id if None.
     object_split
-        Only objects of this split: ``"train"``, ``"validation"`` or ``"test"``, see `objectfolder.splits`. It
-        needs ``data/records.json``, which lies in the git repository of a data set.
+        Only objects of this split: ``"train"``, ``"validation"`` or ``"test"``, see
+        `objectfolder.products.splits`. It needs ``data/records.json``, which lies in the git repository of a
+        data set.
     queries, seed
         For files alone.
     duration_s, sample_rate_hz

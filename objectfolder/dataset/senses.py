@@ -10,8 +10,8 @@ import numpy as np
 
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.dataset.reading import ProductReader
-from objectfolder.geometry.frames import UnitFrame
 from objectfolder.object_file import ObjectFile
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.compositing import on_white
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.fidelity.images import psnr_db, ssim
-from objectfolder.store import Product
+from objectfolder.products.store import Product
 
 # Travel between the gel's first contact and the asked point: about what a gel's roundness makes, and more.
 OFFSETS_M = (1e-4, 1e-3)

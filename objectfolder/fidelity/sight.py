@@ -6,7 +6,7 @@ import numpy as np
 
 from objectfolder.fidelity.images import psnr_db, ssim
 from objectfolder.object_file import ObjectFile
-from objectfolder.store import Product
+from objectfolder.products.store import Product
 from objectfolder.vision.compositing import on_white
 
 FOREGROUND_ALPHA = 0.5

@@ -13,7 +13,7 @@ from objectfolder.fidelity.sounds import (
     stft_distance,
 )
 from objectfolder.object_file import ObjectFile
-from objectfolder.store import Product
+from objectfolder.products.store import Product
 
 SOUNDS_COMPARED = 24
 DURATION_S = 1.0

@@ -11,9 +11,9 @@ import numpy as np
 from objectfolder.fidelity import feel, sight, sound
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.fidelity.sounds import stft_distance
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
 from objectfolder.object_file import ObjectFile
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.touch.touchnet import TouchNet
 
 PICTURES = 4

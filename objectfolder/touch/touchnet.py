@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import FormatError, QueryError
-from objectfolder.geometry.surface import Surface
-from objectfolder.stored_values import whole_number
-from objectfolder.touch.calibrated import calibrated
-from objectfolder.touch.camera import no_contact_image
-from objectfolder.touch.noise import with_noise
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import Touches, press
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.stored_sensor import stored_sensor
+from objectfolder.products.stored_values import whole_number
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.sensor.calibrated import calibrated
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.noise import with_noise
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.stored_sensor import stored_sensor
+from objectfolder.touch.truth.press import Touches, press
 
 CONTACTS = ("rigid", "elastic")
 MOST_SAMPLES = 16  # that a file may ask for where a query says nothing
@@ -83,7 +83,7 @@ class TouchNet:
         points
             (n, 3), object frame, metres.
         depth_m, force_n, tilt_deg, azimuth_deg, backend
-            See `objectfolder.touch.press.press`.
+            See `objectfolder.touch.truth.press.press`.
         contact
             ``"rigid"`` or ``"elastic"``; where None, elastic if a force is asked for, else the net's own.
         resolution
@@ -92,7 +92,7 @@ class TouchNet:
             Samples along each side of a pixel; the net's own if None.
         background
             (height, width, 3) uint8: what a real sensor of this kind sees untouched. Touches are laid over
-            it, as `objectfolder.touch.calibrated` does.
+            it, as `objectfolder.touch.sensor.calibrated` does.
         noise_seed
             Seed of the sensor's noise; without noise if None.
 

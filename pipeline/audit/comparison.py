@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from objectfolder.provenance import canonical_json
+from objectfolder.products.provenance import canonical_json
 from pipeline.audit import reasons
 from pipeline.audit.change_costs import KnownCosts, to_fetch
 from pipeline.audit.contents import Content, Contents

@@ -1,8 +1,8 @@
 """Descriptions of products, read from a few bytes of a local or a remote file.
 
-A Zarr archive has its attributes in an entry that `objectfolder.store.write_product` puts last, right before
-the list of entries; the list has a checksum of every chunk. A safetensors file has all of it in front. Both
-may come from others: only lengths that fit into the file are believed.
+A Zarr archive has its attributes in an entry that `objectfolder.products.store.write_product` puts last,
+right before the list of entries; the list has a checksum of every chunk. A safetensors file has all of it
+in front. Both may come from others: only lengths that fit into the file are believed.
 """
 
 import io

@@ -6,7 +6,7 @@ from typing import Any
 
 import pydantic
 
-from objectfolder.provenance import fingerprint
+from objectfolder.products.provenance import fingerprint
 from pipeline.audit.descriptions import Description
 from pipeline.dataset.differences import ABSENT, SECTIONS, Difference, differences
 from pipeline.dataset.stage import Stage

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
-from objectfolder.provenance import code_identity, file_digest, package_versions
+from objectfolder.products.provenance import code_identity, file_digest, package_versions
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays, compare, stored_tolerances
 from pipeline.audit.versions import Version

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.store import read_product
-from objectfolder.tensor_file import read_tensor_file
+from objectfolder.products.store import read_product
+from objectfolder.products.tensor_file import read_tensor_file
 from pipeline.audit.descriptions import Description
 from pipeline.dataset import products
 from pipeline.dataset.tolerances import SAME_BYTES, Tolerance

@@ -12,8 +12,8 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from objectfolder.atomic import atomic_write
-from objectfolder.provenance import code_identity
+from objectfolder.products.atomic import atomic_write
+from objectfolder.products.provenance import code_identity
 from pipeline.dataset.failures import FAILURES
 from pipeline.dataset.records import MATERIALS, RECORDS
 from pipeline.dataset.stage import Stage
@@ -21,16 +21,17 @@ from pipeline.dataset.stages import STAGES
 
 DVC_YAML = Path("dvc.yaml")
 # What decides a fingerprint besides the parts that it is made from.
-FINGERPRINTS = "objectfolder/provenance.py"
+FINGERPRINTS = "objectfolder/products/provenance.py"
 LOCK = "requirements.lock"
 TABLE = "${objects.table}"
 STARTER = "data/starter"
-STARTER_CODE = "objectfolder.geometry.starter"
+STARTER_CODE = "objectfolder.mesh.starter"
 STAGE_HEAD = re.compile(r"(?<=[^:\s])\n(  \w+:\n    desc:)")
 # Packages on which a stage depends as a whole, if on any of their modules.
 WHOLE = (
-    "objectfolder.audio", "objectfolder.fidelity", "objectfolder.geometry", "objectfolder.touch",
-    "objectfolder.vision", "pipeline.audit", "pipeline.dataset", "pipeline.intake", "pipeline.publish",
+    "objectfolder.audio", "objectfolder.fidelity", "objectfolder.mesh", "objectfolder.solid",
+    "objectfolder.surface", "objectfolder.touch", "objectfolder.vision",
+    "pipeline.audit", "pipeline.dataset", "pipeline.intake", "pipeline.publish",
 )  # fmt: skip
 
 

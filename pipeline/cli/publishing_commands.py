@@ -131,7 +131,7 @@ def listen(
     duration_s
         seconds of each sound
     """
-    from objectfolder.atomic import atomic_write
+    from objectfolder.products.atomic import atomic_write
     from pipeline.publish.listening.listening_page import draw_pairs, page_text
 
     pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)

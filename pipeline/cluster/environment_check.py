@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from objectfolder.errors import InputError
-from objectfolder.provenance import code_identity, package_versions
+from objectfolder.products.provenance import code_identity, package_versions
 
 NAMED = 3  # differing modules that a message names
 

@@ -1,4 +1,4 @@
-"""Checks of a product's archive: it may hold exactly what `objectfolder.store.write_product` writes.
+"""Checks of a product's archive: it may hold exactly what `objectfolder.products.store.write_product` writes.
 
 An archive fetched from elsewhere is not trusted. Zarr's own reader would follow any codec, type and
 size that it declares; this looks at the declarations first, reads no array, and allocates next to nothing.

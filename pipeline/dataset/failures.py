@@ -8,8 +8,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
+from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
 

@@ -18,7 +18,7 @@ def _sensor(source: object, info: ValidationInfo) -> dict[str, Any]:
 
     So its content is what a product is made from, and a change of its file makes products anew.
     """
-    from objectfolder.touch.sensor_file import read_sensor
+    from objectfolder.touch.sensor.sensor_file import read_sensor
 
     if not isinstance(source, str):
         raise ValueError("Give a name or the path of a file")

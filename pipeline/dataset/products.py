@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError
+from objectfolder.products.atomic import PARTIAL
 from pipeline.dataset import archives
 
 ZARR = ".zarr.zip"
@@ -69,8 +69,8 @@ def write(path: Path, content: object, fingerprint: str, provenance: dict[str, A
     TypeError
         `content` is not what the suffix of `path` asks for.
     """
-    from objectfolder.store import Product, write_product
-    from objectfolder.tensor_file import TensorFile, write_tensor_file
+    from objectfolder.products.store import Product, write_product
+    from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 
     if path.name.endswith(ZARR) and isinstance(content, Product):
         write_product(path, content.with_attributes(fingerprint=fingerprint, provenance=provenance))
@@ -92,7 +92,7 @@ def read_description(path: Path) -> dict[str, Any]:
     """
     if not path.name.endswith(TENSORS):
         return archives.read_attributes(path)
-    from objectfolder.tensor_file import read_metadata
+    from objectfolder.products.tensor_file import read_metadata
 
     return dict(read_metadata(path))
 
@@ -123,7 +123,7 @@ def verify(path: Path) -> None:
         A damaged file.
     """
     if path.name.endswith(TENSORS):
-        from objectfolder.tensor_file import DIGEST, read_tensor_file
+        from objectfolder.products.tensor_file import DIGEST, read_tensor_file
 
         if DIGEST not in read_tensor_file(path).metadata:
             raise FormatError(str(path), "it carries no content digest", "Delete it; a run makes it again.")

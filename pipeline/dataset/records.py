@@ -11,15 +11,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
+from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.parameters import ObjectsParameters
 from pipeline.dataset.task import Failure, failure_of
 
 # Stages after the first need neither tables nor meshes, and start sooner without.
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
-    from objectfolder.catalogue import ObjectRecord
+    from objectfolder.dataset.catalogue import ObjectRecord
 
 MATERIALS = Path("data/materials.csv")
 RECORDS = Path("data/records.json")
@@ -59,7 +59,7 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
         A table that cannot be used, or an id in ``objects.only`` that it does not list.
     """
     from objectfolder.audio.materials import read_materials
-    from objectfolder.catalogue import read_catalogue
+    from objectfolder.dataset.catalogue import read_catalogue
 
     materials = read_materials(root / MATERIALS)
     catalogue = read_catalogue(root / objects.table, materials)
@@ -72,7 +72,7 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
 
 def sources(row: Mapping[str, Any]) -> dict[str, Path]:
     """Return the files an object is read from, by role."""
-    from objectfolder.geometry.source_files import source_files
+    from objectfolder.mesh.readers.source_files import source_files
 
     named = {"mesh": row["mesh"]}
     if row["texture"] is not None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
+from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.parameters import read_parameters
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.provenance import package_versions, seed_from
+from objectfolder.products.provenance import package_versions, seed_from
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.task import Request

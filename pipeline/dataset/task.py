@@ -43,7 +43,8 @@ class Call:
         Name of the stage.
     task
         ``module:function``; the function takes a `Request` and returns a product for each target
-        (`objectfolder.store.Product` or `objectfolder.tensor_file.TensorFile`), in a tuple if several.
+        (`objectfolder.products.store.Product` or `objectfolder.products.tensor_file.TensorFile`), in a tuple
+        if several.
     request
         Its argument.
     targets

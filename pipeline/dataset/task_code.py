@@ -5,8 +5,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from objectfolder.atomic import atomic_write
-from objectfolder.provenance import code_identity
+from objectfolder.products.atomic import atomic_write
+from objectfolder.products.provenance import code_identity
 
 
 class TaskCode:

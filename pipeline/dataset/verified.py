@@ -14,9 +14,9 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError
-from objectfolder.provenance import file_digest
+from objectfolder.products.atomic import atomic_write
+from objectfolder.products.provenance import file_digest
 from pipeline.dataset import products
 from pipeline.dataset.task_code import TaskCode, read_cache
 

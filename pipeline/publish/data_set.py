@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
+from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.publish.cards.data_card import card_text, citation_text

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from rich.filesize import decimal
 
-from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
+from objectfolder.products.atomic import PARTIAL
 from pipeline.dataset.lock_file import LOCK, read_lock
 from pipeline.dataset.products import ProductKind, read_fingerprint
 from pipeline.dataset.stages import STAGES

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
+from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.task import Outcome
 from pipeline.run.run_log import is_cut, unwritable
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
-from objectfolder.provenance import fingerprint
+from objectfolder.products.provenance import fingerprint
 from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Prepared, Row, Stage

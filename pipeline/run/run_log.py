@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import SimulationError
+from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.task import Failure
 
 

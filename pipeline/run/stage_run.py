@@ -57,7 +57,7 @@ def make_stage(root: Path, name: str) -> int:
 
 def make_starter_set(root: Path) -> int:
     """Write the meshes and textures of the starter set."""
-    from objectfolder.geometry.starter.write import write_starter_set
+    from objectfolder.mesh.starter.write import write_starter_set
 
     with running(root, "stage starter"):
         write_starter_set(root / STARTER)

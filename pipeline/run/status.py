@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.provenance import canonical_json, fingerprint
+from objectfolder.products.provenance import canonical_json, fingerprint
 from pipeline.dataset.differences import Difference, differences
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.products import read_description

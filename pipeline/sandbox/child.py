@@ -21,7 +21,7 @@ from typing import IO, Any, NoReturn
 
 from objectfolder.child_process import end_with
 from objectfolder.errors import InputError
-from objectfolder.provenance import code_identity
+from objectfolder.products.provenance import code_identity
 from pipeline.dataset import products
 from pipeline.dataset.task import Call, Outcome, Timed, failure_of
 from pipeline.dataset.task_code import known_sources

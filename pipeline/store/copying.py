@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
+from objectfolder.products.atomic import atomic_write
 
 FICLONE = 0x40049409  # ioctl of Linux: share the blocks of another file
 

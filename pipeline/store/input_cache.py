@@ -11,8 +11,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from objectfolder.atomic import PARTIAL
 from objectfolder.errors import FormatError, InputError
+from objectfolder.products.atomic import PARTIAL
 from pipeline.store.copying import copy_file
 from pipeline.store.storage import Store, number_of
 

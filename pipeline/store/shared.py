@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
+from objectfolder.products.atomic import atomic_write
 from pipeline.dataset import products
 from pipeline.store.storage import DEFAULT_PATIENCE_S, PATIENCE, STORE, Store, number_of
 

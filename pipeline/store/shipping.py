@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
-from objectfolder.geometry.source_files import source_files
-from objectfolder.provenance import file_digest
+from objectfolder.mesh.readers.source_files import source_files
+from objectfolder.products.provenance import file_digest
 from pipeline.dataset import products
 from pipeline.dataset.job import Job
 from pipeline.dataset.task import Call, Outcome, failure_of

@@ -15,8 +15,8 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError, ObjectFolderError, SimulationError
+from objectfolder.products.atomic import atomic_write
 from pipeline.store.copying import copy_file
 
 STORE = "OBJECTFOLDER_STORE"

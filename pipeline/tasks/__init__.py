@@ -3,8 +3,9 @@
 A body is a pure function ``body(request: Request) -> product`` (a tuple of products where
 the stage makes several kinds): it sees the input files, parameters, record fields and seed that its
 stage declares in `pipeline.dataset.stages`, imports only `objectfolder` and `pipeline.dataset.task`, and
-returns `objectfolder.store.Product` for a ``.zarr.zip`` or `objectfolder.tensor_file.TensorFile` for a
-``.safetensors``. The framework adds ``fingerprint`` and ``provenance`` and writes the files.
+returns `objectfolder.products.store.Product` for a ``.zarr.zip`` or
+`objectfolder.products.tensor_file.TensorFile` for a ``.safetensors``. The framework adds
+``fingerprint`` and ``provenance`` and writes the files.
 
 ====================================  ===========================================================
 ``objects.prepare_object``            source files -> ``data/objects``; attribute ``digests`` holds

@@ -1,10 +1,10 @@
 """Task of stage `encode`: ground truth to an Object File that is neither named nor measured yet."""
 
-from objectfolder.encoding import encode_object as encode
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.store import read_product
-from objectfolder.tensor_file import TensorFile
-from objectfolder.touch.sensor import Sensor
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.object_file.encoding import encode_object as encode
+from objectfolder.products.store import read_product
+from objectfolder.products.tensor_file import TensorFile
+from objectfolder.touch.sensor.sensor import Sensor
 from pipeline.dataset.task import Request
 
 

@@ -1,9 +1,9 @@
 """Task of stage `modes`: how the object vibrates."""
 
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes import simulate_modes
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.store import Product, read_product
+from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.products.store import Product, read_product
 from pipeline.dataset.task import Request
 
 

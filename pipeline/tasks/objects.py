@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from objectfolder.geometry.ingest import ingest_object
-from objectfolder.store import Product
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.products.store import Product
 from pipeline.dataset.task import Request
 
 
 def prepare_object(request: Request) -> Product:
-    """Clean, scale and measure one object (see `objectfolder.geometry.ingest.ingest_object`)."""
+    """Clean, scale and measure one object (see `objectfolder.mesh.ingest.ingest_object`)."""
     texture: Path | None = request.inputs.get("texture")
     return ingest_object(request.inputs["mesh"], texture, request.record["length_m"], request.object_id)

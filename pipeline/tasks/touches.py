@@ -1,9 +1,9 @@
 """Task of stage `touches`: what the sensor feels."""
 
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.store import Product, read_product
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.touches import simulate_touches
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.products.store import Product, read_product
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.record import simulate_touches
 from pipeline.dataset.task import Request
 
 

@@ -1,9 +1,9 @@
 """Task of stage `fidelity`: an encoded object against its ground truth."""
 
-from objectfolder.body import body_of
 from objectfolder.fidelity.verification import verify_object as verify
+from objectfolder.mesh.body import body_of
 from objectfolder.object_file import ObjectFile
-from objectfolder.store import read_attributes, read_product
+from objectfolder.products.store import read_attributes, read_product
 from pipeline.dataset.task import Request, Timed
 
 DESCRIBED = ("name", "source", "licence", "attribution")

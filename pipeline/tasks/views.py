@@ -1,9 +1,9 @@
 """Task of stage `views`: what the object looks like, by path tracing."""
 
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.store import Product, read_product
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.products.store import Product, read_product
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.views import simulate_views
+from objectfolder.vision.truth.views import simulate_views
 from pipeline.dataset.task import Request
 
 

@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.load import load_mesh
+from objectfolder.mesh.readers.load import load_mesh
 from pipeline.intake.add.naming import checked_id, object_id_of, safe_name
 from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
 from pipeline.intake.add.units import is_doubtful, length_doubts, possible_lengths, unit_problem

@@ -8,9 +8,9 @@ import numpy as np
 import trimesh
 
 from objectfolder.audio.materials import Material
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.audio.tetrahedra import Filling, fill
-from objectfolder.geometry.surface import Surface
+from objectfolder.solid.filling import Filling, fill
+from objectfolder.solid.solid import Solid, clean
+from objectfolder.surface.surface import Surface
 
 
 def box(cells: Sequence[int], size: Sequence[float]) -> Solid:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from rounding import assert_equal_but_for_rounding
 
-from objectfolder.audio.audionet import AudioNet, decode_detours, encode_detours, fit_audionet
+from objectfolder.audio.audionet.audionet import AudioNet, decode_detours, encode_detours, fit_audionet
 from objectfolder.errors import FormatError
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.surface import Surface
 
 MODE_ARRAYS = ("eigenvalues", "dampings_per_s", "radiation_weights")
 

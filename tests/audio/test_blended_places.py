@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from objectfolder.audio.blended_places import blended_places
-from objectfolder.geometry.surface import Surface
+from objectfolder.audio.modes.blended_places import blended_places
+from objectfolder.surface.surface import Surface
 
 EPSILON_M = 1e-4
 

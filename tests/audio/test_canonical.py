@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from objectfolder.audio.canonical import canonical_modes, canonical_rotation, clusters
+from objectfolder.audio.modes.canonical import canonical_modes, canonical_rotation, clusters
 
 
 def on_sphere(count: int, seed: int) -> np.ndarray:

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from structured_solids import ball, box
 
-from objectfolder.audio.coarsening import BoundaryFit, coarsen
-from objectfolder.audio.element_shape import heights_and_edges, shape
-from objectfolder.audio.peeling import flat_on_boundary, peel
-from objectfolder.audio.snapping import snap
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.geometry.edges import edge_table
-from objectfolder.geometry.sampled_distance import SampledDistance
-from objectfolder.geometry.surface import Surface
+from objectfolder.solid.coarsening import BoundaryFit, coarsen
+from objectfolder.solid.element_shape import heights_and_edges, shape
+from objectfolder.solid.peeling import flat_on_boundary, peel
+from objectfolder.solid.snapping import snap
+from objectfolder.solid.solid import Solid, clean
+from objectfolder.surface.edges import edge_table
+from objectfolder.surface.sampled_distance import SampledDistance
+from objectfolder.surface.surface import Surface
 
 
 def coarser(solid: Solid, tolerance: float, longest_edge: float, thickness: float = np.inf) -> Solid:

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from structured_solids import box, filled_ball
 
-from objectfolder.audio.boundary import Boundary
-from objectfolder.audio.curving import curve
-from objectfolder.audio.elasticity import chunks, element_integrals
+from bench.references.bodies import BODIES
+from objectfolder.audio.elements.curving import curve
+from objectfolder.audio.elements.elasticity import chunks, element_integrals
+from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes import simulate_modes
-from objectfolder.audio.references.bodies import BODIES
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.audio.space import Space
-from objectfolder.audio.spectrum import solve_spectrum, space_on
-from objectfolder.geometry.surface import Surface
+from objectfolder.audio.modes.boundary import Boundary
+from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
+from objectfolder.solid.solid import Solid, clean
+from objectfolder.surface.surface import Surface
 
 
 def volume(space: Space) -> float:

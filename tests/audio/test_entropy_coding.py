@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from objectfolder.audio.entropy_coding import decode_integers, encode_integers
+from objectfolder.audio.audionet.entropy_coding import decode_integers, encode_integers
 from objectfolder.errors import FormatError
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.audio.facing_target import FacingTarget
-from objectfolder.geometry.surface import Surface
+from objectfolder.audio.elements.facing_target import FacingTarget
+from objectfolder.surface.surface import Surface
 
 
 def surface_of(mesh: trimesh.Trimesh) -> Surface:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.audio.lattice_filling import fill_with_lattice
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.audio.tetrahedra import Filling, fill
 from objectfolder.errors import InputError, SimulationError
-from objectfolder.geometry.edges import edge_table
-from objectfolder.geometry.surface import Surface
+from objectfolder.solid.filling import Filling, fill
+from objectfolder.solid.lattice_filling import fill_with_lattice
+from objectfolder.solid.solid import Solid, clean
+from objectfolder.surface.edges import edge_table
+from objectfolder.surface.surface import Surface
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 
@@ -262,7 +262,7 @@ def test_a_lattice_fills_a_ball() -> None:
 
 @pytest.mark.slow
 def test_a_scanned_mug_has_few_elements(shared_objects: Path) -> None:
-    from objectfolder.geometry.load import load_mesh
+    from objectfolder.mesh.readers.load import load_mesh
 
     surface = load_mesh(shared_objects / "025_mug" / "model.obj", with_textures=False).surface
     solid = fill(surface)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from objectfolder.audio.hierarchic import EDGES
-from objectfolder.audio.inner_edges import bend_along
-from objectfolder.audio.solid import boundary_of
-from objectfolder.audio.space import Space
+from objectfolder.audio.elements.hierarchic import EDGES
+from objectfolder.audio.elements.inner_edges import bend_along
+from objectfolder.audio.elements.space import Space
+from objectfolder.solid.solid import boundary_of
 
 
 def _box(cells: tuple[int, int, int], size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -9,10 +9,10 @@ import pytest
 import trimesh
 from structured_solids import box, material
 
-from objectfolder.audio.modes import modes_of_solid, simulate_modes
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Product, read_product, write_product
+from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.solid.solid import Solid, clean
+from objectfolder.surface.surface import Surface
 
 BAR = (0.1, 0.02, 0.01)
 LIMIT_HZ = 25000.0
@@ -212,7 +212,7 @@ def _two_apart() -> tuple[np.ndarray, np.ndarray, dict]:
 @pytest.mark.slow
 def test_a_scanned_mug_rings(shared_objects: Path) -> None:
     from objectfolder.audio.materials import read_materials
-    from objectfolder.geometry.load import load_mesh
+    from objectfolder.mesh.readers.load import load_mesh
 
     steel = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")["steel"]
     mesh = load_mesh(shared_objects / "025_mug" / "model.obj", with_textures=False)

@@ -7,10 +7,10 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.linalg import eigh
 
-from objectfolder.audio.references import axisymmetric
-from objectfolder.audio.references.axisymmetric import Discretisation, body_of_revolution
-from objectfolder.audio.references.bodies import BODIES, constant
-from objectfolder.audio.references.meridian import Meridian, Path, Wall
+from bench.references import axisymmetric
+from bench.references.axisymmetric import Discretisation, body_of_revolution
+from bench.references.bodies import BODIES, constant
+from bench.references.meridian import Meridian, Path, Wall
 
 RADIUS, HEIGHT = 1.0, 1.3
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.references.axisymmetric import Discretisation
+from bench.references.bodies import BODIES
+from bench.references.revolution import surface_of_revolution
 from objectfolder.audio.materials import read_materials
-from objectfolder.audio.references.axisymmetric import Discretisation
-from objectfolder.audio.references.bodies import BODIES
-from objectfolder.audio.references.revolution import surface_of_revolution
 
 MATERIALS = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")
 
@@ -22,7 +22,7 @@ def test_surfaces_are_closed_outward_and_tend_to_the_volume(
     exact = Discretisation.of(meridian, (8, 6)).volume()
     errors = []
     for edge, turn in ((0.006, 0.5), (0.003, 0.25)):
-        monkeypatch.setattr("objectfolder.audio.references.meridian.TURN", turn)
+        monkeypatch.setattr("bench.references.meridian.TURN", turn)
         surface = surface_of_revolution(meridian, edge, segments and int(segments * 0.006 / edge))
         faces = surface.faces
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from objectfolder.audio.references.cuboid import EdgeFunctions, class_stiffness, cuboid, lame_wavenumbers
+from bench.references.cuboid import EdgeFunctions, class_stiffness, cuboid, lame_wavenumbers
 
 
 def test_the_published_cube() -> None:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from objectfolder.audio.references.axisymmetric import body_of_revolution
-from objectfolder.audio.references.meridian import Block, Meridian, half_disc
-from objectfolder.audio.references.sphere import radial_ritz, sphere, torsional_traction
+from bench.references.axisymmetric import body_of_revolution
+from bench.references.meridian import Block, Meridian, half_disc
+from bench.references.sphere import radial_ritz, sphere, torsional_traction
 
 
 def solid_sphere() -> Meridian:

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from objectfolder.audio.rivals.branches import Branches, UnitRange
-from objectfolder.audio.rivals.gains_network import GainsNetwork, fit_gains_network
-from objectfolder.audio.rivals.spectrogram import (
+from bench.rivals.audio.branches import Branches, UnitRange
+from bench.rivals.audio.gains_network import GainsNetwork, fit_gains_network
+from bench.rivals.audio.spectrogram import (
     BINS,
     FRAMES,
     HOP,
@@ -20,14 +20,14 @@ from objectfolder.audio.rivals.spectrogram import (
     inverse_spectrogram,
     spectrogram,
 )
-from objectfolder.audio.rivals.spectrogram_network import (
+from bench.rivals.audio.spectrogram_network import (
     SpectrogramNetwork,
     draw_entries,
     fit_spectrogram_network,
 )
-from objectfolder.audio.rivals.vertex_mean import nearest_vertex_mean
+from bench.rivals.audio.vertex_mean import nearest_vertex_mean
+from bench.rivals.published_perceptron import UNREAD_PARAMETERS, encode, one_thread
 from objectfolder.errors import InputError
-from objectfolder.published_perceptron import UNREAD_PARAMETERS, encode, one_thread
 
 
 def parameters(network: torch.nn.Module) -> int:

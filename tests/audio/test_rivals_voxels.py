@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from structured_solids import material
 
-from objectfolder.audio.rivals.voxel_grid import voxelise
-from objectfolder.audio.rivals.voxels import hexahedron, voxel_modes
+from bench.rivals.audio.voxel_grid import voxelise
+from bench.rivals.audio.voxels import hexahedron, voxel_modes
 from objectfolder.errors import InputError, SimulationError
-from objectfolder.geometry.surface import Surface
+from objectfolder.surface.surface import Surface
 
 CERAMIC = material()
 BOWL_FIRST_HZ = 561.57  # axisymmetric Fourier p-FEM, converged to 4e-6

@@ -10,15 +10,15 @@ import pytest
 import trimesh
 from structured_solids import box, filled_ball, material, moved, together
 
-from objectfolder.audio.elasticity import assemble
+from bench.references.sphere import sphere
+from objectfolder.audio.elements.elasticity import assemble
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes import modes_of_solid, simulate_modes
-from objectfolder.audio.references.sphere import sphere
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.audio.spectrum import solve_spectrum, space_on
-from objectfolder.audio.subspace import weigh
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Product
+from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
+from objectfolder.audio.modes.subspace import weigh
+from objectfolder.products.store import Product
+from objectfolder.solid.solid import Solid, clean
+from objectfolder.surface.surface import Surface
 
 DEFAULT = {"accuracy_cents": 5.0, "highest_order": 4}
 FINEST = {"accuracy_cents": 0.1, "highest_order": 5}

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from structured_solids import ball, box, material, moved, together
 
-from objectfolder.audio.adaptive import what_is_to_come
-from objectfolder.audio.eigen import count_below
-from objectfolder.audio.elasticity import assemble
-from objectfolder.audio.solid import Solid, clean
-from objectfolder.audio.space import Space
-from objectfolder.audio.spectrum import Spectrum, adapt_spectrum, solve_spectrum, space_on
-from objectfolder.audio.subspace import weigh
+from objectfolder.audio.elements.elasticity import assemble
+from objectfolder.audio.elements.space import Space
+from objectfolder.audio.modes.adaptive import what_is_to_come
+from objectfolder.audio.modes.eigen import count_below
+from objectfolder.audio.modes.spectrum import Spectrum, adapt_spectrum, solve_spectrum, space_on
+from objectfolder.audio.modes.subspace import weigh
+from objectfolder.solid.solid import Solid, clean
 
 
 def spectrum(
@@ -169,7 +169,7 @@ def test_modes_that_the_start_has_not_are_found_by_their_count(
     lacking = whole.eta_squared[:-missing], whole.vectors[:, :, :-missing]
     assert len(lacking[0]) > missing + 8
     # Not by a search from scratch.
-    monkeypatch.setattr("objectfolder.audio.spectrum.lowest_elastic", None)
+    monkeypatch.setattr("objectfolder.audio.modes.spectrum.lowest_elastic", None)
     found = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
     np.testing.assert_allclose(found.eta_squared, whole.eta_squared, rtol=1e-5)
     assert found.residuals.max() < 1e-4

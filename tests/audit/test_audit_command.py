@@ -8,7 +8,7 @@ import pytest
 from versions_of_workshop import made_versions
 
 from objectfolder.errors import InputError
-from objectfolder.store import read_product, write_product
+from objectfolder.products.store import read_product, write_product
 from pipeline import cli as command_line
 from pipeline.audit.fidelity import MEASURES, changes, exceeded, thresholds, worst_first
 from pipeline.cli.printing import FAILED, FINE

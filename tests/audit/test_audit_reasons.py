@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from versions_of_workshop import flip, made_versions, only, states
 
-from objectfolder import provenance as provenance_module
-from objectfolder.provenance import fingerprint
-from objectfolder.store import Array, Product, read_product, write_product
+from objectfolder.products import provenance as provenance_module
+from objectfolder.products.provenance import fingerprint
+from objectfolder.products.store import Array, Product, read_product, write_product
 from pipeline.audit import reasons
 from pipeline.audit.fidelity import exceeded
 from pipeline.audit.findings import State, groups

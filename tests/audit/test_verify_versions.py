@@ -9,8 +9,8 @@ import zipfile
 import pytest
 from versions_of_workshop import flip, made_versions
 
-from objectfolder.store import Array, Product, read_product, write_product
-from objectfolder.tensor_file import read_tensor_file, write_tensor_file
+from objectfolder.products.store import Array, Product, read_product, write_product
+from objectfolder.products.tensor_file import read_tensor_file, write_tensor_file
 from pipeline.audit.contents import Contents
 from pipeline.audit.reasons import CORRUPTED
 from pipeline.audit.reasons import MISLABELLED as SAYS_ANOTHER

@@ -25,8 +25,8 @@ FIDELITY_BODY = '''
 
 import numpy as np
 
-from objectfolder.store import read_product
-from objectfolder.tensor_file import TensorFile
+from objectfolder.products.store import read_product
+from objectfolder.products.tensor_file import TensorFile
 
 from .counting import executed, product
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import ObjectRecord
-from objectfolder.geometry.solid_properties import Topology
-from objectfolder.geometry.wall_measures import LEVELS, WallMeasures
+from objectfolder.dataset.catalogue import ObjectRecord
+from objectfolder.mesh.solid_properties import Topology
+from objectfolder.mesh.walls.wall_measures import LEVELS, WallMeasures
 from pipeline.intake.check.entry import Entry
 from pipeline.intake.check.shape import Shape
 

@@ -18,13 +18,13 @@ from hard_meshes import (
 )
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.clean import clean
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.solid_properties import topology_of
-from objectfolder.geometry.texture_lookup import bilinear
-from objectfolder.store import Product
+from objectfolder.mesh.cleaning import clean
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.solid_properties import topology_of
+from objectfolder.products.store import Product
+from objectfolder.surface.texture_lookup import bilinear
 
 Make = Callable[[Path], tuple[Path, Truth]]
 BOX = box_truth(OBJ_SIDES)

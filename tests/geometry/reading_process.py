@@ -73,8 +73,8 @@ def read_in_processes(objects: Sequence[dict[str, str]]) -> list[dict[str, Any]]
 def _main() -> None:
     sys.path.insert(0, str(Path(__file__).parents[2]))
     from objectfolder.errors import FormatError, InputError
-    from objectfolder.geometry.ingest import ingest_object
-    from objectfolder.geometry.source_files import source_files
+    from objectfolder.mesh.ingest import ingest_object
+    from objectfolder.mesh.readers.source_files import source_files
 
     objects = [json.loads(line) for line in sys.stdin]
     if objects and any(one["archive"] for one in objects):

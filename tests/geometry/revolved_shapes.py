@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from objectfolder.geometry.surface import Surface
+from objectfolder.surface.surface import Surface
 
 SECTORS = 64
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.mesh.mesh import TexturedMesh
 
 CUBE_VERTICES = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)], dtype=np.float64

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from small_meshes import CUBE_FACES, CUBE_VERTICES, bare_mesh, canonical_triangles, cube, sphere
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.clean import clean
-from objectfolder.geometry.solid_properties import solid_properties, topology_of
-from objectfolder.geometry.wall_thickness import wall_thickness
+from objectfolder.mesh.cleaning import clean
+from objectfolder.mesh.solid_properties import solid_properties, topology_of
+from objectfolder.mesh.walls.wall_thickness import wall_thickness
 
 
 def hollow_sphere(outer_m: float = 1.0, inner_m: float = 0.8, subdivisions: int = 3):

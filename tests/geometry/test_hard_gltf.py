@@ -26,9 +26,9 @@ from hard_meshes import (
     write_text,
 )
 
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.source_files import source_files
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.readers.source_files import source_files
 
 # glTF
 
@@ -438,7 +438,7 @@ def test_gltf_reads_no_image_elsewhere(subtests, tmp_path):
 
 
 def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("objectfolder.geometry.gltf.MOST_TRIANGLES", 100)
+    monkeypatch.setattr("objectfolder.mesh.readers.gltf.MOST_TRIANGLES", 100)
     writer = GltfWriter()
     mesh = writer.mesh(box_primitive(writer))
     for _ in range(10):
@@ -447,7 +447,7 @@ def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):
 
 
 def test_textures_are_read_once_and_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("objectfolder.geometry.texture_reader.MOST_BYTES", 4 * 32 * 32)
+    monkeypatch.setattr("objectfolder.mesh.readers.texture_reader.MOST_BYTES", 4 * 32 * 32)
     check(*GLTF["GLB"](tmp_path / "one"))
     path = write_obj_box(
         tmp_path / "two", library="newmtl skin\nmap_Kd skin.png\nnewmtl b\nmap_Kd skin.png\n"

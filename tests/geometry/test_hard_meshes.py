@@ -28,10 +28,10 @@ from hard_meshes import (
 )
 from small_meshes import sphere
 
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.solid_properties import solid_properties
-from objectfolder.geometry.source_files import source_files
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.readers.source_files import source_files
+from objectfolder.mesh.solid_properties import solid_properties
 
 # OBJ as text
 

@@ -26,7 +26,7 @@ from hard_meshes import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from objectfolder.geometry.polygons import triangulated
+from objectfolder.mesh.readers.polygons import triangulated
 
 # Polygons
 

@@ -8,10 +8,10 @@ import pytest
 from small_meshes import checker, cube, write_textured_cube
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import read_catalogue
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.length import with_length
-from objectfolder.geometry.vessels import (
+from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.length import with_length
+from objectfolder.mesh.walls.vessels import (
     CERTAIN,
     FILLED_BELOW,
     LIKELY,
@@ -22,8 +22,8 @@ from objectfolder.geometry.vessels import (
     TORN,
     wall_findings,
 )
-from objectfolder.geometry.wall_measures import WallMeasures, measure_walls
-from objectfolder.store import read_product, write_product
+from objectfolder.mesh.walls.wall_measures import WallMeasures, measure_walls
+from objectfolder.products.store import read_product, write_product
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
@@ -69,7 +69,7 @@ def test_what_is_said_of_walls_moves_no_digest_of_shape_or_texture(tmp_path, mon
     said = ingest_object(path, None, None, "cube").attributes
     assert [text.split(":")[0] for text in said["warnings"]] == ["scanned solid (possible)"]
     assert WallMeasures.from_dict(said["walls"]) == measure_walls(cube(0.3).surface)
-    monkeypatch.setattr("objectfolder.geometry.ingest.wall_findings", lambda measures: ())
+    monkeypatch.setattr("objectfolder.mesh.ingest.wall_findings", lambda measures: ())
     silent = ingest_object(path, None, None, "cube").attributes
     assert silent["warnings"] == []
     same = {name: silent["digests"][name] == said["digests"][name] for name in said["digests"]}

@@ -75,7 +75,7 @@ def test_the_process_tells_of_what_goes_wrong(tmp_path, monkeypatch):
     traps = tmp_path / "traps"
     traps.mkdir()
     (traps / "sitecustomize.py").write_text(
-        "import objectfolder.geometry.ingest as ingest\n"
+        "import objectfolder.mesh.ingest as ingest\n"
         "real, calls = ingest.ingest_object, []\n"
         "def trap(*arguments, **options):\n"
         "    calls.append(1)\n"

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_meshes import sphere
 
-from objectfolder.geometry.normal_form import GRID, normal_form
-from objectfolder.geometry.surface import Surface
+from objectfolder.solid.normal_form import GRID, normal_form
+from objectfolder.surface.surface import Surface
 
 VERTICES, FACES = sphere(0.37, 2)
 BUMPY = VERTICES * (1 + 0.1 * np.sin(7 * VERTICES[:, :1]) + np.array([0.0, 0.3, 0.5]))

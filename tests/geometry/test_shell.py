@@ -6,11 +6,11 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES, sphere
 from walled_shapes import spherical_cap
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.edges import edge_table
-from objectfolder.geometry.shell import hollow
-from objectfolder.geometry.signed_distance import surface_at_depth
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.winding_number import enclosed_volume
+from objectfolder.solid.shell import hollow
+from objectfolder.surface.edges import edge_table
+from objectfolder.surface.signed_distance import surface_at_depth
+from objectfolder.surface.surface import Surface
+from objectfolder.surface.winding_number import enclosed_volume
 
 NODES = 50_000
 

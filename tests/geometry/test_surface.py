@@ -6,10 +6,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from objectfolder.geometry.bounding_boxes import BoundingBoxTree, intersect
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.normals import corner_normals
-from objectfolder.geometry.surface import Surface
+from objectfolder.surface.bounding_boxes import BoundingBoxTree, intersect
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.normals import corner_normals
+from objectfolder.surface.surface import Surface
 
 
 def _sphere(radius: float = 0.05, subdivisions: int = 4) -> Surface:

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from objectfolder.errors import FormatError
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface, quantisation_step
+from objectfolder.surface.codec import decode_surface, encode_surface, quantisation_step
+from objectfolder.surface.surface import Surface
 
 
 def _sorted_triangles(surface: Surface) -> np.ndarray:

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from small_meshes import checker, png, write_gltf, write_textured_cube
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.mesh_product import mesh_arrays
-from objectfolder.geometry.texture_lookup import bilinear
-from objectfolder.geometry.textures import opaque, scaled_map, with_alpha
-from objectfolder.store import read_product, write_product
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.mesh_product import mesh_arrays
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.readers.textures import opaque, scaled_map, with_alpha
+from objectfolder.products.store import read_product, write_product
+from objectfolder.surface.texture_lookup import bilinear
 
 ALPHA = np.tile(np.array([0, 64, 128, 255] * 2, dtype=np.uint8), (8, 1))
 SHEER = np.dstack([checker(), ALPHA])

@@ -6,10 +6,10 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES
 from walled_shapes import cap_volume, spherical_cap
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.local_thickness import local_thickness
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.thickening import thicken, unit_offsets
-from objectfolder.geometry.winding_number import enclosed_volume
+from objectfolder.solid.local_thickness import local_thickness
+from objectfolder.solid.thickening import thicken, unit_offsets
+from objectfolder.surface.surface import Surface
+from objectfolder.surface.winding_number import enclosed_volume
 
 
 def test_a_fused_bowl_gets_its_stated_wall() -> None:

@@ -8,11 +8,9 @@ import trimesh
 from revolved_shapes import SECTORS, ball, bottle, can, cup, raised, revolved, with_cavity
 from small_meshes import cube
 
-from objectfolder.geometry.container_shape import container_shape, sections
-from objectfolder.geometry.mass_evidence import shell_of_mass
-from objectfolder.geometry.shell import hollow
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.vessels import (
+from objectfolder.mesh.walls.container_shape import container_shape, sections
+from objectfolder.mesh.walls.mass_evidence import shell_of_mass
+from objectfolder.mesh.walls.vessels import (
     CERTAIN,
     FILLED_BELOW,
     HEAVIER,
@@ -25,9 +23,11 @@ from objectfolder.geometry.vessels import (
     TORN,
     wall_findings,
 )
-from objectfolder.geometry.wall_measures import LEVELS, WallMeasures, measure_walls
-from objectfolder.geometry.walls_of_materials import WALL_LIMITS
-from objectfolder.geometry.winding_number import enclosed_volume
+from objectfolder.mesh.walls.wall_measures import LEVELS, WallMeasures, measure_walls
+from objectfolder.mesh.walls.walls_of_materials import WALL_LIMITS
+from objectfolder.solid.shell import hollow
+from objectfolder.surface.surface import Surface
+from objectfolder.surface.winding_number import enclosed_volume
 
 # A circle of SECTORS chords, against a true circle.
 CHORDS = SECTORS / (2 * np.pi) * np.sin(2 * np.pi / SECTORS)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from small_meshes import CUBE_FACES, CUBE_VERTICES, sphere
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.winding_number import WindingNumber, enclosed_volume, is_closed, solid_angles
+from objectfolder.surface.surface import Surface
+from objectfolder.surface.winding_number import WindingNumber, enclosed_volume, is_closed, solid_angles
 
 
 def exactly(surface: Surface, points: np.ndarray) -> np.ndarray:

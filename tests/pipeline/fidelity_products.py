@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
 from pipeline.dataset.failures import FailedObject
 
 COST_COLUMNS = [

@@ -37,8 +37,8 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.store import Array, Product
-from objectfolder.tensor_file import TensorFile
+from objectfolder.products.store import Array, Product
+from objectfolder.products.tensor_file import TensorFile
 
 LOG = Path(os.environ.get("EXECUTED_LOG") or Path(__file__).parents[1] / "executed.log")
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from fidelity_products import fidelity
 
-from objectfolder.store import Array, Product, write_product
-from objectfolder.tensor_file import TensorFile, write_tensor_file
+from objectfolder.products.store import Array, Product, write_product
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 
 HOSTILE = (
     "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\">'\"&</title></table>"

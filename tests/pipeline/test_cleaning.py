@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from objectfolder.store import Product
+from objectfolder.products.store import Product
 from pipeline.cli import main
 from pipeline.dataset import products
 from pipeline.dataset.stages import OBJECT_FILES, VIEWS

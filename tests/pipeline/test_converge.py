@@ -6,8 +6,8 @@ from contextlib import nullcontext
 import pytest
 from toys import FILES, INGESTED, QUALITY, TUNED, Here
 
-from objectfolder.store import read_attributes
-from objectfolder.tensor_file import read_metadata
+from objectfolder.products.store import read_attributes
+from objectfolder.products.tensor_file import read_metadata
 from pipeline.dataset.products import read_fingerprint
 
 ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objectfolder.store import Product, write_product
+from objectfolder.products.store import Product, write_product
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.dataset.task import Outcome

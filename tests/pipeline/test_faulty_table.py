@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from toys import REPOSITORY, python
 
-from objectfolder.geometry.starter.die import die
-from objectfolder.geometry.starter.write import write_obj
+from objectfolder.mesh.starter.die import die
+from objectfolder.mesh.starter.write import write_obj
 from pipeline.cli import main
 from pipeline.run.run_log import read_failures
 

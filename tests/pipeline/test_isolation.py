@@ -10,7 +10,7 @@ import time
 import psutil
 import pytest
 
-from objectfolder.provenance import code_identity
+from objectfolder.products.provenance import code_identity
 from pipeline.dataset.task import Call, Request
 from pipeline.sandbox import host_memory, scratch
 from pipeline.sandbox.isolation import Child, ChildSettings, Interrupted, ProcessKilled

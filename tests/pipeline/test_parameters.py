@@ -4,8 +4,8 @@ import pytest
 from toys import REPOSITORY
 
 from objectfolder.errors import InputError
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.sensor_file import FOLDER
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import FOLDER
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.selection import select
 

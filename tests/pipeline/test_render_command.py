@@ -12,7 +12,7 @@ from PIL import Image
 import objectfolder
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
-from objectfolder.vision.environment import environment_lights
+from objectfolder.vision.truth.environment import environment_lights
 from pipeline.cli import main
 
 LIT = ["--light", "0", "0", "1", "1", "1", "1"]

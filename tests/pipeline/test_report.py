@@ -14,7 +14,7 @@ import pytest
 from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 
 from objectfolder.errors import InputError
-from objectfolder.store import Product, write_product
+from objectfolder.products.store import Product, write_product
 from pipeline.dataset.measures import HEADLINE, Measure, number_at
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.formats import (

@@ -16,7 +16,7 @@ from fidelity_products import FAILURE, write_costs
 from PIL import Image
 from report_data_sets import HOSTILE, write_object
 
-from objectfolder.store import Product, read_product, write_product
+from objectfolder.products.store import Product, read_product, write_product
 from pipeline.publish.report.writing import write_report
 
 pytest_plugins = ["tests.browser"]

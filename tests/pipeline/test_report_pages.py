@@ -11,7 +11,7 @@ import pytest
 from fidelity_products import FAILURE, fidelity, write_costs
 from report_data_sets import HOSTILE, write_object
 
-from objectfolder.store import Array, Product, read_product, write_product
+from objectfolder.products.store import Array, Product, read_product, write_product
 from pipeline.dataset.failures import FailedObject
 from pipeline.publish.report.object_page import page_name, shown_fingerprint
 from pipeline.publish.report.writing import write_report

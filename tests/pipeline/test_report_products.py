@@ -11,8 +11,8 @@ from report_data_sets import SENSOR, SIDE_M, cube, touched, write_modes, write_o
 
 from objectfolder.errors import FormatError
 from objectfolder.fidelity.images import psnr_db
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Array, Product, read_product, write_product
+from objectfolder.products.store import Array, Product, read_product, write_product
+from objectfolder.surface.surface import Surface
 from pipeline.publish.report.contacts import (
     PIXELS,
     Side,

@@ -14,10 +14,10 @@ from toys import REPOSITORY
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.errors import FormatError
-from objectfolder.provenance import canonical_json
-from objectfolder.store import Array, Product, read_product, write_product
-from objectfolder.tensor_file import TensorFile, read_tensor_file, write_tensor_file
-from objectfolder.touch.sensor import Sensor
+from objectfolder.products.provenance import canonical_json
+from objectfolder.products.store import Array, Product, read_product, write_product
+from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.touch.sensor.sensor import Sensor
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, compare
 from pipeline.dataset.records import row_of
 from pipeline.dataset.stages import STAGES

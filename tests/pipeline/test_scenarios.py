@@ -12,9 +12,9 @@ from PIL import Image
 from workshop import Workshop, works
 from workshop import made as all_made
 
-from objectfolder import provenance
-from objectfolder.geometry.starter.utensils import fork, spatula
-from objectfolder.geometry.starter.write import write_obj
+from objectfolder.mesh.starter.utensils import fork, spatula
+from objectfolder.mesh.starter.write import write_obj
+from objectfolder.products import provenance
 from pipeline.dataset.stages import ENCODED, FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
 
 IDS = ("cup", "dish", "spoon")  # of steel, wood, wood

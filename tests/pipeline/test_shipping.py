@@ -275,7 +275,7 @@ def test_a_failing_task_fails_as_it_does_at_home(toys, store):
 FETCH = """
 import sys
 from pathlib import Path
-from objectfolder.provenance import file_digest
+from objectfolder.products.provenance import file_digest
 from objectfolder.errors import FormatError
 from pipeline.store.input_cache import InputCache
 from pipeline.sandbox.isolation import Child, ChildSettings
@@ -295,7 +295,7 @@ for turn in range(int(sys.argv[5])):
 
 
 def test_workers_of_one_host_share_the_cache_while_some_are_killed(store, cache, tmp_path):
-    from objectfolder.provenance import file_digest
+    from objectfolder.products.provenance import file_digest
 
     large = tmp_path / "large"
     large.write_bytes(os.urandom(3_000_000))
@@ -324,7 +324,7 @@ def test_workers_of_one_host_share_the_cache_while_some_are_killed(store, cache,
 
 def _jobs(toys, stage) -> list[Job]:
     """What a driver would submit for a stage, whatever is there."""
-    from objectfolder.provenance import fingerprint
+    from objectfolder.products.provenance import fingerprint
     from pipeline.dataset.verified import Verified
 
     jobs = []
@@ -347,8 +347,8 @@ def _jobs(toys, stage) -> list[Job]:
 
 def _object_job(root: Path, mesh: Path) -> Job:
     """The first stage of the real pipeline for one mesh."""
-    from objectfolder.geometry.source_files import source_files
-    from objectfolder.provenance import file_digest
+    from objectfolder.mesh.readers.source_files import source_files
+    from objectfolder.products.provenance import file_digest
 
     first, *referred = source_files(mesh)
     inputs = {"mesh": first, **{f"referred_{index}": path for index, path in enumerate(referred)}}

@@ -8,10 +8,10 @@ import yaml
 from toys import REPOSITORY
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import ObjectRecord
-from objectfolder.provenance import fingerprint
-from objectfolder.store import Product, write_product
-from objectfolder.tensor_file import TensorFile, write_tensor_file
+from objectfolder.dataset.catalogue import ObjectRecord
+from objectfolder.products.provenance import fingerprint
+from objectfolder.products.store import Product, write_product
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from pipeline.cli.declare import declared
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import row_of
@@ -41,7 +41,7 @@ def test_all_that_decides_a_product_is_a_dependency_of_its_stage():
     views = declared()["views"]["deps"]
     for path in (
         "pipeline/dataset",
-        "objectfolder/provenance.py",
+        "objectfolder/products/provenance.py",
         "pipeline/tasks/views.py",
         "requirements.lock",
     ):

@@ -24,8 +24,8 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.store import Array, Product
-from objectfolder.tensor_file import TensorFile
+from objectfolder.products.store import Array, Product
+from objectfolder.products.tensor_file import TensorFile
 
 
 def executed(name, request):

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
 
 LOG = Path(__file__).parents[1] / "executed.log"
 
@@ -106,7 +106,7 @@ def run(request):
 
 import numpy as np
 
-from objectfolder.tensor_file import TensorFile
+from objectfolder.products.tensor_file import TensorFile
 
 from .counting import executed
 
@@ -120,7 +120,7 @@ def run(request):
 
 import numpy as np
 
-from objectfolder.tensor_file import TensorFile
+from objectfolder.products.tensor_file import TensorFile
 
 from .counting import executed, product
 

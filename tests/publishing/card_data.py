@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.store import Array, Product, write_product
-from objectfolder.tensor_file import TensorFile, write_tensor_file
+from objectfolder.products.store import Array, Product, write_product
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from pipeline.dataset.records import Records, write_records
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.dataset.task import Failure

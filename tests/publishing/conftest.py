@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes import simulate_modes
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.store import write_product
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.touches import simulate_touches
+from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.products.store import write_product
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.views import simulate_views
+from objectfolder.vision.truth.views import simulate_views
 
 # The servers that tests of the pipeline stand up are modules of its folder.
 sys.path.append(str(Path(__file__).parents[1] / "pipeline"))

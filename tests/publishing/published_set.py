@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.store import Array, Product, write_product
-from objectfolder.tensor_file import TensorFile, write_tensor_file
+from objectfolder.products.store import Array, Product, write_product
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 
 GIT = {f"GIT_{who}_{what}": "t@t" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")}
 IDS = ("cup", "fork", "mug")

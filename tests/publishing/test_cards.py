@@ -11,8 +11,8 @@ import yaml
 from card_data import REPOSITORY, row, write_data_set
 
 from objectfolder.errors import InputError
-from objectfolder.provenance import file_digest
-from objectfolder.splits import OBJECT_SPLITS, object_split
+from objectfolder.products.provenance import file_digest
+from objectfolder.products.splits import OBJECT_SPLITS, object_split
 from pipeline.cli import main
 from pipeline.dataset.failures import write_failures
 from pipeline.dataset.stages import STAGES

@@ -14,8 +14,8 @@ from objectfolder.dataset import ObjectFolderDataset, reading
 from objectfolder.errors import FormatError, InputError
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.fidelity.sound import sound_pairs
-from objectfolder.splits import object_split
-from objectfolder.store import read_product
+from objectfolder.products.splits import object_split
+from objectfolder.products.store import read_product
 from objectfolder.vision.compositing import on_white
 
 SHAPES = {

@@ -12,7 +12,7 @@ import s3_server
 import yaml
 from published_set import IDS, Server, command, publish, serving, write_version
 
-from objectfolder.store import read_product
+from objectfolder.products.store import read_product
 from pipeline.audit import stores
 from pipeline.audit.stores import NotHere, Stores
 from pipeline.cli import main

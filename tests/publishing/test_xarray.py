@@ -5,7 +5,7 @@ import pytest
 
 from objectfolder.dataset import open_xarray
 from objectfolder.errors import FormatError
-from objectfolder.store import Array, Product, read_product, write_product
+from objectfolder.products.store import Array, Product, read_product, write_product
 
 
 @pytest.mark.parametrize("kind", ["views", "modes", "touches"])

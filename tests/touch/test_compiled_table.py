@@ -4,8 +4,8 @@ import pytest
 pytest.importorskip("numba")
 
 from objectfolder.touch.compiled.table_shading import table_lighting
-from objectfolder.touch.sensor_file import read_sensor
-from objectfolder.touch.shading import look_up
+from objectfolder.touch.sensor.sensor_file import read_sensor
+from objectfolder.touch.sensor.shading import look_up
 
 SENSOR = read_sensor("gelsight")
 

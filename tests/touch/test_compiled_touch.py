@@ -14,20 +14,20 @@ from touch_shapes import box, bumpy, joined, mug, sphere, torus
 
 import objectfolder.touch.compiled as package
 from objectfolder.errors import QueryError
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.backends import choose_backend
+from objectfolder.surface.surface import Surface
 from objectfolder.touch.compiled.contact import gel_constants
 from objectfolder.touch.compiled.contact import indentations as compiled_indentations
 from objectfolder.touch.compiled.face_tree import FaceTree
 from objectfolder.touch.compiled.shading import lighting
-from objectfolder.touch.contact import indentations, meets_housing
-from objectfolder.touch.height_field import gap_field
-from objectfolder.touch.image import render_poses
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import press
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.sensor_file import read_sensor
-from objectfolder.touch.shading import cook_torrance
+from objectfolder.touch.contact.gel_contact import indentations, meets_housing
+from objectfolder.touch.contact.height_field import gap_field
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.rendering.backends import choose_backend
+from objectfolder.touch.rendering.image import render_poses
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import read_sensor
+from objectfolder.touch.sensor.shading import cook_torrance
+from objectfolder.touch.truth.press import press
 
 SENSOR = Sensor()
 SHAPES = {
@@ -208,7 +208,7 @@ def test_the_way_can_be_chosen_and_a_wrong_name_is_refused(monkeypatch: pytest.M
     assert choose_backend("reference") == "reference"
     with pytest.raises(QueryError, match="Use 'compiled' or 'reference'"):
         choose_backend("fast")
-    monkeypatch.setattr("objectfolder.touch.backends._compiles", lambda: False)
+    monkeypatch.setattr("objectfolder.touch.rendering.backends._compiles", lambda: False)
     assert choose_backend(None) == "reference"
     with pytest.raises(QueryError, match="needs numba"):
         choose_backend("compiled")

@@ -8,9 +8,9 @@ from touch_shapes import box
 from objectfolder.touch.compiled.contact import gel_constants
 from objectfolder.touch.compiled.contact import indentations as compiled_indentations
 from objectfolder.touch.compiled.face_tree import FaceTree
-from objectfolder.touch.contact import indentations, may_indent, meets_housing
-from objectfolder.touch.gel import gel_surface
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.contact.gel_contact import indentations, may_indent, meets_housing
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
 
 Indentations = Callable[[np.ndarray, Sensor], np.ndarray]
 WAYS: dict[str, Indentations] = {

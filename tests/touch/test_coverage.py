@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.camera import coverage_grid, ray_grid
-from objectfolder.touch.image import render_poses
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.rendering.image import render_poses
+from objectfolder.touch.sensor.camera import coverage_grid, ray_grid
+from objectfolder.touch.sensor.sensor import Sensor
 
 SENSOR = Sensor(image_height=40, image_width=30)
 PITCH = float(2 * np.tan(np.pi / 6) / 40)

@@ -9,18 +9,18 @@ from layer_reference import LayerContact
 from touch_shapes import box, bumpy, mug, psnr_db, sphere
 
 from objectfolder.errors import QueryError
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.camera import no_contact_image, ray_grid, resolve, to_bytes
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.elastic import press_elastic
 from objectfolder.touch.elastic.influence import compliance
 from objectfolder.touch.elastic.membrane import gel_slopes
 from objectfolder.touch.elastic.press import DEFAULT_CELL_M, greatest_depth_m
-from objectfolder.touch.gel import gel_normals, gel_sag, gel_surface
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import press
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.sensor_file import read_sensor
-from objectfolder.touch.shading import shade
+from objectfolder.touch.sensor.camera import no_contact_image, ray_grid, resolve, to_bytes
+from objectfolder.touch.sensor.gel import gel_normals, gel_sag, gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import read_sensor
+from objectfolder.touch.sensor.shading import shade
+from objectfolder.touch.truth.press import press
 
 SENSOR = Sensor()
 BUMPY = FacePatches(bumpy())

@@ -8,11 +8,11 @@ import pytest
 from touch_shapes import box, joined, mug, psnr_db, revolved, sphere
 
 from objectfolder.errors import QueryError
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.camera import no_contact_image
-from objectfolder.touch.image import render_poses
-from objectfolder.touch.press import Touches, press, press_in_chunks
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.rendering.image import render_poses
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import Touches, press, press_in_chunks
 
 SENSOR = Sensor()
 CUBE = Surface(*box((0, 0, 0), (0.06, 0.06, 0.06)))
@@ -22,7 +22,7 @@ CUBE = Surface(*box((0, 0, 0), (0.06, 0.06, 0.06)))
 def backend(request: pytest.FixtureRequest) -> Iterator[str]:
     """Every case by both ways."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("objectfolder.touch.backends._compiles", lambda: request.param == "compiled")
+        patch.setattr("objectfolder.touch.rendering.backends._compiles", lambda: request.param == "compiled")
         yield request.param
 
 

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from touch_shapes import box, bumpy, sphere
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.gel import gel_surface
-from objectfolder.touch.height_field import REACH_M, gap_field, gel_grid
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import press
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.height_field import REACH_M, gap_field, gel_grid
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import press
 
 SENSOR = Sensor()
 SHAPE = (48, 32)

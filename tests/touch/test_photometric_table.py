@@ -5,12 +5,12 @@ from hypothesis import strategies as st
 from touch_shapes import sphere
 
 from objectfolder.errors import FormatError
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.illumination import Illumination, Strip, membrane_normals, photometric_table
-from objectfolder.touch.photometric_table import PhotometricTable, place_terms
-from objectfolder.touch.press import press
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.sensor_file import read_sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.sensor.illumination import Illumination, Strip, membrane_normals, photometric_table
+from objectfolder.touch.sensor.photometric_table import PhotometricTable, place_terms
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import read_sensor
+from objectfolder.touch.truth.press import press
 
 FLAT = Sensor(gel_sagitta_m=0.0, light_positions_m=(), light_colors=())
 

@@ -4,11 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from touch_shapes import box, sphere
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.gel import gel_surface
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.pose import POLE_RAD, contact_frame, contact_normal, first_touch_pose, tilted
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.contact.pose import POLE_RAD, contact_frame, contact_normal, first_touch_pose, tilted
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
 
 COORDINATE = st.floats(-1, 1).filter(lambda value: value == 0 or abs(value) > 1e-150)
 NORMALS = (

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from touch_shapes import box, bumpy, psnr_db, sphere
 
 from objectfolder.errors import QueryError
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.camera import no_contact_image, ray_grid
-from objectfolder.touch.gel import gel_sag, gel_surface
-from objectfolder.touch.image import render_poses
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import Touches, press, press_in_chunks
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.rendering.image import render_poses
+from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
+from objectfolder.touch.sensor.gel import gel_sag, gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import Touches, press, press_in_chunks
 
 SENSOR = Sensor()
 BUMPY = bumpy()
@@ -25,7 +25,7 @@ BUMPY_PATCHES = FacePatches(BUMPY)
 def backend(request: pytest.FixtureRequest) -> Iterator[str]:
     """Every test by both ways."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("objectfolder.touch.backends._compiles", lambda: request.param == "compiled")
+        patch.setattr("objectfolder.touch.rendering.backends._compiles", lambda: request.param == "compiled")
         yield request.param
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from touch_shapes import box, bumpy, psnr_db, torus
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.camera import no_contact_image, ray_grid
-from objectfolder.touch.gel import gel_surface
-from objectfolder.touch.press import press
-from objectfolder.touch.pyrender_reference import render_reference
-from objectfolder.touch.sensor import Sensor
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.rendering.pyrender_reference import render_reference
+from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import press
 
 SENSOR = Sensor()
 SURFACES = {

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import QueryError
-from objectfolder.touch.calibrated import blur_kernel, calibrated, synthetic_background
-from objectfolder.touch.camera import no_contact_image
-from objectfolder.touch.noise import with_noise
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.sensor_file import read_sensor
+from objectfolder.touch.sensor.calibrated import blur_kernel, calibrated, synthetic_background
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.noise import with_noise
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import read_sensor
 
 DIGIT = Sensor()
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import FormatError
-from objectfolder.touch.camera import no_contact_image, ray_grid
-from objectfolder.touch.gel import gel_normals, gel_point_with_slope, gel_surface
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
+from objectfolder.touch.sensor.gel import gel_normals, gel_point_with_slope, gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
 
 
 def test_a_sensor_survives_json() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import InputError
-from objectfolder.touch.camera import no_contact_image
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.sensor_file import FOLDER, make_table, read_sensor, sensor_names
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import FOLDER, make_table, read_sensor, sensor_names
 
 DIGIT = (FOLDER / "digit.yaml").read_text(encoding="utf-8")
 GELSIGHT = (FOLDER / "gelsight.yaml").read_text(encoding="utf-8")

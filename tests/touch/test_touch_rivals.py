@@ -8,20 +8,20 @@ import pytest
 import torch
 from touch_shapes import bumpy, psnr_db
 
-from objectfolder.errors import InputError
-from objectfolder.published_perceptron import OCTAVES, encode
-from objectfolder.store import Product
-from objectfolder.touch.camera import no_contact_image
-from objectfolder.touch.rivals.deformation_network import (
+from bench.rivals.published_perceptron import OCTAVES, encode
+from bench.rivals.touch.deformation_network import (
     DeformationNetwork,
     fit_deformation_network,
     render_deformation,
 )
-from objectfolder.touch.rivals.fitting import RIVALS, fit_touch_rival
-from objectfolder.touch.rivals.image_network import ImageNetwork, fit_image_network
-from objectfolder.touch.rivals.perceptron import Perceptron
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.touches import simulate_touches
+from bench.rivals.touch.fitting import RIVALS, fit_touch_rival
+from bench.rivals.touch.image_network import ImageNetwork, fit_image_network
+from bench.rivals.touch.perceptron import Perceptron
+from objectfolder.errors import InputError
+from objectfolder.products.store import Product
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.record import simulate_touches
 
 SENSOR = Sensor(image_height=32, image_width=24)
 

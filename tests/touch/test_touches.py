@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from touch_shapes import box, bumpy, psnr_db, torus
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.surface_codec import decode_surface, encode_surface
-from objectfolder.store import read_product, write_product
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.touches import simulate_touches
+from objectfolder.products.store import read_product, write_product
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.touch.truth.record import simulate_touches
 
 SENSOR = Sensor()
 
@@ -102,8 +102,8 @@ def test_a_touchnet_answers_held_out_touches_from_the_compressed_surface() -> No
 
 @pytest.mark.parametrize("object_id", ["025_mug", "062_dice"])
 def test_a_real_scan_is_answered_at_42_db_in_the_contact(shared_objects, object_id: str) -> None:
-    from objectfolder.geometry.clean import clean
-    from objectfolder.geometry.load import load_mesh
+    from objectfolder.mesh.cleaning import clean
+    from objectfolder.mesh.readers.load import load_mesh
 
     mesh, _ = clean(load_mesh(shared_objects / object_id / "model.obj", with_textures=False))
     tensors = encode_surface(mesh.surface)

@@ -3,10 +3,10 @@ import pytest
 from touch_shapes import bumpy, psnr_db
 
 from objectfolder.errors import FormatError, QueryError
-from objectfolder.touch.calibrated import calibrated, synthetic_background
-from objectfolder.touch.noise import with_noise
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.sensor_file import read_sensor
+from objectfolder.touch.sensor.calibrated import calibrated, synthetic_background
+from objectfolder.touch.sensor.noise import with_noise
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.touchnet import TouchNet
 
 SURFACE = bumpy(subdivisions=4)

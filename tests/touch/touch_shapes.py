@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from objectfolder.geometry.surface import Surface
+from objectfolder.surface.surface import Surface
 
 QUADS = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
 

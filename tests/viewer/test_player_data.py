@@ -10,7 +10,7 @@ import pytest
 
 import objectfolder
 from objectfolder.errors import FormatError, InputError
-from objectfolder.tensor_file import TensorFile, read_metadata, write_tensor_file
+from objectfolder.products.tensor_file import TensorFile, read_metadata, write_tensor_file
 from objectfolder.vision.export.base_colour import network_colour
 from pipeline.publish.viewer.bake import surface_colours
 from pipeline.publish.viewer.static import (

@@ -3,11 +3,11 @@
 import numpy as np
 from vision_shapes import cube, sphere
 
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.surface import Surface
-from objectfolder.vision.incidence import UnitSurface
-from objectfolder.vision.network_layout import weight_shapes
-from objectfolder.vision.sparse_grid import SparseGrid, covering_points
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.network_layout import weight_shapes
+from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
 
 
 def box(low: tuple[float, ...], high: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -3,12 +3,12 @@
 import numpy as np
 import torch
 
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.surface import Surface
-from objectfolder.vision.reflectance import Reflectance
-from objectfolder.vision.sparse_grid import SparseGrid, covering_points
-from objectfolder.vision.visionnet import VisionNet
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+from objectfolder.vision.network.reflectance import Reflectance
+from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 # Radiance in single precision, of values near 1.
 ROUNDING = 2e-6

@@ -11,9 +11,9 @@ from numba import njit
 from numba.core.caching import CacheImpl
 
 import objectfolder.vision.compiled as package
-from objectfolder.geometry.bounding_boxes import BoundingBoxTree
-from objectfolder.geometry.frames import UnitFrame
 from objectfolder.jit import kernel, relaxed_kernel
+from objectfolder.surface.bounding_boxes import BoundingBoxTree
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples

@@ -10,7 +10,7 @@ from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compiled import CompiledRenderer
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.reference_renderer import ReferenceRenderer
+from objectfolder.vision.rendering.reference_renderer import ReferenceRenderer
 
 WHITE = np.ones((1, 3))
 # Radiance of the two routes at equal rays: single precision sums of 64 terms in another order.

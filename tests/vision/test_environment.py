@@ -9,7 +9,7 @@ from vision_shapes import cube
 
 from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
-from objectfolder.vision.environment import environment_lights, pixel_directions
+from objectfolder.vision.truth.environment import environment_lights, pixel_directions
 
 # The data set's 20 W light.
 POWER_W = 20.0

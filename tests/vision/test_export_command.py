@@ -9,9 +9,9 @@ import trimesh
 from vision_shapes import cube
 
 import objectfolder
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.mesh_product import mesh_arrays
-from objectfolder.store import Array, Product, write_product
+from objectfolder.mesh.mesh_product import mesh_arrays
+from objectfolder.products.store import Array, Product, write_product
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
 from pipeline.cli import main
 

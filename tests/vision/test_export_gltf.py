@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from vision_shapes import cube, sphere
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.surface import Surface
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import srgb_decode, srgb_encode
@@ -24,11 +24,11 @@ from objectfolder.vision.export.base_colour import nearest_texture_colour, netwo
 from objectfolder.vision.export.credit import Credit
 from objectfolder.vision.export.gltf import Part, write_glb
 from objectfolder.vision.export.textured_surface import bake, write_mesh, write_surface
-from objectfolder.vision.incidence import Incidence
-from objectfolder.vision.network_layout import SURROUNDINGS, weight_shapes
-from objectfolder.vision.reflectance import Reflectance, angle_inputs
-from objectfolder.vision.sparse_grid import SparseGrid
-from objectfolder.vision.visionnet import VisionNet
+from objectfolder.vision.network.incidence import Incidence
+from objectfolder.vision.network.network_layout import SURROUNDINGS, weight_shapes
+from objectfolder.vision.network.reflectance import Reflectance, angle_inputs
+from objectfolder.vision.network.sparse_grid import SparseGrid
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 CREDIT = Credit("ball", "A ball", "made by code", "CC-BY-4.0", "the tests")
 MATT = Appearance(roughness=0.7, metallic=0.0)

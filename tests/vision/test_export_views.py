@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from vision_shapes import cube
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, pixel_rays, project, uniform_on_sphere
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.export.colmap import quaternion, world_to_camera

@@ -5,10 +5,10 @@ import pytest
 from small_visionnets import drawn_visionnet
 from vision_shapes import cube, sphere
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.vision.backends import BACKENDS
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, project, uniform_on_sphere
-from objectfolder.vision.visionnet import VisionNet
+from objectfolder.vision.rendering.backends import BACKENDS
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 FIELD_OF_VIEW = 39.6
 

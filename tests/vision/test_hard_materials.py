@@ -11,15 +11,15 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.texture_lookup import bilinear
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
-from objectfolder.vision.cycles_process import render_in_children
-from objectfolder.vision.passes import Passes, cast_passes
-from objectfolder.vision.render_request import LIGHT_POWER_W, Scene, Shots
+from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.passes import Passes, cast_passes
+from objectfolder.vision.truth.render_request import LIGHT_POWER_W, Scene, Shots
 
 pytestmark = pytest.mark.slow
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from vision_shapes import cube, sphere
 
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.vision.incidence import Incidence, UnitSurface
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.vision.network.incidence import Incidence, UnitSurface
 
 
 def seen(mesh, origins, targets, light) -> tuple[Incidence, np.ndarray]:

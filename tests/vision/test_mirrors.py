@@ -7,17 +7,17 @@ from small_visionnets import assert_alike
 from vision_shapes import sphere
 
 from objectfolder.errors import FormatError
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compiled import CompiledRenderer
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.incidence import Incidence, UnitSurface
-from objectfolder.vision.reference_renderer import ReferenceRenderer
-from objectfolder.vision.render_request import LIGHT_POWER_W
-from objectfolder.vision.training import rays_to_meet, shows_itself
-from objectfolder.vision.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.network.incidence import Incidence, UnitSurface
+from objectfolder.vision.rendering.reference_renderer import ReferenceRenderer
+from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+from objectfolder.vision.visionnet.training import rays_to_meet, shows_itself
+from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
 
 WHITE = np.ones((1, 3))
 

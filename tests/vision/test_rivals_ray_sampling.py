@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from objectfolder.vision.rivals.ray_sampling import (
+from bench.rivals.vision.ray_sampling import (
     LEAST_WEIGHT,
     evenly_spaced,
     inverse_cumulative,

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from bench.rivals.vision.scattering_function import ScatteringFunction, networks_of
+from bench.rivals.vision.scattering_network import ScatteringNetwork, encode
+from bench.rivals.vision.scattering_training import TrainingPixels, fit_scattering_function
 from objectfolder.errors import FormatError, InputError, QueryError
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
 from objectfolder.vision.cameras import look_at, pixel_rays, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
-from objectfolder.vision.rivals.scattering_function import ScatteringFunction, networks_of
-from objectfolder.vision.rivals.scattering_network import ScatteringNetwork, encode
-from objectfolder.vision.rivals.scattering_training import TrainingPixels, fit_scattering_function
 
 
 @pytest.fixture(autouse=True)

@@ -4,14 +4,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vision_shapes import cube, sphere
 
+from bench.rivals.vision.textures import TexturedSurface, mean_colour, texture_colours
 from objectfolder.errors import InputError, QueryError
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.mesh import TexturedMesh
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
-from objectfolder.vision.rivals.textures import TexturedSurface, mean_colour, texture_colours
-from objectfolder.vision.views import simulate_views
+from objectfolder.vision.truth.views import simulate_views
 
 POWER_W = 12.0
 

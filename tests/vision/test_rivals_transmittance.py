@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from objectfolder.vision.rivals.transmittance import (
+from bench.rivals.vision.transmittance import (
     log_transmittance,
     transmittance_by_product,
     weights,

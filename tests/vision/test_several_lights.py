@@ -12,12 +12,12 @@ from small_visionnets import assert_alike, drawn_visionnet
 from vision_shapes import cube
 
 from objectfolder.errors import QueryError
-from objectfolder.vision import shading as shading_module
-from objectfolder.vision.backends import BACKENDS
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
-from objectfolder.vision.reflectance import Reflectance, angle_inputs, surrounding_inputs
-from objectfolder.vision.shading import Shading
-from objectfolder.vision.visionnet import VisionNet
+from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, surrounding_inputs
+from objectfolder.vision.rendering import shading as shading_module
+from objectfolder.vision.rendering.backends import BACKENDS
+from objectfolder.vision.rendering.shading import Shading
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 CAMERA = look_at(np.array([[1.5, -1.7, 1.0]]))
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import FormatError
-from objectfolder.vision.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
+from objectfolder.vision.network.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
 
 
 @pytest.fixture

@@ -7,15 +7,15 @@ import pytest
 import torch
 from vision_shapes import sphere
 
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Array, Product
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, srgb_encode
-from objectfolder.vision.incidence import UnitSurface
-from objectfolder.vision.reflectance import Reflectance, highlight
-from objectfolder.vision.render_request import LIGHT_POWER_W
-from objectfolder.vision.training import (
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.reflectance import Reflectance, highlight
+from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+from objectfolder.vision.visionnet.training import (
     LEAST_ALPHA,
     MOST_RAYS,
     display_loss,
@@ -23,7 +23,7 @@ from objectfolder.vision.training import (
     rays_to_average,
     trace_training_rays,
 )
-from objectfolder.vision.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
 
 SIZE, FIELD_OF_VIEW_DEG = 32, 39.6
 TOY = {"steps": 150, "batch_pixels": 256, "grid_resolution": 16, "learning_rate": 2e-2}

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from small_visionnets import assert_alike, drawn_visionnet
 from vision_shapes import cube, sphere
 
-from objectfolder.vision.backends import BACKENDS
 from objectfolder.vision.cameras import look_at, pixel_rays
-from objectfolder.vision.visionnet import VisionNet
+from objectfolder.vision.rendering.backends import BACKENDS
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 LIGHT = np.array([0.36, 0.48, 0.8])
 SIZE = (30, 44)

@@ -7,16 +7,16 @@ import pytest
 from vision_shapes import cube, sphere
 
 from objectfolder.errors import InputError, SimulationError
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.vision import cycles_process
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import srgb_decode
-from objectfolder.vision.cycles import read_exr
-from objectfolder.vision.cycles_process import render_in_children
-from objectfolder.vision.passes import cast_passes
-from objectfolder.vision.render_request import Scene, Shots, load_request, save_request, unit_scene
-from objectfolder.vision.views import exposure, simulate_views
+from objectfolder.vision.truth import cycles_process
+from objectfolder.vision.truth.cycles import read_exr
+from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.passes import cast_passes
+from objectfolder.vision.truth.render_request import Scene, Shots, load_request, save_request, unit_scene
+from objectfolder.vision.truth.views import exposure, simulate_views
 
 LAMBERT = Appearance(roughness=1.0, metallic=0.0, specular=0.0)
 SMALL = {

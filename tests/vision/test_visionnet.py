@@ -5,13 +5,13 @@ import pytest
 from vision_shapes import cube
 
 from objectfolder.errors import FormatError, InputError, QueryError
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.store import Product
+from objectfolder.products.store import Product
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.views import simulate_views
-from objectfolder.vision.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.truth.views import simulate_views
+from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
 
 TINY = {"steps": 300, "batch_pixels": 512, "grid_resolution": 32}
 

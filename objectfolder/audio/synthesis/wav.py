@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import QueryError
+from objectfolder.products.atomic import atomic_write
 
 FLOAT_FORMAT = 3  # WAVE_FORMAT_IEEE_FLOAT
 LARGEST_BYTES = 2**32 - 64

@@ -1,6 +1,7 @@
 """Mean normals, poses of first touch and indentations.
 
-Each as its namesake in `objectfolder.touch.pose` or `objectfolder.touch.contact`, which say what and why.
+Each as its namesake in `objectfolder.touch.contact.pose` or `objectfolder.touch.contact.gel_contact`,
+which say what and why.
 """
 
 # Kernels are compiled for the types they meet.
@@ -9,8 +10,8 @@ Each as its namesake in `objectfolder.touch.pose` or `objectfolder.touch.contact
 import numpy as np
 
 from objectfolder.jit import kernel
-from objectfolder.touch.contact import ON_EDGE
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.contact.gel_contact import ON_EDGE
+from objectfolder.touch.sensor.sensor import Sensor
 
 
 def gel_constants(sensor: Sensor) -> np.ndarray:

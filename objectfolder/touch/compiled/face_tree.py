@@ -1,6 +1,6 @@
 """Which faces are where: closest points, balls and oriented boxes, in a tree of boxes over the faces.
 
-The boxes are those of `objectfolder.geometry.bounding_boxes`, flattened: the children of node i are
+The boxes are those of `objectfolder.surface.bounding_boxes`, flattened: the children of node i are
 2 i + 1 and 2 i + 2. Everything is in double precision, and no face that a query meets is missing.
 """
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.geometry.bounding_boxes import BoundingBoxTree
+from objectfolder.surface.bounding_boxes import BoundingBoxTree
 from objectfolder.touch.compiled.box_queries import enters_box, in_box, near_gel
 from objectfolder.touch.compiled.point_queries import closest, in_balls
 

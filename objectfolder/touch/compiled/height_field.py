@@ -1,4 +1,4 @@
-"""The lowest surface along parallel rays, as `objectfolder.touch.height_field`."""
+"""The lowest surface along parallel rays, as `objectfolder.touch.contact.height_field`."""
 
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"

@@ -1,4 +1,4 @@
-"""A z-buffer over the pixels that the faces near the gel may cover, as `objectfolder.touch.rasterise`."""
+"""A z-buffer over pixels that faces near the gel may cover, as `objectfolder.touch.rendering.rasterise`."""
 
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
@@ -7,7 +7,7 @@ import numpy as np
 
 from objectfolder.jit import kernel, relaxed_kernel
 
-# Columns and rows of rays; as in `objectfolder.touch.rasterise`.
+# Columns and rows of rays; as in `objectfolder.touch.rendering.rasterise`.
 SLACK = 1e-7
 
 

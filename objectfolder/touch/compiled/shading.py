@@ -1,4 +1,4 @@
-"""Cook-Torrance under point lights in vector registers; as `objectfolder.touch.shading`."""
+"""Cook-Torrance under point lights in vector registers; as `objectfolder.touch.sensor.shading`."""
 
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 from objectfolder.jit import relaxed_kernel
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.shading import DIELECTRIC_REFLECTANCE
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.shading import DIELECTRIC_REFLECTANCE
 
 # Points shaded at once: their intermediate values stay in the cache.
 BLOCK = 512
@@ -64,7 +64,7 @@ class Lighting:
 
 @lru_cache(maxsize=8)
 def lighting(sensor: Sensor) -> Lighting:
-    """Return the lighting of a sensor; see `objectfolder.touch.shading.shade` for the model."""
+    """Return the lighting of a sensor; see `objectfolder.touch.sensor.shading.shade` for the model."""
     dielectric = 1 - sensor.metallic
     material = [
         sensor.roughness**4,

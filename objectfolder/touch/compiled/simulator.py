@@ -4,21 +4,21 @@ from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.touch.backends import Near
-from objectfolder.touch.camera import CoverageGrid, coverage_grid, no_contact_image
 from objectfolder.touch.compiled.contact import contact_normals, deepest, first_touch_poses, gel_constants
 from objectfolder.touch.compiled.rasterise import gather_samples, rasterise
 from objectfolder.touch.compiled.resolve import resolve
 from objectfolder.touch.compiled.shading import lighting
 from objectfolder.touch.compiled.table_shading import table_lighting
-from objectfolder.touch.image import DEPTH_STEPS_PER_M
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.pose import OTHER_SIDE_COSINE, POLE_RAD
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.contact.pose import OTHER_SIDE_COSINE, POLE_RAD
+from objectfolder.touch.rendering.backends import Near
+from objectfolder.touch.rendering.image import DEPTH_STEPS_PER_M
+from objectfolder.touch.sensor.camera import CoverageGrid, coverage_grid, no_contact_image
+from objectfolder.touch.sensor.sensor import Sensor
 
 
 class CompiledSimulator:
-    """Compiled counterpart of `objectfolder.touch.reference_simulator.ReferenceSimulator`.
+    """Compiled counterpart of `objectfolder.touch.rendering.reference_simulator.ReferenceSimulator`.
 
     Labels agree with it to 1e-9. Images agree but for rays that pass within rounding of an edge between
     faces, and for a grey level where the mean of a pixel lies within 1e-3 of the middle between two.

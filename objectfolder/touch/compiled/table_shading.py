@@ -1,4 +1,4 @@
-"""A membrane by its photometric table, point by point; as `objectfolder.touch.shading.look_up`."""
+"""A membrane by its photometric table, point by point; as `objectfolder.touch.sensor.shading.look_up`."""
 
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from objectfolder.jit import relaxed_kernel
-from objectfolder.touch.photometric_table import PhotometricTable
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.sensor.photometric_table import PhotometricTable
+from objectfolder.touch.sensor.sensor import Sensor
 
 # Points looked up at once: their angles stay in the cache.
 BLOCK = 512

@@ -6,7 +6,6 @@
 import numpy as np
 
 from objectfolder.jit import kernel
-from objectfolder.touch.camera import RayGrid
 from objectfolder.touch.elastic.membrane import (
     LEAST_APPROACH,
     NEWTON_STEPS,
@@ -15,7 +14,8 @@ from objectfolder.touch.elastic.membrane import (
     Membrane,
     Seen,
 )
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.sensor.camera import RayGrid
+from objectfolder.touch.sensor.sensor import Sensor
 
 
 def trace_membrane(membrane: Membrane, sensor: Sensor, grid: RayGrid) -> Seen:

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from objectfolder.touch.backends import choose_backend
-from objectfolder.touch.camera import RayGrid, resolve, to_bytes
 from objectfolder.touch.elastic.membrane import Membrane, Seen, trace_membrane
-from objectfolder.touch.image import DEPTH_STEPS_PER_M
-from objectfolder.touch.sensor import Sensor
-from objectfolder.touch.shading import shade
+from objectfolder.touch.rendering.backends import choose_backend
+from objectfolder.touch.rendering.image import DEPTH_STEPS_PER_M
+from objectfolder.touch.sensor.camera import RayGrid, resolve, to_bytes
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.shading import shade
 
 
 def membrane_image(
@@ -22,7 +22,7 @@ def membrane_image(
     grid
         The camera's rays, one or more a pixel.
     backend
-        See `objectfolder.touch.backends.choose_backend`.
+        See `objectfolder.touch.rendering.backends.choose_backend`.
 
     Returns
     -------

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.touch.camera import RayGrid
+from objectfolder.touch.contact.height_field import gel_grid
 from objectfolder.touch.elastic.contact_problem import Contact
-from objectfolder.touch.gel import gel_surface
-from objectfolder.touch.height_field import gel_grid
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.sensor.camera import RayGrid
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
 
 # Displacements and slopes below which a ray shows the undeformed gel: less than 0.05 grey levels.
 UNMOVED_M = 1e-7

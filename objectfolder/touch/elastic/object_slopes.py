@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from objectfolder.touch.backends import choose_backend
+from objectfolder.touch.contact.height_field import gel_grid
+from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.elastic.contact_problem import Contact
-from objectfolder.touch.gel import gel_surface
-from objectfolder.touch.height_field import gel_grid
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.rendering.backends import choose_backend
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
 
 # Walls steeper than this keep the slope of the displacement, which cells can show.
 STEEPEST = 2.0
@@ -32,7 +32,7 @@ def object_slopes(
     contact
         Which cells are touched.
     backend
-        See `objectfolder.touch.backends.choose_backend`.
+        See `objectfolder.touch.rendering.backends.choose_backend`.
 
     Returns
     -------

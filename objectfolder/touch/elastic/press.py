@@ -3,18 +3,18 @@
 import numpy as np
 
 from objectfolder.errors import QueryError
-from objectfolder.geometry.surface import Surface
-from objectfolder.touch.backends import make_simulator
-from objectfolder.touch.camera import ray_grid
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.height_field import gap_field
+from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.image import membrane_image
 from objectfolder.touch.elastic.membrane import Membrane
 from objectfolder.touch.elastic.object_slopes import object_slopes
-from objectfolder.touch.height_field import gap_field
-from objectfolder.touch.patch import FacePatches
-from objectfolder.touch.press import TOLERANCE_M, Touches, per_touch, saturation_depth_m
-from objectfolder.touch.sensor import Sensor
+from objectfolder.touch.rendering.backends import make_simulator
+from objectfolder.touch.sensor.camera import ray_grid
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import TOLERANCE_M, Touches, per_touch, saturation_depth_m
 
 # About what a pixel of 120 x 160 shows of a DIGIT's gel.
 DEFAULT_CELL_M = 0.03 / 192
@@ -45,9 +45,9 @@ def press_elastic(
 ) -> Touches:
     """Press the sensor's gel, an elastic layer bonded to its backing, against points of a rigid surface.
 
-    The sensor stands and comes on as under `objectfolder.touch.press.press`. The curved gel is taken as a
-    flat layer whose distance to the object is the difference of their heights, as Hertz did, and friction
-    as none; elasticity is linear. The pressure follows by `solve_contact`, and the image shows the
+    The sensor stands and comes on as under `objectfolder.touch.truth.press.press`. The curved gel is taken
+    as a flat layer whose distance to the object is the difference of their heights, as Hertz did, and
+    friction as none; elasticity is linear. The pressure follows by `solve_contact`, and the image shows the
     deformed gel: it follows the object where they touch, and bends away round it.
 
     Parameters
@@ -62,7 +62,7 @@ def press_elastic(
         About the size of the cells of gel that pressure is constant on. Contacts less than four cells in
         radius are a few per cent off.
     backend
-        See `objectfolder.touch.backends.choose_backend`.
+        See `objectfolder.touch.rendering.backends.choose_backend`.
 
     Returns
     -------

@@ -9,7 +9,7 @@ import numpy as np
 
 from objectfolder.jit import kernel
 from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
-from objectfolder.vision.incidence import SELF_OFFSET, TERMINATOR_COSINE, UnitSurface, mirror_rays
+from objectfolder.vision.network.incidence import SELF_OFFSET, TERMINATOR_COSINE, UnitSurface, mirror_rays
 
 
 @dataclass(frozen=True)

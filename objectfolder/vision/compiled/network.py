@@ -10,9 +10,9 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.jit import relaxed_kernel
-from objectfolder.vision import network_layout
-from objectfolder.vision.network_layout import MIRROR_WIDTH, has_mirrors, weight_shapes
-from objectfolder.vision.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
+from objectfolder.vision.network import network_layout
+from objectfolder.vision.network.network_layout import MIRROR_WIDTH, has_mirrors, weight_shapes
+from objectfolder.vision.network.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
 
 # Points at a time: a block's matrices stay in the first cache. Every block is whole, its last point repeated:
 # the vector loop and the loop over what is left after it would round alike points differently.

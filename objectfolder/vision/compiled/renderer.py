@@ -15,8 +15,8 @@ from objectfolder.vision.compiled.rasteriser import meet_planes
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
 from objectfolder.vision.compiled.visibility import MARGIN, Crop, Projection, View, look
 from objectfolder.vision.compositing import srgb_encode
-from objectfolder.vision.incidence import UnitSurface
-from objectfolder.vision.sparse_grid import SparseGrid
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.sparse_grid import SparseGrid
 
 # Radiance of one unit as it is commonly shown: contrast is judged as the eye would, without asking a scale.
 SHOWN = 0.3

@@ -4,19 +4,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.texture_lookup import bilinear
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.cameras import GOLDEN_RATIO
 from objectfolder.vision.compositing import srgb_encode
-from objectfolder.vision.incidence import Incidence
-from objectfolder.vision.network_layout import has_mirrors
-from objectfolder.vision.sparse_grid import SparseGrid
-from objectfolder.vision.visionnet import PREFIX, VisionNet
+from objectfolder.vision.network.incidence import Incidence
+from objectfolder.vision.network.network_layout import has_mirrors
+from objectfolder.vision.network.sparse_grid import SparseGrid
+from objectfolder.vision.visionnet.visionnet import PREFIX, VisionNet
 
 if TYPE_CHECKING:
-    from objectfolder.vision.reflectance import Reflectance
+    from objectfolder.vision.network.reflectance import Reflectance
 
 # Directions of light over which the reflectance is summed.
 LIGHTS = 24
@@ -112,7 +112,7 @@ def _network_of(network: VisionNet) -> "tuple[SparseGrid, Reflectance]":
     """Return the feature grid of a VisionNet and its network, from the tensors it stores."""
     import torch
 
-    from objectfolder.vision.reflectance import Reflectance
+    from objectfolder.vision.network.reflectance import Reflectance
 
     tensors = {name.removeprefix(PREFIX): value for name, value in network.tensors().items()}
     grid = SparseGrid.from_bytes(tensors.pop("grid"), int(network.metadata()["grid_resolution"]))
@@ -133,7 +133,7 @@ def _reflectance_along_normal(
     """
     import torch
 
-    from objectfolder.vision.reflectance import angle_inputs, surrounding_inputs
+    from objectfolder.vision.network.reflectance import angle_inputs, surrounding_inputs
 
     features = grid.interpolation(position.astype(np.float32))
     aside = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.surface import Surface
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import project
 from objectfolder.vision.export.colmap import (
     SparseModel,

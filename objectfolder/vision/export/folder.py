@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from objectfolder.atomic import PARTIAL
 from objectfolder.errors import InputError
+from objectfolder.products.atomic import PARTIAL
 
 MANIFEST = "export.json"
 

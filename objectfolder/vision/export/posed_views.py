@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.geometry.frames import UnitFrame
-from objectfolder.store import Product
+from objectfolder.products.store import Product
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import focal_length_px
 
 FrameName = Literal["unit", "object"]
@@ -57,7 +57,7 @@ class PosedViews:
 
     @classmethod
     def of_product(cls, views: Product, frame: FrameName = "unit", where: str = "views") -> "PosedViews":
-        """Return the views of a product of `objectfolder.vision.views.simulate_views`.
+        """Return the views of a product of `objectfolder.vision.truth.views.simulate_views`.
 
         Raises
         ------

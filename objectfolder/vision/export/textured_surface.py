@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.surface import Surface
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.atlas import Atlas, pack
 from objectfolder.vision.export.credit import Credit

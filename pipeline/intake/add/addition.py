@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.catalogue import AS_IN_FILE
+from objectfolder.dataset.catalogue import AS_IN_FILE
 from objectfolder.errors import InputError
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.shell import hollow
-from objectfolder.geometry.surface import Surface
-from objectfolder.geometry.thickening import thicken
-from objectfolder.geometry.vessels import WallFinding, wall_findings
-from objectfolder.geometry.wall_measures import WallMeasures, measures_of
-from objectfolder.store import Product
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.walls.vessels import WallFinding, wall_findings
+from objectfolder.mesh.walls.wall_measures import WallMeasures, measures_of
+from objectfolder.products.store import Product
+from objectfolder.solid.shell import hollow
+from objectfolder.solid.thickening import thicken
+from objectfolder.surface.surface import Surface
 from pipeline.intake.add.naming import checked_id, object_id_of, words_of
 from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.atomic import atomic_write
-from objectfolder.catalogue import AS_IN_FILE
-from objectfolder.geometry.mass_evidence import millimetres
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.geometry.vessels import THIN, TORN
-from objectfolder.geometry.wall_measures import FACING_AWAY, LEVELS, WALL_SHARE
-from objectfolder.geometry.walls_of_materials import limits_of
+from objectfolder.dataset.catalogue import AS_IN_FILE
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.walls.mass_evidence import millimetres
+from objectfolder.mesh.walls.vessels import THIN, TORN
+from objectfolder.mesh.walls.wall_measures import FACING_AWAY, LEVELS, WALL_SHARE
+from objectfolder.mesh.walls.walls_of_materials import limits_of
+from objectfolder.products.atomic import atomic_write
 from pipeline.intake.add.addition import Checked
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.texture_lookup import bilinear
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.texture_lookup import bilinear
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.source_files import source_files
-from objectfolder.provenance import file_digest
+from objectfolder.mesh.readers.source_files import source_files
+from objectfolder.products.provenance import file_digest
 from pipeline.intake.add.naming import safe_name
 
 

@@ -7,9 +7,9 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
-from objectfolder.catalogue import COLUMNS
+from objectfolder.dataset.catalogue import COLUMNS
 from objectfolder.errors import InputError
+from objectfolder.products.atomic import atomic_write
 from pipeline.intake import disk
 
 BYTE_ORDER_MARK = "\ufeff"

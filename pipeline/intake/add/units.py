@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from objectfolder.errors import InputError
-from objectfolder.geometry.length import LONGEST_M, SHORTEST_M, UNUSUAL_M
+from objectfolder.mesh.length import LONGEST_M, SHORTEST_M, UNUSUAL_M
 
 UNITS_M = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 PLAUSIBLE_M = (0.01, 2.5)

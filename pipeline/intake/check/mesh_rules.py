@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from objectfolder.geometry.vessels import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
+from objectfolder.mesh.walls.vessels import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding
 from pipeline.intake.check.shape import Shape
 
@@ -138,7 +138,7 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
 
 
 def check_walls(entry: Entry) -> Iterator[Finding]:
-    """Find what `objectfolder.geometry.vessels` finds; masses are left to the rule `mass`."""
+    """Find what `objectfolder.mesh.walls.vessels` finds; masses are left to the rule `mass`."""
     if entry.shape is None or entry.record is None or entry.material is None:
         return
     for one in wall_findings(

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from objectfolder.catalogue import ObjectRecord
-from objectfolder.geometry.clean import clean
-from objectfolder.geometry.length import with_length
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.solid_properties import Topology, solid_properties, topology_of
-from objectfolder.geometry.wall_measures import WallMeasures, measure_walls
-from objectfolder.provenance import file_digest
+from objectfolder.dataset.catalogue import ObjectRecord
+from objectfolder.mesh.cleaning import clean
+from objectfolder.mesh.length import with_length
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
+from objectfolder.mesh.walls.wall_measures import WallMeasures, measure_walls
+from objectfolder.products.provenance import file_digest
 
 
 @dataclass(frozen=True)

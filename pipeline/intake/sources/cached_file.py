@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from objectfolder.atomic import atomic_write
+from objectfolder.products.atomic import atomic_write
 from pipeline.intake.disk import locked, writing
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from objectfolder.atomic import atomic_write
-from objectfolder.provenance import file_digest
+from objectfolder.products.atomic import atomic_write
+from objectfolder.products.provenance import file_digest
 from pipeline.intake.sources.recorded_hashes import Content
 from pipeline.intake.sources.source import SourceObject
 

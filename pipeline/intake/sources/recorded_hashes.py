@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
+from objectfolder.products.atomic import atomic_write
 from pipeline.intake.disk import locked, writing
 
 COLUMNS = ("source_id", "file", "bytes", "sha256")

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.geometry.material_library import read_material_library
-from objectfolder.geometry.obj import material_libraries
+from objectfolder.mesh.readers.material_library import read_material_library
+from objectfolder.mesh.readers.obj import material_libraries
 from pipeline.intake.sources.download import Downloader
 
 LONGEST_NAME_BYTES = 200  # of a file system's 255, which temporary names share

@@ -11,7 +11,7 @@ import jinja2
 import yaml
 
 import objectfolder
-from objectfolder.splits import OBJECT_SPLITS
+from objectfolder.products.splits import OBJECT_SPLITS
 from pipeline.dataset.measures import HEADLINE, number_at
 from pipeline.dataset.stages import STAGES
 from pipeline.publish.cards.licences import Licence

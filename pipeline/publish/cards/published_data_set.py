@@ -13,9 +13,9 @@ from pydantic import ConfigDict, StringConstraints
 from pydantic.dataclasses import dataclass as checked_dataclass
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.provenance import canonical_json, file_digest
-from objectfolder.splits import object_split
-from objectfolder.store import read_attributes
+from objectfolder.products.provenance import canonical_json, file_digest
+from objectfolder.products.splits import object_split
+from objectfolder.products.store import read_attributes
 from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_records

@@ -7,9 +7,9 @@ from typing import Any
 import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import read_attributes, read_product
-from objectfolder.tensor_file import read_metadata
+from objectfolder.products.store import read_attributes, read_product
+from objectfolder.products.tensor_file import read_metadata
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.base_colour import nearest_texture_colour, network_colour
 from objectfolder.vision.export.colmap_views import write_colmap

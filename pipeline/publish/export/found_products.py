@@ -8,13 +8,13 @@ from typing import Any
 
 import objectfolder
 from objectfolder.errors import InputError
-from objectfolder.geometry.clean import clean
-from objectfolder.geometry.load import load_mesh
-from objectfolder.geometry.mesh import TexturedMesh
-from objectfolder.geometry.mesh_product import textured_mesh_of
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import read_attributes, read_product
-from objectfolder.tensor_file import read_metadata
+from objectfolder.mesh.cleaning import clean
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.products.store import read_attributes, read_product
+from objectfolder.products.tensor_file import read_metadata
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.export.credit import Credit
 from objectfolder.vision.export.folder import MANIFEST, write_json
 from pipeline.dataset.records import RECORDS, read_records

@@ -16,9 +16,9 @@ import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.synthesis import ContactBody, write_wav
 from objectfolder.errors import InputError
-from objectfolder.touch.calibrated import synthetic_background
+from objectfolder.touch.sensor.calibrated import synthetic_background
 from objectfolder.vision.cameras import look_at
-from objectfolder.vision.environment import RADIUS, environment_lights
+from objectfolder.vision.truth.environment import RADIUS, environment_lights
 from pipeline.publish.queries.requests import Pressing, Rendering, Striking
 
 LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",

@@ -8,8 +8,8 @@ from typing import Any
 import pandas
 
 from objectfolder.audio.materials import find_material, read_materials
-from objectfolder.audio.modes import simulate_modes
-from objectfolder.geometry.ingest import ingest_object, textured_mesh_of
+from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
 from pipeline.publish.queries.requests import ModesOfMesh
 
 POINTS = 8  # with mode shapes; the command shows none

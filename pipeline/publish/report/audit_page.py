@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.filesize import decimal
 
-from objectfolder.atomic import atomic_write
+from objectfolder.products.atomic import atomic_write
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import Audit, change, cost, counts, groups, names, totals, value
 from pipeline.publish.report.templates import template_environment

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from objectfolder.geometry.surface import Surface
-from objectfolder.store import Product
+from objectfolder.products.store import Product
+from objectfolder.surface.surface import Surface
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import indexed_uri
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError
-from objectfolder.store import read_attributes
+from objectfolder.products.store import read_attributes
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import number_at, smallest_margin_db
 from pipeline.dataset.products import ZARR

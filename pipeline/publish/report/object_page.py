@@ -11,8 +11,8 @@ from typing import Any
 
 import jinja2
 
-from objectfolder.provenance import canonical_json
-from objectfolder.store import Product
+from objectfolder.products.provenance import canonical_json
+from objectfolder.products.store import Product
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, number_at
 from pipeline.dataset.records import SAFE_ID

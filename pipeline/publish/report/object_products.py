@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.provenance import canonical_json, file_digest
-from objectfolder.store import Product, read_product
-from objectfolder.tensor_file import read_metadata, read_tensor_file
+from objectfolder.products.provenance import canonical_json, file_digest
+from objectfolder.products.store import Product, read_product
+from objectfolder.products.tensor_file import read_metadata, read_tensor_file
 from pipeline.dataset.archives import END, check, read_attributes
 from pipeline.dataset.products import ZARR
 from pipeline.dataset.stages import ENCODED, OBJECT_FILES, STAGES

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from objectfolder.fidelity.images import psnr_db
-from objectfolder.store import Product
+from objectfolder.products.store import Product
 from pipeline.dataset.measures import number_at
 from pipeline.publish.report.contacts import Contact, contacts
 from pipeline.publish.report.object_products import ObjectProducts

@@ -6,8 +6,8 @@ Everything is a function of the products and the cost table: no time, host or pa
 from collections.abc import Iterable
 from pathlib import Path
 
-from objectfolder.atomic import PARTIAL, atomic_write
 from objectfolder.errors import ObjectFolderError
+from objectfolder.products.atomic import PARTIAL, atomic_write
 from pipeline.dataset.archives import REMEDY
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stages import OBJECT_FILES

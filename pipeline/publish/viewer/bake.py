@@ -12,9 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.audio.audionet import DETOUR_STEP, AudioNet, control_barycentric, decode_detours, size_of
-from objectfolder.geometry.surface import Surface
+from objectfolder.audio.audionet.audionet import (
+    DETOUR_STEP,
+    AudioNet,
+    control_barycentric,
+    decode_detours,
+    size_of,
+)
 from objectfolder.object_file import ObjectFile
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.export.base_colour import network_colour
 

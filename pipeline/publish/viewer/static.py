@@ -9,10 +9,10 @@ import base64
 import json
 from pathlib import Path
 
-from objectfolder.atomic import atomic_write
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
-from objectfolder.provenance import file_digest
+from objectfolder.products.atomic import atomic_write
+from objectfolder.products.provenance import file_digest
 from pipeline.publish.viewer.bake import FORMAT, bake
 
 PAGE = Path(__file__).parent / "page"

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.store import read_attributes
+from objectfolder.products.store import read_attributes
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.records import read_records
 from pipeline.dataset.stages import MODES, OBJECTS, STAGES

@@ -1,0 +1,127 @@
+"""A covariance on a surface for fields of displacement.
+
+    k(x, y) = matern_7/2(sqrt(|x - y|^2 + w^2 |e(x) - e(y)|^2) / l) (1 + g n(x) . n(y))
+
+of position x, detour coordinates e (see `detours`) and normal n. Detours part what is near in space and far
+apart in the body. The last factor lets the two sides of a wall move by a common part plus a part that turns
+with the normal, as the cross-section of a bent wall does; positions alone would need points closer together
+than the wall is thick.
+
+The normal is the mean of all faces around a vertex, by angle, and linear across each face. It is continuous
+across creases, as the detours are: a point on an edge or a vertex has one answer, whichever of its
+faces it is taken to lie on.
+"""
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.surface.normals import corner_angles
+from objectfolder.surface.surface import Surface
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class KernelParameters:
+    """Parameters of the covariance.
+
+    Parameters
+    ----------
+    length
+        l over the object's longest side.
+    normal_weight
+        g.
+    detour_weight
+        w.
+    ridge
+        Added to the diagonal of the control points' covariance.
+    """
+
+    length: float = 0.15
+    normal_weight: float = 0.02
+    detour_weight: float = 0.0
+    ridge: float = 1e-6
+
+    def __post_init__(self) -> None:
+        """Refuse what is no covariance.
+
+        Raises
+        ------
+        ValueError
+            A length or ridge that is not positive, or a negative weight.
+        """
+        if not (min(self.length, self.ridge) > 0 and min(self.normal_weight, self.detour_weight) >= 0):
+            raise ValueError(f"impossible kernel {asdict(self)}")
+
+
+class SurfaceKernel:
+    """The covariance on one surface.
+
+    Parameters
+    ----------
+    surface
+        Metres.
+    detours
+        (vertices, dimensions) metres.
+    parameters
+        See `KernelParameters`.
+    """
+
+    def __init__(self, surface: Surface, detours: Floats, parameters: KernelParameters) -> None:
+        self.parameters = parameters
+        self._surface = surface
+        self._detours = np.asarray(detours, dtype=np.float64)
+
+    @cached_property
+    def _vertex_features(self) -> Floats:
+        """Scaled position and detour, normal: (vertices, 6 + dimensions)."""
+        size = float(np.ptp(self._surface.bounds, axis=0).max())
+        scale = np.sqrt(7.0) / (self.parameters.length * size)
+        centred = self._surface.vertices - self._surface.bounds.mean(axis=0)
+        return np.concatenate(
+            [
+                vertex_normals(self._surface) * np.sqrt(self.parameters.normal_weight),
+                centred * scale,
+                self._detours * (scale * self.parameters.detour_weight),
+            ],
+            axis=1,
+        )
+
+    def features(self, face: Integers, barycentric: Floats) -> Floats:
+        """Features (n, 6 + dimensions) of points at barycentric coordinates (n, 3) of faces (n,)."""
+        corners = self._surface.faces[face]
+        result = barycentric[:, :1] * self._vertex_features[corners[:, 0]]
+        for corner in (1, 2):
+            result = result + barycentric[:, corner : corner + 1] * self._vertex_features[corners[:, corner]]
+        return result
+
+    @staticmethod
+    def covariance(a: Floats, b: Floats) -> Floats:
+        """Covariance (n, m) of points with features a (n, .) and b (m, .)."""
+        squared = np.zeros((len(a), len(b)))
+        for axis in range(3, a.shape[1]):
+            squared += np.subtract.outer(a[:, axis], b[:, axis]) ** 2
+        cosine = np.zeros_like(squared)
+        for axis in range(3):
+            cosine += np.multiply.outer(a[:, axis], b[:, axis])
+        r = np.sqrt(squared, out=squared)
+        smooth = ((r / 15 + 0.4) * r + 1) * r + 1
+        return np.asarray(smooth * np.exp(-r) * (1 + cosine))
+
+
+def vertex_normals(surface: Surface) -> Floats:
+    """Unit normals (vertices, 3): the mean of all faces at a vertex, by angle; zero where they cancel."""
+    total = np.zeros_like(surface.vertices)
+    angles = corner_angles(surface.vertices, surface.faces)
+    for corner in range(3):
+        weighted = surface.face_normals * angles[:, corner, None]
+        for axis in range(3):
+            total[:, axis] += np.bincount(
+                surface.faces[:, corner], weighted[:, axis], minlength=len(surface.vertices)
+            )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.divide(total, length, out=np.zeros_like(total), where=length > 1e-9)

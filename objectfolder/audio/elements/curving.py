@@ -1,0 +1,277 @@
+"""Boundary elements bent onto the surface they stand for.
+
+Few large elements carry a smooth wall well only when they follow its curvature: edges of the boundary become
+parabolas, by least squares through the nearest points of the target surface that face the same way. Sharp
+edges go to sharp edges. Then vertices and parabolas together are fitted to the target over whole faces: the
+boundary lies on it in the mean, also where it curves within one face, as at a rounded rim. (Cubics follow the
+noise of a scan, which then takes functions of a higher order to ring well: a scanned spoon was estimated four
+times further off.)
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from objectfolder.audio.elements.facing_target import SHARP_TURN, FacingTarget
+from objectfolder.audio.elements.hierarchic import EDGES, differentiate, evaluate, functions, quadrature
+from objectfolder.audio.elements.inner_edges import bend_along
+from objectfolder.audio.elements.space import Space
+from objectfolder.surface.edges import edge_table
+from objectfolder.surface.surface import Surface
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Chosen = NDArray[np.bool_]
+GEOMETRY_ORDER = 2
+# Smallest Jacobian of a bent element over its own mean, and of an element with moved corners over before.
+LEAST_JACOBIAN, LEAST_SHRINKING = 0.1, 0.4
+# A boundary point may move by so much of the length of the shortest edge at it.
+FARTHEST = 0.5
+# Edges are bent and faces fitted with so many points along each side.
+DIVISIONS = 4
+FITS = 3
+# Weight of staying where it is against that of the target.
+STAYING = 0.01
+
+
+def curve(space: Space, faces: Integers, normals: Floats, target: Surface) -> tuple[Space, dict[str, Any]]:
+    """Bend the boundary of straight elements onto a surface.
+
+    Parameters
+    ----------
+    space
+        Of order 2 or more, straight, positions in the unit of `target`.
+    faces
+        (f, 3) boundary triangles as corner numbers, outward.
+    normals
+        (f, 3) their outward unit normals.
+    target
+        Outward faces.
+
+    Returns
+    -------
+    Space, dict
+        The same functions on bent elements, none folded; and what was done: `curved_elements`,
+        `held_straight` (elements bent less than the surface asks because they would fold),
+        `snapped_vertices`.
+
+    Raises
+    ------
+    ValueError
+        When the space is of order 1, which cannot hold the shape.
+    """
+    if space.order < GEOMETRY_ORDER:
+        raise ValueError(f"elements of order {space.order} cannot be bent")
+    boundary = _Boundary(space, faces, normals)
+    facing = FacingTarget(target)
+    geometry, creased = _snap_vertices(space, boundary, facing)
+    geometry, creased_edges = _bend(space, geometry, boundary, facing)
+    free = np.ones(len(geometry), dtype=bool)
+    free[boundary.vertices[creased]] = free[boundary.numbers[creased_edges]] = False
+    geometry, held = _unfold(space, bend_along(space, geometry, boundary.numbers))
+    for _ in range(FITS):
+        free[space.numbers[held, 4:10]] = False
+        geometry = _fit(space, geometry, boundary, facing, free)
+        geometry, more = _unfold(space, bend_along(space, geometry, boundary.numbers))
+        held |= more
+    bent = space.shaped(geometry)
+    moved = geometry[: space.vertex_count] != space.geometry[: space.vertex_count]
+    return bent, {
+        "curved_elements": int(bent.curved.sum()),
+        "held_straight": int(held.sum()),
+        "snapped_vertices": int(np.count_nonzero(moved.any(axis=1))),
+    }
+
+
+class _Boundary:
+    """The outside of a space of straight elements."""
+
+    def __init__(self, space: Space, faces: Integers, normals: Floats) -> None:
+        self.normals = normals
+        self.corners = np.sort(faces, axis=1)
+        table = edge_table(self.corners)
+        self.edges = table.vertices
+        # Sides 01, 12 and 20 of the sorted corners; 20 runs from 0 to 2 there.
+        self.sides = table.of_corner.reshape(-1, 3)
+        self.numbers = _edge_functions(space, self.edges)
+        self.vertices, self.vertex_normals = _mean_normals(faces.reshape(-1), np.repeat(normals, 3, axis=0))
+        _, self.edge_normals = _mean_normals(self.sides.reshape(-1), np.repeat(normals, 3, axis=0))
+        one, other = table.manifold_pairs()
+        turned = np.einsum("ij,ij->i", normals[one // 3], normals[other // 3])
+        self.sharp = np.zeros(len(self.edges), dtype=bool)
+        self.sharp[table.of_corner[one[turned < np.cos(np.radians(SHARP_TURN))]]] = True
+        positions = space.geometry[: space.vertex_count]
+        self.lengths = np.linalg.norm(positions[self.edges[:, 1]] - positions[self.edges[:, 0]], axis=1)
+        self.shortest = np.full(space.vertex_count, np.inf)
+        np.minimum.at(self.shortest, self.edges.ravel(), np.repeat(self.lengths, 2))
+
+
+def _snap_vertices(space: Space, boundary: _Boundary, facing: FacingTarget) -> tuple[Floats, Chosen]:
+    """Geometry with boundary vertices on the surface as far as elements bear; which are at creases."""
+    vertex = boundary.vertices
+    positions = space.geometry[: space.vertex_count]
+    reach = FARTHEST * boundary.shortest[vertex]
+    moved, _, found = facing.places(positions[vertex], boundary.vertex_normals, reach)
+    at_crease, creased = facing.creases(positions[vertex], reach / 2)
+    creased &= np.isin(vertex, boundary.edges[boundary.sharp])
+    moved[creased], found[creased] = at_crease[creased], True
+    wanted = np.zeros_like(positions)
+    wanted[vertex[found]] = moved[found] - positions[vertex[found]]
+    geometry = space.geometry.copy()
+    geometry[: space.vertex_count] += _bearable(positions, space.tetrahedra, wanted)
+    return geometry, creased
+
+
+def _bearable(positions: Floats, tetrahedra: Integers, wanted: Floats) -> Floats:
+    """Movements (v, 3) cut back until no element loses more than it may of its volume."""
+    before = _volumes(positions, tetrahedra)
+    wanted = wanted.copy()
+    for attempt in range(4 + len(positions)):
+        bad = _volumes(positions + wanted, tetrahedra) / before < LEAST_SHRINKING
+        if not bad.any():
+            break
+        wanted[tetrahedra[bad].ravel()] *= 0.5 if attempt < 4 else 0.0
+    return wanted
+
+
+def _bend(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarget) -> tuple[Floats, Chosen]:
+    """Geometry with the edges of the boundary bent, and which follow a crease."""
+    ends = geometry[boundary.edges]
+    along = np.arange(1, 2 * DIVISIONS) / (2 * DIVISIONS)
+    many = len(along)
+    reach = np.repeat(FARTHEST / 2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), many)
+    on_edge = np.stack([1 - along, along, 0 * along, 0 * along], axis=1)
+    points = np.einsum("pk,nkd->npd", on_edge[:, :2], ends)
+    flat = points.reshape(-1, 3)
+    places, _, near = facing.places(flat, np.repeat(boundary.edge_normals, many, axis=0), reach)
+    at_crease, creased = facing.creases(flat, reach / 2)
+    found = near.reshape(-1, many).all(axis=1)
+    use = boundary.sharp & creased.reshape(-1, many).all(axis=1)
+    movement = places.reshape(points.shape) - points
+    movement[use], found[use] = (at_crease.reshape(points.shape) - points)[use], True
+    geometry = geometry.copy()
+    shape = evaluate(on_edge, GEOMETRY_ORDER)[:, 4 + _local_edge(0, 1)]
+    geometry[boundary.numbers[found]] = np.einsum("p,epd->ed", shape / (shape @ shape), movement[found])
+    return geometry, use
+
+
+def _fit(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarget, free: Chosen) -> Floats:
+    """Geometry with boundary vertices and edges moved along their normals, nearest to the target in the mean.
+
+    One step of Gauss and Newton on the squared distances along the target's normals, integrated over the
+    boundary; functions that are not `free` (function,) stay.
+    """
+    points, weights, slopes = _on_face()
+    numbers = np.concatenate([boundary.corners, boundary.numbers[boundary.sides]], axis=1)
+    shape = geometry[numbers]
+    here = np.einsum("pk,fkd->fpd", weights, shape)
+    first, second = (np.einsum("pk,fkd->fpd", slope, shape) for slope in slopes)
+    area = np.cross(first, second)
+    area *= np.sign(np.einsum("fpd,fd->fp", area, boundary.normals))[:, :, None]
+    size = np.linalg.norm(area, axis=2)
+    outward = area / np.maximum(size, 1e-300)[:, :, None]
+    many = len(points)
+    reach = np.repeat(FARTHEST / 2 * boundary.lengths[boundary.sides].min(axis=1), many)
+    places, normals, found = facing.places(here.reshape(-1, 3), outward.reshape(-1, 3), reach)
+    gap = np.einsum("id,id->i", places - here.reshape(-1, 3), normals)
+    found &= np.abs(gap) <= reach
+
+    direction = np.zeros_like(geometry)
+    direction[boundary.vertices] = boundary.vertex_normals
+    direction[boundary.numbers] = boundary.edge_normals
+    effect = np.einsum("pk,fkd,fpd->fpk", weights, direction[numbers], normals.reshape(here.shape))
+    effect *= free[numbers][:, None]
+    columns, unknown = np.unique(numbers, return_inverse=True)
+    unknown = unknown.reshape(numbers.shape)
+    scaled = size.ravel() * found
+    pairs = (np.repeat(np.arange(len(gap)), numbers.shape[1]), np.repeat(unknown, many, axis=0).ravel())
+    matrix = sparse.csr_matrix((effect.ravel(), pairs), shape=(len(gap), len(columns)))
+    weighted = matrix.T @ sparse.diags(scaled)
+    normal = (weighted @ matrix).tocsc()
+    diagonal = normal.diagonal()
+    stay = STAYING * diagonal + np.where(diagonal > 0, 0.0, 1.0)
+    step = np.asarray(spsolve(normal + sparse.diags(stay).tocsc(), weighted @ gap))
+    wanted = np.zeros_like(geometry)
+    wanted[columns] = step[:, None] * direction[columns]
+    count = space.vertex_count
+    geometry = geometry.copy()
+    wanted[:count] = _bearable(geometry[:count], space.tetrahedra, wanted[:count])
+    return geometry + wanted
+
+
+def _on_face() -> tuple[Floats, Floats, tuple[Floats, Floats]]:
+    """Points (p, 3) even over a triangle; values (p, 6) there of corners and sides 01, 12, 02; slopes, twice.
+
+    The slopes are along sides 01 and 02.
+    """
+    upright = [(i, j) for i in range(DIVISIONS) for j in range(DIVISIONS - i)]
+    turned = [(i, j) for i in range(DIVISIONS - 1) for j in range(DIVISIONS - 1 - i)]
+    second = np.array(
+        [(i + 1 / 3, j + 1 / 3) for i, j in upright] + [(i + 2 / 3, j + 2 / 3) for i, j in turned]
+    )
+    second /= DIVISIONS
+    points = np.concatenate([1 - second.sum(axis=1, keepdims=True), second], axis=1)
+    everywhere = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
+    chosen = [0, 1, 2] + [4 + _local_edge(a, b) for a, b in ((0, 1), (1, 2), (0, 2))]
+    values = evaluate(everywhere, GEOMETRY_ORDER)[:, chosen]
+    slope = differentiate(everywhere, GEOMETRY_ORDER)[:, chosen]
+    return points, values, (slope[:, :, 1] - slope[:, :, 0], slope[:, :, 2] - slope[:, :, 0])
+
+
+def _local_edge(a: int, b: int) -> int:
+    """Place of an edge of the reference element among the functions of order 2."""
+    return next(i for i, f in enumerate(functions(2)[4:]) if f.corners == (a, b))
+
+
+def _edge_functions(space: Space, edges: Integers) -> Integers:
+    """Functions of order 2 of edges (e, 2), (e,)."""
+    pairs = [f.corners for f in functions(2)[4:]]
+    keys = np.concatenate(
+        [space.tetrahedra[:, a] * space.vertex_count + space.tetrahedra[:, b] for a, b in pairs]
+    )
+    every, first = np.unique(keys, return_index=True)
+    wanted = np.searchsorted(every, edges[:, 0] * space.vertex_count + edges[:, 1])
+    return np.asarray(space.numbers[:, 4:10].T.ravel()[first[wanted]])
+
+
+def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen]:
+    """Geometry in which no element is folded or nearly so, and which (t,) had to be bent less."""
+    points, _ = quadrature(2 * GEOMETRY_ORDER)
+    corners_too = np.concatenate([points, np.eye(4), (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]]) / 2])
+    derivative = differentiate(corners_too, GEOMETRY_ORDER)
+    reference = derivative[:, :, 1:] - derivative[:, :, :1]
+    count = reference.shape[1]
+    held = np.zeros(len(space.tetrahedra), dtype=bool)
+    geometry = geometry.copy()
+    for step in range(8):
+        bent = np.flatnonzero(np.any(geometry[space.numbers[:, 4:count]] != 0, axis=(1, 2)))
+        bad = []
+        for start in range(0, len(bent), 2000):
+            elements = bent[start : start + 2000]
+            shape = geometry[space.numbers[elements, :count]]
+            jacobian = np.einsum("qik,tid->tqkd", reference, shape, optimize=True)
+            determinant = np.linalg.det(jacobian)
+            straight = np.linalg.det(shape[:, 1:4] - shape[:, :1])
+            bad.append(elements[(determinant / straight[:, None]).min(axis=1) < LEAST_JACOBIAN])
+        folded = np.concatenate([*bad, np.zeros(0, dtype=np.int64)])
+        if len(folded) == 0:
+            break
+        held[folded] = True
+        geometry[np.unique(space.numbers[folded, 4:count])] *= 0.5 if step < 4 else 0.0
+    return geometry, held
+
+
+def _mean_normals(groups: Integers, normals: Floats) -> tuple[Integers, Floats]:
+    """Distinct groups in ascending order and the unit mean of the normals of each."""
+    unique, index = np.unique(groups, return_inverse=True)
+    total = np.stack([np.bincount(index.ravel(), normals[:, axis]) for axis in range(3)], axis=1)
+    return unique, total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+
+
+def _volumes(positions: Floats, tetrahedra: Integers) -> Floats:
+    """Six times the signed volumes (t,)."""
+    corner = positions[tetrahedra]
+    return np.asarray(np.linalg.det(corner[:, 1:] - corner[:, :1]))

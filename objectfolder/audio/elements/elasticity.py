@@ -1,0 +1,224 @@
+"""Isotropic linear elasticity on tetrahedra: mass and stiffness of a free body, in dimensionless form.
+
+With lengths in units of L, speeds in units of the shear speed c_s = sqrt(mu / rho) and density 1, the weak
+form is
+
+    lambda' (div u)(div v) + 2 eps(u) : eps(v)  =  eta^2 u . v,     lambda' = 2 nu / (1 - 2 nu),
+
+so that eta = omega L / c_s: neither the size nor the unit of anything enters the eigenproblem.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from objectfolder.audio.elements.hierarchic import differentiate, evaluate, quadrature, reference_integrals
+from objectfolder.audio.elements.space import Space
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+# Values held at once by the dense part of an assembly, and kept for the next use of the same elements.
+CHUNK_VALUES = 12_000_000
+KEPT_VALUES = 40_000_000
+# Bent elements of order 2 are integrated as those of order 3: their integrand is rational.
+LEAST_QUADRATURE_ORDER = 3
+
+
+def element_integrals(space: Space, elements: Integers) -> tuple[Floats, Floats]:
+    """int d_a N_i d_b N_j, (t, functions, functions, 3, 3), and int N_i N_j, (t, functions, functions).
+
+    Straight elements: exact, by contraction of integrals over the reference element. Curved ones: by
+    quadrature, of the degree that straight ones need for the stiffness (its integrand is rational), and two
+    more for the mass.
+    `elements` must be of one kind.
+
+    Raises
+    ------
+    ValueError
+        An element of no or mixed orientation.
+    """
+    count = space.numbers.shape[1]
+    if not space.curved[elements].any():
+        mass, stiffness = reference_integrals(space.order)
+        corner = space.geometry[space.tetrahedra[elements]]
+        edges = corner[:, 1:] - corner[:, :1]
+        volume = np.abs(np.linalg.det(edges)) / 6
+        rest = np.swapaxes(np.linalg.inv(edges), 1, 2)
+        gradients = np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
+        outer = np.einsum("t,tka,tlb->tklab", volume, gradients, gradients).reshape(len(volume), 16, 9)
+        cross = np.matmul(stiffness.reshape(count * count, 16), outer)
+        return cross.reshape(len(volume), count, count, 3, 3), volume[:, None, None] * mass
+    shape = space.geometry[space.numbers[elements]]
+    points, weight = quadrature(2 * max(space.order, LEAST_QUADRATURE_ORDER) - 1)
+    determinant, jacobian, reference = _map(space.order, points, shape)
+    gradient = np.matmul(reference, np.linalg.inv(jacobian))
+    flat = gradient.reshape(len(elements), len(points), 3 * count)
+    scaled = np.abs(determinant) * weight / 6
+    cross = np.matmul(np.swapaxes(flat * scaled[:, :, None], 1, 2), flat)
+    cross = cross.reshape(len(elements), count, 3, count, 3).transpose(0, 1, 3, 2, 4)
+
+    points, weight = quadrature(2 * space.order + 1)
+    determinant, _, _ = _map(space.order, points, shape)
+    value = evaluate(points, space.order)
+    products = (value[:, :, None] * value[:, None, :]).reshape(len(points), -1)
+    mass = (np.abs(determinant) * weight / 6) @ products
+    return np.ascontiguousarray(cross), mass.reshape(len(elements), count, count)
+
+
+def _map(order: int, points: Floats, shape: Floats) -> tuple[Floats, Floats, Floats]:
+    """Determinants (t, q), Jacobians (t, q, axis, reference axis), and slopes of the functions (q, n, 3).
+
+    Raises
+    ------
+    ValueError
+        When an element is folded.
+    """
+    derivative = differentiate(points, order)
+    reference = derivative[:, :, 1:] - derivative[:, :, :1]
+    rows = reference.transpose(0, 2, 1).reshape(-1, reference.shape[1])
+    jacobian = np.swapaxes(np.matmul(rows, shape).reshape(len(shape), len(points), 3, 3), -1, -2)
+    determinant = np.linalg.det(jacobian)
+    if not np.all(determinant * np.sign(determinant[:, :1]) > 0):
+        raise ValueError("a curved element is folded")
+    return determinant, np.ascontiguousarray(jacobian), reference
+
+
+def element_stiffness(cross: Floats, poisson_ratio: float) -> Floats:
+    """Stiffness blocks (t, functions, functions, 3, 3) from int d_a N_i d_b N_j.
+
+    Raises
+    ------
+    ValueError
+        For a Poisson ratio outside (-1, 0.5), where the isotropic energy is not positive.
+    """
+    if not -1 < poisson_ratio < 0.5:
+        raise ValueError(f"Poisson ratio {poisson_ratio} is outside (-1, 0.5)")
+    lame = 2 * poisson_ratio / (1 - 2 * poisson_ratio)
+    stiffness = lame * cross + np.swapaxes(cross, -1, -2)
+    trace = np.trace(cross, axis1=-2, axis2=-1)
+    for axis in range(3):
+        stiffness[..., axis, axis] += trace
+    return stiffness
+
+
+class ElementMatrices:
+    """Stiffness blocks and masses of the elements of a space, made once as far as memory allows.
+
+    Iteration gives elements (t,), their blocks (t, functions, functions, 3, 3) and masses (t, functions,
+    functions), in groups of one kind.
+    """
+
+    def __init__(self, space: Space, poisson_ratio: float) -> None:
+        self.space, self.poisson_ratio = space, poisson_ratio
+        self._kept: dict[int, tuple[Floats, Floats]] = {}
+        self._room = KEPT_VALUES
+
+    def __iter__(self) -> Iterator[tuple[Integers, Floats, Floats]]:
+        for elements in chunks(self.space):
+            name = int(elements[0])
+            if name in self._kept:
+                blocks, masses = self._kept[name]
+            else:
+                cross, masses = element_integrals(self.space, elements)
+                blocks = element_stiffness(cross, self.poisson_ratio)
+                if blocks.size <= self._room:
+                    self._room -= blocks.size
+                    self._kept[name] = blocks, masses
+            yield elements, blocks, masses
+
+
+def assemble(
+    space: Space,
+    poisson_ratio: float,
+    chosen: NDArray[np.bool_] | None = None,
+    matrices: ElementMatrices | None = None,
+) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """Stiffness (3 n, 3 n), unknown 3 function + axis, and mass of one axis (n, n), float64 CSR.
+
+    The spatial unit of `space.geometry` is L. The mass matrix is consistent, so that a body of density 1
+    weighs its volume. With `chosen` (function,) only those functions, in their order. `matrices` are those of
+    the space, where a caller has them.
+    """
+    if chosen is None:
+        chosen = np.ones(space.size, dtype=bool)
+    size = int(chosen.sum())
+    renumbered = np.where(chosen, np.cumsum(chosen) - 1, -1)[space.numbers]
+    count = renumbered.shape[1]
+    row, column = np.repeat(renumbered, count, axis=1), np.tile(renumbered, (1, count))
+    wanted = (row >= 0) & (column >= 0)
+    key, position = np.unique((row * size + column)[wanted], return_inverse=True)
+    first = np.concatenate([[0], np.cumsum(wanted.sum(axis=1))])
+    indices, indptr = key % size, np.searchsorted(key, np.arange(size + 1) * size)
+    blocks, mass = np.zeros((len(key), 9)), np.zeros(len(key))
+    for elements, every, weights in matrices or ElementMatrices(space, poisson_ratio):
+        inside = wanted[elements].ravel()
+        local = every.reshape(-1, 9)[inside]
+        where = np.concatenate([position[first[e] : first[e + 1]] for e in elements])
+        touched, target = np.unique(where, return_inverse=True)
+        gather = sparse.csr_matrix(
+            (np.ones(len(local)), (target.ravel(), np.arange(len(local)))), shape=(len(touched), len(local))
+        )
+        blocks[touched] += np.asarray(gather @ local)
+        mass[touched] += gather @ weights.ravel()[inside]
+    stiffness: sparse.csr_matrix = sparse.bsr_matrix(
+        (blocks.reshape(-1, 3, 3), indices, indptr), shape=(3 * size, 3 * size)
+    ).tocsr()
+    single = sparse.csr_matrix((mass, indices, indptr), shape=(size, size))
+    return stiffness, single
+
+
+def chunks(space: Space) -> Iterator[Integers]:
+    """Elements in groups of one kind, small enough to be integrated at once."""
+    chunk = max(1, CHUNK_VALUES // (9 * space.numbers.shape[1] ** 2))
+    for kind in (False, True):
+        members = np.flatnonzero(space.curved == kind)
+        for start in range(0, len(members), chunk):
+            yield members[start : start + chunk]
+
+
+def gains_of_more_functions(
+    matrices: ElementMatrices, chosen: NDArray[np.bool_], vectors: Floats, eta_squared: Floats
+) -> Floats:
+    """How much each function left out would lower each eigenvalue, (function, modes), were it alone.
+
+    With r the residual of a mode in the functions left out, and D the blocks of their stiffness on the
+    diagonal, r^T D^-1 r: the hierarchic error indicator (R. E. Bank and A. Weiser, Math. Comp. 44, 1985;
+    for eigenvalues R. E. Bank, L. Grubisic and J. S. Ovall, Appl. Numer. Math. 66, 2013). Zero for the
+    functions chosen.
+
+    Parameters
+    ----------
+    matrices
+        Of a space that holds the functions used and those left out.
+    chosen
+        (function,) functions that `vectors` use.
+    vectors
+        (function, 3, modes), u^T M u = 1 and zero for functions not chosen.
+    """
+    space = matrices.space
+    modes = vectors.shape[2]
+    residual = np.zeros((space.size, 3 * modes))
+    diagonal = np.zeros((space.size, 9))
+    for elements, blocks, weights in matrices:
+        numbers = space.numbers[elements]
+        count = numbers.shape[1]
+        matrix = blocks.transpose(0, 1, 3, 2, 4).reshape(len(elements), 3 * count, 3 * count)
+        local = vectors[numbers]
+        force = np.matmul(matrix, local.reshape(len(elements), 3 * count, modes))
+        inertia = np.matmul(weights, local.reshape(len(elements), count, 3 * modes))
+        inertia = inertia.reshape(len(elements), count, 3, modes) * eta_squared
+        excess = (force.reshape(inertia.shape) - inertia).reshape(-1, 3 * modes)
+        own = blocks[:, np.arange(count), np.arange(count)].reshape(-1, 9)
+        entries = numbers.size
+        gather = sparse.csr_matrix(
+            (np.ones(entries), (numbers.ravel(), np.arange(entries))), shape=(space.size, entries)
+        )
+        residual += np.asarray(gather @ excess)
+        diagonal += np.asarray(gather @ own)
+    left = np.flatnonzero(~chosen)
+    result = np.zeros((space.size, modes))
+    wanted = residual[left].reshape(-1, 3, modes)
+    result[left] = np.sum(wanted * np.linalg.solve(diagonal[left].reshape(-1, 3, 3), wanted), axis=1)
+    return result

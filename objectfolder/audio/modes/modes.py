@@ -1,0 +1,238 @@
+"""The modal sound of an object: from a surface and a material to frequencies, dampings and mode shapes."""
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.materials import Material
+from objectfolder.audio.modes.boundary import Boundary
+from objectfolder.audio.modes.canonical import canonical_rotation
+from objectfolder.audio.modes.spectrum import Spectrum, adapt_spectrum, space_on
+from objectfolder.products.store import Array, Product
+from objectfolder.solid.filling import Filling, fill
+from objectfolder.solid.solid import Solid
+from objectfolder.surface.surface import Surface
+
+Floats = NDArray[np.float64]
+# Points at which repeated modes are told apart.
+CANONICAL_POINTS = 2000
+
+
+def simulate_modes(
+    surface: Surface,
+    material: Material,
+    *,
+    max_frequency_hz: float = 20000.0,
+    max_modes: int = 256,
+    training_points: int,
+    held_out_points: int,
+    seed: int,
+    accuracy_cents: float = 5.0,
+    highest_order: int = 4,
+    max_unknowns: int = 180_000,
+    wall_m: float | None = None,
+    shell_m: float | None = None,
+    filling: Filling | None = None,
+    name: str = "surface",
+    seconds: dict[str, float] | None = None,
+) -> Product:
+    """Fill a surface and solve every elastic mode below a frequency.
+
+    Parameters
+    ----------
+    surface
+        Metres, faces outward; need not be closed.
+    max_frequency_hz
+        Upper end of the band. Where more than `max_modes` modes lie in it, the band ends earlier, in a gap
+        between two modes: attribute `stated_frequency_limit_hz`.
+    training_points, held_out_points
+        Points drawn uniformly by area at which the mode shapes are given.
+    accuracy_cents
+        Wanted largest error of the first 50 frequencies against the exact modes of the elements' shape. The
+        functions of the elements are chosen by it, within orders 2 to `highest_order` (3 to 5) and
+        `max_unknowns`; what was reached is estimated and stored.
+    wall_m, shell_m
+        As for `fill`.
+    filling
+        Resolution of the tetrahedra.
+    seconds
+        Filled with the CPU seconds of each step, child processes included.
+
+    Returns
+    -------
+    Product
+        See `modes_of_solid`.
+
+    Raises
+    ------
+    SimulationError
+        No solid came of the surface, or the modes found fail the count.
+    """
+    started = _cpu_seconds()
+    solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, name=name)
+    if seconds is not None:
+        seconds["fill"] = _cpu_seconds() - started
+    return modes_of_solid(
+        surface,
+        solid,
+        material,
+        max_frequency_hz=max_frequency_hz,
+        max_modes=max_modes,
+        training_points=training_points,
+        held_out_points=held_out_points,
+        seed=seed,
+        accuracy_cents=accuracy_cents,
+        highest_order=highest_order,
+        max_unknowns=max_unknowns,
+        seconds=seconds,
+    )
+
+
+def modes_of_solid(
+    surface: Surface,
+    solid: Solid,
+    material: Material,
+    *,
+    max_frequency_hz: float,
+    max_modes: int,
+    training_points: int,
+    held_out_points: int,
+    seed: int,
+    accuracy_cents: float = 5.0,
+    highest_order: int = 4,
+    max_unknowns: int = 180_000,
+    seconds: dict[str, float] | None = None,
+) -> Product:
+    """Elastic modes of a solid, given at points of a surface; parameters as for `simulate_modes`.
+
+    Returns
+    -------
+    Product
+        Arrays: `eigenvalues` (mode,) lambda = omega^2, rad^2/s^2, ascending; `dampings_per_s` (mode,)
+        c = (alpha + beta lambda) / 2; `frequencies_hz` (mode,) of the damped mode, sqrt(lambda - c^2) / 2 pi,
+        0 where c^2 >= lambda and it does not ring; `residuals` (mode,); `error_estimates_cents` (mode,)
+        estimated error of the frequency, NaN after the first 50; `radiation_weights` (mode,), rms over the
+        surface of the normal component of the mode, kg^-1/2; `points` (point, 3) metres; `mode_shapes`
+        (point, 3, mode) float32, u^T M u = 1, kg^-1/2; `held_out` (point,) bool. Without a mode below the
+        limit all of (mode,) have length 0 and `audible` is false.
+    """
+    length = float(np.ptp(solid.vertices, axis=0).max())
+    radians = material.shear_speed_m_s / length  # omega = eta c_s / L
+    started = _cpu_seconds()
+    space, bent = space_on(solid, highest_order, length, bend=True)
+    bend_s = _cpu_seconds() - started
+    spectrum = adapt_spectrum(
+        space,
+        solid.component,
+        material.poisson_ratio,
+        below=(2 * np.pi * max_frequency_hz / radians) ** 2,
+        accuracy_cents=accuracy_cents,
+        max_modes=max_modes,
+        max_unknowns=max_unknowns,
+        seed=seed,
+    )
+    eigenvalues = spectrum.eta_squared * radians**2
+    dampings = (material.rayleigh_alpha_per_s + material.rayleigh_beta_s * eigenvalues) / 2
+    frequencies = np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * np.pi)
+    volume_m3 = spectrum.volume * length**3
+    scale = 1 / np.sqrt(material.density_kg_m3 * length**3)  # of mass 1 kg rather than rho L^3
+
+    read = _cpu_seconds()
+    train = surface.sample(training_points, seed)
+    test = surface.sample(held_out_points, seed + 1_000_003)
+    points = np.concatenate([train.points, test.points])
+    boundary = Boundary(solid, spectrum.space, length)
+    vectors = _canonical(spectrum, boundary)
+    shapes, distance = boundary.evaluate(vectors, points, solid.report.get("epsilon_m") or 0.0)
+    weights = boundary.normal_rms(vectors) * scale
+    errors = np.full(len(eigenvalues), np.nan)
+    errors[: len(spectrum.error_cents)] = spectrum.error_cents[: len(errors)]
+
+    limit_hz = float(np.sqrt(spectrum.limit) * radians / (2 * np.pi))
+    arrays = {
+        "frequencies_hz": Array(frequencies, ("mode",), "Hz", "damped eigenfrequency, 0 if it does not ring"),
+        "eigenvalues": Array(eigenvalues, ("mode",), "rad2 s-2", "squared angular eigenfrequency"),
+        "dampings_per_s": Array(dampings, ("mode",), "s-1", "decay rate of the amplitude"),
+        "residuals": Array(spectrum.residuals, ("mode",), "1", "|K u - lambda M u| / |lambda M u|"),
+        "error_estimates_cents": Array(errors, ("mode",), "cents", "estimated error of the frequency"),
+        "radiation_weights": Array(
+            weights, ("mode",), "kg-1/2", "rms over the surface of the normal component"
+        ),
+        "points": Array(points, ("point", "axis"), "m", "points of the surface, object frame", False),
+        "mode_shapes": Array(
+            (shapes * scale).astype(np.float32),
+            ("point", "axis", "mode"),
+            "kg-1/2",
+            "mass-normalised mode shape",
+            False,
+        ),
+        "held_out": Array(
+            np.arange(len(points)) >= training_points, ("point",), "1", "point is not for fitting"
+        ),
+    }
+    attributes: dict[str, Any] = {
+        "audible": len(eigenvalues) > 0,
+        "stated_frequency_limit_hz": limit_hz,
+        "max_frequency_hz": float(max_frequency_hz),
+        "overdamped_modes": int(np.count_nonzero(frequencies == 0)),
+        "count_certificate": {**spectrum.certificate, "limit_hz": limit_hz},
+        "accuracy_cents": float(accuracy_cents),
+        "error_estimate_cents": float(spectrum.error_cents.max()) if len(spectrum.error_cents) else None,
+        "geometry_error_estimate_cents": _geometry_error_cents(solid, volume_m3),
+        "rigid_frequency_hz": float(np.sqrt(spectrum.rigid_eta_squared) * radians / (2 * np.pi)),
+        "discretisation": {
+            "highest_order": highest_order,
+            "elements": len(solid.tetrahedra),
+            "unknowns": spectrum.unknowns,
+            "steps": spectrum.steps,
+            **solid.report,
+            **bent,
+            **_volume_error(solid, volume_m3),
+        },
+        "volume_m3": volume_m3,
+        "mass_kg": material.density_kg_m3 * volume_m3,
+        "effective_wall_thickness_m": 2 * volume_m3 / boundary.surface.area,
+        "transfer_distance_max_m": float(distance.max(initial=0.0)),
+        "material": material.name,
+    }
+    if seconds is not None:
+        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read})
+    return Product(arrays, attributes)
+
+
+def _volume_error(solid: Solid, volume_m3: float) -> dict[str, float]:
+    """That of the bent elements, against what the surface encloses; the report's is of straight ones."""
+    straight = solid.report.get("volume_error")
+    if straight is None:
+        return {}
+    return {
+        "volume_error": (1 + straight) * volume_m3 / solid.volume_m3 - 1,
+        "volume_error_of_straight_elements": straight,
+    }
+
+
+def _geometry_error_cents(solid: Solid, volume_m3: float) -> float | None:
+    """What walls thicker or thinner by the error of the volume do to a bending mode; None without a volume.
+
+    A plate's or a shell's bending frequencies are proportional to its thickness. `error_estimates_cents` know
+    nothing of it: they are of the elements, whatever shape these were given.
+    """
+    error = _volume_error(solid, volume_m3).get("volume_error")
+    return None if error is None else abs(float(1200 * np.log2(1 + error)))
+
+
+def _cpu_seconds() -> float:
+    """Of this process and of those it has ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _canonical(spectrum: Spectrum, boundary: Boundary) -> Floats:
+    """Mode shapes (function, 3, modes) in the one basis of each repeated frequency."""
+    if len(spectrum.eta_squared) == 0:
+        return spectrum.vectors
+    samples = boundary.surface.sample(CANONICAL_POINTS, 0)
+    shapes = boundary.at(spectrum.vectors, samples.face, samples.barycentric)
+    return np.asarray(spectrum.vectors @ canonical_rotation(spectrum.eta_squared, shapes, samples.points))

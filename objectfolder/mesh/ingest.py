@@ -1,0 +1,147 @@
+"""An object as a user names it to the cleaned, measured product that every sense starts from.
+
+Nothing here depends on the material: masses are volumes, to be multiplied by a density.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.cleaning import CleaningReport, clean
+from objectfolder.mesh.length import with_length
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.mesh_product import mesh_arrays
+from objectfolder.mesh.mesh_product import textured_mesh_of as textured_mesh_of
+from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
+from objectfolder.mesh.walls.vessels import wall_findings
+from objectfolder.mesh.walls.wall_measures import measure_walls
+from objectfolder.mesh.walls.wall_thickness import wall_thickness
+from objectfolder.products.store import Product
+
+
+def ingest_object(
+    mesh_path: Path,
+    texture_path: Path | None,
+    length_m: float | None,
+    object_id: str,
+    *,
+    with_textures: bool = True,
+) -> Product:
+    """Load, clean, scale and measure one object.
+
+    Parameters
+    ----------
+    mesh_path
+        OBJ, glTF, GLB, PLY or STL.
+    texture_path
+        Base colour image in place of what the mesh names; None follows the mesh.
+    length_m
+        Longest side of the bounding box in metres; None takes the file to be in metres.
+    object_id
+        Names the object in errors.
+    with_textures
+        False leaves colours unread, and files that name textures that are missing usable for sound and touch.
+
+    Returns
+    -------
+    Product
+        `vertices` (vertex, axis) metres, `faces` (face, corner), `texture_coordinates` (face, corner, uv),
+        `face_texture` (face) and `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`,
+        `roughness_0`, `metallic_0`, ... where the source has them; in its attributes the report:
+        cleaning, topology, solid, wall thickness, warnings (of walls: what geometry alone tells), digests of
+        geometry and texture, source files, measures of the walls (see `wall_measures.measures_of`).
+
+    Raises
+    ------
+    InputError
+        Anything that keeps the object from being used, with object or file, finding and remedy.
+    """
+    try:
+        mesh, report = clean(
+            load_mesh(mesh_path, texture_path, with_textures=with_textures), f"{object_id} ({mesh_path})"
+        )
+        mesh, warnings = with_length(mesh, length_m, f"{object_id} ({mesh_path})")
+    except InputError as problem:
+        if problem.where.startswith(f"{object_id} ("):
+            raise
+        raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
+    topology = topology_of(mesh.vertices, mesh.faces)
+    solid = solid_properties(mesh.vertices, mesh.faces)
+    is_solid = topology.watertight and topology.consistent and solid.volume_m3 > 0
+    thickness = wall_thickness(mesh.surface, solid.volume_m3 if is_solid else None)
+    walls = measure_walls(mesh.surface, cavities=report.cavities)
+    doubts = [str(finding) for finding in wall_findings(walls)]
+    attributes: dict[str, Any] = {
+        "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
+        "area_m2": mesh.surface.area,
+        "cleaning": report.to_dict(),
+        "topology": asdict(topology),
+        "solid": {"meaningful": is_solid, **solid.to_dict()},
+        "wall_thickness": thickness.to_dict(),
+        "warnings": warnings + _warnings(report, topology, is_solid) + doubts,
+    }
+    body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
+    source = {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None}
+    attributes |= {
+        "object_id": object_id,
+        "source": source,
+        "walls": walls.to_dict(),
+        "digests": {
+            "body": body,
+            "geometry": _digest(mesh.vertices, mesh.faces),
+            "texture": _digest(
+                mesh.texture_coordinates, mesh.face_texture, *mesh.textures, *_numbered_maps(mesh)
+            ),
+        },
+    }
+    return Product(mesh_arrays(mesh), attributes)
+
+
+def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> list[str]:
+    found = []
+    if not topology.watertight:
+        found.append(
+            f"the surface is not closed ({topology.boundary_edges} boundary and "
+            f"{topology.non_manifold_edges} non-manifold edges): volume, mass and inertia mean nothing"
+        )
+    elif not is_solid:
+        found.append("the surface is closed but bounds no positive volume")
+    pieces = topology.components - report.cavities
+    if pieces > 1:
+        found.append(f"the surface has {pieces} separate pieces")
+    if report.nested_solids:
+        found.append(f"{report.nested_solids} pieces lie inside others and count twice in the volume")
+    if report.unorientable_patches:
+        found.append(f"{report.unorientable_patches} patches have no inside (Moebius strips)")
+    if topology.zero_area_faces:
+        found.append(
+            f"{topology.zero_area_faces} faces have no area; they are kept to keep the surface closed"
+        )
+    return found
+
+
+def _source(path: Path) -> dict[str, str]:
+    return {"file": Path(path).name, "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
+
+
+def _numbered_maps(mesh: TexturedMesh) -> list[np.ndarray]:
+    """Cutoffs and maps, each after a number that says whose it is; none for a mesh without them."""
+    arrays: list[np.ndarray] = []
+    for kind, by_texture in enumerate((mesh.alpha_cutoffs, mesh.roughness_maps, mesh.metallic_maps)):
+        for index, value in by_texture.items():
+            arrays += [np.array([kind, index]), np.asarray(value)]
+    return arrays
+
+
+def _digest(*arrays: np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,205 @@
+"""glTF and GLB: all nodes of a scene as one textured mesh."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.coordinates import refuse_coarse, refuse_unusable, single_precision_step
+from objectfolder.mesh.readers.gltf_accessors import Primitive
+from objectfolder.mesh.readers.gltf_file import KINDS, Json, extensions, read_gltf_file, whole
+from objectfolder.mesh.readers.gltf_materials import PLAIN, Material, read_material
+from objectfolder.mesh.readers.gltf_nodes import placed_meshes
+from objectfolder.mesh.readers.text_files import unreadable
+from objectfolder.mesh.readers.texture_reader import TextureReader
+from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, srgb_encode
+
+MOST_TRIANGLES = 10_000_000
+"""Of all nodes together: few bytes may ask for very many by naming one mesh often."""
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MOST_OUTSIDE = 0.01
+"""How far outside 0..1 coordinates of a texture that does not repeat may lie, by rounding and by padding."""
+
+Value = TypeVar("Value")
+
+
+def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
+    """Read a glTF or GLB file as it is, uncleaned; corners without texture coordinates get NaN.
+
+    All nodes of the scene are joined with their transforms applied (a mirrored node keeps its outside), in
+    the order of the file; the up axis stays y. Colours of vertices are multiplied by the base colour factor
+    and become a texture where there is no other; their alpha is ignored. See `gltf_materials.read_material`.
+
+    Parameters
+    ----------
+    with_textures
+        False leaves materials and textures out (they may then be missing).
+
+    Raises
+    ------
+    InputError
+        Not a file of its kind, no faces, a missing or broken texture, something that would change shape or
+        colours and is not supported: an extension, a pose, a shape key, textures that do not repeat.
+    """
+    file = read_gltf_file(path)
+    reader = TextureReader(str(path))
+    parts: list[TexturedMesh] = []
+    materials: dict[Any, Material] = {}
+    step, triangles = 0.0, 0
+    try:
+        for transform, mesh in placed_meshes(file):
+            for said in mesh["primitives"]:
+                primitive = Primitive(file, said)
+                vertices = _positions(primitive)
+                faces = _faces(primitive, said, len(vertices))
+                if not len(faces):
+                    continue
+                triangles += len(faces)
+                if triangles > MOST_TRIANGLES:
+                    raise InputError(
+                        str(path), f"has more than {MOST_TRIANGLES} triangles in all", "Reduce their number"
+                    )
+                material = PLAIN
+                if with_textures and "material" in said:
+                    index = whole(said["material"])
+                    if index not in materials:
+                        materials[index] = read_material(file, index, reader)
+                    material = materials[index]
+                parts.append(_part(path, primitive, vertices, faces, material, with_textures, transform))
+                if primitive.stored("POSITION").dtype == np.float32:
+                    stretch = float(np.linalg.norm(transform[:3, :3], axis=0).max())
+                    step = max(step, stretch * single_precision_step(vertices))
+    except (
+        ValueError,
+        KeyError,
+        IndexError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        MemoryError,
+    ) as problem:
+        raise unreadable(path, KINDS[path.suffix.lower()], problem) from problem
+    if not parts:
+        raise InputError(str(path), "holds no faces", "Use a glTF file with triangles in its scene")
+    joined = _joined(parts)
+    refuse_unusable(path, joined.vertices)
+    refuse_coarse(path, joined.vertices, step)
+    return joined
+
+
+def _positions(primitive: Primitive) -> np.ndarray:
+    vertices = primitive.values("POSITION")
+    if vertices.shape[1] != 3:
+        raise ValueError("positions of other than three coordinates")
+    return vertices
+
+
+def _faces(primitive: Primitive, said: Json, count: int) -> np.ndarray:
+    """Triangles (F, 3) of a primitive; none for points and lines."""
+    mode = whole(said.get("mode", _TRIANGLES))
+    if mode < _TRIANGLES:
+        return np.zeros((0, 3), dtype=np.int64)
+    corners = primitive.corners(count)
+    if mode == _TRIANGLES or "KHR_draco_mesh_compression" in extensions(said):
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    if mode not in (_STRIP, _FAN):
+        raise ValueError(f"primitives of mode {mode}")
+    first, last = corners[:-2], corners[2:]
+    if mode == _FAN:
+        return np.stack([np.broadcast_to(corners[:1], first.shape), corners[1:-1], last], axis=1)
+    faces = np.stack([first, corners[1:-1], last], axis=1)
+    faces[1::2] = faces[1::2, [1, 0, 2]]
+    return faces
+
+
+def _part(
+    path: Path,
+    primitive: Primitive,
+    local: np.ndarray,
+    faces: np.ndarray,
+    material: Material,
+    with_textures: bool,
+    transform: np.ndarray,
+) -> TexturedMesh:
+    # Written out so that equal positions stay bitwise equal, which a BLAS product does not promise.
+    columns = [local[:, [axis]] * transform[:3, axis] for axis in range(3)]
+    vertices = columns[0] + columns[1] + columns[2] + transform[:3, 3]
+    coordinates = np.full((len(faces), 3, 2), np.nan)
+    name = f"TEXCOORD_{material.placement.coordinate_set}"
+    if name in primitive:
+        stored = primitive.values(name)
+        if stored.shape != (len(local), 2):
+            raise ValueError(f"{name} does not fit the positions")
+        placed = material.placement.applied(stored)
+        coordinates = np.stack([placed[:, 0], 1 - placed[:, 1]], axis=1)[faces]
+        if not material.placement.repeats:
+            _refuse_outside(path, coordinates)
+    elif material.placement.coordinate_set:
+        raise InputError(
+            str(path),
+            f"a texture lies on a second set of texture coordinates ({name}), which is not there",
+            "Export the mesh with all its sets, or bake the texture to the first",
+        )
+    if with_textures and "COLOR_0" in primitive:
+        colours = primitive.values("COLOR_0")[:, :3]
+        if len(colours) != len(local) or colours.shape[1] != 3:
+            raise ValueError("COLOR_0 does not fit the positions")
+        if len(material.texture) == material.texture.shape[1] == 1:
+            linear = np.ones((len(colours), 4))
+            linear[:, :3] = srgb_encode(np.nan_to_num(colours) * material.factor[:3])
+            atlas, coordinates = corner_colour_atlas(linear[faces])
+            material = Material(opaque(atlas), material.factor)
+        elif colours.min() < 254 / 255:
+            raise InputError(
+                str(path),
+                "multiplies a texture by colours of vertices, which is not supported",
+                "Bake the colours into the texture, or export the mesh without them",
+            )
+    if np.linalg.det(transform[:3, :3]) < 0:
+        faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
+    return TexturedMesh(
+        vertices,
+        faces,
+        coordinates,
+        (material.texture,),
+        np.zeros(len(faces), dtype=np.int32),
+        alpha_cutoffs={} if material.alpha_cutoff is None else {0: material.alpha_cutoff},
+        roughness_maps={} if material.roughness is None else {0: material.roughness},
+        metallic_maps={} if material.metallic is None else {0: material.metallic},
+    )
+
+
+def _refuse_outside(path: Path, coordinates: np.ndarray) -> None:
+    outside = (coordinates < -_MOST_OUTSIDE) | (coordinates > 1 + _MOST_OUTSIDE)
+    if outside.any():
+        raise InputError(
+            str(path),
+            f"{np.count_nonzero(outside.any(axis=(1, 2)))} faces show a texture outside of 0..1 where its "
+            "sampler clamps or mirrors, which is not supported",
+            "Set the sampler to repeat, or unwrap within 0..1",
+        )
+
+
+def _joined(meshes: list[TexturedMesh]) -> TexturedMesh:
+    vertex_offsets = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    return TexturedMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + offset for mesh, offset in zip(meshes, vertex_offsets, strict=False)]),
+        np.concatenate([mesh.texture_coordinates for mesh in meshes]),
+        tuple(mesh.textures[0] for mesh in meshes),
+        np.concatenate(
+            [np.full(len(mesh.faces), index, dtype=np.int32) for index, mesh in enumerate(meshes)]
+        ),
+        alpha_cutoffs=_of_each([mesh.alpha_cutoffs for mesh in meshes]),
+        roughness_maps=_of_each([mesh.roughness_maps for mesh in meshes]),
+        metallic_maps=_of_each([mesh.metallic_maps for mesh in meshes]),
+    )
+
+
+def _of_each(parts: list[Mapping[int, Value]]) -> dict[int, Value]:
+    """What the only textures of meshes have, by the number of the mesh."""
+    return {index: part[0] for index, part in enumerate(parts) if 0 in part}

@@ -1,0 +1,204 @@
+"""Materials of a glTF file: base colour, transparency, roughness, metallic, and where their textures lie."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.readers.gltf_file import (
+    GLOSSINESS,
+    TEXTURE_TRANSFORM,
+    WEBP,
+    Gltf,
+    Json,
+    extensions,
+    number,
+    numbers,
+    whole,
+)
+from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
+from objectfolder.mesh.readers.text_files import shortened
+from objectfolder.mesh.readers.texture_reader import TextureReader
+from objectfolder.mesh.readers.textures import opaque, scaled_map, tint, uniform_map, uniform_texture
+
+REPEAT = 10497
+"""The only value of a sampler's `wrapS` and `wrapT` that textures here have."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a texture lies: its set of coordinates, and what becomes of them.
+
+    The coordinates (v down, as in glTF) are scaled, turned by an angle in radians, and shifted. `repeats` is
+    False where the sampler clamps or mirrors outside 0..1.
+    """
+
+    coordinate_set: int = 0
+    shift: tuple[float, float] = (0.0, 0.0)
+    angle: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
+    repeats: bool = True
+
+    def applied(self, coordinates: np.ndarray) -> np.ndarray:
+        """Coordinates (n, 2) in the image, v down.
+
+        The sense of the rotation is that of Blender, Cesium and Khronos' own viewer.
+        """
+        if (self.shift, self.angle, self.scale) == ((0.0, 0.0), 0.0, (1.0, 1.0)):
+            return coordinates
+        u, v = coordinates[:, 0] * self.scale[0], coordinates[:, 1] * self.scale[1]
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        turned = [u * cosine + v * sine + self.shift[0], v * cosine - u * sine + self.shift[1]]
+        return np.stack(turned, axis=1)
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a primitive looks like.
+
+    Parameters
+    ----------
+    texture
+        Base colour (h, w, 4).
+    factor
+        Scene-linear RGBA (4,) that vertex colours are multiplied by; the texture already is.
+    alpha_cutoff
+        The alpha from which the surface is there; None blends.
+    roughness, metallic
+        Maps (h, w), where the file has them.
+    placement
+        Of all its textures.
+    """
+
+    texture: np.ndarray
+    factor: np.ndarray
+    alpha_cutoff: float | None = None
+    roughness: np.ndarray | None = None
+    metallic: np.ndarray | None = None
+    placement: Placement = Placement()
+
+
+PLAIN = Material(uniform_texture(DEFAULT_COLOUR), np.ones(4))
+"""Of primitives without a material."""
+
+
+def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
+    """Read a material by its index.
+
+    Texture and factor of the base colour are multiplied. Alpha counts as `alphaMode` says (OPAQUE ignores it,
+    MASK cuts at `alphaCutoff`, BLEND blends). Roughness is the green, metallic the blue channel of
+    `metallicRoughnessTexture`, each times its factor; a factor that is written counts without a texture, and
+    where neither is, the object's material has its say rather than glTF's default, a rough metal. Of
+    KHR_materials_pbrSpecularGlossiness the diffuse colour is the base colour and what is not glossy is rough.
+
+    Raises
+    ------
+    InputError
+        A texture that is missing, broken, or on other coordinates than the base colour.
+    ValueError, KeyError, TypeError
+        The material is not as glTF has it.
+    """
+    material = file.entry("materials", index)
+    name = shortened(str(material.get("name", index)))
+    glossy = extensions(material).get(GLOSSINESS)
+    parts = material.get("pbrMetallicRoughness", {}) if glossy is None else glossy
+    keys = _GLOSSY_KEYS if glossy is not None else _METALLIC_KEYS
+    base, placement = _image(file, parts, keys.base, name, reader)
+    layers, layers_placement = _image(file, parts, keys.layers, name, reader)
+    if base is not None and layers is not None and placement != layers_placement:
+        raise InputError(
+            str(file.path),
+            f"{keys.layers} of material {name} lies otherwise than {keys.base}: on a second set of texture "
+            "coordinates, or shifted",
+            "Bake both to one set",
+        )
+    factor = np.array(numbers(parts.get(keys.factor, [1, 1, 1, 1]), 4, 0, 1))
+    texture = tint(uniform_texture(np.ones(4)) if base is None else base, factor)
+    mode = material.get("alphaMode", "OPAQUE")
+    cutoff = number(material.get("alphaCutoff", 0.5))
+    least = int(texture[..., 3].min()) / 255
+    if mode == "OPAQUE" or (mode == "MASK" and least >= cutoff):
+        texture = opaque(texture)
+    if glossy is not None:
+        roughness, metallic = _roughness_of_glossiness(layers, glossy.get("glossinessFactor")), None
+    else:
+        roughness = _map(layers, 1, parts.get("roughnessFactor"))
+        metallic = _map(layers, 2, parts.get("metallicFactor"))
+    for image in (texture, roughness, metallic):
+        if image is not None:
+            reader.count(image)
+    return Material(
+        texture,
+        factor,
+        cutoff if mode == "MASK" and least < cutoff else None,
+        roughness,
+        metallic,
+        layers_placement if base is None else placement,
+    )
+
+
+@dataclass(frozen=True)
+class _Keys:
+    base: str
+    factor: str
+    layers: str
+
+
+_METALLIC_KEYS = _Keys("baseColorTexture", "baseColorFactor", "metallicRoughnessTexture")
+_GLOSSY_KEYS = _Keys("diffuseTexture", "diffuseFactor", "specularGlossinessTexture")
+
+
+def _map(layers: np.ndarray | None, channel: int, factor: Any) -> np.ndarray | None:
+    if layers is not None:
+        return scaled_map(layers[..., channel], 1.0 if factor is None else number(factor, 0, 1))
+    return None if factor is None else uniform_map(number(factor, 0, 1))
+
+
+def _roughness_of_glossiness(layers: np.ndarray | None, factor: Any) -> np.ndarray | None:
+    """Roughness is one less glossiness, which is in the alpha channel."""
+    glossiness = _map(layers, 3, factor)
+    return None if glossiness is None else np.ascontiguousarray(255 - glossiness)
+
+
+def _image(
+    file: Gltf, parts: Json, key: str, name: str, reader: TextureReader
+) -> tuple[np.ndarray | None, Placement]:
+    """RGBA of one of a material's textures and where it lies; None where it has none."""
+    if key not in parts:
+        return None, Placement()
+    said = parts[key]
+    texture = file.entry("textures", said["index"])
+    described = extensions(texture)
+    source = described[WEBP]["source"] if WEBP in described else texture.get("source")
+    if source is None:
+        raise file.unsupported(*(described or ["of no name"]))
+    image = file.entry("images", source)
+    where = f"{file.path}, image {source}"
+    if "bufferView" in image:
+        rgba = reader.data(("image", source), bytes(file.view(image["bufferView"])), where)
+    else:
+        data = file.named(image["uri"])
+        if data is None:
+            kind = {"baseColorTexture": "base colour texture"}.get(key, key)
+            raise InputError(
+                str(file.path),
+                f"its {kind} {shortened(str(image['uri']))} of material {name} is missing in its folder",
+                "Put it where the file says, or name a texture for the object",
+            )
+        rgba = reader.data(("image", source), data, where)
+    sampler = file.entry("samplers", texture["sampler"]) if "sampler" in texture else {}
+    repeats = {sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT)} == {REPEAT}
+    return rgba, _placement(said, repeats)
+
+
+def _placement(said: Json, repeats: bool) -> Placement:
+    moved = extensions(said).get(TEXTURE_TRANSFORM, {})
+    shift, scale = numbers(moved.get("offset", [0, 0]), 2), numbers(moved.get("scale", [1, 1]), 2)
+    return Placement(
+        whole(moved.get("texCoord", said.get("texCoord", 0))),
+        (shift[0], shift[1]),
+        number(moved.get("rotation", 0.0)),
+        (scale[0], scale[1]),
+        repeats,
+    )

@@ -1,0 +1,127 @@
+"""A mesh file of any supported kind to a textured mesh, uncleaned."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.gltf import read_gltf
+from objectfolder.mesh.readers.named_files import is_file
+from objectfolder.mesh.readers.obj import read_obj
+from objectfolder.mesh.readers.ply import read_ply
+from objectfolder.mesh.readers.stl import read_stl
+from objectfolder.mesh.readers.textures import opaque, read_texture
+
+Kept = TypeVar("Kept")
+
+_READERS = {".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply, ".stl": read_stl}
+
+MESH_SUFFIXES = tuple(_READERS)
+
+
+def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = True) -> TexturedMesh:
+    """Read OBJ, glTF, GLB, PLY or STL with its base colour textures and maps of reflectance.
+
+    Alpha is 255 but where the source asks for transparency: by glTF's `alphaMode`, or by `d` or `map_d` of a
+    material library. Equal textures with equal maps are kept once.
+
+    Parameters
+    ----------
+    path
+        The mesh; the suffix names the format.
+    texture
+        Replaces every texture, map and colour the mesh file names. Its alpha is ignored.
+    with_textures
+        False reads the shape alone, which is all that sound and touch need.
+
+    Returns
+    -------
+    TexturedMesh
+        Vertices and faces as in the file, in its own units and axes.
+
+    Raises
+    ------
+    InputError
+        Missing, unsupported, unreadable or empty file; coordinates that are not finite; a texture that is
+        missing or has no texture coordinates to go with it.
+    """
+    path = Path(path)
+    if not is_file(path):
+        raise InputError(str(path), "the mesh file does not exist", "Correct the path or add the file")
+    suffix = path.suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        known = ", ".join(MESH_SUFFIXES)
+        raise InputError(
+            str(path), f"{suffix or 'no suffix'!r} is not a known mesh format", f"Use one of {known}"
+        )
+    named_texture = read_texture(Path(texture)) if texture is not None and with_textures else None
+    follow_materials = with_textures and named_texture is None
+    try:
+        mesh = _READERS[suffix](path, with_textures=follow_materials)
+    except MemoryError as problem:
+        raise InputError(
+            str(path), "does not fit the memory", "Reduce its number of triangles or texels"
+        ) from problem
+    if named_texture is not None:
+        mesh = replace(
+            mesh,
+            textures=(opaque(named_texture),),
+            face_texture=np.zeros(len(mesh.faces), dtype=np.int32),
+            alpha_cutoffs={},
+            roughness_maps={},
+            metallic_maps={},
+        )
+    return _with_coordinates(path, _with_distinct_textures(mesh))
+
+
+def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:
+    """Textures with what goes with them, each kept once, in order of first use."""
+    distinct: dict[tuple[Any, ...], int] = {}
+    kept: list[int] = []
+    index_of = np.zeros(len(mesh.textures), dtype=np.int32)
+    for index, texture in enumerate(mesh.textures):
+        maps = (mesh.roughness_maps.get(index), mesh.metallic_maps.get(index))
+        key = (_content(texture), *map(_content, maps), mesh.alpha_cutoffs.get(index))
+        if key not in distinct:
+            distinct[key] = len(kept)
+            kept.append(index)
+        index_of[index] = distinct[key]
+
+    def renumbered(by_texture: Mapping[int, Kept]) -> dict[int, Kept]:
+        return {new: by_texture[old] for new, old in enumerate(kept) if old in by_texture}
+
+    return replace(
+        mesh,
+        textures=tuple(mesh.textures[index] for index in kept),
+        face_texture=index_of[mesh.face_texture],
+        alpha_cutoffs=renumbered(mesh.alpha_cutoffs),
+        roughness_maps=renumbered(mesh.roughness_maps),
+        metallic_maps=renumbered(mesh.metallic_maps),
+    )
+
+
+def _content(image: np.ndarray | None) -> bytes | None:
+    return None if image is None else hashlib.sha256(f"{image.shape}".encode() + image.tobytes()).digest()
+
+
+def _with_coordinates(path: Path, mesh: TexturedMesh) -> TexturedMesh:
+    """Texture coordinates without NaN: zero where the texture is one texel, refused where it is not."""
+    missing = ~np.isfinite(mesh.texture_coordinates).all(axis=(1, 2))
+    uniform = np.array([texture.shape[:2] == (1, 1) for texture in mesh.textures])
+    for image_of in (mesh.roughness_maps, mesh.metallic_maps):
+        for index, image in image_of.items():
+            uniform[index] &= image.shape == (1, 1)
+    bare = int(np.count_nonzero(missing & ~uniform[mesh.face_texture]))
+    if bare:
+        raise InputError(
+            str(path),
+            f"{bare} of {len(mesh.faces)} faces have a texture but no texture coordinates",
+            "Unwrap the mesh, or leave the texture out to use its base colour",
+        )
+    coordinates = np.where(missing[:, None, None], 0.0, mesh.texture_coordinates)
+    return replace(mesh, texture_coordinates=coordinates)

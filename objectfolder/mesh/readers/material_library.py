@@ -1,0 +1,229 @@
+"""Wavefront material libraries (.mtl): base colour, transparency, roughness and metallic of each material.
+
+Read are `Kd`, `d`, `Pr`, `Pm` and their maps. Left aside are `Ns`, an exponent of another reflection model
+that exporters fill with defaults; `Tr`, which some write as transparency and others as opacity; and `illum`.
+The alpha channel of `map_Kd` means nothing by itself: textures of scans carry one that says nothing of
+transparency.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.readers.named_files import find_file, lies_within
+from objectfolder.mesh.readers.text_files import brief, read_text, shortened, without_comment
+
+MOST_LIBRARIES = 100
+"""Named by one mesh: real ones name a few."""
+
+DEFAULT_COLOUR = np.array([0.8, 0.8, 0.8])
+"""sRGB-encoded base colour of a mesh that names none."""
+
+_OPTION_VALUES = {
+    "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2,
+    "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
+}  # fmt: skip
+
+
+_CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
+_SCALARS = {"d": "opacity", "pr": "roughness", "pm": "metallic"}
+
+
+@dataclass(frozen=True)
+class ScalarMap:
+    """An image of one quantity.
+
+    Parameters
+    ----------
+    file
+        The image.
+    channel
+        Of red, green, blue, alpha the one to take; None takes red (the value of a grey image), and for
+        opacity alpha where it has one.
+    """
+
+    file: Path
+    channel: int | None = None
+
+
+@dataclass
+class ObjMaterial:
+    """A material as written.
+
+    Parameters
+    ----------
+    colour
+        Base colour (3,), sRGB-encoded 0..1.
+    texture
+        File of the base colour texture, which replaces `colour`.
+    opacity, roughness, metallic
+        Values in 0..1; None where not written.
+    opacity_map, roughness_map, metallic_map
+        Images. The opacity map is multiplied by the opacity, the others replace the value.
+    """
+
+    colour: np.ndarray = field(default_factory=DEFAULT_COLOUR.copy)
+    texture: Path | None = None
+    opacity: float | None = None
+    roughness: float | None = None
+    metallic: float | None = None
+    opacity_map: ScalarMap | None = None
+    roughness_map: ScalarMap | None = None
+    metallic_map: ScalarMap | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """Every image the material names."""
+        maps = (self.opacity_map, self.roughness_map, self.metallic_map)
+        textures = [] if self.texture is None else [self.texture]
+        return textures + [scalar.file for scalar in maps if scalar is not None]
+
+
+def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
+    """Read the materials of one `mtllib` statement of `mesh` (a file name, or several).
+
+    Files are looked for in the folder of the mesh and the one around it, nowhere else.
+
+    Raises
+    ------
+    InputError
+        The library or a texture it names is not there, a texture is scaled or shifted, a value is no number
+        in 0..1, or a material is wholly transparent.
+    """
+    materials: dict[str, ObjMaterial] = {}
+    for path in library_files(mesh, library):
+        current = ObjMaterial()
+        for number, line in enumerate(read_text(path).split("\n"), start=1):
+            keyword, *values = line.split("#", 1)[0].split() or [""]
+            names_a_file = len(line.split()) > 1
+            where = f"{path} line {number}"
+            if keyword.lower() == "newmtl":
+                current = materials.setdefault(" ".join(line.split()[1:]), ObjMaterial())
+            elif keyword.lower() == "kd":
+                current.colour = _colour(values, where)
+            elif keyword.lower() == "map_kd" and names_a_file:
+                current.texture = _texture_file(mesh, path, line, where)
+            elif keyword.lower() in _SCALARS:
+                setattr(current, _SCALARS[keyword.lower()], _fraction(keyword, values, where))
+            elif keyword.lower().removeprefix("map_") in _SCALARS and names_a_file:
+                name = _SCALARS[keyword.lower().removeprefix("map_")]
+                setattr(
+                    current,
+                    f"{name}_map",
+                    ScalarMap(_texture_file(mesh, path, line, where), _channel(values)),
+                )
+    for name, material in list(materials.items()):
+        materials.setdefault(without_comment(name), material)
+    return materials
+
+
+def _fraction(keyword: str, values: list[str], where: str) -> float:
+    """The number of a `d`, `Pr` or `Pm` line; `-halo` before it is passed over."""
+    try:
+        value = float(values[-1])
+    except (ValueError, IndexError):
+        value = -1.0
+    if not 0.0 <= value <= 1.0:
+        raise InputError(where, f"{keyword} {shortened(' '.join(values))} is no number in 0..1", "Write one")
+    if keyword.lower() == "d" and value == 0.0:
+        raise InputError(
+            where, "d 0 makes the material wholly transparent", "Write d 1, or leave its faces out"
+        )
+    return value
+
+
+def _channel(values: list[str]) -> int | None:
+    """The channel that `-imfchan` names."""
+    options = [option.lower() for option in values]
+    if "-imfchan" not in options[:-1]:
+        return None
+    return _CHANNELS.get(options[options.index("-imfchan") + 1])
+
+
+def library_files(mesh: Path, library: str) -> list[Path]:
+    """Find the files of an `mtllib` statement, whose name may hold spaces or which may list several."""
+    listed = list(dict.fromkeys(without_comment(library).split()))[:MOST_LIBRARIES]
+    for names in ([library], [without_comment(library)], listed):
+        paths = [find_file(mesh.parent, [name], within=_outermost(mesh)) for name in names]
+        found = [path for path in paths if path is not None]
+        if found and len(found) == len(paths):
+            return found
+    raise InputError(
+        str(mesh),
+        f"names the material library {shortened(library)}, which is not there",
+        "Add it beside the mesh, or name a texture for the object, or remove the mtllib line",
+    )
+
+
+def _outermost(mesh: Path) -> Path:
+    """Folder outside of which nothing that a mesh names is read: scans come with folders side by side."""
+    return mesh.parent / ".."
+
+
+def _colour(values: list[str], where: str) -> np.ndarray:
+    try:
+        numbers = np.array([float(value) for value in values[:3]])
+    except ValueError:
+        numbers = np.array([])
+    if len(numbers) == 1:
+        numbers = np.repeat(numbers, 3)
+    if len(numbers) != 3 or not np.isfinite(numbers).all():
+        raise InputError(
+            where, f"Kd {shortened(' '.join(values))} is not a colour", "Write three numbers in 0..1"
+        )
+    return np.clip(numbers, 0, 1)
+
+
+def _file_name(line: str, where: str) -> str:
+    """The file name of a `map_Kd` line, which may hold spaces and follows the options."""
+    rest = line.split(maxsplit=1)[1].strip()
+    while rest.startswith("-"):
+        option, *values = rest.split()
+        count = _OPTION_VALUES.get(option.lower())
+        if count is None:
+            break
+        numbers = [
+            value for value in values[:count] if option.lower() not in ("-o", "-s", "-t") or _is_number(value)
+        ]
+        moved = {"-o": 0.0, "-s": 1.0, "-t": 0.0}.get(option.lower())
+        if moved is not None and any(float(value) != moved for value in numbers):
+            raise InputError(
+                where,
+                f"the texture option {option} {brief(' '.join(numbers))} is not supported",
+                "Apply the scale or offset to the texture coordinates",
+            )
+        after = rest.split(maxsplit=1 + len(numbers))[1 + len(numbers) :]
+        if not after:
+            raise InputError(where, "names no texture after its options", "Write the name of an image")
+        rest = after[0].strip()
+    return rest
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
+    """Where the texture is: as written, beside the library, or in the folders scans come with."""
+    written = _file_name(line.strip(), where)
+    names = []
+    for name in dict.fromkeys([written, without_comment(written)]):
+        base = PureWindowsPath(name).name
+        # The last is where Google Scanned Objects have it as Fuel serves them.
+        names += [name, base, f"textures/{base}", f"../materials/textures/{base}"]
+    found = find_file(library.parent, names, within=_outermost(mesh))
+    if found is not None:
+        return found
+    outside = not lies_within(library.parent / PureWindowsPath(written).as_posix(), _outermost(mesh))
+    raise InputError(
+        where,
+        f"names the texture {shortened(written)}, which "
+        + ("lies outside of the folders of the object" if outside else "is not there"),
+        "Add it beside the material library, or name a texture for the object",
+    )

@@ -1,0 +1,272 @@
+"""Wavefront OBJ with its material library.
+
+Read here and not with trimesh, which splits or merges vertices to give each one texture coordinate, resolves
+negative indices from the end of the file, and passes over a missing texture in silence.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.coordinates import refuse_unusable
+from objectfolder.mesh.readers.material_library import (
+    MOST_LIBRARIES,
+    ObjMaterial,
+    ScalarMap,
+    read_material_library,
+)
+from objectfolder.mesh.readers.polygons import triangulated
+from objectfolder.mesh.readers.text_files import brief, read_text, shortened, without_comment
+from objectfolder.mesh.readers.texture_reader import TextureReader
+from objectfolder.mesh.readers.textures import (
+    corner_colour_atlas,
+    opaque,
+    scaled_map,
+    uniform_map,
+    uniform_texture,
+    with_alpha,
+)
+
+
+@dataclass
+class _Statements:
+    """What the lines of an OBJ file say."""
+
+    vertices: list[list[float]] = field(default_factory=list)
+    texture_vertices: list[list[float]] = field(default_factory=list)
+    polygons: list[list[int]] = field(default_factory=list)
+    polygon_texture_vertices: list[list[int]] = field(default_factory=list)
+    polygon_materials: list[str] = field(default_factory=list)
+    libraries: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Triangles:
+    """Vertex and texture vertex of each corner, (F, 3) each, and the polygon each triangle is of, (F,)."""
+
+    faces: np.ndarray
+    texture_vertices: np.ndarray
+    polygon: np.ndarray
+
+
+def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
+    """Read an OBJ file as it is, uncleaned; corners without texture coordinates get NaN.
+
+    Polygons are cut into triangles (see `polygons.triangulated`). `Kd` is taken as sRGB-encoded and only
+    where there is no `map_Kd`; objects and groups are joined. A surface is transparent only where the
+    material library says so by `d` below 1 or `map_d`. Colours of vertices are sRGB-encoded too, in 0..1 or
+    0..255.
+
+    Parameters
+    ----------
+    with_textures
+        False leaves material library and textures unread (they may then be missing).
+
+    Raises
+    ------
+    InputError
+        A line that cannot be read (with its number), an index out of range, no faces, a missing material
+        library or texture, a material that no library of the mesh defines.
+    """
+    statements = _parse(path)
+    if not statements.polygons:
+        raise InputError(str(path), "holds no faces", "Use a Wavefront OBJ file with `v` and `f` lines")
+    columns = min(len(row) for row in statements.vertices)
+    numbers = np.array([row[:columns] for row in statements.vertices], dtype=np.float64)
+    vertices = numbers[:, :3].copy()
+    refuse_unusable(path, vertices)
+    triangles = _triangles(path, vertices, statements)
+    faces, coordinates = triangles.faces, _corner_coordinates(statements, triangles)
+    if with_textures:
+        materials, of_polygon = _materials(path, statements)
+        face_texture = of_polygon[triangles.polygon]
+    else:
+        materials, face_texture = [ObjMaterial()], np.zeros(len(faces), dtype=np.int32)
+    reader = TextureReader(str(path))
+    textures = tuple(reader.count(_texture(material, reader)) for material in materials)
+    if with_textures and columns >= 6 and all(len(texture) == 1 for texture in textures):
+        colours = _vertex_colours(path, numbers[:, 3:6])[faces]
+        atlas, coordinates = corner_colour_atlas(
+            np.concatenate([colours, np.ones((len(faces), 3, 1))], axis=2)
+        )
+        materials, textures, face_texture = [], (opaque(atlas),), np.zeros(len(faces), dtype=np.int32)
+    roughness = [_scalar(material.roughness_map, material.roughness, reader) for material in materials]
+    metallic = [_scalar(material.metallic_map, material.metallic, reader) for material in materials]
+    return TexturedMesh(
+        vertices,
+        faces,
+        coordinates,
+        textures,
+        face_texture,
+        roughness_maps={index: image for index, image in enumerate(roughness) if image is not None},
+        metallic_maps={index: image for index, image in enumerate(metallic) if image is not None},
+    )
+
+
+def material_libraries(path: Path) -> list[str]:
+    """Return what the `mtllib` statements of an OBJ file name, as written."""
+    found = []
+    for line in _lines(path):
+        words = line.split(maxsplit=1)
+        if words[:1] == ["mtllib"] and len(words) == 2:
+            found.append(words[1].strip())
+    return list(dict.fromkeys(found))
+
+
+def _lines(path: Path) -> list[str]:
+    return read_text(path).replace("\\\n", " ").split("\n")
+
+
+def _triangles(path: Path, vertices: np.ndarray, statements: _Statements) -> _Triangles:
+    polygons = statements.polygons
+    if all(len(polygon) == 3 for polygon in polygons):
+        faces = np.array(polygons, dtype=np.int64)
+        texture_vertices = np.array(statements.polygon_texture_vertices, dtype=np.int64)
+        return _Triangles(faces, texture_vertices, np.arange(len(faces)))
+    try:
+        corners, polygon = triangulated(vertices, polygons)
+    except ValueError as problem:
+        raise InputError(
+            str(path), f"holds {problem}", "Triangulate the mesh before it is exported"
+        ) from problem
+    starts = np.cumsum([0, *(len(corners) for corners in polygons)])[polygon]
+    places = starts[:, None] + corners
+    return _Triangles(
+        np.concatenate(polygons).astype(np.int64)[places],
+        np.concatenate(statements.polygon_texture_vertices).astype(np.int64)[places],
+        polygon,
+    )
+
+
+def _corner_coordinates(statements: _Statements, triangles: _Triangles) -> np.ndarray:
+    if not statements.texture_vertices:
+        return np.full((len(triangles.faces), 3, 2), np.nan)
+    pairs = [[*row, 0.0][:2] for row in statements.texture_vertices]
+    table = np.array([*pairs, [np.nan, np.nan]], dtype=np.float64)
+    return table[triangles.texture_vertices]
+
+
+def _vertex_colours(path: Path, colours: np.ndarray) -> np.ndarray:
+    """(V, 3) in 0..1."""
+    if not (np.isfinite(colours).all() and colours.min() >= 0 and colours.max() <= 255):
+        raise InputError(str(path), "has vertex colours outside of 0..1 and 0..255", "Export the mesh again")
+    return colours / 255 if colours.max() > 1 else colours
+
+
+def _parse(path: Path) -> _Statements:
+    statements = _Statements()
+    material = ""
+    for number, line in enumerate(_lines(path), start=1):
+        keyword, *values = line.split("#", 1)[0].split() or [""]
+        try:
+            if keyword == "v":
+                statements.vertices.append(_floats(values, 3))
+            elif keyword == "vt":
+                statements.texture_vertices.append(_floats(values, 1))
+            elif keyword == "f":
+                _append_polygon(statements, values, material)
+            elif keyword == "usemtl":
+                material = " ".join(line.split()[1:])
+            elif keyword == "mtllib":
+                statements.libraries.append(line.split(maxsplit=1)[1].strip())
+        except (ValueError, IndexError) as problem:
+            raise InputError(
+                f"{path} line {number}",
+                f"cannot be read as Wavefront OBJ ({brief(problem)}): {line[:60]!r}",
+                "Export the mesh again",
+            ) from problem
+    return statements
+
+
+def _floats(values: list[str], least: int) -> list[float]:
+    if len(values) < least:
+        raise ValueError(f"{len(values)} numbers where {least} are needed")
+    return [float(value) for value in values]
+
+
+def _append_polygon(statements: _Statements, corners: list[str], material: str) -> None:
+    if len(corners) < 3:
+        raise ValueError("a face needs three corners")
+    vertex_indices, texture_indices = [], []
+    for corner in corners:
+        parts = corner.split("/")
+        vertex_indices.append(_resolved(int(parts[0]), len(statements.vertices), "vertex"))
+        texture = parts[1] if len(parts) > 1 else ""
+        # -1 is the row of NaN that the table of texture coordinates ends with.
+        count = len(statements.texture_vertices)
+        texture_indices.append(_resolved(int(texture), count, "texture coordinate") if texture else -1)
+    statements.polygons.append(vertex_indices)
+    statements.polygon_texture_vertices.append(texture_indices)
+    statements.polygon_materials.append(material)
+
+
+def _resolved(index: int, count: int, kind: str) -> int:
+    """Zero-based index: positive ones count from 1, negative ones back from the last defined so far."""
+    resolved = index - 1 if index > 0 else count + index
+    if index == 0 or not 0 <= resolved < count:
+        raise ValueError(f"{kind} {index} of {count} defined so far")
+    return resolved
+
+
+def _materials(path: Path, statements: _Statements) -> tuple[list[ObjMaterial], np.ndarray]:
+    """Materials in order of first use, and the index of each polygon's."""
+    known: dict[str, ObjMaterial] = {}
+    libraries = list(dict.fromkeys(statements.libraries))
+    if len(libraries) > MOST_LIBRARIES:
+        raise InputError(
+            str(path),
+            f"names {len(libraries)} material libraries, more than {MOST_LIBRARIES}",
+            "Join them, or name a texture for the object",
+        )
+    for library in libraries:
+        known |= read_material_library(path, library)
+    names = list(dict.fromkeys(statements.polygon_materials))
+    index_of = {name: index for index, name in enumerate(names)}
+    return (
+        [_material(path, known, name, has_library=bool(statements.libraries)) for name in names],
+        np.array([index_of[name] for name in statements.polygon_materials], dtype=np.int32),
+    )
+
+
+def _material(path: Path, known: dict[str, ObjMaterial], name: str, *, has_library: bool) -> ObjMaterial:
+    for written in (name, without_comment(name)):
+        if written in known:
+            return known[written]
+    if name and has_library:
+        raise InputError(
+            str(path),
+            f"uses the material {shortened(name)}, which its material library does not define",
+            "Add it to the library, or name a texture for the object",
+        )
+    return ObjMaterial()
+
+
+def _texture(material: ObjMaterial, reader: TextureReader) -> np.ndarray:
+    """Base colour RGBA, opaque but where the material asks for transparency."""
+    if material.texture is not None:
+        texture = opaque(reader.file(material.texture))
+    else:
+        texture = uniform_texture(material.colour)
+    factor = 1.0 if material.opacity is None else material.opacity
+    if material.opacity_map is not None:
+        alpha = _levels(material.opacity_map, reader, of_opacity=True)
+        return with_alpha(texture, scaled_map(alpha, factor))
+    return texture if factor == 1.0 else with_alpha(texture, uniform_map(factor))
+
+
+def _scalar(image: ScalarMap | None, value: float | None, reader: TextureReader) -> np.ndarray | None:
+    if image is not None:
+        return reader.count(_levels(image, reader, of_opacity=False))
+    return None if value is None else uniform_map(value)
+
+
+def _levels(image: ScalarMap, reader: TextureReader, *, of_opacity: bool) -> np.ndarray:
+    """(h, w) uint8 of the channel that holds the quantity."""
+    rgba = reader.file(image.file)
+    if image.channel is not None:
+        return np.ascontiguousarray(rgba[..., image.channel])
+    in_alpha = of_opacity and bool((rgba[..., 3] < 255).any())
+    return np.ascontiguousarray(rgba[..., 3 if in_alpha else 0])

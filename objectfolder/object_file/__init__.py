@@ -1,0 +1,3 @@
+from objectfolder.object_file.object_file import ObjectFile
+
+__all__ = ["ObjectFile"]

@@ -1,0 +1,63 @@
+"""From simulated ground truth to an Object File: the surface once, then one encoder a sense."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from objectfolder.audio.audionet.audionet import fit_audionet
+from objectfolder.object_file import ObjectFile
+from objectfolder.products.store import Product
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.touchnet import TouchNet
+from objectfolder.vision.visionnet.visionnet import fit_visionnet
+
+
+def encode_object(
+    surface: Surface,
+    views: Product,
+    modes: Product,
+    sensor: Sensor,
+    description: Mapping[str, Any],
+    *,
+    contact: str = "rigid",
+    visionnet: Mapping[str, Any],
+    audionet: Mapping[str, Any],
+    seed: int,
+) -> ObjectFile:
+    """Fit all encoders on the training part of the truth.
+
+    Parameters
+    ----------
+    surface
+        The cleaned surface, metres; the encoders see only its compressed form.
+    views, modes
+        Ground truth of sight and sound. Touch needs none: its encoder is the surface and the sensor.
+    sensor
+        The tactile sensor of the data set.
+    description
+        Keys ``object``, ``material``, ``body`` and ``provenance``.
+    contact
+        The contact model of the data set's touches.
+    visionnet, audionet
+        Keyword arguments of `fit_visionnet` and `fit_audionet`.
+    seed
+        Seed of the fits.
+
+    Returns
+    -------
+    ObjectFile
+        Its fidelity not measured yet.
+    """
+    tensors = encode_surface(surface)
+    stored = decode_surface(tensors)
+    frame = UnitFrame.from_dict(views.attributes["frame"])
+    return ObjectFile.of_encoders(
+        tensors,
+        frame,
+        fit_visionnet(stored, frame, views, seed=seed, **visionnet),
+        fit_audionet(stored, modes, **audionet),
+        TouchNet(stored, sensor, contact=contact),
+        {**description, "fidelity": None},
+    )

@@ -1,0 +1,297 @@
+"""The Object File: one object's sight, sound and touch in one file, and the queries it answers.
+
+One safetensors file holds the compressed surface once; vision is reflectance on it, sound is mode
+shapes on it, touch is a sensor pressed into it. Queries are in the object frame: metres, newton
+seconds, seconds.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.audio.audionet.audionet import AudioNet
+from objectfolder.audio.synthesis.sound_queries import SoundQueries
+from objectfolder.errors import FormatError, QueryError
+from objectfolder.products.stored_values import check_body, check_material, number, numbers
+from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.points import point_rows
+from objectfolder.surface.surface import ClosestPoints, Surface
+from objectfolder.touch.touchnet import TouchNet
+from objectfolder.touch.truth.press import Touches
+from objectfolder.vision.network.sparse_grid import HALF_WIDTH
+from objectfolder.vision.visionnet.sight_queries import SightQueries
+from objectfolder.vision.visionnet.visionnet import VisionNet
+
+FORMAT = "objectfolder"
+FORMAT_VERSION = 1
+SURFACE_TOLERANCE_M = 1e-3
+REQUIRED = (
+    "object",
+    "material",
+    "body",
+    "frame",
+    "modes",
+    "vision",
+    "audio",
+    "touch",
+    "provenance",
+    "fidelity",
+)
+
+
+class ObjectFile(SightQueries, SoundQueries):
+    """What an object looks, sounds and feels like.
+
+    Open one with `objectfolder.load`; an encoder makes one with `ObjectFile.of_encoders`.
+
+    Attributes
+    ----------
+    surface
+        The stored surface, metres.
+    frame
+        The unit frame of the data set's cameras and lights.
+    vision, modes, touch
+        The encoders of the three senses.
+    description
+        Everything the file says of itself: object, licence, material, frames, sensor, provenance and its
+        own fidelity.
+    surface_tolerance_m
+        How far from the surface a contact may be given; it is projected onto the surface.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        frame: UnitFrame,
+        vision: VisionNet,
+        modes: AudioNet,
+        touch: TouchNet,
+        description: Mapping[str, Any],
+        tensors: Mapping[str, np.ndarray],
+    ) -> None:
+        self.surface = surface
+        self.frame = frame
+        self.vision = vision
+        self.modes = modes
+        self.touch = touch
+        self.description = dict(description)
+        self.surface_tolerance_m = SURFACE_TOLERANCE_M
+        self._tensors = dict(tensors)
+
+    @classmethod
+    def of_encoders(
+        cls,
+        surface_tensors: Mapping[str, np.ndarray],
+        frame: UnitFrame,
+        vision: VisionNet,
+        modes: AudioNet,
+        touch: TouchNet,
+        description: Mapping[str, Any],
+    ) -> "ObjectFile":
+        """Put the parts together as they will be read back from a file.
+
+        Frequencies and dampings are in the description, too, for readers of nothing but the header.
+
+        Parameters
+        ----------
+        surface_tensors
+            What `encode_surface` returned; the encoders were fitted on its decoded form.
+        description
+            Keys ``object``, ``material``, ``body``, ``provenance`` and ``fidelity``; None
+            for what is not known yet.
+        """
+        tensors = {**surface_tensors, **vision.tensors(), **modes.tensors(), **touch.tensors()}
+        said = {
+            **description,
+            "frame": frame.to_dict(),
+            "modes": {
+                "frequencies_hz": modes.frequencies_hz.tolist(),
+                "dampings_per_s": modes.dampings_per_s.tolist(),
+            },
+            "vision": vision.metadata(),
+            "audio": modes.metadata(),
+            "touch": touch.metadata(),
+        }
+        return cls.of_tensors(tensors, said)
+
+    @classmethod
+    def of_tensors(cls, tensors: Mapping[str, np.ndarray], description: Mapping[str, Any]) -> "ObjectFile":
+        """Build the object from stored tensors, checking every one of them."""
+        surface = decode_surface(dict(tensors))
+        frame = _frame_around(surface, description["frame"])
+        check_body(description["body"])
+        check_material(description["material"])
+        vision = VisionNet.from_tensors(tensors, description["vision"], surface, frame)
+        modes = AudioNet.from_tensors(tensors, description["audio"], surface)
+        touch = TouchNet.from_tensors(tensors, description["touch"], surface)
+        return cls(surface, frame, vision, modes, touch, description, tensors)
+
+    @classmethod
+    def load(cls, path: Path | str) -> "ObjectFile":
+        """Open an Object File.
+
+        Raises
+        ------
+        FormatError
+            A truncated or foreign file, an unknown version, or a tensor of a wrong shape.
+        FileNotFoundError
+            No such file.
+        """
+        where = str(path)
+        content = read_tensor_file(path)
+        if content.metadata.get("format") != FORMAT:
+            raise FormatError(where, "a safetensors file, but not an Object File", "Build one from a mesh.")
+        version = content.metadata.get("format_version")
+        if version != str(FORMAT_VERSION):
+            raise FormatError(
+                where,
+                f"Object File of version {version}, this program reads {FORMAT_VERSION}",
+                "Use the program that made it, or build it again.",
+            )
+        try:
+            description = {key: json.loads(content.metadata[key]) for key in REQUIRED}
+            return cls.of_tensors(content.tensors, description)
+        except FormatError as error:
+            raise FormatError(where, f"{error.where}: {error.finding}", "Fetch or build it again.") from error
+        except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, RecursionError) as error:
+            raise FormatError(
+                where, f"incomplete ({type(error).__name__}: {error})", "Fetch or build it again."
+            ) from error
+
+    def with_description(self, **more: Any) -> "ObjectFile":
+        """Return the same object with parts of its description replaced."""
+        described = {**self.description, **more}
+        return ObjectFile(
+            self.surface, self.frame, self.vision, self.modes, self.touch, described, self._tensors
+        )
+
+    def on(self, device: str = "cpu", backend: str | None = None) -> "ObjectFile":
+        """Return the same object, rendered on another device or in another way; see `VisionNet.on`.
+
+        `file.vision.device` and `file.vision.backend` say which are in use.
+
+        Raises
+        ------
+        QueryError
+            A device or a way that is not at hand.
+        """
+        seen = self.vision.on(device, backend)
+        return ObjectFile(
+            self.surface, self.frame, seen, self.modes, self.touch, self.description, self._tensors
+        )
+
+    def content(self) -> TensorFile:
+        """Return the file's tensors and metadata; equal objects give equal bytes."""
+        metadata: dict[str, Any] = {"format": FORMAT, "format_version": str(FORMAT_VERSION)}
+        metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in REQUIRED})
+        return TensorFile(self._tensors, metadata)
+
+    def save(self, path: Path | str) -> None:
+        """Write the file, atomically."""
+        write_tensor_file(path, self.content())
+
+    def bytes_by_part(self) -> dict[str, int]:
+        """Return the bytes of the tensors of each part: surface, vision, audio, touch."""
+        parts = dict.fromkeys(("surface", "vision", "audio", "touch"), 0)
+        for name, tensor in self._tensors.items():
+            parts[name.split(".")[0]] += tensor.nbytes
+        return parts
+
+    def press(
+        self,
+        points: np.ndarray,
+        depth: float | np.ndarray | None = None,
+        tilt: float | np.ndarray = 0.0,
+        azimuth: float | np.ndarray = 0.0,
+        *,
+        force: float | np.ndarray | None = None,
+        contact: str | None = None,
+        resolution: tuple[int, int] | None = None,
+        background: np.ndarray | None = None,
+        noise_seed: int | None = None,
+    ) -> Touches:
+        """Press the sensor along the surface normal.
+
+        Parameters
+        ----------
+        points
+            (3,) or (n, 3) contacts, metres, within `surface_tolerance_m` of the surface.
+        depth
+            How far into the gel, metres; a millimetre where neither a depth nor a force is given.
+        tilt, azimuth
+            Inclination of the sensor from the normal and its direction, degrees.
+        force
+            Instead of a depth: newtons along the sensor's axis, under the elastic model.
+        contact
+            ``"rigid"``, as TACTO, or ``"elastic"``; by default the file's own, and elastic with a force.
+        resolution
+            Height and width of the images in pixels; by default the sensor's.
+        background
+            (height, width, 3) uint8, a real sensor's untouched image to lay the touches over.
+        noise_seed
+            Seed of the sensor's noise; by default there is none.
+
+        Raises
+        ------
+        QueryError
+            A contact off the surface (with its distance), or a depth, force, size or model that the
+            sensor cannot answer.
+        """
+        return self.touch.press(
+            self.project(points).points,
+            depth_m=depth,
+            force_n=force,
+            tilt_deg=tilt,
+            azimuth_deg=azimuth,
+            contact=contact,
+            resolution=resolution,
+            background=background,
+            noise_seed=noise_seed,
+        )
+
+    def project(self, points: np.ndarray) -> ClosestPoints:
+        """Bring contacts onto the surface.
+
+        Raises
+        ------
+        QueryError
+            A contact farther than `surface_tolerance_m`, named with its distance.
+        """
+        contacts = point_rows(points, "points")
+        closest = self.surface.closest_points(contacts)
+        worst = int(np.argmax(closest.distance)) if len(contacts) else 0
+        if len(contacts) and closest.distance[worst] > self.surface_tolerance_m:
+            raise QueryError(
+                f"points[{worst}]",
+                f"{closest.distance[worst] * 1e3:.3g} mm off the surface",
+                f"Contacts lie within {self.surface_tolerance_m * 1e3:.3g} mm, in metres, object frame; "
+                "`sample_contacts` gives valid ones.",
+            )
+        return closest
+
+    def sample_contacts(self, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3)."""
+        samples = self.surface.sample(count, seed)
+        return samples.points, samples.normals
+
+
+def _frame_around(surface: Surface, stored: Mapping[str, Any]) -> UnitFrame:
+    """Return the stored unit frame, whose box is the surface's but for what compression moves.
+
+    Raises
+    ------
+    FormatError
+        Another box.
+    """
+    numbers("frame.centre", stored["centre"], (3,), LARGEST_COORDINATE_M)
+    number("frame.scale", stored["scale"], 1 / LARGEST_COORDINATE_M, LARGEST_COORDINATE_M)
+    frame = UnitFrame.from_dict(dict(stored))
+    box = frame.to_unit(surface.bounds)
+    if np.abs(box).max() > HALF_WIDTH or np.ptp(box, axis=0).max() < HALF_WIDTH:
+        raise FormatError("frame", "it is not that of the surface", REMEDY)
+    return frame

@@ -1,0 +1,389 @@
+"""The solid inside a surface, as few long tetrahedra: whatever the surface is like.
+
+The surface is brought to one size, place and order; simplified; filled by fTetWild within an envelope (Hu,
+Schneider, Wang, Zorin and Panozzo, "Fast Tetrahedral Meshing in the Wild", 2020), which takes holes, overlaps
+and several pieces: inside is where the generalised winding number is large; drawn onto the surface again; and
+coarsened. What comes out is compared with the surface. Where fTetWild takes too long or what it gives is
+wrong, a wider envelope around a simpler surface is next, and then a lattice cut by the signed distance.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from objectfolder.errors import InputError, SimulationError
+from objectfolder.mesh.orientation import outward_orientation
+from objectfolder.solid.coarsening import BoundaryFit, coarsen
+from objectfolder.solid.element_shape import heights_and_edges, shape
+from objectfolder.solid.lattice_filling import fill_with_lattice
+from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
+from objectfolder.solid.normal_form import NormalForm, normal_form
+from objectfolder.solid.peeling import flat_on_boundary, peel
+from objectfolder.solid.shell import hollow
+from objectfolder.solid.snapping import snap
+from objectfolder.solid.solid import LOCAL_FACES as LOCAL_FACES
+from objectfolder.solid.solid import SMALLEST_SHARE, Solid, boundary_of
+from objectfolder.solid.solid import clean as clean
+from objectfolder.solid.solid import volumes as volumes
+from objectfolder.solid.tetwild import Envelope, run_tetwild
+from objectfolder.solid.thickening import thicken
+from objectfolder.surface.edges import edge_table
+from objectfolder.surface.sampled_distance import SampledDistance
+from objectfolder.surface.surface import Surface
+from objectfolder.surface.winding_number import enclosed_volume, is_closed
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+MOST_VOLUME_ERROR = 0.04
+MOST_WALL_RATIO = 1.25
+DOUBLED = 5e-4  # of the diagonal: where few places are thinner, they are sheets given twice, not walls
+MOSTLY = 0.75
+# Points along an edge, and of all edges, at which distance is taken; of those how many exactly at a time.
+ALONG_EDGE, MOST_ON_EDGES, EXACT_AT_ONCE = 5, 10_000, 64
+NEGLIGIBLE = 1e-7  # distance over the diagonal, that of single precision
+
+
+@dataclass(frozen=True)
+class Filling:
+    """How a surface is filled; lengths over the diagonal of the bounding box unless they say otherwise.
+
+    Attributes
+    ----------
+    edge_length : longest edge; up to twice that for a bulky solid, where `bulk_elements` equal tetrahedra
+        fill the volume
+    bulk_elements : see `edge_length`
+    surface_per_thickness, surface_error : how far the boundary may come to lie from the surface: so much of
+        the local thickness, but not more than `surface_error`
+    least_shape : no element is made flatter than this, see `element_shape.shape`
+    epsilon_per_wall : envelope of fTetWild over the wall thickness
+    simplification_per_wall : rms distance that simplification may move the surface, likewise
+    target_faces : faces the surface is simplified to, more where that distance demands it
+    most_faces : from here on 2.5 times that distance will do
+    stop_energy : conformal AMIPS energy at which fTetWild stops improving elements (regular: 3), for compact
+        ones; more for elements as flat as the wall is thin
+    time_limit_s : CPU time of both runs of fTetWild together
+    lattice_nodes : of the last resort
+    """
+
+    edge_length: float = 0.1
+    bulk_elements: int = 500
+    surface_per_thickness: float = 0.1
+    surface_error: float = 0.001
+    least_shape: float = 0.2
+    epsilon_per_wall: float = 0.08
+    simplification_per_wall: float = 0.08
+    target_faces: int = 800
+    most_faces: int = 1600
+    stop_energy: float = 40.0
+    time_limit_s: float = 100.0
+    lattice_nodes: int = 40_000
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """The dimensionless surface that is filled, and what is known of it."""
+
+    form: NormalForm
+    near: SampledDistance
+    local: LocalThickness
+    thin: float
+    median: float
+    closed: bool
+    pieces: int
+    volume: float
+    volume_uncertainty: float
+
+    @property
+    def wall(self) -> float:
+        """The thickness that small lengths are measured by."""
+        return min(1.5 * self.thin, self.median)
+
+
+def fill(
+    surface: Surface,
+    filling: Filling | None = None,
+    *,
+    wall_m: float | None = None,
+    shell_m: float | None = None,
+    name: str = "surface",
+) -> Solid:
+    """Fill a surface: closed or open, of one or more pieces, overlapping or not.
+
+    Moved, scaled or with its vertices and faces in another order, a surface gives the same solid (see
+    `normal_form`). Turned, it gives another one of the same accuracy.
+
+    Parameters
+    ----------
+    surface
+        Metres. Patches turned inside out are turned back.
+    filling
+        Resolution, accuracy and limits.
+    wall_m
+        Least thickness of walls in metres: see `thickening.thicken`.
+    shell_m
+        Makes a closed container hollow, with walls so thick, metres: see `shell.hollow`.
+    name
+        What to call the object in errors.
+
+    Returns
+    -------
+    Solid
+        Its `report` has, besides the numbers of `filling`: `way` (``envelope``, ``wide envelope`` or
+        ``lattice``) and `tried`, what was wrong with the ways before; `doubts`, what is still wrong;
+        `volume_error` against the volume enclosed; `surface_error_rms_m` and `surface_error_max_m`, the
+        distance between boundary and surface both ways; `wall_median_ratio` of the solid's wall to the
+        surface's; `least_shape`, `least_height_m`, `flat_on_boundary` of the elements; `bodies`. Its `target`
+        is `surface`, faces outward, or what `wall_m` or `shell_m` made of it.
+
+    Raises
+    ------
+    InputError
+        Both `wall_m` and `shell_m`, or one that the object cannot have.
+    SimulationError
+        The surface encloses no volume, by any way.
+    """
+    filling = filling or Filling()
+    target, walls = _target(_outward(surface), wall_m, shell_m, name)
+    measured = _measure(target)
+    tried: list[dict[str, Any]] = []
+    best: tuple[int, Solid] | None = None
+    for way, vertices, tetrahedra, done in _ways(measured, filling):
+        if len(tetrahedra) == 0:
+            tried.append({"way": way, **done})
+            continue
+        fine = clean(vertices, tetrahedra, {}, name=name)
+        doubts = _doubts(measured, fine)
+        tried.append({"way": way, **done, "doubts": doubts})
+        if best is None or len(doubts) < best[0]:
+            best = len(doubts), replace(fine, report={"way": way, **done, "doubts": doubts})
+        if not doubts:
+            break
+    if best is None:
+        raise SimulationError(
+            name,
+            "no solid came of filling it: it encloses no volume",
+            "Check that the surface is closed or nearly so, or state shell_m or wall_m",
+        )
+    return _finished(best[1], measured, filling, target, {"tried": tried, **walls}, name)
+
+
+def _target(
+    surface: Surface, wall_m: float | None, shell_m: float | None, name: str
+) -> tuple[Surface, dict[str, Any]]:
+    if wall_m is not None and shell_m is not None:
+        raise InputError(name, "has both wall_m and shell_m", "State one of them")
+    if shell_m is not None:
+        return hollow(surface, shell_m, name), {"shell_m": shell_m}
+    if wall_m is not None:
+        thickened, share = thicken(surface, wall_m, name)
+        return thickened, {"wall_m": wall_m, "wall_area_share": share}
+    return surface, {}
+
+
+def _outward(surface: Surface) -> Surface:
+    """The surface with patches that are turned inside out turned back."""
+    if is_closed(surface) and enclosed_volume(surface)[0] > 0:
+        return surface
+    turned = outward_orientation(surface.vertices, surface.faces).reverse
+    if not turned.any():
+        return surface
+    return Surface(surface.vertices, np.where(turned[:, None], surface.faces[:, ::-1], surface.faces))
+
+
+def _pieces(faces: Integers) -> int:
+    """Number of pieces of a surface that hang together through edges of two faces."""
+    one, other = edge_table(faces).manifold_pairs()
+    pairs = (np.ones(len(one)), (one // 3, other // 3))
+    return int(connected_components(coo_array(pairs, shape=(len(faces), len(faces))), directed=False)[0])
+
+
+def _measure(target: Surface) -> _Measured:
+    form = normal_form(target)
+    local = local_thickness(form.surface)
+    known = local.across[np.isfinite(local.across)]
+    walls = known[known > DOUBLED]
+    known = walls if len(walls) > MOSTLY * len(known) else known
+    thin, median = np.quantile(known, [0.05, 0.5]) if len(known) else (0.02, 0.02)
+    volume, uncertainty = enclosed_volume(form.surface)
+    pieces = _pieces(form.surface.faces)
+    closed = is_closed(form.surface)
+    return _Measured(
+        form,
+        SampledDistance(form.surface),
+        local,
+        float(thin),
+        float(median),
+        closed,
+        pieces,
+        volume,
+        uncertainty,
+    )
+
+
+def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:
+    """Ways to fill, best first: name, vertices, tetrahedra (none when it failed) and what was done."""
+    epsilon = float(np.clip(measured.wall * filling.epsilon_per_wall, 1e-4, 2e-3))
+    allowed = float(np.clip(measured.wall * filling.simplification_per_wall, epsilon, 2e-3))
+    first = Envelope(
+        epsilon,
+        allowed,
+        _edge(measured, filling),
+        filling.target_faces,
+        filling.most_faces,
+        filling.stop_energy * _flat_energy(measured.wall / filling.edge_length),
+        0.6 * filling.time_limit_s,
+    )
+    second = replace(
+        first,
+        epsilon=2 * epsilon,
+        allowed=2 * allowed,
+        stop_energy=10 * first.stop_energy,
+        most_faces=max(filling.target_faces, filling.most_faces // 2),
+        time_limit_s=0.4 * filling.time_limit_s,
+    )
+    scale = measured.form.diagonal_m
+    for way, envelope in (("envelope", first), ("wide envelope", second)):
+        raw = run_tetwild(measured.form.surface, envelope)
+        if isinstance(raw, str):
+            yield way, np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), {"failed": raw}
+            continue
+        done = {
+            "epsilon_m": envelope.epsilon * scale,
+            "simplified_faces": int(raw["faces"]),
+            "simplification_moved_rms_m": float(raw["moved"]) * scale,
+        }
+        yield way, raw["vertices"], raw["tetrahedra"].astype(np.int64), done
+    vertices, tetrahedra = fill_with_lattice(measured.form.surface, filling.lattice_nodes)
+    yield "lattice", vertices, tetrahedra, {"epsilon_m": 0.0}
+
+
+def _edge(measured: _Measured, filling: Filling) -> float:
+    """Longest edge: 8.5 volumes of a regular tetrahedron are the cube of its edge."""
+    bulk = (8.5 * max(measured.volume, 0.0) / filling.bulk_elements) ** (1 / 3)
+    return float(np.clip(bulk, filling.edge_length, 2 * filling.edge_length))
+
+
+def _flat_energy(flatness: float) -> float:
+    """AMIPS energy of an element pressed flat by a factor, over that of the regular one; at least 1."""
+    factor = min(flatness, 1.0)
+    return float((2 + factor**2) / (3 * factor ** (2 / 3)))
+
+
+def _doubts(measured: _Measured, solid: Solid) -> list[str]:
+    """What is wrong with a solid as filled, by what its surface says."""
+    found = []
+    allowed = MOST_VOLUME_ERROR * abs(measured.volume) + 3 * measured.volume_uncertainty
+    # Pieces of a closed surface that overlap count twice in its signed volume.
+    if (measured.pieces == 1 or not measured.closed) and abs(solid.volume_m3 - measured.volume) > allowed:
+        found.append(f"the volume is {solid.volume_m3 / measured.volume - 1:+.1%} off")
+    ratio = _wall_ratio(measured, solid)
+    if measured.closed and not 1 / MOST_WALL_RATIO < ratio < MOST_WALL_RATIO:
+        found.append(f"its median wall is {ratio:.2f} times the surface's")
+    if solid.components > measured.pieces:
+        found.append(f"{measured.pieces} pieces of the surface became {solid.components} bodies")
+    if measured.closed and measured.pieces == 1:
+        boundary = Surface(solid.vertices, solid.boundary()[0])
+        away = SampledDistance(boundary).nearest(measured.local.points)[1]
+        lost = float(np.mean(away > np.maximum(measured.local.least, 0.01)))
+        if lost > 0.01:
+            found.append(f"{lost:.1%} of the surface is farther from it than its wall is thick")
+    return found
+
+
+def _wall_ratio(measured: _Measured, solid: Solid) -> float:
+    """Median wall thickness of a solid over that of its surface."""
+    boundary = Surface(solid.vertices, solid.boundary()[0])
+    drawn = boundary.sample(2048, 0)
+    across = distances_across(boundary, drawn.points, boundary.face_normals[drawn.face])
+    known = across[np.isfinite(across)]
+    return float(np.median(known) / measured.median) if len(known) else 0.0
+
+
+def _along_edges(surface: Surface) -> Floats:
+    """Points of the edges of a surface, ends included: its farthest places are there, between any samples."""
+    edges = edge_table(surface.faces).vertices
+    step = max(1, len(edges) * ALONG_EDGE // MOST_ON_EDGES)
+    first, last = surface.vertices[edges[::step, 0]], surface.vertices[edges[::step, 1]]
+    share = np.linspace(0, 1, ALONG_EDGE)[:, None, None]
+    return ((1 - share) * first + share * last).reshape(-1, 3)
+
+
+def _largest_distance(surface: Surface, points: Floats) -> float:
+    """Largest distance of points (n, 3) from a surface.
+
+    `SampledDistance` is never too small; where it is large, the exact distance decides.
+    """
+    bound = SampledDistance(surface).nearest(points)[1]
+    order = np.argsort(-bound, kind="stable")
+    largest = 0.0
+    for start in range(0, len(order), EXACT_AT_ONCE):
+        part = order[start : start + EXACT_AT_ONCE]
+        if bound[part[0]] <= largest + NEGLIGIBLE:
+            break
+        largest = max(largest, float(surface.closest_points(points[part]).distance.max()))
+    return largest
+
+
+def _finished(
+    fine: Solid, measured: _Measured, filling: Filling, target: Surface, done: dict[str, Any], name: str
+) -> Solid:
+    """Snap, coarsen, measure, and bring back to metres."""
+    scale = measured.form.diagonal_m
+    local, shapes = measured.local, filling.least_shape
+    surface = measured.form.surface
+    limit = np.minimum(filling.surface_per_thickness * local.least, filling.surface_error)
+    reach = float(fine.report["epsilon_m"]) / scale + 2e-3
+
+    thickness = local.at(fine.vertices)
+    vertices = snap(fine.vertices, fine.tetrahedra, surface, thickness, reach=reach, least_shape=shapes)
+    tolerance = np.minimum(filling.surface_per_thickness * thickness, filling.surface_error)
+    faces, _, _ = boundary_of(fine.tetrahedra)
+    _, distance, nearest = SampledDistance(Surface(vertices, faces)).nearest(local.points)
+    edge = _edge(measured, filling)
+    fit = BoundaryFit(local.points, limit, distance, faces[nearest])
+    tetrahedra = coarsen(vertices, fine.tetrahedra, fit, tolerance, thickness, edge, least_shape=shapes)
+    tetrahedra = peel(vertices, tetrahedra, tolerance)
+    vertices = snap(vertices, tetrahedra, surface, thickness, reach=reach, least_shape=shapes)
+    coarse = clean(vertices, tetrahedra, {}, name=name)
+
+    boundary = Surface(coarse.vertices, coarse.boundary()[0])
+    there = SampledDistance(boundary).nearest(local.points)[1]
+    back = measured.near.nearest(boundary.sample(len(local.points), 1).points)[1]
+    away = np.concatenate([there, back]) * scale
+    largest = max(
+        _largest_distance(boundary, np.concatenate([local.points, _along_edges(surface)])),
+        _largest_distance(surface, _along_edges(boundary)),
+    )
+    height, longest = heights_and_edges(coarse.vertices[coarse.tetrahedra])
+    shaped, _ = shape(
+        coarse.vertices[coarse.tetrahedra], local.at(coarse.vertices)[coarse.tetrahedra].min(axis=1)
+    )
+    report = {
+        "filling": asdict(filling),
+        **fine.report,
+        **done,
+        "wall_thin_m": measured.thin * scale,
+        "wall_median_m": measured.median * scale,
+        "filled_elements": len(fine.tetrahedra),
+        "edge_m": edge * scale,
+        "longest_edge_m": float(longest.max()) * scale,
+        "least_height_m": float(height.min()) * scale,
+        "least_shape": float(shaped.min()),
+        "flat_on_boundary": flat_on_boundary(coarse.vertices, coarse.tetrahedra),
+        "volume_error": coarse.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
+        "filled_volume_error": fine.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
+        "volume_uncertainty": measured.volume_uncertainty / measured.volume if measured.volume > 0 else None,
+        "wall_median_ratio": _wall_ratio(measured, coarse),
+        "surface_error_rms_m": float(np.sqrt(np.mean(away**2))),
+        "surface_error_max_m": largest * scale,
+        "smallest_body_share": SMALLEST_SHARE,
+        **coarse.report,
+    }
+    return Solid(
+        measured.form.to_metres(coarse.vertices), coarse.tetrahedra, coarse.component, report, target
+    )

@@ -1,0 +1,142 @@
+"""Walls that a scan made too thin, brought to a stated thickness."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from objectfolder.errors import InputError
+from objectfolder.solid.local_thickness import distances_across
+from objectfolder.surface.edges import edge_table
+from objectfolder.surface.normals import corner_angles
+from objectfolder.surface.surface import Surface
+
+Floats = NDArray[np.float64]
+REMEDY = "Correct wall_m, or leave it empty for the walls as scanned"
+SAMPLES = 8000
+CORNER = 0.8  # of the way from the middle of a face to a corner: where thickness is measured
+SMOOTHINGS = 3  # steps to neighbours nearer than the wall is thick: scans are rough
+MOST_STEPS = 1000
+LONGEST_OFFSET = 2.0  # a corner of a cube moves by the root of 3
+GAP_SHARE = 1 / 3  # of a gap, the most that the wall on one side of it may take
+
+
+def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Surface, float]:
+    """Walls thinner than `wall_m` grown to it, by as much on either side.
+
+    The rule: both faces of a wall move outwards along their normals by half of what is missing, so that its
+    middle, which decides how it bends and how large it is, stays where it was scanned. A wall is where the
+    surface on the other side faces away within 60 degrees; its rim goes with it, and places between walls and
+    thicker parts move by a mean. What is thick enough stays; nothing becomes thinner. Neither face takes more
+    than a third of the gap in front of it, so that no gap closes.
+
+    Parameters
+    ----------
+    surface
+        Metres, outward faces.
+    wall_m
+        Least thickness of walls in metres.
+    name
+        What to call the object in errors.
+
+    Returns
+    -------
+    surface, share
+        With the same faces, and the share of its area that belonged to walls that grew.
+
+    Raises
+    ------
+    InputError
+        A thickness that is not positive, or that is no wall's: more than a quarter of the middle one of the
+        object's three sides.
+    """
+    if not (np.isfinite(wall_m) and wall_m > 0):
+        raise InputError(f"{name}, wall_m", f"{wall_m!r} is not a positive number of metres", REMEDY)
+    sides = np.sort(np.ptp(surface.bounds, axis=0))
+    if wall_m > sides[1] / 4:
+        raise InputError(
+            f"{name}, wall_m",
+            f"{wall_m:g} m is no wall of an object with sides of "
+            + ", ".join(f"{side:.3g}" for side in sides[::-1])
+            + " m",
+            REMEDY,
+        )
+    drawn = surface.sample(SAMPLES, 0)
+    thickness = _wall_at(surface, drawn.points, drawn.face)
+    thin = thickness < wall_m
+    if not thin.any():
+        return surface, 0.0
+    offset = _growth(surface, drawn.points[thin], wall_m)
+    return Surface(surface.vertices + offset[:, None] * unit_offsets(surface), surface.faces), float(
+        thin.mean()
+    )
+
+
+def _wall_at(surface: Surface, points: Floats, faces: NDArray[np.int64]) -> Floats:
+    """Thickness (n,) of the wall at points of faces (n,); infinite where there is no wall."""
+    normals = surface.face_normals[faces]
+    start = 1e-6 * float(np.ptp(surface.bounds, axis=0).max())
+    hits = surface.ray_hits(points - start * normals, -normals)
+    behind = surface.face_normals[np.maximum(hits.face, 0)]
+    is_wall = (hits.face >= 0) & (np.einsum("ij,ij->i", normals, behind) < -0.5)
+    return np.where(is_wall, start + hits.distance, np.inf)
+
+
+def _growth(surface: Surface, thin: Floats, wall_m: float) -> Floats:
+    """How far each vertex (v,) moves, by its faces' corners; points `thin` (n, 3) lie on thin walls."""
+    count = len(surface.vertices)
+    corner = surface.vertices[surface.faces]
+    points = (CORNER * corner + (1 - CORNER) * corner.mean(axis=1, keepdims=True)).reshape(-1, 3)
+    face, vertex = np.repeat(np.arange(len(surface.faces)), 3), surface.faces.reshape(-1)
+    thickness = _wall_at(surface, points, face)
+    growth = np.clip(wall_m - thickness, 0.0, wall_m) / 2
+    # A rim faces the rim opposite, or nothing: it goes with the wall that ends in it.
+    tells = (thickness < 2 * wall_m) | (cKDTree(thin).query(points)[0] > 1.5 * wall_m)
+    weight = np.where(tells, corner_angles(surface.vertices, surface.faces).reshape(-1), 0.0)
+    total = np.bincount(vertex, weight, count)
+    value = np.bincount(vertex, weight * growth, count) / np.maximum(total, 1e-300)
+    most = np.full(count, np.inf)
+    gap = distances_across(surface, points, -surface.face_normals[face])
+    np.minimum.at(most, vertex, GAP_SHARE * gap)
+
+    edges = edge_table(surface.faces).vertices
+    known = total > 0
+    for _ in range(MOST_STEPS):
+        if known.all():
+            break
+        mean, heard = _mean_of_neighbours(edges, value, known)
+        fresh = ~known & heard
+        if not fresh.any():
+            break
+        value[fresh], known[fresh] = mean[fresh], True
+    short = edges[np.linalg.norm(np.subtract(*surface.vertices[edges].swapaxes(0, 1)), axis=1) < wall_m]
+    for _ in range(SMOOTHINGS):
+        mean, heard = _mean_of_neighbours(short, value, known)
+        value[heard] = (value[heard] + mean[heard]) / 2
+    return np.minimum(value, most)
+
+
+def _mean_of_neighbours(
+    edges: NDArray[np.int64], value: Floats, known: NDArray[np.bool_]
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Mean (v,) of what is known at the other ends of the edges of each vertex, and where there is one."""
+    here, there = np.concatenate([edges, edges[:, ::-1]]).T
+    number = np.bincount(here, known[there], len(value))
+    total = np.bincount(here, np.where(known[there], value[there], 0.0), len(value))
+    return total / np.maximum(number, 1), number > 0
+
+
+def unit_offsets(surface: Surface) -> Floats:
+    """How each vertex (v, 3) moves when all faces at it move outwards by one: a normal, longer at creases.
+
+    Least squares of the faces' distances, weighted by their angles; directions that the faces hardly differ
+    in are left out, so that a rough surface is moved along its mean normal.
+    """
+    normals, angles = surface.face_normals, corner_angles(surface.vertices, surface.faces)
+    matrix = np.zeros((len(surface.vertices), 3, 3))
+    vector = np.zeros((len(surface.vertices), 3))
+    for corner, angle in zip(surface.faces.T, angles.T, strict=True):
+        np.add.at(matrix, corner, np.einsum("f,fi,fj->fij", angle, normals, normals))
+        np.add.at(vector, corner, angle[:, None] * normals)
+    offset = np.einsum("vij,vj->vi", np.linalg.pinv(matrix, rcond=0.1, hermitian=True), vector)
+    length = np.linalg.norm(offset, axis=1, keepdims=True)
+    return np.asarray(offset * np.minimum(1.0, LONGEST_OFFSET / np.maximum(length, 1e-300)))

@@ -1,0 +1,189 @@
+"""A triangle surface that answers queries: rays, occlusion, closest points, samples, normals."""
+
+import importlib.util
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from objectfolder.surface.bounding_boxes import BoundingBoxTree, closest_barycentric, intersect
+from objectfolder.surface.normals import corner_normals, face_normals_and_areas
+
+
+@dataclass(frozen=True)
+class Hits:
+    """First hits of n rays: distance (n,) (infinity: none), face (n,) (-1: none), barycentric (n, 3)."""
+
+    distance: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
+
+
+@dataclass(frozen=True)
+class ClosestPoints:
+    """Nearest points of the surface: points (n, 3), distance (n,), face (n,), barycentric (n, 3)."""
+
+    points: np.ndarray
+    distance: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
+
+
+@dataclass(frozen=True)
+class SurfaceSamples:
+    """Points on the surface: points (n, 3), face (n,), barycentric (n, 3), unit normals (n, 3)."""
+
+    points: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
+    normals: np.ndarray
+
+
+class Surface:
+    """A triangle surface in metres; open, several-piece and degenerate surfaces included.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) float64.
+    faces
+        (F, 3) integer.
+    use_embree
+        Trace rays with Embree (single precision search, double precision result); by default where it
+        is installed. Without it the numpy tree of `bounding_boxes` is used. Both name the same face
+        but for rays that pass within about 1e-7 of the object's size of an edge.
+
+    Raises
+    ------
+    ValueError
+        A face that refers to a vertex that is not there, or coordinates that are not finite.
+    """
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, use_embree: bool | None = None) -> None:
+        self.vertices = np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3)
+        self.faces = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1, 3)
+        if len(self.faces) == 0 or self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
+            raise ValueError("a surface needs at least one face, and faces that refer to its vertices")
+        if not np.isfinite(self.vertices).all():
+            raise ValueError("the coordinates of a surface must be finite")
+        self.face_normals, self.face_areas = face_normals_and_areas(self.vertices, self.faces)
+        self._use_embree = (
+            importlib.util.find_spec("embreex") is not None if use_embree is None else use_embree
+        )
+
+    @property
+    def area(self) -> float:
+        """Total area, square metres."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Corners (2, 3) of the bounding box of the faces, metres."""
+        used = self.vertices[np.unique(self.faces)]
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @cached_property
+    def corner_normals(self) -> np.ndarray:
+        """Crease-aware shading normals (F, 3, 3) at the corners of each face."""
+        return corner_normals(self.vertices, self.faces)
+
+    @cached_property
+    def _triangles(self) -> np.ndarray:
+        return self.vertices[self.faces]
+
+    @cached_property
+    def _tree(self) -> BoundingBoxTree:
+        return BoundingBoxTree(self._triangles)
+
+    @cached_property
+    def _embree(self) -> tuple[Any, np.ndarray, float]:
+        """Embree's scene, and the shift and factor that bring the object near unit size for floats."""
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+
+        centre = self.bounds.mean(axis=0)
+        factor = 1.0 / max(float(np.ptp(self.bounds, axis=0).max()), 1e-300)
+        scene = rtcore_scene.EmbreeScene(robust=True)
+        TriangleMesh(scene, ((self._triangles - centre) * factor).astype(np.float32))
+        return scene, centre, factor
+
+    def ray_hits(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
+        """Find the first hit of each ray, on either side of a face.
+
+        Parameters
+        ----------
+        origins, directions
+            (n, 3) metres; directions need not be unit, distances are in units of their length.
+        """
+        origins = np.asarray(origins, dtype=np.float64)
+        directions = np.asarray(directions, dtype=np.float64)
+        face = self._first_faces(origins, directions)
+        hit = face >= 0
+        distance = np.full(len(origins), np.inf)
+        barycentric = np.zeros((len(origins), 3))
+        # The search may be in single precision; where on its plane a face is hit is not.
+        along, weights = intersect(self._triangles[face[hit]], origins[hit], directions[hit], tolerance=1e-3)
+        distance[hit] = along
+        weights = np.clip(weights, 0.0, 1.0)
+        barycentric[hit] = weights / weights.sum(axis=1, keepdims=True)
+        lost = hit.copy()
+        lost[hit] = ~np.isfinite(along)
+        face[lost], barycentric[lost] = -1, 0.0
+        return Hits(distance, face, barycentric)
+
+    def _first_faces(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        if len(origins) == 0:
+            return np.zeros(0, dtype=np.int64)
+        if not self._use_embree:
+            return self._tree.nearest_hits(origins, directions)
+        scene, centre, factor = self._embree
+        local = ((origins - centre) * factor).astype(np.float32)
+        return np.asarray(scene.run(local, directions.astype(np.float32), query="INTERSECT"), dtype=np.int64)
+
+    def occluded(self, origins: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """Whether (n,) a face lies strictly between origins and targets, both (n, 3) metres.
+
+        The caller moves the origins off the surface they lie on.
+        """
+        origins = np.asarray(origins, dtype=np.float64)
+        towards = np.asarray(targets, dtype=np.float64) - origins
+        if len(origins) == 0:
+            return np.zeros(0, dtype=bool)
+        if not self._use_embree:
+            return self._tree.occluded(origins, towards)
+        scene, centre, factor = self._embree
+        local = ((origins - centre) * factor).astype(np.float32)
+        scaled = (towards * factor).astype(np.float32)
+        limits = np.full(len(origins), np.float32(1.0))
+        return np.asarray(scene.run(local, scaled, dists=limits, query="OCCLUDED")) != -1
+
+    def closest_points(self, points: np.ndarray) -> ClosestPoints:
+        """Find the nearest point of the surface to each of (n, 3) points, metres."""
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        face = self._tree.closest_faces(points)
+        barycentric = closest_barycentric(self._triangles[face], points)
+        nearest = self.points_at(face, barycentric)
+        return ClosestPoints(nearest, np.linalg.norm(points - nearest, axis=1), face, barycentric)
+
+    def sample(self, count: int, seed: int) -> SurfaceSamples:
+        """Draw `count` points uniformly by area."""
+        random = np.random.default_rng(seed)
+        edges = np.cumsum(self.face_areas)
+        face = np.searchsorted(edges, random.random(count) * edges[-1], side="right")
+        face = np.minimum(face, len(self.faces) - 1)
+        root, second = np.sqrt(random.random(count)), random.random(count)
+        barycentric = np.stack([1 - root, root * (1 - second), root * second], axis=1)
+        return SurfaceSamples(
+            self.points_at(face, barycentric), face, barycentric, self.normals_at(face, barycentric)
+        )
+
+    def points_at(self, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        """Points (n, 3) at barycentric coordinates (n, 3) of faces (n,)."""
+        return np.einsum("ij,ijk->ik", barycentric, self._triangles[face])
+
+    def normals_at(self, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        """Unit shading normals (n, 3) at barycentric coordinates (n, 3) of faces (n,)."""
+        normals = np.einsum("ij,ijk->ik", barycentric, self.corner_normals[face])
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.where(length > 1e-12, normals / np.maximum(length, 1e-300), self.face_normals[face])

@@ -1,0 +1,108 @@
+"""Touches over the background image of a real sensor, as TACTO calibrates its images; on reading."""
+
+import numpy as np
+
+from objectfolder.errors import QueryError
+from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
+from objectfolder.touch.sensor.sensor import Sensor
+
+# Kernels of OpenCV's GaussianBlur where no deviation is given; wider ones follow its formula for it.
+SMALL_KERNELS = {
+    1: (1.0,),
+    3: (0.25, 0.5, 0.25),
+    5: (0.0625, 0.25, 0.375, 0.25, 0.0625),
+    7: (0.03125, 0.109375, 0.21875, 0.28125, 0.21875, 0.109375, 0.03125),
+    9: tuple(part / 256 for part in (4, 13, 30, 51, 60, 51, 30, 13, 4)),
+}
+
+
+def calibrated(rgb: np.ndarray, no_contact: np.ndarray, background: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Lay touches over a background: background + blur of gain x (touch - untouched gel).
+
+    Gain and blur are the sensor's: a half and 7 x 7 in TACTO 0.0.3 (`Renderer._calibrate`), which this
+    equals, rounding down included.
+
+    Parameters
+    ----------
+    rgb
+        (height, width, 3) or (n, height, width, 3) uint8, as `press` gives them.
+    no_contact
+        (height, width, 3) uint8, the untouched gel in the same way.
+    background
+        (height, width, 3) uint8, what the real sensor sees when nothing touches it.
+
+    Returns
+    -------
+    np.ndarray
+        Of the shape of `rgb`, uint8.
+
+    Raises
+    ------
+    QueryError
+        A background of another size or type than the images.
+    """
+    background = np.asarray(background)
+    if background.shape != no_contact.shape or background.dtype != np.uint8:
+        raise QueryError(
+            "background",
+            f"{background.dtype} of shape {background.shape}",
+            f"Give a uint8 image of shape {no_contact.shape}.",
+        )
+    images = rgb if rgb.ndim == 4 else rgb[None]
+    kernel = blur_kernel(sensor.background_blur_pixels)
+    laid = np.empty_like(images)
+    for index, image in enumerate(images):
+        difference = (image.astype(np.float64) - no_contact) * sensor.background_gain
+        laid[index] = np.clip(_blurred(difference, kernel) + background, 0, 255)
+    return laid.reshape(rgb.shape)
+
+
+def blur_kernel(size: int) -> np.ndarray:
+    """Weights (size,) of OpenCV's GaussianBlur of an odd size with no deviation given."""
+    if size in SMALL_KERNELS:
+        return np.array(SMALL_KERNELS[size])
+    deviation = 0.3 * ((size - 1) / 2 - 1) + 0.8
+    weights = np.exp(-((np.arange(size) - size // 2) ** 2) / (2 * deviation**2))
+    return np.asarray(weights / weights.sum())
+
+
+def _blurred(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """Blur rows and columns of (height, width, 3), mirrored at the borders without repeating them."""
+    reach = len(kernel) // 2
+    for axis in (0, 1):
+        pad = [(0, 0), (0, 0), (0, 0)]
+        pad[axis] = (reach, reach)
+        wide = np.pad(image, pad, mode="reflect")
+        length = image.shape[axis]
+        parts = [np.take(wide, range(k, k + length), axis=axis) * kernel[k] for k in range(len(kernel))]
+        image = np.sum(parts, axis=0)
+    return image
+
+
+def synthetic_background(sensor: Sensor, seed: int, samples: int = 2) -> np.ndarray:
+    """Draw a background where no real one is at hand; stated, not measured.
+
+    The untouched gel, darkened towards its corners by the fourth power of the cosine of the angle to the
+    camera's axis, its channels brighter or darker by up to 10 % as between two sensors of one make,
+    and uneven by up to 3 % over its width and height.
+
+    Parameters
+    ----------
+    seed
+        0 or more; stands for a unit of the sensor.
+
+    Returns
+    -------
+    np.ndarray
+        (height, width, 3) uint8.
+    """
+    random = np.random.default_rng([seed, 3])
+    grid = ray_grid(sensor, 1)
+    cosine_squared = 1 / (1 + grid.u[None, :] ** 2 + grid.v[:, None] ** 2)
+    balance = 1 + 0.1 * random.uniform(-1, 1, 3)
+    waves, phases = random.uniform(-np.pi, np.pi, (3, 2)), random.uniform(0, 2 * np.pi, 3)
+    across = np.linspace(-1, 1, sensor.image_width)[None, :, None]
+    up = np.linspace(1, -1, sensor.image_height)[:, None, None]
+    unevenness = 1 + 0.03 * np.cos(waves[:, 0] * across + waves[:, 1] * up + phases)
+    values = no_contact_image(sensor, samples) * (cosine_squared**2)[..., None] * balance * unevenness
+    return np.asarray(np.clip(np.rint(values), 0, 255).astype(np.uint8))

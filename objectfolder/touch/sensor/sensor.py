@@ -1,0 +1,165 @@
+"""The tactile sensor as data: camera, gel, appearance, housing, noise; a DIGIT by default."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from objectfolder.errors import FormatError
+from objectfolder.touch.sensor.photometric_table import PhotometricTable
+
+Vector = tuple[float, float, float]
+
+
+def _ring(x: float, radius: float, centre: Vector, angles_deg: tuple[float, ...]) -> tuple[Vector, ...]:
+    """Points on a circle in the plane x, angles from +y towards +z."""
+    angles = np.radians(angles_deg)
+    return tuple(
+        (x, float(centre[1] + radius * np.cos(angle)), float(centre[2] + radius * np.sin(angle)))
+        for angle in angles
+    )
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A camera behind an elastic gel, DIGIT by default.
+
+    The sensor frame is in metres: x points out of the sensor, at the object; image rows run along -z
+    and columns along -y. The defaults are the DIGIT configuration of TACTO 0.0.3 (`config_digit.yml`;
+    Wang et al. 2022, RA-L 7(2)) and the default material of its renderer, pyrender 0.1.45.
+
+    Parameters
+    ----------
+    name
+        What the sensor is called.
+    image_height, image_width
+        Pixels.
+    field_of_view_deg
+        Vertical, degrees.
+    camera_position_m, near_m
+        Camera, looking along +x, and its near plane.
+    gel_apex_m, gel_width_m, gel_height_m
+        Outermost point of the undeformed gel; its extent along y and along z.
+    gel_radius_m, gel_sagitta_m
+        The gel is a spherical cap of that radius, stretched along x until its corners lie
+        `gel_sagitta_m` behind the apex: 0 for a flat gel.
+    light_positions_m, light_colors
+        Point lights and their linear RGB radiant intensity. TACTO writes its colours as integers, and
+        its renderer divides integer colours by 255.
+    base_color, metallic, roughness
+        Grey metallic-roughness material of gel and object.
+    display_gamma
+        Pixel value = radiance ** (1 / display_gamma).
+    housing_low_m, housing_high_m
+        Corners of the rigid box behind the gel: 34 x 27 x 32 mm, about a DIGIT's. TACTO has no
+        housing; these figures are ours.
+    contact_radius_m
+        The contact normal is the surface's mean normal within this distance.
+    maximum_depth_m
+        Deepest indentation the gel allows (TACTO's `max_deformation`).
+    gel_youngs_modulus_pa, gel_poisson_ratio, gel_thickness_m
+        The elastomer, and how much of it lies under the apex before the rigid backing. A DIGIT's is
+        Smooth-On Solaris (Lambeta et al. 2020, RA-L 5(3)) of Shore hardness A 15: 0.56 MPa by Gent's
+        relation (1958, Rubber Chem. Technol. 31(4)). Silicone hardly changes its volume: 0.48. The
+        published design states no thickness; 4 mm is ours.
+    photometric_table
+        How a painted membrane looks, in place of lights and material, which then count for nothing.
+    noise_sigma_grey_levels
+        Standard deviation of the camera's noise (`objectfolder.touch.sensor.noise`).
+    background_gain, background_blur_pixels
+        How a touch is laid over a background (`objectfolder.touch.sensor.calibrated`): the factor of its
+        difference from the untouched gel, and the odd width of the blur.
+    """
+
+    name: str = "DIGIT"
+    image_height: int = 160
+    image_width: int = 120
+    field_of_view_deg: float = 60.0
+    camera_position_m: Vector = (0.0, 0.0, 0.015)
+    near_m: float = 0.001
+    gel_apex_m: Vector = (0.022, 0.0, 0.015)
+    gel_width_m: float = 0.020
+    gel_height_m: float = 0.030
+    gel_radius_m: float = 0.100
+    gel_sagitta_m: float = 0.005
+    light_positions_m: tuple[Vector, ...] = _ring(0.005, 0.020, (0.005, 0.0, 0.015), (30.0, 150.0, 270.0))
+    light_colors: tuple[Vector, ...] = ((1 / 255, 0.0, 0.0), (0.0, 1 / 255, 0.0), (0.0, 0.0, 1 / 255))
+    base_color: float = 0.3
+    metallic: float = 0.2
+    roughness: float = 0.8
+    display_gamma: float = 2.2
+    housing_low_m: Vector = (-0.019, -0.0135, -0.001)
+    housing_high_m: Vector = (0.015, 0.0135, 0.031)
+    contact_radius_m: float = 0.002
+    maximum_depth_m: float = 0.005
+    gel_youngs_modulus_pa: float = 5.6e5
+    gel_poisson_ratio: float = 0.48
+    gel_thickness_m: float = 0.004
+    photometric_table: PhotometricTable | None = None
+    noise_sigma_grey_levels: float = 7.0
+    background_gain: float = 0.5
+    background_blur_pixels: int = 7
+
+    def __post_init__(self) -> None:
+        corner = float(np.hypot(self.gel_width_m, self.gel_height_m)) / 2
+        if not corner < self.gel_radius_m:
+            raise ValueError(f"{self.name}: the gel's corners lie {corner} m out, beyond gel_radius_m")
+        if min(self.image_height, self.image_width) < 2:
+            raise ValueError(f"{self.name}: an image needs at least 2 x 2 pixels")
+        if len(self.light_positions_m) != len(self.light_colors):
+            raise ValueError(f"{self.name}: as many light_colors as light_positions_m are needed")
+        if not (self.gel_youngs_modulus_pa > 0 and self.gel_thickness_m > 0):
+            raise ValueError(f"{self.name}: the gel needs a Young's modulus and a thickness above 0")
+        if not 0 <= self.gel_poisson_ratio < 0.5:
+            raise ValueError(f"{self.name}: gel_poisson_ratio is {self.gel_poisson_ratio}, not in 0 .. 0.5")
+        if self.noise_sigma_grey_levels < 0:
+            raise ValueError(f"{self.name}: noise_sigma_grey_levels is below 0")
+        if self.background_blur_pixels < 1 or self.background_blur_pixels % 2 == 0:
+            raise ValueError(f"{self.name}: background_blur_pixels is {self.background_blur_pixels}, not odd")
+
+    def at_resolution(self, height: int, width: int) -> "Sensor":
+        """Return the same sensor with images of `height` x `width` pixels, and its vertical field of view.
+
+        Pixels are square, so that an image of other proportions sees more or less at its sides.
+        """
+        return replace(self, image_height=int(height), image_width=int(width))
+
+    @property
+    def gel_stretch(self) -> float:
+        """Factor along x that turns the spherical cap into the gel, its corners at the sagitta."""
+        radius = self.gel_radius_m
+        corner_squared = (self.gel_width_m**2 + self.gel_height_m**2) / 4
+        return self.gel_sagitta_m / (radius - float(np.sqrt(radius**2 - corner_squared)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the sensor as JSON."""
+        values = {field.name: _as_list(getattr(self, field.name)) for field in fields(self)}
+        table = self.photometric_table
+        return {**values, "photometric_table": None if table is None else table.to_dict()}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> "Sensor":
+        """Return the sensor that `to_dict` described.
+
+        Raises
+        ------
+        FormatError
+            A key too many or too few, or a photometric table that is none.
+        """
+        expected = {field.name for field in fields(cls)}
+        if expected != set(values):
+            missing, unknown = sorted(expected - set(values)), sorted(set(values) - expected)
+            raise FormatError("sensor", f"missing fields {missing}, unknown fields {unknown}")
+        table = values["photometric_table"]
+        read = {key: _as_tuple(value) for key, value in values.items()}
+        return cls(
+            **{**read, "photometric_table": None if table is None else PhotometricTable.from_dict(table)}
+        )
+
+
+def _as_list(value: Any) -> Any:
+    return [_as_list(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(_as_tuple(item) for item in value) if isinstance(value, list | tuple) else value

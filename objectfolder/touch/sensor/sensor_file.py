@@ -1,0 +1,254 @@
+"""Sensors as YAML files: those that come with the package, by name, and a user's own, by path.
+
+Reading one needs PyYAML; an Object File holds its sensor itself, and needs nothing of this.
+"""
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import InputError
+from objectfolder.touch.sensor.camera import ray_grid
+from objectfolder.touch.sensor.illumination import Illumination, photometric_table
+from objectfolder.touch.sensor.photometric_table import PhotometricTable
+from objectfolder.touch.sensor.sensor import Sensor
+
+FOLDER = Path(__file__).parent / "sensors"
+
+# Section and key of a file to field of `Sensor`, and the kind of its value.
+CAMERA = {
+    "image_height": ("image_height", "whole"),
+    "image_width": ("image_width", "whole"),
+    "field_of_view_deg": ("field_of_view_deg", "number"),
+    "position_m": ("camera_position_m", "vector"),
+    "near_m": ("near_m", "number"),
+}
+GEL = {
+    "apex_m": ("gel_apex_m", "vector"),
+    "width_m": ("gel_width_m", "number"),
+    "height_m": ("gel_height_m", "number"),
+    "radius_m": ("gel_radius_m", "number"),
+    "sagitta_m": ("gel_sagitta_m", "number"),
+    "contact_radius_m": ("contact_radius_m", "number"),
+    "maximum_depth_m": ("maximum_depth_m", "number"),
+    "youngs_modulus_pa": ("gel_youngs_modulus_pa", "number"),
+    "poisson_ratio": ("gel_poisson_ratio", "number"),
+    "thickness_m": ("gel_thickness_m", "number"),
+}
+MATERIAL = {
+    "base_color": ("base_color", "number"),
+    "metallic": ("metallic", "number"),
+    "roughness": ("roughness", "number"),
+    "display_gamma": ("display_gamma", "number"),
+}
+HOUSING = {"low_m": ("housing_low_m", "vector"), "high_m": ("housing_high_m", "vector")}
+NOISE = {"sigma_grey_levels": ("noise_sigma_grey_levels", "number")}
+BACKGROUND = {
+    "gain": ("background_gain", "number"),
+    "blur_pixels": ("background_blur_pixels", "whole"),
+}
+SECTIONS = {"camera": CAMERA, "gel": GEL, "housing": HOUSING, "noise": NOISE, "background": BACKGROUND}
+LIGHT = {"position_m": ("position_m", "vector"), "color": ("color", "vector")}
+STRIP = {"color": ("color", "vector"), "points": ("points", "whole")}
+MADE_FROM = {
+    "ambient": ("ambient", "number"),
+    "centre_value": ("centre_value", "number"),
+    "display_gamma": ("display_gamma", "number"),
+    "slopes": ("slopes", "whole"),
+    "directions": ("directions", "whole"),
+}
+
+
+def sensor_names() -> tuple[str, ...]:
+    """Names of the sensors that come with the package."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+
+
+def sensor_path(source: Path | str, root: Path | None = None) -> Path:
+    """Path of a sensor's file: of a known name, or a path (relative ones from `root`, if given).
+
+    Raises
+    ------
+    InputError
+        Neither a known name nor a file.
+    """
+    if str(source) in sensor_names():
+        return FOLDER / f"{source}.yaml"
+    path = Path(source) if root is None else root / source
+    if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
+        known = ", ".join(sensor_names())
+        raise InputError("sensor", f"{str(source)!r} is no known sensor and no YAML file", f"Known: {known}.")
+    return path
+
+
+def read_sensor(source: Path | str, root: Path | None = None) -> Sensor:
+    """Read a sensor by its name or from its file.
+
+    Parameters
+    ----------
+    source
+        ``"digit"``, ``"gelsight"``, or a path of a file as they are.
+    root
+        Where relative paths start; the working directory if None.
+
+    Raises
+    ------
+    InputError
+        A file that is not there or not YAML, a missing or unknown key, a value of a wrong kind, or a
+        sensor that cannot be; it names the file and the field.
+    """
+    path = sensor_path(source, root)
+    content = _yaml(path)
+    return _sensor(path, content, _photometry(_Reader(path.name), path, content.get("photometry")))
+
+
+def make_table(source: Path | str) -> PhotometricTable:
+    """Compute the table of a sensor's file from its section ``photometry.made_from``.
+
+    Raises
+    ------
+    InputError
+        As `read_sensor`, but for the table, which need not be there yet; no such section; or a curved gel.
+    """
+    path = sensor_path(source)
+    illumination = read_illumination(path)
+    try:
+        return photometric_table(_sensor(path, _yaml(path), {}), illumination)
+    except ValueError as error:
+        raise InputError(path.name, str(error), "Correct it there.") from error
+
+
+def _sensor(path: Path, content: dict[str, Any], photometry: dict[str, Any]) -> Sensor:
+    """The sensor of a file's sections and of the fields of its photometry."""
+    fields = _Reader(path.name)
+    fields.check_keys("", content, ("name", *SECTIONS, "photometry"))
+    values: dict[str, Any] = {"name": fields.value("name", content["name"], "text"), **photometry}
+    for section, keys in SECTIONS.items():
+        values.update(fields.section(section, content[section], keys))
+    try:
+        sensor = Sensor(**values)
+        ray_grid(sensor, 1)
+    except ValueError as error:
+        raise InputError(path.name, str(error), "Correct it there.") from error
+    return sensor
+
+
+def read_illumination(source: Path | str) -> Illumination:
+    """Read what a sensor's photometric table is said to be made from; see `illumination.photometric_table`.
+
+    Raises
+    ------
+    InputError
+        A sensor without a section ``photometry.made_from``, or a wrong one.
+    """
+    path = sensor_path(source)
+    fields = _Reader(path.name)
+    photometry = _yaml(path).get("photometry")
+    made_from = photometry.get("made_from") if isinstance(photometry, dict) else None
+    if made_from is None:
+        raise InputError(path.name, "no section photometry.made_from", "gelsight.yaml has one.")
+    where = "photometry.made_from"
+    fields.check_keys(f"{where}.", made_from, ("strips", *MADE_FROM))
+    strips = []
+    for index, strip in enumerate(fields.items(f"{where}.strips", made_from["strips"])):
+        name = f"{where}.strips[{index}]"
+        fields.check_keys(f"{name}.", strip, ("ends_m", *STRIP))
+        ends = fields.items(f"{name}.ends_m", strip["ends_m"])
+        if len(ends) != 2:
+            raise InputError(path.name, f"{name}.ends_m holds {len(ends)} points", "Give two.")
+        ends = [fields.value(f"{name}.ends_m[{end}]", value, "vector") for end, value in enumerate(ends)]
+        rest = {key: value for key, value in strip.items() if key != "ends_m"}
+        strips.append({**fields.section(name, rest, STRIP), "ends_m": ends})
+    rest = {key: value for key, value in made_from.items() if key != "strips"}
+    return Illumination.from_dict({**fields.section(where, rest, MADE_FROM), "strips": strips})
+
+
+def _photometry(fields: "_Reader", path: Path, content: Any) -> dict[str, Any]:
+    """Fields of `Sensor` from the section ``photometry``."""
+    if not isinstance(content, dict) or "model" not in content:
+        raise InputError(path.name, "no key photometry.model", "It is cook_torrance or table.")
+    model = content["model"]
+    rest = {key: value for key, value in content.items() if key != "model"}
+    if model == "cook_torrance":
+        fields.check_keys("photometry.", rest, ("lights", *MATERIAL))
+        material = {key: value for key, value in rest.items() if key != "lights"}
+        lights = [
+            fields.section(f"photometry.lights[{index}]", light, LIGHT)
+            for index, light in enumerate(fields.items("photometry.lights", rest["lights"]))
+        ]
+        return {
+            **fields.section("photometry", material, MATERIAL),
+            "light_positions_m": tuple(light["position_m"] for light in lights),
+            "light_colors": tuple(light["color"] for light in lights),
+        }
+    if model == "table":
+        rest.pop("made_from", None)
+        fields.check_keys("photometry.", rest, ("table",))
+        name = fields.value("photometry.table", rest["table"], "text")
+        table = PhotometricTable.read(path.parent / name)
+        return {"light_positions_m": (), "light_colors": (), "photometric_table": table}
+    raise InputError(path.name, f"photometry.model is {model!r}", "It is cook_torrance or table.")
+
+
+def _yaml(path: Path) -> dict[str, Any]:
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
+    if not isinstance(content, dict):
+        raise InputError(path.name, "holds no keys", "digit.yaml shows what a sensor needs.")
+    return content
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Values of one file, checked; errors name it."""
+
+    file: str
+
+    def section(self, name: str, content: Any, keys: Mapping[str, tuple[str, str]]) -> dict[str, Any]:
+        """Values of a section under the names of their fields."""
+        self.check_keys(f"{name}.", content, tuple(keys))
+        return {field: self.value(f"{name}.{key}", content[key], kind) for key, (field, kind) in keys.items()}
+
+    def check_keys(self, prefix: str, content: Any, known: tuple[str, ...]) -> None:
+        """Raise `InputError` for what is no section, and for unknown and missing keys."""
+        if not isinstance(content, dict):
+            raise InputError(self.file, f"{prefix.rstrip('.')} is {content!r}", "It must hold keys.")
+        for key in content:
+            if key not in known:
+                nearest = difflib.get_close_matches(str(key), known, 1, 0.5)
+                remedy = f"Did you mean {prefix}{nearest[0]}?" if nearest else f"Known: {', '.join(known)}."
+                raise InputError(self.file, f"unknown key {prefix}{key}", remedy)
+        for key in known:
+            if key not in content:
+                raise InputError(self.file, f"no key {prefix}{key}", "Add it; digit.yaml shows how.")
+
+    def items(self, name: str, content: Any) -> list[Any]:
+        """The items of a list that holds some."""
+        if not isinstance(content, list) or not content:
+            raise InputError(self.file, f"{name} is {content!r}", "It must be a list.")
+        return content
+
+    def value(self, name: str, content: Any, kind: str) -> Any:
+        """A value of a kind: text, whole, number or vector (three numbers, as a tuple)."""
+        if kind == "vector":
+            if not isinstance(content, list) or len(content) != 3:
+                raise InputError(self.file, f"{name} is {content!r}", "It must be a list of three numbers.")
+            return tuple(self.value(f"{name}[{axis}]", part, "number") for axis, part in enumerate(content))
+        if kind == "text" and isinstance(content, str):
+            return content
+        if kind == "whole" and isinstance(content, int) and not isinstance(content, bool):
+            return content
+        number = isinstance(content, int | float) and not isinstance(content, bool)
+        if kind == "number" and number and math.isfinite(content):
+            return float(content)
+        # YAML reads 1e-3 as text: its numbers need a dot before the exponent.
+        hint = " (write 1.0e-3, not 1e-3)" if kind == "number" and isinstance(content, str) else ""
+        kinds = {"text": "a text", "whole": "a whole number", "number": "a finite number"}
+        raise InputError(self.file, f"{name} is {content!r}", f"It must be {kinds[kind]}{hint}.")

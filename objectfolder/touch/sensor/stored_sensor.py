@@ -1,0 +1,75 @@
+"""The sensor of an Object File, checked field by field: a file of a stranger may say anything of it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from objectfolder.errors import FormatError
+from objectfolder.products.stored_values import REMEDY, number, numbers, whole_number
+from objectfolder.touch.sensor.sensor import Sensor
+
+LARGEST_M = 10.0
+MOST_LIGHTS = 64
+MOST_PIXELS = 1 << 14  # of a side
+MOST_RAYS = 3 << 20  # of an image: 900 MB while it is rendered
+# Lengths that are not 0, and other numbers with their ranges.
+LENGTHS = (
+    "near_m", "gel_width_m", "gel_height_m", "gel_radius_m", "contact_radius_m", "maximum_depth_m",
+    "gel_thickness_m",
+)  # fmt: skip
+RANGES = {
+    **dict.fromkeys(LENGTHS, (1e-6, LARGEST_M)),
+    "field_of_view_deg": (0.01, 179.0),
+    "gel_sagitta_m": (0.0, LARGEST_M),
+    "base_color": (0.0, 1.0),
+    "metallic": (0.0, 1.0),
+    "roughness": (0.0, 1.0),
+    "display_gamma": (0.1, 10.0),
+    "gel_youngs_modulus_pa": (1.0, 1e15),
+    "gel_poisson_ratio": (0.0, 0.5),
+    "noise_sigma_grey_levels": (0.0, 1e3),
+    "background_gain": (-1e3, 1e3),
+}
+WHOLE = {
+    "image_height": (2, MOST_PIXELS),
+    "image_width": (2, MOST_PIXELS),
+    "background_blur_pixels": (1, 1001),
+}
+VECTORS = ("camera_position_m", "gel_apex_m", "housing_low_m", "housing_high_m")
+LIGHTS = {"light_positions_m": LARGEST_M, "light_colors": 1e6}
+
+
+def stored_sensor(values: Mapping[str, Any], samples: int) -> Sensor:
+    """Return the sensor that `Sensor.to_dict` described.
+
+    Parameters
+    ----------
+    samples
+        Samples along each side of a pixel.
+
+    Raises
+    ------
+    FormatError
+        Fields that are missing, unknown, of another kind or out of range, or more than `MOST_RAYS`.
+    """
+    if not isinstance(values, dict) or not isinstance(values.get("name"), str):
+        raise FormatError("touch.sensor", "it has no name", REMEDY)
+    checked = dict(values)
+    try:
+        for name, (low, high) in RANGES.items():
+            checked[name] = number(f"touch.sensor.{name}", values[name], low, high)
+        for name, (least, most) in WHOLE.items():
+            checked[name] = whole_number(f"touch.sensor.{name}", values[name], least, most)
+        for name in VECTORS:
+            checked[name] = numbers(f"touch.sensor.{name}", values[name], (3,), LARGEST_M).tolist()
+        for name, limit in LIGHTS.items():
+            count = whole_number(f"number of touch.sensor.{name}", len(values[name]), 0, MOST_LIGHTS)
+            checked[name] = numbers(f"touch.sensor.{name}", values[name], (count, 3), limit).tolist()
+        sensor = Sensor.from_dict(checked)
+    except KeyError as error:
+        raise FormatError("touch.sensor", f"no field {error}", REMEDY) from error
+    except (TypeError, ValueError) as error:
+        raise FormatError("touch.sensor", str(error), REMEDY) from error
+    rays = sensor.image_height * sensor.image_width * samples**2
+    if rays > MOST_RAYS:
+        raise FormatError("touch.sensor", f"{rays} rays an image, more than {MOST_RAYS}", REMEDY)
+    return sensor

@@ -1,0 +1,144 @@
+"""Ground truth of touch: presses that cover a surface by area, or at each of its vertices."""
+
+import numpy as np
+
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import Touches, press
+
+HELD_OUT_STREAM = 1
+
+
+def simulate_touches(
+    surface: Surface,
+    sensor: Sensor,
+    *,
+    touches: int,
+    held_out_touches: int,
+    depth_m: tuple[float, float] = (0.0005, 0.002),
+    tilt_deg: float = 15.0,
+    at_vertices: bool = False,
+    contact: str = "rigid",
+    samples: int = 2,
+    seed: int = 0,
+) -> Product:
+    """Press `sensor` against a surface at points drawn uniformly by area.
+
+    Depth is uniform in its range, tilt from 0 to its limit, its azimuth round the normal. The
+    held-out touches have a random stream of their own: they do not change with the number of the others.
+
+    Parameters
+    ----------
+    surface
+        Object frame, metres.
+    sensor
+        What to press.
+    touches, held_out_touches
+        How many of each.
+    depth_m
+        Least and most, from first contact.
+    tilt_deg
+        Most, from the contact normal.
+    at_vertices
+        Instead of random points, one touch at each vertex; at `touches` of them, drawn without
+        replacement, where there are more.
+    contact
+        ``"rigid"`` or ``"elastic"``: the contact model, see `objectfolder.touch.truth.press.press`.
+    samples
+        Samples along each side of a pixel.
+    seed
+        Of points, depths and tilts.
+
+    Returns
+    -------
+    Product
+        Arrays over ``touch``, the held-out ones last: ``rgb``, ``depth``, ``mask``, ``sensor_to_object``,
+        ``points``, ``normals``, ``depth_m`` and ``tilt_deg`` and ``azimuth_deg`` as asked, ``reachable``,
+        ``first_contact_offset_m``, ``penetration_m``, ``contact_area_m2``, ``force_n``, ``saturated``,
+        ``held_out``; and ``no_contact`` (y, x, channel), the image of the untouched gel. Attributes:
+        ``sensor``, ``contact``, ``samples``, ``seed``, ``reachable_fraction``.
+    """
+    training = _vertices(surface, touches, seed) if at_vertices else surface.sample(touches, seed).points
+    held_out_seed = int(np.random.SeedSequence([seed, HELD_OUT_STREAM]).generate_state(1)[0])
+    points = np.concatenate([training, surface.sample(held_out_touches, held_out_seed).points])
+    held_out = np.arange(len(points)) >= len(training)
+    queries = np.concatenate(
+        [
+            _queries(len(training), depth_m, tilt_deg, seed),
+            _queries(held_out_touches, depth_m, tilt_deg, held_out_seed),
+        ]
+    )
+    depth, tilt, azimuth = queries.T
+    pressed = press(
+        FacePatches(surface),
+        sensor,
+        points,
+        depth_m=depth,
+        tilt_deg=tilt,
+        azimuth_deg=azimuth,
+        samples=samples,
+        contact=contact,
+    )
+    reachable = float(pressed.reachable.mean()) if len(points) else 0.0
+    return Product(
+        {
+            **_touch_arrays(pressed),
+            "depth_m": Array(depth, ("touch",), "m", "depth asked for, from first contact", False),
+            "tilt_deg": Array(tilt, ("touch",), "degree", "lean of the sensor from the normal", False),
+            "azimuth_deg": Array(azimuth, ("touch",), "degree", "direction of the lean", False),
+            "held_out": Array(held_out, ("touch",), "1", "kept from training", False),
+            "no_contact": Array(
+                no_contact_image(sensor, samples), ("y", "x", "channel"), "1", "untouched gel", False
+            ),
+        },
+        {
+            "sensor": sensor.to_dict(),
+            "contact": contact,
+            "samples": samples,
+            "seed": seed,
+            "reachable_fraction": reachable,
+        },
+    )
+
+
+def _vertices(surface: Surface, count: int, seed: int) -> np.ndarray:
+    """Up to `count` of the vertices that faces use, in their order."""
+    used = np.unique(surface.faces)
+    if len(used) > count:
+        used = np.sort(np.random.default_rng(seed).choice(used, count, replace=False))
+    return surface.vertices[used]
+
+
+def _queries(count: int, depth_m: tuple[float, float], tilt_deg: float, seed: int) -> np.ndarray:
+    """Depth, tilt and azimuth (count, 3)."""
+    random = np.random.default_rng([seed, 2]).random((count, 3))
+    low = np.array([depth_m[0], 0.0, 0.0])
+    high = np.array([depth_m[1], tilt_deg, 360.0])
+    return np.asarray(low + random * (high - low))
+
+
+def _touch_arrays(pressed: Touches) -> dict[str, Array]:
+    image = ("touch", "y", "x")
+    return {
+        "rgb": Array(pressed.rgb, (*image, "channel"), "1", "image of the sensor, 8 bit, without noise"),
+        "depth": Array(pressed.depth, image, "m", "depth of the object in the undeformed gel"),
+        "mask": Array(pressed.mask, image, "1", "pixels that see the object in the gel"),
+        "sensor_to_object": Array(
+            pressed.sensor_to_object, ("touch", "row", "column"), "m", "pose of the sensor", False
+        ),
+        "points": Array(pressed.points, ("touch", "xyz"), "m", "touched points, object frame", False),
+        "normals": Array(pressed.normals, ("touch", "xyz"), "1", "contact normals, object frame", False),
+        "reachable": Array(pressed.reachable, ("touch",), "1", "the sensor can touch the point", False),
+        "first_contact_offset_m": Array(
+            pressed.first_contact_offset_m, ("touch",), "m", "travel from first contact to the point", False
+        ),
+        "penetration_m": Array(pressed.penetration_m, ("touch",), "m", "deepest indentation", False),
+        "contact_area_m2": Array(pressed.contact_area_m2, ("touch",), "m2", "area seen in the gel", False),
+        "force_n": Array(
+            pressed.force_n, ("touch",), "N", "force along the axis; NaN: the rigid model has none", False
+        ),
+        "saturated": Array(pressed.saturated, ("touch",), "1", "the gel is pressed as far as it goes", False),
+    }

@@ -1,0 +1,180 @@
+"""Where camera rays meet the surface, and what light reaches those points directly."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+
+# Cycles lifts the start of grazing shadow rays off the flat facet, onto the surface that the corner normals
+# describe; below this cosine, its default.
+TERMINATOR_COSINE = 0.1
+# Distance (unit frame) by which a shadow ray starts off its own face.
+SELF_OFFSET = 1e-4
+# Cosine with the facet to which mirror rays are lifted that a bent normal sends below it; Cycles bends the
+# normal to the same end.
+LEAST_MIRROR_COSINE = 0.01
+
+
+@dataclass(frozen=True)
+class Incidence:
+    """Points of the surface seen by n rays, and the light that arrives there; unit frame, float64.
+
+    Parameters
+    ----------
+    position, normal, to_camera, to_light
+        (n, 3); the last three of unit length, the normal is the shading normal on the camera's side.
+    distance
+        (n,) distance to the light.
+    irradiance
+        (n,) visibility * max(0, cos) / distance^2: 4 pi / power times the irradiance.
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+    to_camera: np.ndarray
+    to_light: np.ndarray
+    distance: np.ndarray
+    irradiance: np.ndarray
+
+
+@dataclass(frozen=True)
+class MirrorHits:
+    """What the surface shows of itself at n of its points, were it a mirror; unit frame, float64.
+
+    Parameters
+    ----------
+    row
+        (m,) the points whose mirror rays meet the surface.
+    face, barycentric, direction
+        (m,), (m, 3) where, and the (m, 3) unit directions of these rays.
+    """
+
+    row: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
+    direction: np.ndarray
+
+
+class UnitSurface:
+    """A surface queried in its unit frame."""
+
+    def __init__(self, surface: Surface, frame: UnitFrame) -> None:
+        self.surface = surface
+        self.frame = frame
+        self.triangles = frame.to_unit(surface.vertices)[surface.faces]
+
+    def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the face (n,) (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
+        hits = self.surface.ray_hits(self.frame.to_object(origins), directions)
+        return hits.face, hits.barycentric
+
+    def incidence(
+        self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray, light_position: np.ndarray
+    ) -> Incidence:
+        """Return what reaches the points hit by rays along `directions` from a light, (3,) or (n, 3)."""
+        position, normal, facet, corner_normals = self._seen(face, barycentric, directions)
+        triangles = self.triangles[face]
+        to_light = light_position - position
+        distance = np.linalg.norm(to_light, axis=1)
+        to_light /= np.maximum(distance, 1e-9)[:, None]
+        cosine = np.einsum("ij,ij->i", normal, to_light)
+        lit = np.flatnonzero(cosine > 0)
+        start = shadow_ray_start(
+            position[lit], triangles[lit], corner_normals[lit], barycentric[lit], facet[lit],
+            np.einsum("ij,ij->i", facet[lit], to_light[lit]), cosine[lit],
+        )  # fmt: skip
+        target = np.broadcast_to(light_position, position.shape)[lit]
+        blocked = self.surface.occluded(self.frame.to_object(start), self.frame.to_object(target))
+        irradiance = np.zeros(len(position))
+        irradiance[lit] = np.where(blocked, 0.0, cosine[lit] / np.maximum(distance[lit], 1e-3) ** 2)
+        return Incidence(position, normal, -directions, to_light, distance, irradiance)
+
+    def seen(
+        self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and shading normals (n, 3) of the points hit by rays along `directions`."""
+        return self._seen(face, barycentric, directions)[:2]
+
+    def _seen(
+        self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, shading normal, facet normal and corner normals on the side seen."""
+        corner_normals, facet = self.surface.corner_normals[face], self.surface.face_normals[face]
+        position = np.einsum("ij,ijk->ik", barycentric, self.triangles[face])
+        # The side seen decides where a normal points, as in Cycles: scans have inverted and open faces.
+        side = np.where(np.einsum("ij,ij->i", facet, directions) > 0, -1.0, 1.0)
+        facet, corner_normals = facet * side[:, None], corner_normals * side[:, None, None]
+        bent = np.einsum("ij,ijk->ik", barycentric, corner_normals)
+        normal = bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)
+        return position, normal, facet, corner_normals
+
+    def mirrored(self, face: np.ndarray, points: Incidence) -> MirrorHits:
+        """Trace the mirror ray of each of the points, which lie on faces (n,)."""
+        facet = self.surface.face_normals[face]
+        facet = facet * np.where(np.einsum("ij,ij->i", facet, points.to_camera) < 0, -1.0, 1.0)[:, None]
+        start, directions = mirror_rays(points.position, points.normal, points.to_camera, facet)
+        found, barycentric = self.first_hits(start, directions)
+        row = np.flatnonzero(found >= 0)
+        return MirrorHits(row, found[row], barycentric[row], directions[row])
+
+
+def mirror_rays(
+    position: np.ndarray, normal: np.ndarray, to_camera: np.ndarray, facet: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and unit directions (n, 3) of mirror rays; `facet` is on the camera's side."""
+    camera = np.einsum("ij,ij->i", normal, to_camera)[:, None]
+    directions = 2 * camera * normal - to_camera
+    rise = np.einsum("ij,ij->i", facet, directions)[:, None]
+    directions += np.maximum(LEAST_MIRROR_COSINE - rise, 0.0) * facet
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return position + SELF_OFFSET * facet, directions
+
+
+def shadow_ray_start(
+    position: np.ndarray,
+    triangles: np.ndarray,
+    corner_normals: np.ndarray,
+    barycentric: np.ndarray,
+    facet: np.ndarray,
+    facet_cosine: np.ndarray,
+    cosine: np.ndarray,
+) -> np.ndarray:
+    """Return the points (n, 3) from which shadow rays start, lifted near the terminator as Cycles does.
+
+    The lift is along the interpolated normal by half the bulge of the quadratic patch through the
+    corners, sum_ij b_i b_j (n_j - n_i) . (v_j - v_i), or by the height of the lowest corner tangent
+    plane where that is more. It fades in where the light grazes the facet.
+
+    Parameters
+    ----------
+    position, facet
+        (n, 3) points and facet normals.
+    triangles, corner_normals
+        (n, 3, 3).
+    barycentric
+        (n, 3).
+    facet_cosine, cosine
+        (n,) cosine of the light with the facet's and with the shading normal; the latter positive.
+    """
+    near = np.where(
+        cosine < TERMINATOR_COSINE,
+        2.0 - (facet_cosine + cosine) / TERMINATOR_COSINE,
+        1.0 - facet_cosine / TERMINATOR_COSINE,
+    )
+    amount = np.clip(near, 0.0, 1.0)
+    # Where the light is behind the facet the ray is meant to meet it, unless the lift clears it.
+    start = position + SELF_OFFSET * facet
+    some = np.flatnonzero(amount > 0)
+    v, n, b = triangles[some], corner_normals[some], barycentric[some]
+    bulge = np.zeros(len(some))
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        bulge += b[:, i] * b[:, j] * np.einsum("ij,ij->i", n[:, j] - n[:, i], v[:, j] - v[:, i])
+    planes = []
+    for i in range(3):
+        rise = np.einsum("ijk,ik->ij", v - v[:, i : i + 1], n[:, i]).max(axis=1)
+        planes.append(np.maximum(np.einsum("ij,ij->i", v[:, i] - position[some], n[:, i]) + rise, 0.0))
+    height = np.maximum(np.minimum(np.minimum(planes[0], planes[1]), planes[2]), bulge / 2)
+    start[some] += (amount[some] * height)[:, None] * np.einsum("ij,ijk->ik", b, n)
+    return start

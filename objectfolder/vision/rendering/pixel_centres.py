@@ -1,0 +1,78 @@
+"""What lies at the centre of each pixel: depth, normal and mask, from one ray a pixel.
+
+A mean over a pixel would be the depth of no point at a silhouette, and the normal of none at a crease.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.vision.cameras import pixel_rays
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.rendering.pixel_integration import CHUNK, box_in_view
+
+CENTRE = np.array([[0.5, 0.5]])
+
+
+@dataclass(frozen=True)
+class PixelCentres:
+    """The surface at the centres of h x w pixels.
+
+    Parameters
+    ----------
+    depth
+        (h, w) float32 distance along the camera's -z axis (not along the ray), unit frame; infinity where
+        nothing is.
+    normal
+        (h, w, 3) float32 unit shading normal on the camera's side, axes of the unit frame; 0 elsewhere.
+    mask
+        (h, w) bool, whether anything is.
+    """
+
+    depth: np.ndarray
+    normal: np.ndarray
+    mask: np.ndarray
+
+
+def cast_pixel_centres(
+    surface: UnitSurface,
+    camera_to_world: np.ndarray,
+    size: tuple[int, int],
+    field_of_view_deg: float,
+    crop: tuple[int, int, int, int],
+) -> PixelCentres:
+    """Cast a ray through the centre of each pixel of a part of a view.
+
+    Parameters
+    ----------
+    camera_to_world
+        (4, 4) pose, unit frame.
+    size
+        (height, width) of the whole image.
+    field_of_view_deg
+        Angle over the longer side.
+    crop
+        (top, left, height, width) of the part.
+    """
+    top, left, height, width = crop
+    depth = np.full(height * width, np.inf, dtype=np.float32)
+    normal = np.zeros((height * width, 3), dtype=np.float32)
+    rows, columns = box_in_view(surface.triangles.reshape(-1, 3), camera_to_world, size, field_of_view_deg)
+    rows = rows[(rows >= top) & (rows < top + height)]
+    columns = columns[(columns >= left) & (columns < left + width)]
+    pixels = (rows[:, None] * size[1] + columns).ravel()
+    places = ((rows[:, None] - top) * width + columns - left).ravel()
+    for start in range(0, len(pixels), CHUNK):
+        origins, directions = pixel_rays(
+            camera_to_world, pixels[start : start + CHUNK], CENTRE, size, field_of_view_deg
+        )
+        face, barycentric = surface.first_hits(origins, directions)
+        hit = np.flatnonzero(face >= 0)
+        face, barycentric, place = face[hit], barycentric[hit], places[start + hit]
+        position = np.einsum("ij,ijk->ik", barycentric, surface.triangles[face])
+        depth[place] = -np.einsum("ij,j->i", position - origins[hit], camera_to_world[:3, 2])
+        back = np.einsum("ij,ij->i", surface.surface.face_normals[face], directions[hit]) > 0
+        shading = surface.surface.normals_at(face, barycentric)
+        normal[place] = np.where(back[:, None], -shading, shading)
+    depth = depth.reshape(height, width)
+    return PixelCentres(depth, normal.reshape(height, width, 3), np.isfinite(depth))

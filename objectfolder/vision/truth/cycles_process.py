@@ -1,0 +1,75 @@
+"""Cycles in child processes: the parent never imports bpy, and a child renders one sample count."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from objectfolder.errors import SimulationError
+from objectfolder.vision.truth.render_request import Scene, Shots, save_request
+
+# Blender's memory grows with every render.
+VIEWS_PER_PROCESS = 120
+# The largest half-precision number.
+BRIGHTEST = 65504.0
+
+
+def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
+    """Render every shot, `VIEWS_PER_PROCESS` at most a child process.
+
+    A view depends on its own seed and nothing else, so the split does not show in the images.
+
+    Returns
+    -------
+    np.ndarray
+        (n, height, width, 4) float16 scene-linear premultiplied RGBA.
+
+    Raises
+    ------
+    SimulationError
+        Blender missing, killed or failed; its last words are in the message.
+    """
+    count = len(shots.camera_to_world)
+    images = np.empty((count, shots.height, shots.width, 4), dtype=np.float16)
+    with tempfile.TemporaryDirectory(prefix="objectfolder-views-") as folder:
+        for start in range(0, count, VIEWS_PER_PROCESS):
+            part = slice(start, min(start + VIEWS_PER_PROCESS, count))
+            request, result = Path(folder, "request.npz"), Path(folder, "result.npy")
+            save_request(
+                request,
+                scene,
+                dataclasses.replace(
+                    shots,
+                    camera_to_world=shots.camera_to_world[part],
+                    light_position=shots.light_position[part],
+                    seeds=shots.seeds[part],
+                ),
+            )
+            _run(request, result)
+            images[part] = np.clip(np.load(result), 0.0, BRIGHTEST)
+            result.unlink()
+    return images
+
+
+def _run(request: Path, result: Path) -> None:
+    package_root = str(Path(__file__).resolve().parents[3])
+    search_path = os.pathsep.join(filter(None, [package_root, os.environ.get("PYTHONPATH", "")]))
+    finished = subprocess.run(
+        [sys.executable, "-m", "objectfolder.vision.truth.cycles", str(request), str(result)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": search_path},
+        check=False,
+    )
+    if finished.returncode or not result.exists():
+        words = finished.stderr.decode(errors="replace").strip().splitlines()
+        raise SimulationError(
+            "Cycles",
+            f"the render process ended with status {finished.returncode}: {' / '.join(words[-3:])}",
+            "Install the factory extra on Python 3.11 with Blender's system libraries (see README).",
+        )

@@ -1,0 +1,153 @@
+"""What a renderer is asked for, and how the request travels to the process that renders it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.vision.appearance import Appearance
+
+# An albedo of 0.8 that faces the light from 0.5 reaches a radiance of 0.97, so that only surfaces very
+# close to the lamp clip: radiance = albedo P cos / (4 pi^2 d^2).
+LIGHT_POWER_W = 12.0
+# Diffuse and glossy bounces off the object itself after the first hit. One matters; the fourth changes
+# an image by less than its noise.
+BOUNCES = 3
+# Faces that a path may pass through by their holes; the next one stops it.
+FACES_WITH_HOLES = 64
+# Fields of a scene that hold something for some of its textures.
+BY_TEXTURE = ("alpha_cutoffs", "roughness_maps", "metallic_maps")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A textured mesh in the unit frame, as plain arrays.
+
+    Parameters
+    ----------
+    vertices
+        (v, 3) positions.
+    faces
+        (f, 3) vertex indices.
+    corner_normals
+        (f, 3, 3) unit shading normals.
+    texture_coordinates
+        (f, 3, 2) u, v a corner, v up.
+    face_texture
+        (f,) index into `textures`.
+    textures
+        (h, w, 4) uint8 images, sRGB-encoded, row 0 on top. Alpha is straight coverage, not encoded.
+    appearance
+        Reflectance, where no map gives another value.
+    alpha_cutoffs, roughness_maps, metallic_maps
+        By index of a texture, as in `TexturedMesh`.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    corner_normals: np.ndarray
+    texture_coordinates: np.ndarray
+    face_texture: np.ndarray
+    textures: tuple[np.ndarray, ...]
+    appearance: Appearance
+    alpha_cutoffs: Mapping[int, float] = field(default_factory=dict)
+    roughness_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
+    metallic_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def has_holes(self) -> bool:
+        """Whether a ray may pass through a face."""
+        return any(bool((texture[..., 3] < 255).any()) for texture in self.textures)
+
+
+def unit_scene(mesh: TexturedMesh, appearance: Appearance, frame: UnitFrame) -> Scene:
+    """Return a mesh brought into its unit frame."""
+    return Scene(
+        vertices=frame.to_unit(mesh.vertices),
+        faces=mesh.faces,
+        corner_normals=mesh.surface.corner_normals,
+        texture_coordinates=mesh.texture_coordinates,
+        face_texture=mesh.face_texture,
+        textures=mesh.textures,
+        appearance=appearance,
+        alpha_cutoffs=mesh.alpha_cutoffs,
+        roughness_maps=mesh.roughness_maps,
+        metallic_maps=mesh.metallic_maps,
+    )
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Views of a scene.
+
+    Parameters
+    ----------
+    camera_to_world
+        (n, 4, 4) poses, unit frame.
+    light_position
+        (n, 3) positions of the point light, unit frame.
+    seeds
+        (n,) seeds of the sampling pattern.
+    samples
+        Paths a pixel.
+    height, width
+        Image size, pixels.
+    field_of_view_deg
+        Angle over the longer side.
+    light_power_w
+        Radiant power of the point light.
+    bounces
+        Diffuse and glossy bounces after the first hit.
+    threads
+        Render threads; the image does not depend on it.
+    """
+
+    camera_to_world: np.ndarray
+    light_position: np.ndarray
+    seeds: np.ndarray
+    samples: int
+    height: int
+    width: int
+    field_of_view_deg: float
+    light_power_w: float = LIGHT_POWER_W
+    bounces: int = BOUNCES
+    threads: int = 1
+
+
+def save_request(path: Path, scene: Scene, shots: Shots) -> None:
+    """Write a scene and its shots as one ``.npz`` file."""
+    arrays: dict[str, Any] = {f"shots.{name}": value for name, value in asdict(shots).items()}
+    for part in fields(scene):
+        if part.name not in ("textures", "appearance", *BY_TEXTURE):
+            arrays[f"scene.{part.name}"] = getattr(scene, part.name)
+    for name in BY_TEXTURE:
+        for index, value in getattr(scene, name).items():
+            arrays[f"{name}.{index}"] = value
+    for index, texture in enumerate(scene.textures):
+        arrays[f"texture.{index}"] = texture
+    for name, value in scene.appearance.to_dict().items():
+        arrays[f"appearance.{name}"] = value
+    np.savez(path, **arrays)
+
+
+def load_request(path: Path) -> tuple[Scene, Shots]:
+    """Read what `save_request` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        names = ("shots", "scene", "texture", "appearance", *BY_TEXTURE)
+        groups: dict[str, dict[str, Any]] = {name: {} for name in names}
+        for key in file.files:
+            group, name = key.split(".")
+            value = file[key]
+            groups[group][name] = value if value.ndim else value.item()
+    textures = tuple(groups["texture"][str(index)] for index in range(len(groups["texture"])))
+    by_texture: dict[str, Any] = {
+        name: {int(index): value for index, value in groups[name].items()} for name in BY_TEXTURE
+    }
+    scene = Scene(
+        **groups["scene"], textures=textures, appearance=Appearance(**groups["appearance"]), **by_texture
+    )
+    return scene, Shots(**groups["shots"])

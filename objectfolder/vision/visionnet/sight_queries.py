@@ -1,0 +1,163 @@
+"""What an Object File answers when it is looked at."""
+
+from collections.abc import Collection
+from typing import overload
+
+import numpy as np
+
+from objectfolder.errors import QueryError
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.points import point_rows
+from objectfolder.vision.cameras import CAMERA_RADIUS, LIGHT_RADIUS, look_at, uniform_on_sphere
+from objectfolder.vision.compositing import on_white
+from objectfolder.vision.rendering.view_query import ray_query, view_query
+from objectfolder.vision.visionnet.visionnet import VisionNet
+
+
+class SightQueries:
+    """Images of an object; a part of `ObjectFile`, which has the attributes named here."""
+
+    frame: UnitFrame
+    vision: VisionNet
+
+    @overload
+    def render(
+        self, camera_to_world: np.ndarray, light_position: np.ndarray,
+        resolution: int | tuple[int, int] = ..., field_of_view: float = ..., linear: bool = ...,
+        sub_rays: int | None = ..., *,
+        light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
+        passes: None = ...,
+    ) -> np.ndarray: ...  # fmt: skip
+
+    @overload
+    def render(
+        self, camera_to_world: np.ndarray, light_position: np.ndarray,
+        resolution: int | tuple[int, int] = ..., field_of_view: float = ..., linear: bool = ...,
+        sub_rays: int | None = ..., *,
+        light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
+        passes: Collection[str],
+    ) -> dict[str, np.ndarray]: ...  # fmt: skip
+
+    def render(
+        self,
+        camera_to_world: np.ndarray,
+        light_position: np.ndarray,
+        resolution: int | tuple[int, int] = 256,
+        field_of_view: float = 39.6,
+        linear: bool = False,
+        sub_rays: int | None = None,
+        *,
+        light_colour: np.ndarray | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        passes: Collection[str] | None = None,
+    ) -> np.ndarray | dict[str, np.ndarray]:
+        """Render views under one or several point lights each.
+
+        Parameters
+        ----------
+        camera_to_world
+            (4, 4) or (n, 4, 4) rigid poses in the object frame, metres; the camera looks along -z, +y is up.
+        light_position
+            (3,), one light for all views; (n, 3), one a view; or (n, k, 3), k a view; metres, object frame.
+            Their power is that of the data set, whose lights lie at one `frame.scale` from the centre, and
+            falls off with the square of the distance.
+        resolution
+            Pixels of a side, or (height, width).
+        field_of_view
+            Of the longer side, degrees.
+        linear
+            Return premultiplied scene-linear RGBA instead of 8-bit sRGB on white.
+        sub_rays
+            Rays in a pixel where something ends (others get an eighth); the stored default, 64, if None. More
+            is slower and closer to the truth.
+        light_colour
+            (3,), (k, 3) or (n, k, 3) linear factors of that power, red, green, blue; 1 if None.
+        crop
+            (top, left, height, width) in pixels: that part of the image, equal to it bit for bit.
+        passes
+            Any of ``image``, ``depth``, ``normal``, ``mask``. The last three are of the pixel's centre, as in
+            the ground truth, and do not depend on light or sub-rays.
+
+        Returns
+        -------
+        ndarray or dict
+            The image: (n, h, w, 3) uint8, or (n, h, w, 4) float32 if `linear`. With `passes` a dict of them:
+            ``depth`` (n, h, w) float32, metres along the camera's -z axis (not along the ray), infinity where
+            the object is not; ``normal`` (n, h, w, 3) float32, the unit shading normal on the camera's side,
+            object frame, 0 where the object is not; ``mask`` (n, h, w) bool.
+
+        Raises
+        ------
+        QueryError
+            Poses that are not rigid, values that are not finite, numbers of poses, lights and colours that
+            differ, a crop outside the image, an unknown pass.
+        """
+        wanted = ("image",) if passes is None else tuple(passes)
+        names = {"image": "rgba", "depth": "depth", "normal": "normal", "mask": "mask"}
+        for name in wanted:
+            if name not in names:
+                raise QueryError("passes", f"{name!r}", f"Use {', '.join(names)}.")
+        query = view_query(camera_to_world, light_position, light_colour)
+        drawn = self.vision.render(
+            self.frame.camera_to_unit(query.cameras),
+            self.frame.to_unit(query.lights),
+            resolution,
+            field_of_view,
+            sub_rays,
+            light_colour=query.colours,
+            crop=crop,
+            passes=[names[name] for name in wanted],
+        )
+        if "depth" in drawn:
+            drawn["depth"] = drawn["depth"] * np.float32(self.frame.scale)
+        if "rgba" in drawn:
+            drawn["image"] = drawn["rgba"] if linear else on_white(drawn["rgba"])
+        return drawn["image"] if passes is None else {name: drawn[name] for name in wanted}
+
+    def radiance(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        light_position: np.ndarray,
+        *,
+        light_colour: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the radiance along rays; a ray's answer does not depend on the others.
+
+        Parameters
+        ----------
+        origins, directions
+            (n, 3) metres, object frame, directions of any length; or one origin (3,) for all.
+        light_position
+            (3,) or (k, 3) point lights that shine on all of them, metres, object frame, as for `render`.
+        light_colour
+            (3,) or (k, 3) linear factors of the data set's light; 1 if None.
+
+        Returns
+        -------
+        ndarray
+            (n, 4) float32 scene-linear RGBA: alpha is 1 where the ray meets the object, all is 0 elsewhere.
+
+        Raises
+        ------
+        QueryError
+            Shapes that do not match, values that are not finite, a direction without length.
+        """
+        starts, along = ray_query(origins, directions)
+        lights = point_rows(light_position, "light_position")
+        return self.vision.radiance(
+            self.frame.to_unit(starts), along, self.frame.to_unit(lights), light_colour=light_colour
+        )
+
+    def sample_views(
+        self, count: int, seed: int, camera_radius: float = CAMERA_RADIUS
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Draw valid views: camera_to_world (n, 4, 4) and light_position (n, 3), object frame, metres.
+
+        Distributed as the data set's: cameras uniform on the sphere of `camera_radius` (unit frame), lights
+        on the unit sphere.
+        """
+        random = np.random.default_rng(seed)
+        cameras = look_at(uniform_on_sphere(count, camera_radius, random))
+        lights = uniform_on_sphere(count, LIGHT_RADIUS, random)
+        return self.frame.camera_to_object(cameras), self.frame.to_object(lights)

@@ -1,0 +1,422 @@
+"""VisionNet: an object's appearance under any point light, from any camera."""
+
+import copy
+import reprlib
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, overload
+
+import numpy as np
+
+from objectfolder.errors import FormatError, QueryError
+from objectfolder.products.store import Product
+from objectfolder.products.stored_values import number, whole_number
+from objectfolder.products.tensor_file import REMEDY
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.points import point_rows
+from objectfolder.surface.surface import Surface
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.cameras import image_crop, image_size
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.network_layout import has_mirrors, weight_shapes
+from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid, covering_points
+from objectfolder.vision.rendering.backends import Renderer, choose_backend, make_renderer
+from objectfolder.vision.rendering.pixel_centres import cast_pixel_centres
+from objectfolder.vision.rendering.view_query import (
+    image_query,
+    light_colours,
+    ray_query,
+    require_near,
+    view_query,
+)
+
+PREFIX = "vision."
+SUB_RAYS = 64
+MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
+BAND_PIXELS = 1 << 21  # rendered at once: working memory does not grow with the image
+# Rays through a training pixel without mirrors.
+FEW_RAYS = 4
+# Shape of a pixel, and type, of what a view can show.
+PASSES: dict[str, tuple[tuple[int, ...], type]] = {
+    "rgba": ((4,), np.float32),
+    "depth": ((), np.float32),
+    "normal": ((3,), np.float32),
+    "mask": ((), np.bool_),
+}
+
+
+class VisionNet:
+    """First hit on the Object File's surface, traced direct light, learned reflectance and bounced light.
+
+    Parameters
+    ----------
+    surface
+        The surface that the Object File holds.
+    frame
+        Its unit frame.
+    grid
+        Cells of the feature grid.
+    weights
+        Arrays of `reflectance.Reflectance` by name, float16.
+    radiance_scale
+        P / (4 pi^2), watts: what one unit of the network's output is in scene-linear radiance.
+    camera_radius
+        Distance from the origin of the cameras it was trained on, unit frame.
+    sub_rays
+        Rays a pixel that `render` shoots unless asked otherwise.
+
+    Attributes
+    ----------
+    radiance_scale, camera_radius, sub_rays
+        As given.
+    device, backend
+        Where and how it is rendered; `on` changes them.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        frame: UnitFrame,
+        grid: SparseGrid,
+        weights: Mapping[str, np.ndarray],
+        *,
+        radiance_scale: float,
+        camera_radius: float,
+        sub_rays: int = SUB_RAYS,
+    ) -> None:
+        self.camera_radius = camera_radius
+        self.sub_rays = sub_rays
+        self._surface = UnitSurface(surface, frame)
+        self._grid = grid
+        self._weights = dict(weights)
+        self.radiance_scale = radiance_scale
+        self.device = "cpu"
+        self.backend = choose_backend(None, self.device)
+        self._renderer: Renderer | None = None
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """Return the arrays of an Object File, names beginning with ``vision.``."""
+        return {PREFIX + "grid": self._grid.to_bytes()} | {
+            f"{PREFIX}{name}": value for name, value in self._weights.items()
+        }
+
+    def metadata(self) -> dict[str, Any]:
+        """Return what the tensors do not say, as JSON."""
+        return {
+            "grid_resolution": self._grid.resolution,
+            "radiance_scale": self.radiance_scale,
+            "camera_radius": self.camera_radius,
+            "sub_rays": self.sub_rays,
+        }
+
+    @classmethod
+    def from_tensors(
+        cls,
+        tensors: Mapping[str, np.ndarray],
+        metadata: Mapping[str, Any],
+        surface: Surface,
+        frame: UnitFrame,
+    ) -> "VisionNet":
+        """Return the VisionNet that `tensors` and `metadata` describe.
+
+        Raises
+        ------
+        FormatError
+            A tensor that is missing or of the wrong shape, or a number of sub-rays that nobody stores.
+        """
+        own = {key.removeprefix(PREFIX): value for key, value in tensors.items() if key.startswith(PREFIX)}
+        if "grid" not in own:
+            raise FormatError(PREFIX + "grid", "missing")
+        resolution = whole_number(
+            "vision.grid_resolution", metadata["grid_resolution"], 8, LARGEST_RESOLUTION
+        )
+        grid = SparseGrid.from_bytes(own.pop("grid"), resolution)
+        expected = weight_shapes(grid.sizes, mirrors=has_mirrors(own))
+        for name in sorted(expected.keys() | own.keys()):
+            found = own[name].shape if name in own else None
+            if found != expected.get(name):
+                raise FormatError(PREFIX + name, f"shape {found}, expected {expected.get(name)}")
+            if not np.isfinite(own[name]).all():
+                raise FormatError(PREFIX + name, "not finite", REMEDY)
+        return cls(
+            surface,
+            frame,
+            grid,
+            own,
+            radiance_scale=number("vision.radiance_scale", metadata["radiance_scale"], 1e-6, 1e6),
+            camera_radius=number("vision.camera_radius", metadata["camera_radius"], 0.1, 1e3),
+            sub_rays=whole_number("vision.sub_rays", metadata["sub_rays"], 1, MOST_SUB_RAYS),
+        )
+
+    def on(self, device: str = "cpu", backend: str | None = None) -> "VisionNet":
+        """Return the same VisionNet, rendered on another device or in another way.
+
+        Parameters
+        ----------
+        device
+            ``"cpu"``, or ``"cuda"`` for the network and its features; their answers agree to 1e-3 in linear
+            radiance.
+        backend
+            One of `backends.BACKENDS`; if None, see `backends.choose_backend`.
+
+        Raises
+        ------
+        QueryError
+            A device or a way that is not at hand.
+        """
+        other = copy.copy(self)
+        other.backend, other.device = choose_backend(backend, device), device
+        other._renderer = None
+        if device != "cpu":
+            from objectfolder.vision.rendering.shading import require_device
+
+            require_device(device)
+        return other
+
+    def _rendering(self) -> Renderer:
+        """Make the renderer at the first query: importing torch is slow."""
+        if self._renderer is None:
+            self._renderer = make_renderer(
+                self.backend, self._surface, self._grid, self._weights, self.radiance_scale, self.device
+            )
+        return self._renderer
+
+    @overload
+    def render(
+        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
+        field_of_view_deg: float, sub_rays: int | None = ..., *, light_colour: np.ndarray | None = ...,
+        crop: tuple[int, int, int, int] | None = ..., passes: None = ...,
+    ) -> np.ndarray: ...  # fmt: skip
+
+    @overload
+    def render(
+        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
+        field_of_view_deg: float, sub_rays: int | None = ..., *, light_colour: np.ndarray | None = ...,
+        crop: tuple[int, int, int, int] | None = ..., passes: Collection[str],
+    ) -> dict[str, np.ndarray]: ...  # fmt: skip
+
+    def render(
+        self,
+        camera_to_world: np.ndarray,
+        light_position: np.ndarray,
+        resolution: int | tuple[int, int],
+        field_of_view_deg: float,
+        sub_rays: int | None = None,
+        *,
+        light_colour: np.ndarray | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        passes: Collection[str] | None = None,
+    ) -> np.ndarray | dict[str, np.ndarray]:
+        """Render views; each is computed alone, so a batch equals its views one by one, bit for bit.
+
+        Light adds up: along a ray the radiance under several lights is the sum of that under each. In an
+        image each pixel's share of the rays follows from what all lights together show.
+
+        Parameters
+        ----------
+        camera_to_world
+            (n, 4, 4) or (4, 4) rigid poses, unit frame.
+        light_position
+            (3,), one point light for all views; (n, 3), one a view; or (n, k, 3), k a view; unit frame.
+            Memory does not grow with k.
+        resolution
+            Pixels a side, or (height, width).
+        field_of_view_deg
+            Angle over the longer side.
+        sub_rays
+            Rays in a pixel where something ends, and an eighth of them elsewhere; by default the
+            `sub_rays` of this VisionNet.
+        light_colour
+            (3,), (k, 3) or (n, k, 3) linear factors of the data set's light, red, green, blue; 1 if None.
+        crop
+            (top, left, height, width) in pixels: that part of the image, equal to it bit for bit.
+        passes
+            Any of ``rgba``, ``depth``, ``normal``, ``mask``. The last three are of the pixel's centre, as in
+            the ground truth, and do not depend on light or sub-rays.
+
+        Returns
+        -------
+        np.ndarray or dict
+            (n, height, width, 4) float32 scene-linear premultiplied RGBA; alpha 0 where the object is not.
+            With `passes` a dict of them: ``depth`` (n, h, w) float32, distance along the camera's -z axis
+            (not along the ray) in the unit frame, infinity where the object is not; ``normal`` (n, h, w, 3)
+            float32, the unit shading normal on the camera's side in the object's axes, 0 where it is not;
+            ``mask`` (n, h, w) bool.
+
+        Raises
+        ------
+        QueryError
+            Shapes that do not match, values that are not finite, poses that are not rigid, no pixels, no
+            sub-rays, a crop outside the image, an unknown pass.
+        """
+        wanted = ("rgba",) if passes is None else tuple(passes)
+        for name in wanted:
+            if name not in PASSES:
+                raise QueryError("passes", f"{name!r}", f"Use {', '.join(PASSES)}.")
+        query = view_query(camera_to_world, light_position, light_colour)
+        require_near("camera_to_world", query.cameras[:, :3, 3])
+        require_near("light_position", query.lights)
+        rays = self.sub_rays if sub_rays is None else sub_rays
+        resolution, field_of_view_deg, rays = image_query(resolution, field_of_view_deg, rays, MOST_SUB_RAYS)
+        size = image_size(resolution)
+        try:
+            part = image_crop(crop, size)
+        except (OverflowError, TypeError, ValueError) as error:
+            if isinstance(error, QueryError):
+                raise
+            raise QueryError("crop", reprlib.repr(crop), "Give (top, left, height, width).") from error
+        views: list[dict[str, np.ndarray]] = []
+        for camera, light, colour in zip(query.cameras, query.lights, query.colours, strict=True):
+            view: dict[str, np.ndarray] = {}
+            if "rgba" in wanted:
+                bands = [
+                    self._rendering().render(camera, light, colour, size, field_of_view_deg, rays, band)
+                    for band in _bands(part)
+                ]
+                view["rgba"] = np.concatenate(bands)
+            if set(wanted) - {"rgba"}:
+                centres = cast_pixel_centres(self._surface, camera, size, field_of_view_deg, part)
+                view.update(depth=centres.depth, normal=centres.normal, mask=centres.mask)
+            views.append(view)
+        if views:
+            stacked = {name: np.stack([view[name] for view in views]) for name in wanted}
+        else:
+            stacked = {name: np.zeros((0, *part[2:], *PASSES[name][0]), PASSES[name][1]) for name in wanted}
+        return stacked["rgba"] if passes is None else stacked
+
+    def radiance(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        light_position: np.ndarray,
+        *,
+        light_colour: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the radiance along rays; a ray's answer does not depend on the others.
+
+        Parameters
+        ----------
+        origins, directions
+            (n, 3) unit frame, directions of any length; or one origin (3,) for all.
+        light_position
+            (3,) or (k, 3) point lights that shine on all of them, unit frame.
+        light_colour
+            (3,) or (k, 3) linear factors of the data set's light; 1 if None.
+
+        Returns
+        -------
+        np.ndarray
+            (n, 4) float32 scene-linear RGBA: alpha is 1 where the ray meets the object, all is 0 elsewhere.
+
+        Raises
+        ------
+        QueryError
+            Shapes that do not match, values that are not finite, a direction without length.
+        """
+        starts, along = ray_query(origins, directions)
+        lights = point_rows(light_position, "light_position")
+        require_near("origins", starts)
+        require_near("light_position", lights)
+        colours = light_colours(light_colour, lights.shape)
+        return self._rendering().radiance(starts, along, lights, colours)
+
+
+def _bands(part: tuple[int, int, int, int]) -> Iterator[tuple[int, int, int, int]]:
+    """Yield bands (top, left, height, width) of a part of an image, of about `BAND_PIXELS` each."""
+    top, left, height, width = part
+    rows = max(1, BAND_PIXELS // width)
+    for start in range(0, height, rows):
+        yield top + start, left, min(rows, height - start), width
+
+
+def fit_visionnet(
+    surface: Surface,
+    frame: UnitFrame,
+    views: Product,
+    *,
+    steps: int = 1200,
+    batch_pixels: int = 1024,
+    training_sub_rays: int | None = None,
+    training_pixels: int = 600_000,
+    learning_rate: float = 1e-2,
+    grid_corners: int = 100_000,
+    grid_resolution: int = 128,
+    mirrors: bool | None = None,
+    base_colour_weight: float = 0.3,
+    evenness_weight: float = 1e-3,
+    seed: int = 0,
+) -> VisionNet:
+    """Fit a VisionNet to the views that are not held out.
+
+    Equal arguments give equal weights on the same number of torch threads.
+
+    Parameters
+    ----------
+    surface
+        The decoded surface that the Object File will hold.
+    frame
+        Its unit frame.
+    views
+        Product of `views.simulate_views`.
+    steps, batch_pixels, learning_rate
+        Steps of Adam, pixels a step (of 4 rays; fewer pixels of more rays), and its rate.
+    training_sub_rays, training_pixels
+        Rays through each training pixel, and how many pixels (of 4 rays, as above) to choose from all
+        training views at most. If None 4 rays, more where the pixels are few (`training.rays_to_average`);
+        with mirrors at least as many as meet a narrow highlight.
+    grid_corners, grid_resolution
+        At most this many corners at the finest level, and at most this many cells a side (a multiple of 8).
+    mirrors
+        Whether the network shows the surface in itself, at the cost of one more ray a point; if None,
+        where `training.shows_itself` says so.
+    base_colour_weight, evenness_weight
+        How much the albedo is held to the views' base-colour pass, and the reflectance over it to be alike
+        all over, see `training.Priors`; 0 not at all. Views without that pass are fitted without the first.
+    seed
+        Of initial weights, batches and rays.
+
+    Raises
+    ------
+    InputError
+        No training view shows the object.
+    """
+    from objectfolder.vision.visionnet.training import (
+        Priors,
+        rays_to_average,
+        rays_to_meet,
+        shows_itself,
+        trace_training_rays,
+        train,
+    )
+
+    unit_surface = UnitSurface(surface, frame)
+    appearance = Appearance(**views.attributes["appearance"])
+    if mirrors is None:
+        mirrors = shows_itself(appearance)
+    if training_sub_rays is None:
+        covered = int(np.count_nonzero(views["rgba"][~views["held_out"]][..., 3]))
+        training_sub_rays = max(
+            rays_to_average(covered, steps * batch_pixels * FEW_RAYS),
+            rays_to_meet(appearance) if mirrors else FEW_RAYS,
+        )
+    # More rays a pixel cost fewer pixels: memory and time stay.
+    share = min(1.0, FEW_RAYS / training_sub_rays)
+    rays = trace_training_rays(
+        unit_surface, views, training_sub_rays, int(training_pixels * share), seed, mirrors=mirrors
+    )
+    points = covering_points(surface, frame.to_unit(surface.vertices), grid_resolution)
+    grid = SparseGrid.within_budget(np.concatenate([points, rays.position]), grid_corners, grid_resolution)
+    scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
+    network = train(
+        grid, rays, radiance_scale=scale, steps=steps, batch_pixels=max(1, int(batch_pixels * share)),
+        learning_rate=learning_rate, seed=seed,
+        priors=Priors(base_colour_weight, evenness_weight),
+    )  # fmt: skip
+    weights = {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}
+    return VisionNet(
+        surface,
+        frame,
+        grid,
+        weights,
+        radiance_scale=scale,
+        camera_radius=float(views.attributes["camera_radius"]),
+    )
