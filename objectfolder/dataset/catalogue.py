@@ -22,7 +22,11 @@ COLUMNS = (
     "metallic", "wall_m", "shell_m", "source_id",
 )  # fmt: skip
 
-_SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
+# Windows opens a device for these names, whatever extension follows, and drops a dot at the end.
+_SAFE_ID = re.compile(
+    r"(?!(con|prn|aux|nul|com[1-9]|lpt[1-9])(\.|$))[a-z0-9_]([a-z0-9_.-]{0,98}[a-z0-9_-])?",
+    re.ASCII | re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class ObjectRecord:
     Parameters
     ----------
     id
-        Names the object's files: letters, digits, ``_ - .``, at most 100, not starting with a dot.
+        Names the object's files; see `check_id`.
     mesh, texture
         Files that exist; a texture of None follows the mesh.
     material
@@ -193,19 +197,30 @@ def _faulty_ids(path: Path, rows: list[tuple[int, dict[str, str]]]) -> dict[int,
     for line, row in rows:
         object_id = row["id"]
         others = [str(other) for other in lines[object_id.casefold()] if other != line]
-        if not _SAFE_ID.fullmatch(object_id):
-            errors[line] = InputError(
-                f"{path} line {line}, field id",
-                f"{object_id!r} cannot be a file name",
-                "Use at most 100 letters, digits, '_', '-' and '.', not starting with '.'",
-            )
-        elif others:
-            errors[line] = InputError(
-                f"{path} line {line}, field id",
-                f"{object_id!r} is also used in line {', '.join(others)} (case does not count)",
-                "Give each object its own id",
-            )
+        where = f"{path} line {line}, field id"
+        try:
+            check_id(object_id, where)
+        except InputError as problem:
+            errors[line] = problem
+        else:
+            if others:
+                errors[line] = InputError(
+                    where,
+                    f"{object_id!r} is also used in line {', '.join(others)} (case does not count)",
+                    "Give each object its own id",
+                )
     return errors
+
+
+def check_id(object_id: str, where: str) -> None:
+    """Raise `InputError` for an id that cannot name a file on every system, or that looks like an option."""
+    if not _SAFE_ID.fullmatch(object_id):
+        raise InputError(
+            where,
+            f"{object_id!r} cannot be a file name",
+            "Use at most 100 letters, digits, '_', '-' and '.', not '-' or '.' first, no '.' last, and no "
+            "name of a Windows device (CON, NUL, COM1)",
+        )
 
 
 def _record(
@@ -271,15 +286,22 @@ def _material(name: str, materials: tuple[str, ...], where: str) -> str:
     )
 
 
+def number_in(text: str) -> float:
+    """Return a number as CSV files have it; NaN for any other text, as ``1_0``, which `float` would take."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+
+
 def _length(text: str, where: str) -> float | None:
     if text.lower() in ("", AS_IN_FILE):
         return None
-    try:
-        length = float(text)
-    except ValueError:
+    length = number_in(text)
+    if math.isnan(length):
         raise InputError(
             f"{where}, field length_m", f"{text!r} is not a number", f"Give metres, or {AS_IN_FILE!r}"
-        ) from None
+        )
     check_stated_length(length, where)
     return length
 
@@ -287,10 +309,7 @@ def _length(text: str, where: str) -> float | None:
 def _fraction(text: str, where: str) -> float | None:
     if not text:
         return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
+    value = number_in(text)
     if not 0 <= value <= 1:
         raise InputError(where, f"{text!r} is not a number in 0..1", "Correct it, or leave it empty")
     return value
@@ -299,10 +318,7 @@ def _fraction(text: str, where: str) -> float | None:
 def _thickness(text: str, where: str) -> float | None:
     if not text:
         return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
+    value = number_in(text)
     if not (math.isfinite(value) and value > 0):
         raise InputError(where, f"{text!r} is not a positive number", "Give metres, or leave it empty")
     return value

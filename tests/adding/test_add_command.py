@@ -117,7 +117,7 @@ def test_a_dry_run_writes_nothing(tmp_path, capsys):
         (("--wall", "0.003", "--shell", "0.003"), "--shell for one that is scanned solid"),
         (("--shell", "0.05"), "shell_m"),
         (("--wall", "0.05"), "wall_m"),
-        (("--id", "../up"), "such as up"),
+        (("--id", "../up"), "cannot be a file name"),
         (("--texture", "absent.png"), "absent.png"),
         (("--name", "a\nb"), "do not print"),
     ],

@@ -262,6 +262,10 @@ def test_ids_that_would_escape_the_folder(subtests, good):
         "tab\there",
         "x" * 101,
         "ü",
+        "CON",
+        "nul.obj",
+        "-rf",
+        "mug.",
     ]:
         with subtests.test(object_id=object_id):
             path = table(good, GOOD_ROW, f'"{object_id}",good/model.obj,,steel,0.1')

@@ -116,6 +116,15 @@ def test_walls_that_are_no_thickness(folder, field, value):
     assert "is not a positive number" in problem.finding
 
 
+@pytest.mark.parametrize("field", ["length_m", "roughness", "wall_m"])
+@pytest.mark.parametrize("value", ["1_0", "0_1", "\u0661"])
+def test_numbers_that_only_python_reads_are_refused(folder, field, value):
+    path = write(folder, f"id,material,{field}\ncube,steel,{value}\n")
+    problem = read_catalogue(path, MATERIALS).errors["cube"]
+    assert f"field {field}" in problem.where
+    assert repr(value) in problem.finding
+
+
 def test_a_wall_and_a_shell_exclude_each_other(folder):
     path = write(folder, "id,material,wall_m,shell_m\ncube,steel,0.002,0.002\n")
     problem = read_catalogue(path, MATERIALS).errors["cube"]

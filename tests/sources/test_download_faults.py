@@ -6,8 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pipeline.intake.sources.cached_file import CachedFile
-from pipeline.intake.sources.download import Downloader
+from pipeline.intake.sources.download import CachedFile, Downloader
 from tests.sources.file_server import HARMLESS, FileServer, at_random
 from tests.sources.served_file import AMPLE, CONTENT, MD5, ranges, whole_files
 

@@ -10,7 +10,7 @@ import pytest
 from objectfolder.errors import FormatError, InputError
 from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
 from pipeline.intake.sources.fetching import FETCHED, KEPT, Fetcher
-from pipeline.intake.sources.recorded_hashes import ChangedError, read_hashes
+from pipeline.intake.sources.recorded_hashes import ChangedError, content_of, read_hashes
 from pipeline.intake.sources.registry import Resolutions
 from tests.sources.served_sources import (
     GSO,
@@ -88,7 +88,7 @@ def test_an_object_comes_as_its_source_has_it(place, source_id):
     assert said["licence"] in ("CC-BY-4.0", "CC0-1.0")
     assert said["attribution"]
     assert said["address"].startswith("https://")
-    assert said["files"][mesh]["bytes"] == got.mesh.stat().st_size
+    assert read_hashes(place.hashes)[source_id, mesh].bytes == got.mesh.stat().st_size
     assert place.left_over() == []
 
 
@@ -131,12 +131,13 @@ def test_a_damaged_file_is_mended_from_the_cache(place, source_id):
     assert not [target for target in place.targets() if "/files/" not in target]
 
 
-def test_hashes_lost_are_recorded_again_from_what_is_there(place):
+def test_hashes_lost_are_recorded_again_from_the_cache(place):
     place.fetch(IDS[0])
     before = place.hashes.read_bytes()
     place.hashes.unlink()
     got = place.fetch(IDS[0])
-    assert (got.outcome, got.recorded) == (KEPT, 4)
+    assert (got.outcome, got.recorded) == (FETCHED, 4)
+    assert len(place.targets()) == 1  # the rest is in the cache
     assert place.hashes.read_bytes() == before
 
 
@@ -178,7 +179,7 @@ def test_changed_content_is_refused_by_both_hashes_until_it_is_accepted(place, s
     new = read_hashes(place.hashes)[source_id, path]
     assert new.sha256 != old.sha256
     assert new.sha256 in caught.value.finding
-    assert accepted.record.files[path] == new
+    assert content_of(accepted.folder / path) == new
 
 
 @pytest.mark.parametrize("source_id", IDS)
@@ -191,7 +192,7 @@ def test_content_that_others_know_otherwise_is_refused_on_the_first_fetch(place,
         elsewhere.fetch(source_id)
     assert not (elsewhere.fetched.joinpath(*source_id.split(":"))).exists()
     assert elsewhere.left_over() == []
-    assert got.record.files[path] == read_hashes(place.hashes)[source_id, path]
+    assert content_of(got.folder / path) == read_hashes(place.hashes)[source_id, path]
 
 
 def test_an_archive_packed_again_with_the_same_files_is_the_same(place):

@@ -100,7 +100,7 @@ def test_what_the_project_knows_of_them_holds(fetched_samples):
     new = {
         (source_id, path)
         for source_id, got in fetched_samples.items()
-        for path in got.record.files
+        for path in got.form.files
         if (source_id, path) not in known
     }
     assert new == {(f"gso:{MUG}", "materials/textures/texture.png")}

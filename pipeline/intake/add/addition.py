@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.dataset.catalogue import AS_IN_FILE
+from objectfolder.dataset.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
@@ -17,7 +17,7 @@ from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
 from objectfolder.surface.surface import Surface
-from pipeline.intake.add.naming import checked_id, object_id_of, words_of
+from pipeline.intake.add.naming import object_id_of, words_of
 from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
@@ -76,7 +76,8 @@ def check_object(wanted: Wanted) -> Checked:
     """
     material = find_material(read_materials(wanted.materials), wanted.material, "--material")
     licence = _licence(wanted.licence)
-    object_id = checked_id(wanted.object_id) if wanted.object_id else object_id_of(wanted.mesh)
+    object_id = wanted.object_id or object_id_of(wanted.mesh)
+    check_id(object_id, "--id")
     _check_numbers(wanted)
     for path, option in ((wanted.mesh, "MESH"), (wanted.texture, "--texture")):
         if path is not None and not path.is_file():

@@ -4,10 +4,7 @@ import re
 import unicodedata
 from pathlib import Path
 
-from objectfolder.errors import InputError
-
 LONGEST_ID = 100
-_SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
 
 GENERIC_STEMS = frozenset(("model", "mesh", "textured", "textured_simple", "scene", "object", "untitled"))
 """Files that collections name alike for all objects: their folder says more."""
@@ -23,17 +20,6 @@ def object_id_of(mesh: Path) -> str:
         folders = [folder.name for folder in mesh.parents if folder.name.casefold() not in GENERIC_FOLDERS]
         stem = folders[0] if folders and folders[0] else stem
     return safe_name(stem) or "object"
-
-
-def checked_id(object_id: str) -> str:
-    """Return an identifier that can name files; InputError for another."""
-    if not _SAFE_ID.fullmatch(object_id):
-        remedy = "Use at most 100 letters, digits, '_', '-' and '.', not starting with '.'"
-        near = safe_name(object_id)
-        if near:
-            remedy += f", such as {near}"
-        raise InputError("--id", f"{object_id!r} cannot be a file name", remedy)
-    return object_id
 
 
 def safe_name(text: str) -> str:

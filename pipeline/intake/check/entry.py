@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from objectfolder.audio.materials import Material
-from objectfolder.dataset.catalogue import ObjectRecord
+from objectfolder.dataset.catalogue import ObjectRecord, number_in
 from objectfolder.errors import InputError
 from pipeline.intake.check.shape import Shape
 from pipeline.intake.sources.registry import SOURCES
@@ -85,10 +85,7 @@ class Entry:
 
     def number(self, column: str) -> float | None:
         """Return a positive number; None for an empty cell or anything else (see the rule `readable`)."""
-        try:
-            value = float(self.cell(column))
-        except ValueError:
-            return None
+        value = number_in(self.cell(column))
         return value if math.isfinite(value) and value > 0 else None
 
     @property

@@ -1,35 +1,32 @@
-"""Files from servers into a cache: resumed, verified, and whole or not there."""
+"""Files from servers into a cache that processes share: resumed, verified, and whole or not there."""
 
 import contextlib
 import hashlib
-import io
 import json
+import os
 import re
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
+from urllib.parse import unquote
 
 import requests
 from urllib3.exceptions import HTTPError, MaxRetryError
 
 from objectfolder.errors import FormatError, InputError
-from pipeline.intake.disk import writing
-from pipeline.intake.sources.cached_file import CachedFile
+from objectfolder.products.atomic import atomic_write
+from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.http_client import (
-    CONTENT_RANGE,
     LEAST_BYTES,
     RETRY_REMEDY,
     InterruptedBodyError,
     UnreachableError,
     body,
-    check_address,
     check_answer,
-    continues,
     failure,
-    retry_policy,
     retrying_session,
-    validator_of,
 )
 
 CONNECT_S = 10.0
@@ -40,7 +37,6 @@ REMEDY = (
     "record what is new only if it is right."
 )
 Progress = Callable[[str, int, int | None], None]
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,7 @@ class Expected:
 
     def difference(self, path: Path) -> str:
         """Return in what a file differs, with both values; empty where it does not."""
-        with writing(path), path.open("rb") as file:
+        with path.open("rb") as file:
             found = {"size": path.stat().st_size, "md5": hashlib.file_digest(file, "md5").hexdigest()}
         for name, value in found.items():
             wanted = getattr(self, name)
@@ -62,11 +58,44 @@ class Expected:
                 return f"differs from what is known of it: its {name} is {value}, not {wanted}"
         return ""
 
-    def check_count(self, count: int) -> None:
-        """Raise `InputError` for more bytes than the file may have."""
-        if count > self.limit_bytes:
-            remedy = "No such file should be that large; look at it before fetching it."
-            raise InputError(self.url, f"larger than {self.limit_bytes} bytes", remedy)
+
+class CachedFile:
+    """The folder of an address in a cache; the file has its final name only once it is verified."""
+
+    def __init__(self, cache: Path, url: str) -> None:
+        self.folder = cache / hashlib.sha256(url.encode("utf-8", "surrogatepass")).hexdigest()[:32]
+        last = unquote(re.split("[?#]", url)[0]).rpartition("/")[2]
+        plain = re.sub(r"[^A-Za-z0-9._-]", "_", last)[-100:].lstrip(".") or "file"
+        self.path, self.partial = self.folder / plain, self.folder / ".partial"
+        self._version = self.folder / ".partial.etag"
+
+    def resumable(self) -> tuple[int, str]:
+        """Return the bytes that are there and the ETag of their version; 0 where they cannot be used."""
+        try:
+            return self.partial.stat().st_size, self._version.read_text("latin-1")
+        except FileNotFoundError:
+            return 0, ""
+
+    def begin(self, etag: str) -> None:
+        """Discard the part that is there, and note the version of the next."""
+        # In this order a killed process leaves nothing that looks like a part of another version.
+        self.discard()
+        self.partial.touch()
+        if re.fullmatch(r'"[!#-~]*"', etag):  # a strong one: it changes with every byte
+            with atomic_write(self._version) as file:
+                file.write(etag.encode("latin-1"))
+
+    def finish(self) -> None:
+        """Give the whole file its name."""
+        with self.partial.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(self.partial, self.path)
+        self.discard()
+
+    def discard(self) -> None:
+        """Remove the part that is there."""
+        self._version.unlink(missing_ok=True)
+        self.partial.unlink(missing_ok=True)
 
 
 class Downloader:
@@ -90,11 +119,6 @@ class Downloader:
     progress
         Called with the address, the bytes there are, which become fewer where it begins again, and those
         of the whole where they are known.
-
-    Raises
-    ------
-    InputError
-        A mirror that is no address.
     """
 
     def __init__(
@@ -111,11 +135,8 @@ class Downloader:
         self._cache = Path(cache)
         self._proxies = dict(proxies or {})
         self._mirrors = dict(sorted((mirrors or {}).items(), key=lambda pair: -len(pair[0])))
-        for address in (*self._mirrors, *self._mirrors.values()):
-            check_address(address)
         self._timeout_s = timeout_s
-        self._retry = retry_policy(retries, backoff_s)
-        self._session = retrying_session(self._retry)
+        self._session, self._retry = retrying_session(retries, backoff_s)
         self._progress = progress or (lambda url, count, total: None)
 
     def file(
@@ -139,16 +160,12 @@ class Downloader:
         FormatError
             It is another than expected.
         """
-        cached, expected = self._cached(url), Expected(url, md5, size, limit_bytes)
-        with cached.locked():
-            if not cached.path.is_file() or expected.difference(cached.path):
-                self._fetch(cached, expected)
-        return cached.path
+        return self._file(self._cache, Expected(url, md5, size, limit_bytes))
 
     def json(self, url: str, limit_bytes: int = LIMIT_JSON_BYTES) -> Any:
         """Return a small document, which is not kept; see `file` for what is raised."""
-        expected = Expected(url, None, None, limit_bytes)
-        content = self._retried(url, lambda: self._document(expected), lambda: 0)
+        with tempfile.TemporaryDirectory() as folder:
+            content = self._file(Path(folder), Expected(url, None, None, limit_bytes)).read_bytes()
         try:
             return json.loads(content)
         except (ValueError, RecursionError) as error:
@@ -157,40 +174,22 @@ class Downloader:
 
     def forget(self, url: str) -> None:
         """Remove what the cache has of an address, as when its content turns out to be damaged."""
-        cached = self._cached(url)
-        with cached.locked(), writing(cached.path):
+        cached = CachedFile(self._cache, url)
+        with locked(cached.folder / ".lock"), writing(cached.path):
             cached.path.unlink(missing_ok=True)
             cached.discard()
 
-    def _cached(self, url: str) -> CachedFile:
-        check_address(url)
-        return CachedFile(self._cache, url)
-
-    @contextlib.contextmanager
-    def _get(self, url: str, headers: Mapping[str, str]) -> Iterator[requests.Response]:
-        """Ask for `url` or its mirror; yield an answer of 200, 206 or 416, its body not read."""
-        start = next((start for start in self._mirrors if url.startswith(start)), "")
-        address = self._mirrors.get(start, "") + url.removeprefix(start)
-        try:
-            response = self._session.get(
-                address,
-                headers=headers,
-                stream=True,
-                timeout=(min(CONNECT_S, self._timeout_s), self._timeout_s),
-                proxies=dict(self._proxies),
-            )
-        except (requests.RequestException, HTTPError, OSError, ValueError) as error:
-            raise failure(url, error) from error
-        with response:
-            check_answer(url, response)
-            yield response
+    def _file(self, cache: Path, expected: Expected) -> Path:
+        cached = CachedFile(cache, expected.url)
+        with locked(cached.folder / ".lock"), writing(cached.path):
+            if not cached.path.is_file() or expected.difference(cached.path):
+                self._fetch(cached, expected)
+        return cached.path
 
     def _fetch(self, cached: CachedFile, expected: Expected) -> None:
         """Bring all of a file, verify it, and give it its name."""
         for _ in range(2):  # an earlier part may be damaged: then from the beginning
-            resumed = self._retried(
-                expected.url, lambda: self._append(cached, expected), lambda: cached.resumable()[0]
-            )
+            resumed = self._completed(cached, expected)
             difference = expected.difference(cached.partial)
             if not difference:
                 return cached.finish()
@@ -199,91 +198,86 @@ class Downloader:
                 break
         raise FormatError(expected.url, difference, REMEDY)
 
-    def _retried(self, url: str, attempt: Callable[[], _Result], position: Callable[[], int]) -> _Result:
-        """Return what `attempt` returns; try it again while its body breaks off.
-
-        Parameters
-        ----------
-        position
-            Returns how many bytes are kept; attempts that add `LEAST_BYTES` to the furthest are not counted.
-        """
-        retry, furthest = self._retry, position()
+    def _completed(self, cached: CachedFile, expected: Expected) -> bool:
+        """Append what is missing, also where the body breaks off; return whether some was there before."""
+        # Attempts that add `LEAST_BYTES` to the furthest are not counted.
+        retry, furthest = self._retry, cached.resumable()[0]
         while True:
             try:
-                return attempt()
+                return self._append(cached, expected)
             except InterruptedBodyError as problem:
-                if position() >= furthest + LEAST_BYTES:
-                    retry, furthest = self._retry, position()
+                if (position := cached.resumable()[0]) >= furthest + LEAST_BYTES:
+                    retry, furthest = self._retry, position
                 try:
-                    retry = retry.increment("GET", url, error=problem)
+                    retry = retry.increment("GET", expected.url, error=problem)
                 except MaxRetryError:
-                    raise UnreachableError(url, f"cannot be fetched: {problem}", RETRY_REMEDY) from problem
+                    finding = f"cannot be fetched: {problem}"
+                    raise UnreachableError(expected.url, finding, RETRY_REMEDY) from problem
                 retry.sleep()
 
     def _append(self, cached: CachedFile, expected: Expected) -> bool:
-        """Append what is missing; return whether some was there before."""
-        count, validator = cached.resumable()
-        headers = {"Range": f"bytes={count}-", "If-Range": validator} if count else {}
+        """Ask once for what is missing; return whether some was there before."""
+        count, etag = cached.resumable()
+        headers = {"Range": f"bytes={count}-", "If-Range": etag} if count else {}
         with self._get(expected.url, headers) as response:
-            if response.status_code == 416 and response.headers.get("Content-Range") == f"bytes */{count}":
+            part = response.headers.get("Content-Range", "")
+            if response.status_code == 416 and part == f"bytes */{count}":
                 return True  # all of it was there
-            total = _total(response, expected)
-            expected.check_count(total or 0)
-            resumed = bool(count) and continues(response, count, validator)
-            if not resumed:
-                count = 0
-                cached.begin(validator_of(response))
+            resumed = response.status_code == 206 and part.startswith(f"bytes {count}-") and count > 0
+            if not resumed or response.headers.get("ETag", etag) != etag:
+                count, resumed = 0, False
+                cached.begin(response.headers.get("ETag", ""))
                 if response.status_code != 200:
                     raise InterruptedBodyError("its server sends another part than asked for")
-            with writing(cached.partial):
-                file = cached.partial.open("ab")
-            with file:
+            total = _total(response, count, expected)
+            with cached.partial.open("ab") as file:
                 self._progress(expected.url, count, total)
                 for block in body(response, self._timeout_s):
                     count += len(block)
-                    if count > expected.limit_bytes:
+                    if max(count, total or 0) > expected.limit_bytes:
                         cached.discard()
-                    expected.check_count(count)
-                    with writing(cached.partial):
-                        file.write(block)
-                        file.flush()
+                        remedy = "No such file should be that large; look at it before fetching it."
+                        finding = f"larger than {expected.limit_bytes} bytes"
+                        raise InputError(expected.url, finding, remedy)
+                    file.write(block)
+                    file.flush()
                     self._progress(expected.url, count, total)
-        if total is not None and count < total:
-            raise InterruptedBodyError(f"the connection was lost: after {count} of {total} bytes")
         return resumed
 
-    def _document(self, expected: Expected) -> bytes:
-        content = io.BytesIO()
-        with self._get(expected.url, {"Accept": "application/json"}) as response:
-            for block in body(response, self._timeout_s, decoded=True):
-                content.write(block)
-                expected.check_count(content.tell())
-        return content.getvalue()
+    @contextlib.contextmanager
+    def _get(self, url: str, headers: Mapping[str, str]) -> Iterator[requests.Response]:
+        """Ask for `url` or its mirror; yield an answer of 200, 206 or 416, its body not read."""
+        start = next((start for start in self._mirrors if url.startswith(start)), "")
+        address = self._mirrors.get(start, "") + url.removeprefix(start)
+        timeouts = min(CONNECT_S, self._timeout_s), self._timeout_s
+        try:
+            response = self._session.get(
+                address, headers=headers, stream=True, timeout=timeouts, proxies=dict(self._proxies)
+            )
+        except (requests.RequestException, HTTPError, OSError, ValueError) as error:
+            raise failure(url, error) from error
+        with response:
+            check_answer(url, response)
+            yield response
 
 
-def _total(response: requests.Response, expected: Expected) -> int | None:
-    """Return the bytes of the whole file; None where the end of its last chunk will tell.
+def _total(response: requests.Response, count: int, expected: Expected) -> int | None:
+    """Return the bytes of the whole file, of which `count` are there; None where the last chunk will tell.
 
     Raises
     ------
-    FormatError
-        The server says another size than is known.
     InputError
         Nothing tells where the file ends.
     """
     if response.headers.get("Transfer-Encoding", "").lower() == "chunked":
         return None
-    matched = CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
-    said = matched[2] if matched else response.headers.get("Content-Length", "")
-    if not re.fullmatch(r"[0-9]{1,18}", said):
-        if expected.size is None and expected.md5 is None:
-            raise InputError(
-                expected.url,
-                "its server does not say how long it is, so a cut connection would pass for its end",
-                "Use a mirror.",
-            )
-        return expected.size
-    if expected.size is not None and int(said) != expected.size:
-        finding = f"differs from what is known of it: its size is {said}, not {expected.size}"
-        raise FormatError(expected.url, finding, REMEDY)
-    return int(said)
+    length = response.headers.get("Content-Length", "")
+    if length.isdecimal():
+        return count + int(length)
+    if expected.size is None and expected.md5 is None:
+        raise InputError(
+            expected.url,
+            "its server does not say how long it is, so a cut connection would pass for its end",
+            "Use a mirror.",
+        )
+    return expected.size

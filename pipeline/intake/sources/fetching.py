@@ -3,7 +3,7 @@
 import difflib
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,16 +11,8 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.download import Downloader
 from pipeline.intake.sources.http_client import AbsentError, RefusedError, UnreachableError
-from pipeline.intake.sources.object_record import (
-    RECORD,
-    Form,
-    Record,
-    content_of,
-    is_whole,
-    read_record,
-    write_record,
-)
-from pipeline.intake.sources.recorded_hashes import ChangedError, check_known, read_hashes, record_hashes
+from pipeline.intake.sources.object_record import RECORD, Form, read_forms, write_forms
+from pipeline.intake.sources.recorded_hashes import ChangedError, content_of, read_hashes, record_hashes
 from pipeline.intake.sources.registry import Resolutions
 from pipeline.intake.sources.source import Download, Source, SourceObject
 from pipeline.intake.sources.unpacking import unpack
@@ -39,8 +31,8 @@ class Fetched:
         What was asked for.
     folder
         Where it is.
-    record
-        What its `source.json` says.
+    form
+        The form that was asked for.
     outcome
         `FETCHED` or `KEPT`.
     recorded
@@ -49,14 +41,9 @@ class Fetched:
 
     asked: SourceObject
     folder: Path
-    record: Record
+    form: Form
     outcome: str
     recorded: int
-
-    @property
-    def form(self) -> Form:
-        """The form that was asked for."""
-        return self.record.resolutions[self.asked.resolution]
 
     @property
     def mesh(self) -> Path:
@@ -71,7 +58,7 @@ class Fetched:
     @property
     def bytes(self) -> int:
         """Of its files."""
-        return sum(content.bytes for content in self.record.files_of(self.asked.resolution).values())
+        return sum((self.folder / name).stat().st_size for name in self.form.files)
 
 
 @dataclass(frozen=True)
@@ -147,20 +134,18 @@ class Fetcher:
         with locked(target.with_name(f".{target.name}.lock")), writing(target):
             kept = self._kept(asked)
             if kept is not None:
-                return Fetched(asked, target, kept, KEPT, self._record_hashes(asked, kept))
+                return Fetched(asked, target, kept, KEPT, 0)
             try:
-                record = self._downloaded(asked, partial)
-                recorded = self._record_hashes(asked, record)
-                before = read_record(target)
-                if before is not None:
-                    record = _with_other_resolutions(target, before, partial, record)
-                write_record(partial, asked, record)
+                form, recorded = self._downloaded(asked, partial)
+                forms = read_forms(target) | {asked.resolution: form}
+                _copy_missing(target, partial, {name for one in forms.values() for name in one.files})
+                write_forms(partial, asked, forms)
                 _replace_folder(target, partial)
             except (AbsentError, RefusedError) as problem:
                 raise self._absent(asked, problem) from problem
             finally:
                 shutil.rmtree(partial, ignore_errors=True)
-        return Fetched(asked, target, record, FETCHED, recorded)
+        return Fetched(asked, target, form, FETCHED, recorded)
 
     def fetch_all(self, source_ids: Sequence[str], resolutions: Resolutions) -> Iterator[Fetched | Failed]:
         """Fetch one object after another, each once; one that fails does not stop the others."""
@@ -183,26 +168,20 @@ class Fetcher:
                 unreachable[source] = unreachable[source] + 1 if isinstance(error, UnreachableError) else 0
                 yield Failed(source_id, error)
 
-    def _kept(self, asked: SourceObject) -> Record | None:
-        """Return the record of the present files, if they are whole and have the known hashes."""
+    def _kept(self, asked: SourceObject) -> Form | None:
+        """Return the form that is there, if all of its files have the known hashes."""
         target = asked.folder(self._folder)
-        record = None if self._refresh else read_record(target)
-        if record is None or not is_whole(target, record, asked.resolution):
+        form = None if self._refresh else read_forms(target).get(asked.resolution)
+        if form is None:
             return None
-        try:
-            self._check_known(asked, record)
-        except ChangedError:
-            return None
-        return record
+        known = read_hashes(self._hashes)
+        for name in form.files:
+            path = target / name
+            if not path.is_file() or known.get((asked.id, name)) != content_of(path):
+                return None
+        return form
 
-    def _check_known(self, asked: SourceObject, record: Record) -> None:
-        check_known(read_hashes(self._hashes), asked.id, record.files_of(asked.resolution))
-
-    def _record_hashes(self, asked: SourceObject, record: Record) -> int:
-        files = record.files_of(asked.resolution)
-        return record_hashes(self._hashes, asked.id, files, accept_changed=self._accept_changed)
-
-    def _downloaded(self, asked: SourceObject, folder: Path) -> Record:
+    def _downloaded(self, asked: SourceObject, folder: Path) -> tuple[Form, int]:
         """Fill a folder; what is damaged or changed is downloaded once more before it is refused."""
         if not self._refresh:
             try:
@@ -211,8 +190,8 @@ class Fetcher:
                 pass
         return self._laid_out(asked, folder, anew=True)
 
-    def _laid_out(self, asked: SourceObject, folder: Path, *, anew: bool) -> Record:
-        """Fill an empty folder as the source lays it out; return which file is what."""
+    def _laid_out(self, asked: SourceObject, folder: Path, *, anew: bool) -> tuple[Form, int]:
+        """Fill an empty folder as the source lays it out; return which file is what, and the new hashes."""
         shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
         folder.mkdir(parents=True)
         listed = asked.source.downloads(asked.name, asked.resolution, self._downloader)
@@ -233,10 +212,7 @@ class Fetcher:
         mesh, texture = asked.source.mesh_and_texture(folder, asked.name, asked.resolution)
         form = Form(mesh, texture, tuple(entry.url for entry in listed), tuple(paths))
         contents = {path: content_of(folder / path) for path in paths}
-        record = Record(asked.resolution, {asked.resolution: form}, contents)
-        if not self._accept_changed:
-            self._check_known(asked, record)
-        return record
+        return form, record_hashes(self._hashes, asked.id, contents, accept_changed=self._accept_changed)
 
     def _absent(self, asked: SourceObject, problem: InputError) -> InputError:
         """Return the error for an object that the source does not have, or refuses."""
@@ -270,17 +246,9 @@ def _replace_folder(target: Path, whole: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _with_other_resolutions(target: Path, before: Record, partial: Path, fetched: Record) -> Record:
-    """Copy what an object has at other resolutions, if it is whole, beside what was fetched."""
-    forms, files = dict(fetched.resolutions), dict(fetched.files)
-    for resolution, form in before.resolutions.items():
-        same = all(files.get(name, before.files[name]) == before.files[name] for name in form.files)
-        if resolution in forms or not same or not is_whole(target, before, resolution):
-            continue
-        for name in form.files:
-            if name not in files:
-                (partial / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(target / name, partial / name)
-                files[name] = before.files[name]
-        forms[resolution] = form
-    return Record(fetched.resolution, forms, files)
+def _copy_missing(source: Path, folder: Path, names: Iterable[str]) -> None:
+    """Copy files of other resolutions beside those that were fetched."""
+    for name in names:
+        if not (folder / name).exists() and (source / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / name, folder / name)

@@ -5,14 +5,12 @@ import logging
 import re
 import time
 from collections.abc import Iterator
-from datetime import timedelta
-from email.utils import parsedate_to_datetime
 from urllib.parse import urlsplit
 
 import requests
 from requests.adapters import HTTPAdapter
 from urllib3 import BaseHTTPResponse
-from urllib3.exceptions import HTTPError, InvalidHeader, ProtocolError
+from urllib3.exceptions import HTTPError, ProtocolError
 from urllib3.util import Retry
 
 from objectfolder import __version__
@@ -30,8 +28,6 @@ MOST_REDIRECTS = 8
 BLOCK = 256 << 10  # bytes
 LEAST_BYTES = 64 << 10
 """Bytes that must arrive within the timeout; a slower connection is given up."""
-LEAST_AGE = timedelta(seconds=60)  # of a Last-Modified that tells versions apart (RFC 9110, 8.8.2.2)
-CONTENT_RANGE = re.compile(r"bytes (\d+)-\d+/(\d+|\*)")
 RETRY_REMEDY = "Try again later, or check the network, proxy or mirror: what was downloaded is kept."
 
 FINDINGS = {
@@ -64,19 +60,24 @@ class PoliteRetry(Retry):
     """urllib3's retries; they end where a server asks for a wait of more than `LONGEST_WAIT_S`."""
 
     def get_retry_after(self, response: BaseHTTPResponse) -> float | None:
-        """Return the server's Retry-After in seconds; None where it says none that can be read."""
-        try:
-            wait_s = super().get_retry_after(response)
-        except InvalidHeader:
-            return None
+        """Return the server's Retry-After in seconds; None where it says none."""
+        wait_s = super().get_retry_after(response)
         if wait_s is not None and wait_s > LONGEST_WAIT_S:
             raise requests.exceptions.RetryError(f"Retry-After {wait_s:.0f} s")
         return wait_s
 
 
-def retry_policy(retries: int, backoff_s: float) -> Retry:
-    """Return when to ask again: `retries` times; the second wait is `backoff_s`, each next one doubles."""
-    return PoliteRetry(
+def retrying_session(retries: int, backoff_s: float) -> tuple[requests.Session, Retry]:
+    """Return a session that names this software, and when it asks again.
+
+    Parameters
+    ----------
+    retries
+        How often to ask again.
+    backoff_s
+        Wait before the second retry; it doubles from there.
+    """
+    retry = PoliteRetry(
         total=retries,
         other=0,  # certificates and refused tunnels, which do not mend themselves
         backoff_factor=backoff_s / 2,
@@ -84,29 +85,13 @@ def retry_policy(retries: int, backoff_s: float) -> Retry:
         status_forcelist=RETRIED_STATUSES,
         raise_on_status=False,
     )
-
-
-def retrying_session(retry: Retry) -> requests.Session:
-    """Return a session that names this software and asks for bytes as they are stored."""
     session = requests.Session()
     # Hashes and ranges are of the stored bytes.
     session.headers.update({"User-Agent": USER_AGENT, "Accept-Encoding": "identity"})
     session.max_redirects = MOST_REDIRECTS
-    session.hooks["response"].append(_close_redirect)
     for scheme in ("http://", "https://"):
         session.mount(scheme, HTTPAdapter(max_retries=retry))
-    return session
-
-
-def check_address(address: str) -> None:
-    """Raise `InputError` for what is no address of the web."""
-    try:
-        parts = urlsplit(address)
-        right = parts.scheme.lower() in ("http", "https") and bool(parts.hostname)
-    except ValueError:
-        right = False
-    if not right:
-        raise InputError(address, "no address that begins with http:// or https://", "Correct the address.")
+    return session, retry
 
 
 def check_answer(url: str, response: requests.Response) -> None:
@@ -136,26 +121,6 @@ def check_answer(url: str, response: requests.Response) -> None:
     raise RefusedError(url, f"refused by its server or a proxy ({status})", remedy)
 
 
-def validator_of(response: requests.Response) -> str:
-    """Return a strong ETag or an old enough date, which identify this version of a file; else nothing."""
-    tag = response.headers.get("ETag", "")
-    if re.fullmatch(r'"[!#-~]*"', tag):  # a strong one
-        return tag
-    modified = response.headers.get("Last-Modified", "")
-    try:
-        age = parsedate_to_datetime(response.headers.get("Date", "")) - parsedate_to_datetime(modified)
-    except (ValueError, TypeError, OverflowError):  # absent, no dates, or of which one has no time zone
-        return ""
-    return modified if age >= LEAST_AGE else ""
-
-
-def continues(response: requests.Response, count: int, validator: str) -> bool:
-    """Whether an answer is the rest of a file after `count` bytes."""
-    matched = CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
-    is_rest = response.status_code == 206 and matched is not None and int(matched[1]) == count
-    return is_rest and validator_of(response) in ("", validator)
-
-
 def failure(url: str, error: Exception) -> InputError:
     """Return the error of a request without an answer."""
     said = str(error)
@@ -180,8 +145,8 @@ def failure(url: str, error: Exception) -> InputError:
     return UnreachableError(url, f"cannot be fetched: {_finding(error)}", RETRY_REMEDY)
 
 
-def body(response: requests.Response, timeout_s: float, *, decoded: bool = False) -> Iterator[bytes]:
-    """Yield a body as it arrives, with its ``Content-Encoding`` undone where `decoded`.
+def body(response: requests.Response, timeout_s: float) -> Iterator[bytes]:
+    """Yield a body as it arrives.
 
     Raises
     ------
@@ -192,7 +157,7 @@ def body(response: requests.Response, timeout_s: float, *, decoded: bool = False
     while True:
         try:
             # Unlike `read`, this returns the bytes that have arrived, so that a slow server is noticed.
-            block = response.raw.read1(BLOCK, decode_content=decoded)
+            block = response.raw.read1(BLOCK, decode_content=False)
         except (HTTPError, OSError) as error:
             raise InterruptedBodyError(_finding(error)) from error
         if not block:
@@ -203,11 +168,6 @@ def body(response: requests.Response, timeout_s: float, *, decoded: bool = False
             count, since = 0, time.monotonic()
         elif time.monotonic() - since > timeout_s:
             raise InterruptedBodyError("its server is too slow")
-
-
-def _close_redirect(response: requests.Response, **_: object) -> None:
-    if response.is_redirect:
-        response.raw.close()  # requests would read its body to the end, however long it is
 
 
 def _finding(error: Exception) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import atomic_write
+from objectfolder.products.provenance import file_digest
 from pipeline.intake.disk import locked, writing
 
 COLUMNS = ("source_id", "file", "bytes", "sha256")
@@ -68,18 +69,9 @@ def read_hashes(path: Path) -> Known:
     return known
 
 
-def check_known(known: Known, source_id: str, files: Mapping[str, Content]) -> None:
-    """Raise `ChangedError`, naming both hashes, if a file differs from its recorded hash."""
-    for name, content in sorted(files.items()):
-        before = known.get((source_id, name), content)
-        if before != content:
-            raise ChangedError(
-                f"{source_id} {name}",
-                f"has changed: sha256 {content.sha256} ({content.bytes} bytes), "
-                f"recorded is {before.sha256} ({before.bytes} bytes)",
-                "Nothing of it is used. Compare with a mirror (--mirror); if the new content is right, "
-                f"`objectfolder fetch {source_id} --accept-changed` records it.",
-            )
+def content_of(path: Path) -> Content:
+    """Read a file for its size and hash."""
+    return Content(path.stat().st_size, file_digest(path))
 
 
 def record_hashes(
@@ -97,25 +89,28 @@ def record_hashes(
     Raises
     ------
     ChangedError
-        A file is another than is known of it.
+        A file is another than is known of it; both hashes are named.
     InputError
         The table is damaged or cannot be written.
     """
     with locked(path.with_name(f".{path.name}.lock")), writing(path):
         known = read_hashes(path)
-        if not accept_changed:
-            check_known(known, source_id, files)
-        found = known | {(source_id, name): content for name, content in files.items()}
-        added = sum(known.get(key) != content for key, content in found.items())
-        if added:
-            _write(path, found)
-    return added
-
-
-def _write(path: Path, known: Known) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows((*key, content.bytes, content.sha256) for key, content in sorted(known.items()))
-    with atomic_write(path) as file:
-        file.write(text.getvalue().encode())
+        new = {key: one for name, one in files.items() if known.get(key := (source_id, name)) != one}
+        for key, content in sorted(new.items()):
+            if key in known and not accept_changed:
+                before = known[key]
+                raise ChangedError(
+                    " ".join(key),
+                    f"has changed: sha256 {content.sha256} ({content.bytes} bytes), "
+                    f"recorded is {before.sha256} ({before.bytes} bytes)",
+                    "Nothing of it is used. Compare with a mirror (--mirror); if the new content is right, "
+                    f"`objectfolder fetch {source_id} --accept-changed` records it.",
+                )
+        if new:
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            writer.writerows((*key, one.bytes, one.sha256) for key, one in sorted((known | new).items()))
+            with atomic_write(path) as file:
+                file.write(text.getvalue().encode())
+    return len(new)
