@@ -129,7 +129,7 @@ class Flow:
         folder = memo.memo_folder(self._root, wanted)
         if all(self._verified.holds(path, wanted) for path in targets):
             self._settle(stage.name, object_id, KEPT)
-        elif memo.restore(folder, wanted, targets):
+        elif memo.restore(folder, targets):
             for path in targets:
                 self._verified.add(path, wanted)
             self._settle(stage.name, object_id, RESTORED)

@@ -1,24 +1,20 @@
 """Files of a store kept on a worker's host, so that each is fetched once: capped, safe under kill -9.
 
 Workers of one host share the folder without locks: a file appears under its name when it is whole, and
-jobs work on links to it, so that one may remove what another reads.
+jobs work on copies (sharing blocks where the file system can), so that one may remove what another reads.
 """
 
 import contextlib
 import os
 import stat
-import time
 from collections.abc import Callable
 from pathlib import Path
 
-from objectfolder.errors import FormatError, InputError
-from objectfolder.products.atomic import PARTIAL
-from pipeline.store.copying import copy_file
-from pipeline.store.storage import Store, number_of
+from objectfolder.errors import FormatError, InputError, ObjectFolderError
+from pipeline.store.storage import Store, excess, number_of
 
 FOLDER, CAP = "OBJECTFOLDER_CACHE", "OBJECTFOLDER_CACHE_GB"
 DEFAULT_GB = 20.0
-LEFT_BEHIND_S = 24 * 3600.0  # after which a half-written file no longer has a writer
 
 
 class InputCache:
@@ -33,22 +29,19 @@ class InputCache:
     """
 
     def __init__(self, folder: Path, cap_bytes: int) -> None:
-        self._folder = folder
+        self._folder = folder.absolute()
+        self._files = Store(str(self._folder))
         self._cap_bytes = cap_bytes
 
     def find(self, name: str, target: Path, check: Callable[[Path], None]) -> bool:
         """Put a file into place if it is here and whole; `check` raises FormatError where it is not."""
         try:
-            _link(self._folder / name, target)
-            check(target)
-            os.utime(self._folder / name)
+            found = _get_whole(self._files, name, target, check)
         except FormatError:
-            target.unlink(missing_ok=True)
-            (self._folder / name).unlink(missing_ok=True)
             return False
-        except FileNotFoundError:
-            return target.exists()  # removed by another after it was linked
-        return True
+        with contextlib.suppress(FileNotFoundError):
+            os.utime(self._folder / name)
+        return found
 
     def fetch(self, store: Store, name: str, target: Path, check: Callable[[Path], None]) -> bool:
         """Put a file into place, from here or from `store`; False if neither has it.
@@ -62,41 +55,24 @@ class InputCache:
         """
         if self.find(name, target, check):
             return True
-        if not store.get(name, target):
+        if not _get_whole(store, name, target, check):
             return False
-        try:
-            check(target)
-        except FormatError:
-            target.unlink()
-            store.remove(name)
-            raise
         self.add(name, target)
         return True
 
     def add(self, name: str, path: Path) -> None:
         """Keep a file; where the disk does not allow it, it is fetched again another time."""
-        with contextlib.suppress(OSError):
-            _link(path, self._folder / name)
-        self._evict()
-
-    def _evict(self) -> None:
+        with contextlib.suppress(ObjectFolderError, OSError):
+            if self._files.size(name) is None:
+                self._files.put(path, name)
         found = []
-        for path in self._folder.rglob("*"):
+        for file in self._folder.rglob("*"):
             with contextlib.suppress(OSError):
-                status = path.stat()
-                if not path.is_file():
-                    continue
-                if path.name.endswith(PARTIAL):
-                    if status.st_mtime < time.time() - LEFT_BEHIND_S:
-                        path.unlink(missing_ok=True)
-                    continue
-                found.append((status.st_mtime, status.st_size, path))
-        excess = sum(size for _, size, _ in found) - self._cap_bytes
-        for _, size, path in sorted(found):
-            if excess <= 0:
-                break
-            path.unlink(missing_ok=True)
-            excess -= size
+                status = file.stat()
+                if stat.S_ISREG(status.st_mode):
+                    found.append((status.st_mtime, status.st_size, file))
+        for file in excess(found, self._cap_bytes):
+            file.unlink(missing_ok=True)
 
 
 def open_cache() -> InputCache:
@@ -123,16 +99,14 @@ def open_cache() -> InputCache:
     return InputCache(folder, cap_bytes)
 
 
-def _link(source: Path, target: Path) -> None:
-    """Give a file another name, atomically; copy it where the two are on different disks."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if target.exists():
-        return
+def _get_whole(store: Store, name: str, target: Path, check: Callable[[Path], None]) -> bool:
+    """Get a file and check it; one that is damaged is removed, here and in the store."""
+    if not store.get(name, target):
+        return False
     try:
-        os.link(source, target)
-    except FileExistsError:
-        return
-    except FileNotFoundError:
+        check(target)
+    except FormatError:
+        target.unlink()
+        store.remove(name)
         raise
-    except OSError:
-        copy_file(source, target)
+    return True

@@ -15,8 +15,7 @@ from objectfolder.errors import FormatError
 from pipeline.dataset import products
 from pipeline.dataset.state import STATE
 from pipeline.store import shared
-from pipeline.store.copying import copy_file
-from pipeline.store.storage import Store, disk_error, number_of, product_name
+from pipeline.store.storage import Store, copy_file, disk_error, excess, number_of, product_name
 
 CAP = "OBJECTFOLDER_MEMO_GB"
 DEFAULT_GB = 20.0
@@ -47,44 +46,42 @@ def remember(folder: Path, path: Path) -> None:
     shared.share(folder.parents[2], product_name(folder.name, memo_name(path)), path)
 
 
-def restore(folder: Path, fingerprint: str, targets: tuple[Path, ...]) -> bool:
+def restore(folder: Path, targets: tuple[Path, ...], store: Store | None = None) -> bool:
     """Put remembered products in place; False, and nothing done, unless all are there and whole.
+
+    Parameters
+    ----------
+    folder
+        Of the products in the memo (`memo_folder`).
+    targets
+        Where they belong.
+    store
+        From which they are taken where the memo lacks them; None for the shared store, if there is one.
 
     Raises
     ------
     InputError
-        A shared store that cannot be used as it is named, or a folder that cannot be written.
+        A store that cannot be used as it is named, or a folder that cannot be written.
     SimulationError
-        The disk is full.
+        The disk is full, or `store` fails.
     """
-    sources = _sources(folder, targets)
-    if not _whole(sources, fingerprint):
-        stored = _stored(folder, targets)
-        if not shared.fetch(stored, sources):
+    sources = [folder / memo_name(target) for target in targets]
+    names = [product_name(folder.name, memo_name(target)) for target in targets]
+    if not _whole(sources, folder.name):
+        found = store.get_all(names, sources) if store else shared.fetch(names, sources)
+        if not found:
             return False
-        if not _whole(sources, fingerprint):
-            shared.discard(stored)
+        if not _whole(sources, folder.name):
+            if store is None:
+                shared.discard(names)
             return False
-    _place(sources, targets)
-    return True
-
-
-def take(folder: Path, fingerprint: str, targets: tuple[Path, ...], store: Store) -> bool:
-    """Put products into place from a store, and remember them; False unless all are there and whole.
-
-    Raises
-    ------
-    InputError, SimulationError
-        The store or the disk cannot be used.
-    """
-    sources = _sources(folder, targets)
-    if not _whole(sources, fingerprint):
-        stored = _stored(folder, targets)
-        if not all(store.get(name, source) for name, source in zip(stored, sources, strict=True)):
-            return False
-        if not _whole(sources, fingerprint):
-            return False
-    _place(sources, targets)
+    for source, target in zip(sources, targets, strict=True):
+        try:
+            copy_file(source, target)
+        except OSError as error:
+            raise disk_error(error, target.parent) from error
+    with contextlib.suppress(OSError):
+        os.utime(folder)
     return True
 
 
@@ -92,28 +89,13 @@ def prune(root: Path) -> None:
     """Remove the memos longest unused until the rest fits the cap; share what could not be shared before."""
     base = memo_base(root)
     shared.settle(base.parent)
-    folders, sizes = [], {}
+    found = []
     for folder in base.glob("*/*"):
         with contextlib.suppress(OSError):  # another run prunes too
-            sizes[folder] = sum(path.stat().st_size for path in folder.iterdir())
-            folders.append((folder.stat().st_mtime, folder))
-    excess = sum(sizes.values()) - cap_bytes()
-    for _, folder in sorted(folders):
-        if excess <= 0:
-            break
+            size = sum(path.stat().st_size for path in folder.iterdir())
+            found.append((folder.stat().st_mtime, size, folder))
+    for folder in excess(found, int(1e9 * number_of(CAP, DEFAULT_GB))):
         shutil.rmtree(folder, ignore_errors=True)
-        excess -= sizes[folder]
-
-
-def cap_bytes() -> int:
-    """Return the cap of the memo.
-
-    Raises
-    ------
-    InputError
-        ``OBJECTFOLDER_MEMO_GB`` is no number.
-    """
-    return int(1e9 * number_of(CAP, DEFAULT_GB))
 
 
 def memo_name(path: Path) -> str:
@@ -130,14 +112,6 @@ def check_product(path: Path, fingerprint: str) -> None:
         raise FormatError(str(path), finding, "Delete it; a run makes it again.")
 
 
-def _sources(folder: Path, targets: tuple[Path, ...]) -> list[Path]:
-    return [folder / memo_name(target) for target in targets]
-
-
-def _stored(folder: Path, targets: tuple[Path, ...]) -> list[str]:
-    return [product_name(folder.name, memo_name(target)) for target in targets]
-
-
 def _whole(sources: list[Path], fingerprint: str) -> bool:
     """Whether all products are there and whole; removes the memo of a damaged one."""
     if not all(source.is_file() for source in sources):
@@ -149,13 +123,3 @@ def _whole(sources: list[Path], fingerprint: str) -> bool:
         shutil.rmtree(sources[0].parent, ignore_errors=True)
         return False
     return True
-
-
-def _place(sources: list[Path], targets: tuple[Path, ...]) -> None:
-    for source, target in zip(sources, targets, strict=True):
-        try:
-            copy_file(source, target)
-        except OSError as error:
-            raise disk_error(error, target.parent) from error
-    with contextlib.suppress(OSError):
-        os.utime(sources[0].parent)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
+from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.products.atomic import atomic_write
 from pipeline.dataset import products
 from pipeline.store.storage import DEFAULT_PATIENCE_S, PATIENCE, STORE, Store, number_of
@@ -51,26 +51,20 @@ class Cache:
         if time.monotonic() < self._rests_until:
             return otherwise
         try:
-            store = self._store or self._opened()
-        except SimulationError as error:
-            return self._without(error, otherwise)
-        try:
-            return action(store)
+            if self._store is None:
+                store = Store(self._url, min(PATIENCE_S, number_of(PATIENCE, DEFAULT_PATIENCE_S)))
+                store.check()
+                self._store = store
+            return action(self._store)
         except ObjectFolderError as error:
-            return self._without(error, otherwise)
-
-    def _opened(self) -> Store:
-        store = Store(self._url, min(PATIENCE_S, number_of(PATIENCE, DEFAULT_PATIENCE_S)))
-        store.check()
-        self._store = store
-        return store
-
-    def _without(self, error: ObjectFolderError, otherwise: T) -> T:
-        self._rests_until = time.monotonic() + REST_S
-        if not self._warned:
-            print(f"warning: {error.where}: {error.finding}; the run goes on without it", file=sys.stderr)
-        self._warned = True
-        return otherwise
+            if self._store is None and isinstance(error, InputError):
+                raise
+            self._rests_until = time.monotonic() + REST_S
+            if not self._warned:
+                finding = f"{error.where}: {error.finding}"
+                print(f"warning: {finding}; the run goes on without it", file=sys.stderr)
+            self._warned = True
+            return otherwise
 
 
 def share(state: Path, name: str, path: Path) -> None:
@@ -93,10 +87,8 @@ def fetch(names: Sequence[str], targets: Sequence[Path]) -> bool:
     InputError
         A store that cannot be used as it is named.
     """
-    if (cache := _cache()) is None:
-        return False
-    pairs = list(zip(names, targets, strict=True))
-    return cache.attempt(lambda store: all(store.get(name, target) for name, target in pairs), False)
+    cache = _cache()
+    return cache is not None and cache.attempt(lambda store: store.get_all(names, targets), False)
 
 
 def discard(names: Sequence[str]) -> None:

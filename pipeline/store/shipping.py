@@ -11,7 +11,7 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
 from objectfolder.mesh.readers.source_files import source_files
@@ -93,8 +93,7 @@ class Shipment(Call):
     def _run(
         self, execute: Callable[[Call], Outcome], store: Store, cache: InputCache, folder: Path
     ) -> Outcome:
-        places = [f"made/{target.parent.name}/{target.name}" for target in self.targets]
-        targets = tuple(_below(folder, place) for place in places)
+        targets = tuple(folder / "made" / target.parent.name / target.name for target in self.targets)
         names = _product_names(self)
         check = functools.partial(memo.check_product, fingerprint=self.fingerprint)
         outcome = Outcome(self.request.object_id, fingerprint=self.fingerprint)
@@ -113,7 +112,7 @@ class Shipment(Call):
         return outcome
 
     def _fetch(self, store: Store, cache: InputCache, folder: Path) -> dict[str, Path]:
-        inputs = {name: _below(folder, stored.place) for name, stored in self.inputs.items()}
+        inputs = {name: folder / stored.place for name, stored in self.inputs.items()}
         for name, stored in self.inputs.items():
             try:
                 found = cache.fetch(store, stored.name, inputs[name], stored.check)
@@ -175,7 +174,7 @@ def collect(job: Job, root: Path, store: Store) -> None:
     """
     call = job.call
     folder = call.memo or memo.memo_folder(root, call.fingerprint)
-    if memo.take(folder, call.fingerprint, call.targets, store):
+    if memo.restore(folder, call.targets, store):
         return
     for name in _product_names(call):
         store.remove(name)
@@ -205,20 +204,6 @@ def _product_names(call: Call) -> list[str]:
 def _send(store: Store, names: list[str], targets: tuple[Path, ...]) -> None:
     for name, target in zip(names, targets, strict=True):
         store.put(target, name)
-
-
-def _below(folder: Path, place: str) -> Path:
-    """Return a path below `folder`.
-
-    Raises
-    ------
-    InputError
-        A place that would lie elsewhere.
-    """
-    parts = PurePosixPath(place)
-    if parts.is_absolute() or ".." in parts.parts:
-        raise InputError(place, "a path outside the job's folder", "Rename the file.")
-    return folder / parts
 
 
 @functools.cache

@@ -10,14 +10,14 @@ import contextlib
 import errno
 import os
 import re
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError, ObjectFolderError, SimulationError
 from objectfolder.products.atomic import atomic_write
-from pipeline.store.copying import copy_file
 
 STORE = "OBJECTFOLDER_STORE"
 PATIENCE = "OBJECTFOLDER_STORE_PATIENCE_S"
@@ -26,6 +26,7 @@ PAUSES = {"init_backoff": timedelta(seconds=0.2), "max_backoff": timedelta(secon
 # Of one request: to connect, between two pieces of an answer, and in all.
 TIMEOUTS = {"connect_timeout": "10s", "read_timeout": "30s", "timeout": "1h"}
 NAME = re.compile(r"(sources/)?[0-9a-f]{2}/[0-9a-f]{64}(/[a-z_]+\.[a-z.]+)?")
+FICLONE = 0x40049409  # ioctl of Linux: share the blocks of another file
 NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT})
 DENIED = re.compile(r"status code: 40[13]\b")  # of HTTP, as obstore writes it
 KEPT = "Nothing finished is lost: run again."
@@ -122,6 +123,10 @@ class Store:
             return True
         return False
 
+    def get_all(self, names: Sequence[str], targets: Sequence[Path]) -> bool:
+        """Copy files from the store until one is not there; False then."""
+        return all(self.get(name, target) for name, target in zip(names, targets, strict=True))
+
     def remove(self, name: str) -> None:
         """Remove a file, there or not."""
         path = self._path(name)
@@ -183,6 +188,28 @@ class Store:
             finding = f"no success ({said}), tried again for {self._patience_s:g} s at most"
             remedy = f"See whether it runs and can be reached from here. {KEPT}"
             raise SimulationError(self.url, finding, remedy) from error
+
+
+def copy_file(source: Path, target: Path) -> None:
+    """Copy a file atomically, by reference where the file system can."""
+    with open(source, "rb") as original, atomic_write(target) as file:
+        try:
+            import fcntl
+
+            fcntl.ioctl(file.fileno(), FICLONE, original.fileno())
+        except (ImportError, OSError):
+            shutil.copyfileobj(original, file, 1 << 20)
+
+
+def excess(entries: Iterable[tuple[float, int, Path]], cap_bytes: int) -> Iterator[Path]:
+    """Yield the paths longest unused until the others fit the cap; an entry is (time, bytes, path)."""
+    ordered = sorted(entries)
+    total = sum(size for _, size, _ in ordered)
+    for _, size, path in ordered:
+        if total <= cap_bytes:
+            return
+        yield path
+        total -= size
 
 
 def number_of(variable: str, default: float) -> float:
