@@ -26,14 +26,13 @@ import psutil
 
 from bench.record import write
 from pipeline.cluster import dask_runner
-from pipeline.cluster.dask_cluster import settings
+from pipeline.cluster.cluster import settings
+from pipeline.cluster.places import Place
 from pipeline.cluster.run_task import Answer
-from pipeline.cluster.workers import WaitLimits
 from pipeline.dataset.job import BLENDER, Job
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Call, Outcome, Request
 from pipeline.run.forecast.estimates import Estimate, fit, packaged_costs
-from pipeline.sandbox.isolation import ChildSettings
 
 REPOSITORY = Path(__file__).parents[1]
 CLUSTERS = ((1, 2), (1, 8), (8, 8))  # workers, and threads of each
@@ -204,10 +203,8 @@ def cluster(workers: int, threads: int) -> Iterator[tuple[dask_runner.DaskRunner
         Client(started, set_as_default=False) as client,
     ):
         client.wait_for_workers(workers)
-        memory_gb = MEMORY_GB_A_THREAD * threads
-        with dask_runner.DaskRunner(
-            client, Path(folder), ChildSettings(), WaitLimits(300.0), memory_gb=memory_gb
-        ) as runner:
+        place = Place(workers_within_s=300.0, memory_gb=MEMORY_GB_A_THREAD * threads)
+        with dask_runner.DaskRunner(client, Path(folder), place) as runner:
             yield runner, client
 
 

@@ -1,17 +1,36 @@
-"""Who runs the tasks of a place: one child process for a single one, else a Dask cluster."""
+"""Who runs the tasks of a place: a child process for a single one, else a Dask cluster."""
 
 import contextlib
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pipeline.cluster.places import HERE, LOCAL, SSH, Place, read_place
+from objectfolder.errors import SimulationError
+from pipeline.cluster import tls
+from pipeline.cluster.places import HERE, LOCAL, Place
+from pipeline.cluster.starting import make_cluster, start_workers
 from pipeline.dataset.job import Runner
-
-__all__ = ["Place", "read_place", "runner"]
+from pipeline.sandbox import scratch
+from pipeline.sandbox.isolation import Child
 
 FEW = 1  # jobs for which starting a cluster takes longer than it saves
-STARTED_S = 120.0  # within which workers that need no queue have started
+# Task bodies run in child processes, so an event loop that is silent for long has ended.
+DEFAULTS: Mapping[str, Any] = {
+    "distributed.worker.daemon": False,  # workers have child processes
+    "distributed.scheduler.worker-ttl": "60s",
+    "distributed.deploy.lost-worker-timeout": "2 minutes",  # for a worker to restart on a busy machine
+    "distributed.admin.tick.limit": "1 hour",
+    # By default, ticks and samples take 2 to 3 % of a core in every process; with these, a fifth of that.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.profile.enabled": False,  # it would show a thread that waits for a child process
+    "distributed.comm.timeouts.connect": "60s",
+    "distributed.worker.memory.target": False,  # the memory is the children's, of which Dask knows nothing
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": False,
+}
 
 
 @contextlib.contextmanager
@@ -38,21 +57,90 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
     if jobs_at_most <= FEW and place.starts == LOCAL:
         from pipeline.cluster.one_process import OneProcess
 
-        with OneProcess(root, place.child) as process:
-            yield process
+        with Child(root, place.child) as child:
+            yield OneProcess(child)
         return
-    from pipeline.cluster.dask_cluster import connect
     from pipeline.cluster.dask_runner import DaskRunner
     from pipeline.cluster.environment_check import environment_of
-    from pipeline.cluster.workers import WaitLimits
 
-    workers_s = place.workers_within_s
-    if workers_s is None and place.starts in (*HERE, SSH):
-        workers_s = STARTED_S
     environment = None if place.starts in HERE else environment_of(stages)
-    limits = WaitLimits(workers_s, place.pools_within_s)
     with (
         connect(place, root, jobs_at_most) as client,
-        DaskRunner(client, root, place.child, limits, environment, place.memory_gb) as running,
+        DaskRunner(client, root, place, environment) as running,
     ):
         yield running
+
+
+@contextlib.contextmanager
+def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
+    """Start or join the cluster that a place describes; yield a connected client, and end what was started.
+
+    The client's scheduler may have no worker yet, and workers may come and go. A worker that does not start,
+    or ends, is started again.
+
+    Parameters
+    ----------
+    place
+        Where to run.
+    root
+        The data folder, absolute.
+    tasks_at_most
+        Tasks that there will be: no more threads are asked for.
+
+    Yields
+    ------
+    distributed.Client
+        It is not the default client of this process.
+
+    Raises
+    ------
+    InputError
+        The place names a class that is not installed, or an argument or certificate that cannot be.
+    SimulationError
+        The cluster does not start, or the scheduler does not answer.
+    """
+    from distributed import Client
+
+    with contextlib.ExitStack() as stack:
+        scratch.sweep()
+        own = dict(place.dask)
+        if place.starts in HERE:
+            dask_files = scratch.Scratch("dask")
+            stack.callback(dask_files.close)
+            own.setdefault("temporary-directory", str(dask_files.path))
+        stack.enter_context(settings(own))
+        security = tls.security(place, root)
+        cluster = None
+        if place.starts:
+            cluster = make_cluster(place, root, tasks_at_most, security)
+            stack.callback(cluster.close)
+        address = str(cluster.scheduler_address if cluster else place.address)
+        tls.warn_if_open(address)
+        try:
+            client = stack.enter_context(
+                Client(address, timeout=place.reconnect_s, security=security, set_as_default=False)
+            )
+        except OSError as error:
+            finding = f"no scheduler answers ({error})"
+            raise SimulationError("cluster", finding, "Start it, or correct its address.") from error
+        if place.environment:
+            from distributed.diagnostics.plugin import Environ
+
+            client.register_plugin(Environ(place.environment))
+        if cluster:
+            start_workers(cluster, place, tasks_at_most)
+        yield client
+
+
+def settings(own: Mapping[str, Any] | None = None) -> Any:
+    """Return a context in which these settings hold; ``DASK_...`` variables and those of a place go first."""
+    import dask
+    import distributed  # noqa: F401  (its defaults must be there before, or they would go with the context)
+
+    free = {key: value for key, value in DEFAULTS.items() if _variable(key) not in os.environ}
+    return dask.config.set({**free, **(own or {})})
+
+
+def _variable(key: str) -> str:
+    """Return the environment variable from which Dask reads a setting."""
+    return f"DASK_{key.upper().replace('.', '__').replace('-', '_')}"

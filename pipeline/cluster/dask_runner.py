@@ -19,13 +19,13 @@ import cloudpickle
 from objectfolder.errors import FormatError
 from pipeline.cluster import pools, worker_plugin
 from pipeline.cluster.environment_check import Environment
-from pipeline.cluster.run_task import Answer, DataFolder, run_task
+from pipeline.cluster.places import Place
+from pipeline.cluster.run_task import Answer, run_task
 from pipeline.cluster.worker_plugin import MEMORY_BYTES, Admission
-from pipeline.cluster.workers import LOOK_S, WaitLimits, Workers, gone
+from pipeline.cluster.workers import LOOK_S, Workers, gone
 from pipeline.dataset.job import Finished, Job, failed
 from pipeline.dataset.state import STATE
 from pipeline.dataset.task import Outcome, failure_of
-from pipeline.sandbox.isolation import ChildSettings
 from pipeline.store.shipping import Shipment, collect, publish
 from pipeline.store.storage import STORE, Store
 
@@ -63,36 +63,24 @@ class DaskRunner:
         A connected client.
     root
         The data folder, absolute.
-    settings
-        How the child processes of the workers run.
-    limits
-        How long to wait for workers.
+    place
+        How long to wait for workers, how their child processes run, and the memory that tasks may take.
     environment
         What a worker must have; None where it is this one by construction.
-    memory_gb
-        Memory of a worker that tasks may take; None for what each worker says.
     """
 
-    def __init__(
-        self,
-        client: Any,
-        root: Path,
-        settings: ChildSettings,
-        limits: WaitLimits,
-        environment: Environment | None = None,
-        memory_gb: float | None = None,
-    ) -> None:
-        wanted = environment.as_json() if environment else None
+    def __init__(self, client: Any, root: Path, place: Place, environment: Environment | None = None) -> None:
+        wanted = environment.model_dump_json() if environment else None
         folder_needed = not os.environ.get(STORE)
         digest = hashlib.sha256(f"{root} {folder_needed} {wanted}".encode()).hexdigest()
         name = f"objectfolder-{digest[:12]}"
         self._client = client
-        self._settings = settings
+        self._settings = place.child
         self._run = secrets.token_hex(8)
-        self._folder = DataFolder(root, f"{STATE}/shared-{self._run}", secrets.token_hex(16))
-        folder = (str(root), self._folder.token_name, self._folder.token)
-        self._plugin = Admission(name, wanted, folder, folder_needed, memory_gb)
-        self._workers = Workers(client, name, limits)
+        self._root = root
+        self._marker = root / STATE / f"shared-{self._run}"  # workers that share the folder see it
+        self._plugin = Admission(name, wanted, str(root), str(self._marker), folder_needed, place.memory_gb)
+        self._workers = Workers(client, name, place.worker_limit_s, place.pools_within_s)
         self._numbers = itertools.count()
         self._tasks: set[_Task] = set()
         self._suspects: list[_Task] = []  # they run one at a time, after all others
@@ -102,9 +90,8 @@ class DaskRunner:
         self._store: Any = None  # once a worker was found that does not see the data folder
 
     def __enter__(self) -> "DaskRunner":
-        token = self._folder.root / self._folder.token_name
-        token.parent.mkdir(exist_ok=True)
-        token.write_text(self._folder.token)
+        self._marker.parent.mkdir(exist_ok=True)
+        self._marker.touch()
         self._workers.listen()
         self._client.register_plugin(self._plugin, self._plugin.name)
         return self
@@ -119,7 +106,7 @@ class DaskRunner:
         for task in self._tasks:
             if task.step is not None and hasattr(task.step, "release"):
                 task.step.release()
-        (self._folder.root / self._folder.token_name).unlink(missing_ok=True)
+        self._marker.unlink(missing_ok=True)
 
     def submit(self, job: Job) -> None:
         """Accept a job; the scheduler runs those with the longest chain behind them first."""
@@ -171,7 +158,8 @@ class DaskRunner:
             run_task,
             job.call,
             task.shipment,
-            self._folder,
+            self._root,
+            self._marker,
             self._settings,
             job.memory_bytes,
             key=self._key(job),
@@ -226,7 +214,7 @@ class DaskRunner:
         if answer.killed or answer.outcome is None:
             return self._after_kill(task)
         if answer.shipped and answer.outcome.failure is None:
-            step = self._transfers.submit(collect, task.job, self._folder.root, self._store)
+            step = self._transfers.submit(collect, task.job, self._root, self._store)
             self._await(task, step, self._after_collecting)
             return None
         return self._finish(task, answer.outcome)

@@ -4,12 +4,12 @@ A product's fingerprint names the code and the package versions of the driver. A
 would store its numbers under a name that is not theirs, so it gets no work.
 """
 
-import json
 import platform
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
 from typing import Any
+
+from pydantic import BaseModel
 
 from objectfolder.errors import InputError
 from objectfolder.products.provenance import code_identity, package_versions
@@ -17,8 +17,7 @@ from objectfolder.products.provenance import code_identity, package_versions
 NAMED = 3  # differing modules that a message names
 
 
-@dataclass(frozen=True)
-class Environment:
+class Environment(BaseModel):
     """The versions and code that decide numbers.
 
     Parameters
@@ -32,17 +31,8 @@ class Environment:
     """
 
     python: str
-    packages: Mapping[str, str] = field(default_factory=dict)
-    code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-
-    def as_json(self) -> str:
-        """Return it as one line of JSON."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> "Environment":
-        """Read what `as_json` wrote."""
-        return cls(**json.loads(text))
+    packages: Mapping[str, str] = {}
+    code: Mapping[str, Mapping[str, str]] = {}
 
 
 def environment_here(packages: Iterable[str], modules: Iterable[str]) -> Environment:
@@ -54,7 +44,7 @@ def environment_here(packages: Iterable[str], modules: Iterable[str]) -> Environ
             code[module] = code_identity(module)
         except InputError:
             code[module] = {}
-    return Environment(python, package_versions(set(packages)), code)
+    return Environment(python=python, packages=package_versions(set(packages)), code=code)
 
 
 def environment_of(stages: Iterable[Any]) -> Environment:
@@ -90,7 +80,7 @@ def differences(wanted: Environment, found: Environment) -> list[str]:
 
 def main() -> None:
     """Say on standard output what differs here from the environment on standard input, in one line."""
-    wanted = Environment.from_json(sys.stdin.read())
+    wanted = Environment.model_validate_json(sys.stdin.read())
     print(", ".join(differences(wanted, environment_here(wanted.packages, wanted.code))))
 
 

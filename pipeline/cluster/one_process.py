@@ -1,32 +1,22 @@
 """Running a single job in a child process of this one: a cluster would take longer to start."""
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from types import TracebackType
 
 from pipeline.cluster.pools import offers_here
 from pipeline.dataset.job import Finished, Job, failed
 from pipeline.dataset.task import Outcome
-from pipeline.sandbox.isolation import Child, ChildSettings, ProcessKilled
+from pipeline.sandbox.isolation import Child, ProcessKilled
 
 HERE = "here"
 MOST_KILLS = 2
 
 
 class OneProcess:
-    """Runs jobs one after the other in a child process in the data folder `root`."""
+    """Runs jobs one after the other in a child process."""
 
-    def __init__(self, root: Path, settings: ChildSettings) -> None:
-        self._child = Child(root, settings)
+    def __init__(self, child: Child) -> None:
+        self._child = child
         self._jobs: list[Job] = []
-
-    def __enter__(self) -> "OneProcess":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._child.__exit__(kind, error, trace)
 
     def submit(self, job: Job) -> None:
         """Accept a job."""

@@ -20,6 +20,7 @@ SCHEMES = ("tcp://", "tls://", "ws://", "wss://", "ucx://")
 FOLDER = "cluster"
 DEFAULT = "local"
 LOCAL, CUDA, SSH = "distributed.LocalCluster", "dask_cuda.LocalCUDACluster", "distributed.SSHCluster"
+STARTED_S = 120.0  # within which workers that need no queue have started
 HERE = (LOCAL, CUDA)  # classes whose workers run this installation
 
 
@@ -100,6 +101,13 @@ class Place(BaseModel):
     def child(self) -> ChildSettings:
         """How the child processes of the workers run."""
         return ChildSettings(self.recycle_after, self.time_limit_s, self.threads, self.memory_limit_bytes)
+
+    @property
+    def worker_limit_s(self) -> float | None:
+        """Seconds to wait while the scheduler has no worker; workers that need no queue start soon."""
+        if self.workers_within_s is None and self.starts in (*HERE, SSH):
+            return STARTED_S
+        return self.workers_within_s
 
     def capacity(self) -> tuple[int, int | None, int | None]:
         """Return the workers at most, and tasks at a time and bytes of each; None where it is not said."""

@@ -16,22 +16,6 @@ from pipeline.store import memo
 
 
 @dataclass(frozen=True)
-class DataFolder:
-    """The driver's data folder, with a file in it by which a worker knows that it sees the same folder."""
-
-    root: Path
-    token_name: str
-    token: str
-
-    def is_seen(self) -> bool:
-        """Whether this process can read the folder."""
-        try:
-            return (self.root / self.token_name).read_text() == self.token
-        except OSError:
-            return False
-
-
-@dataclass(frozen=True)
 class Answer:
     """A worker's answer to a call.
 
@@ -57,7 +41,8 @@ class Answer:
 def run_task(
     call: Call,
     shipment: Call | None,
-    folder: DataFolder,
+    root: Path,
+    marker: Path,
     settings: ChildSettings,
     expected_bytes: int,
 ) -> Answer:
@@ -69,19 +54,21 @@ def run_task(
         What to run where the worker sees the data folder.
     shipment
         The same for a worker that does not; None if its inputs are not in the store yet.
-    folder, settings, expected_bytes
-        The data folder, how children run, and the memory that the call is expected to take.
+    root, marker
+        The driver's data folder, and a file in it that only workers which share the folder can read.
+    settings, expected_bytes
+        How children run, and the memory that the call is expected to take.
     """
     from distributed import get_worker
 
     worker = get_worker()
-    shares = folder.is_seen()
+    shares = os.access(marker, os.R_OK)
     answer = Answer(worker.address, os.environ.get(HOST) or _host(worker.ip), shipped=not shares)
     if shares and _stands(call):  # made by an earlier try whose answer was lost
         return replace(answer, outcome=Outcome(call.request.object_id, fingerprint=call.fingerprint))
     if not shares and shipment is None:
         return answer
-    child = _child(folder.root if shares else Path.cwd(), settings)
+    child = _child(root if shares else Path.cwd(), settings)
     try:
         with _ended_if_given_up(worker.get_current_task(), child):
             outcome = child.run(call if shares or shipment is None else shipment, expected_bytes)

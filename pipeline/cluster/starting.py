@@ -9,7 +9,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ LOOK_S = 10.0  # between looks for workers that have to be started again
 PRIVATE_DASHBOARD = "127.0.0.1:0"
 IDLE = "1 hour"  # after which a scheduler on another machine ends, if its driver has ended
 GONE_S = 60  # after which a worker of it ends, too
+HERE_OPTIONS = {"memory_limit": 0, "dashboard_address": PRIVATE_DASHBOARD, "silence_logs": logging.CRITICAL}
 WORKER_OPTIONS = ["--memory-limit", "0", "--no-dashboard"]  # the memory is that of the tasks' own processes
 
 
@@ -41,9 +42,11 @@ def make_cluster(place: Place, root: Path, tasks_at_most: int, security: Any) ->
     arguments = dict(place.kwargs)
     try:
         if place.starts == LOCAL:
-            return kind(*place.args, **_local(arguments, tasks_at_most), **_here(arguments, security))
+            return kind(
+                *place.args, **{**HERE_OPTIONS, "security": security, **_local(arguments, tasks_at_most)}
+            )
         if place.starts == CUDA:
-            return kind(*place.args, **arguments, **_here(arguments, security))
+            return kind(*place.args, **{**HERE_OPTIONS, "security": security, **arguments})
         if place.starts == SSH:
             return _ssh(kind, arguments, security)
         if place.module == "dask_jobqueue":
@@ -121,17 +124,6 @@ def check_arguments(kind: Any, place: Place) -> None:
             near = difflib.get_close_matches(name, known, 1)
             remedy = f"Did you mean {near[0]}?" if near else f"See the documentation of {place.starts}."
             raise InputError(place.starts, f"unknown argument kwargs.{name}", remedy)
-
-
-def _here(arguments: Mapping[str, Any], security: Any) -> dict[str, Any]:
-    """Return what processes of this machine are started with, where the place does not say."""
-    own = {
-        "memory_limit": 0,
-        "dashboard_address": PRIVATE_DASHBOARD,
-        "security": security,
-        "silence_logs": logging.CRITICAL,
-    }
-    return {name: value for name, value in own.items() if name not in arguments}
 
 
 def _local(arguments: dict[str, Any], tasks_at_most: int) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import contextlib
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 from distributed import Status, WorkerPlugin
@@ -36,9 +35,9 @@ class Admission(WorkerPlugin):
     environment
         What a worker must have, as JSON (`pipeline.cluster.environment_check`); None where it has it by
         construction.
-    folder
-        The data folder, from which the code is taken where the worker sees it; then a file in it, and its
-        content, by which the worker knows that.
+    folder, marker
+        The data folder, from which the code is taken where the worker sees it, and a file in it by which the
+        worker knows that.
     folder_needed
         Whether a worker that does not see the folder is refused, because there is no store to send files by.
     memory_gb
@@ -49,13 +48,15 @@ class Admission(WorkerPlugin):
         self,
         name: str,
         environment: str | None,
-        folder: tuple[str, str, str],
+        folder: str,
+        marker: str,
         folder_needed: bool,
         memory_gb: float | None,
     ) -> None:
         self.name = name
         self._environment = environment
-        self._folder, self._token_name, self._token = folder
+        self._folder = folder
+        self._marker = marker
         self._folder_needed = folder_needed
         self._memory_gb = memory_gb
 
@@ -94,7 +95,7 @@ class Admission(WorkerPlugin):
 
     def _difference(self) -> str:
         """Return why this worker may not work, as seen from where its children run; empty where it may."""
-        sees_folder = self._sees_folder()
+        sees_folder = os.access(self._marker, os.R_OK)
         if self._folder_needed and not sees_folder:
             return f"it does not see the data folder {self._folder}. {SHARE}"
         if self._environment is None:
@@ -112,12 +113,6 @@ class Admission(WorkerPlugin):
             lines = answer.stderr.strip().splitlines() or [f"exit {answer.returncode}"]
             return f"its environment cannot be read ({lines[-1]}). {SAME}"
         return f"{answer.stdout.strip()}. {SAME}" if answer.stdout.strip() else ""
-
-    def _sees_folder(self) -> bool:
-        try:
-            return Path(self._folder, self._token_name).read_text() == self._token
-        except OSError:
-            return False
 
     def _usable_bytes(self, limit_bytes: int | None) -> int:
         """Return what tasks may take: what the worker or the place says, else most of what Dask allots."""

@@ -16,22 +16,6 @@ TELL_AFTER_S = 10.0  # without a worker
 GONE = "the scheduler went away"
 
 
-@dataclass(frozen=True)
-class WaitLimits:
-    """How long to wait for workers, in seconds.
-
-    Parameters
-    ----------
-    workers_s
-        While the scheduler has no worker; None for ever.
-    pools_s
-        After a worker joined or left, for others that offer what none does.
-    """
-
-    workers_s: float | None = None
-    pools_s: float = 60.0
-
-
 @dataclass
 class Workers:
     """Workers that were admitted, and why others were not.
@@ -42,13 +26,16 @@ class Workers:
         A connected client.
     name
         Resource that an admitted worker has (`pipeline.cluster.worker_plugin.Admission`).
-    limits
-        How long to wait.
+    workers_s
+        Seconds to wait while the scheduler has no worker; None for ever.
+    pools_s
+        Seconds to wait, after a worker joined or left, for others that offer what none does.
     """
 
     client: Any
     name: str
-    limits: WaitLimits
+    workers_s: float | None
+    pools_s: float
     threads: int = 0
     _admitted: dict[str, Mapping[str, float]] = field(default_factory=dict)  # their resources
     _refused: dict[str, str] = field(default_factory=dict)
@@ -100,7 +87,7 @@ class Workers:
         """Return what no worker offers, though workers are there and others were waited for; else nothing."""
         if not self._admitted or self._able(needs):
             return ""
-        if time.monotonic() - self._changed_at < self.limits.pools_s:
+        if time.monotonic() - self._changed_at < self.pools_s:
             return ""
         offered = {pool for worker in self._admitted.values() for pool in worker if worker[pool]}
         return ", ".join(sorted(set(needs) - offered)) or "all it needs in one place"
@@ -110,9 +97,9 @@ class Workers:
 
     def _check_wait(self, waited_s: float, refused: Collection[str]) -> None:
         """Print that no worker has joined; end the run where none can be expected any more."""
-        if refused and waited_s >= self.limits.pools_s:
+        if refused and waited_s >= self.pools_s:
             raise SimulationError("cluster", "no worker may work", "; ".join(sorted(set(refused))))
-        if self.limits.workers_s is not None and waited_s >= self.limits.workers_s:
+        if self.workers_s is not None and waited_s >= self.workers_s:
             raise SimulationError(
                 "cluster",
                 f"no worker for {waited_s:.0f} s",

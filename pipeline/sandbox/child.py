@@ -1,23 +1,24 @@
 """The process in which task bodies run; `pipeline.sandbox.guard` starts it and ends what it leaves.
 
-It reads pickled calls from standard input and answers with pickled outcomes on what was standard
-output; the task's own output goes to standard error. It works in a scratch folder, where native code
-may leave what it likes. A call whose code is not the code that is loaded here is refused with `STALE`.
+Its standard input and what was its standard output are ends of pipes (`multiprocessing.Pipe`): it receives
+calls and sends outcomes. The task's own output goes to standard error. It works in a scratch folder, where
+native code may leave what it likes. A call whose code is not the code that is loaded here is refused with
+`STALE`.
 """
 
 import contextlib
 import ctypes
 import importlib
 import os
-import pickle
 import resource
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import Any, NoReturn
 
 from objectfolder.child_process import end_with
 from objectfolder.errors import InputError
@@ -28,26 +29,8 @@ from pipeline.dataset.task_code import known_sources
 from pipeline.store import memo
 from pipeline.store.storage import disk_error
 
-LENGTH_BYTES = 8
 STALE = "stale"
 MKL, TORCH = "mkl", "torch"  # as distributions are named
-
-
-def send(stream: IO[bytes], message: Any) -> None:
-    """Write one pickled message with its length before it."""
-    data = pickle.dumps(message)
-    stream.write(len(data).to_bytes(LENGTH_BYTES, "little") + data)
-    stream.flush()
-
-
-def receive(stream: IO[bytes]) -> Any:
-    """Read one message; None where the other side has closed."""
-    head = stream.read(LENGTH_BYTES)
-    if len(head) < LENGTH_BYTES:
-        return None
-    length = int.from_bytes(head, "little")
-    data = stream.read(length)
-    return pickle.loads(data) if len(data) == length else None
 
 
 def execute(call: Call) -> Outcome:
@@ -100,20 +83,25 @@ def serve(guard: int, scratch: str) -> NoReturn:
     end_with(guard)
     code = _LoadedCode(known_sources(Path.cwd()))
     os.chdir(scratch)
-    answers = os.fdopen(os.dup(1), "wb")
+    answers = Connection(os.dup(1), readable=False)
     os.dup2(2, 1)  # what native code prints must not mix with the answers
-    calls = sys.stdin.buffer
     # A clean exit at interruption is the parent's to decide.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    while (call := receive(calls)) is not None:
+    for call in _calls():
         answer: Outcome | str = STALE
         if code.serves(call):  # a shipment runs itself: what it imports is not needed by every child
             answer = execute(call) if type(call) is Call else call.run(execute)
         sys.stdout.flush()
         _return_free_memory()
-        send(answers, answer)
-    answers.flush()
+        answers.send(answer)
     os._exit(0)  # native libraries may crash while they are unloaded, which no longer matters
+
+
+def _calls() -> Iterator[Any]:
+    calls = Connection(os.dup(0), writable=False)
+    with contextlib.suppress(EOFError):
+        while True:
+            yield calls.recv()
 
 
 class _LoadedCode:

@@ -14,21 +14,17 @@ import ctypes
 import os
 import resource
 import select
-import shutil
 import signal
 import sys
-import time
 
 from pipeline.sandbox.process_tree import descendants
 
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER
 CHOSEN_FIRST = "600"  # by the kernel when memory runs out: a task's processes, not workers and drivers
-STARTER_GONE_S = 2.0  # within which a starter whose pipe has closed is found to have ended
 
 
 def main() -> None:
     """Run and guard a task's process; end as it ended."""
-    scratch, starter = sys.argv[1], os.getppid()
     guard = os.getpid()
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
@@ -49,30 +45,28 @@ def main() -> None:
             file.write(CHOSEN_FIRST)
         from pipeline.sandbox.child import serve
 
-        serve(guard, scratch)
+        serve(guard, scratch=sys.argv[1])
     os.dup2(2, 1)  # that the end of the answers is seen when the task's process ends
-    status, starter_left = _wait(task, woken)
-    status = _end_all(task) if status is None else (_end_all(task), status)[1]
-    if starter_left and _is_gone(starter):
-        shutil.rmtree(scratch, ignore_errors=True)
-    _end_as(status)
+    status = _wait(task, woken)
+    killed = _end_all(task)
+    _end_as(killed if status is None else status)
 
 
-def _wait(task: int, woken: int) -> tuple[int | None, bool]:
-    """Return the status with which the task ended, None where it must be ended; whether the starter left."""
+def _wait(task: int, woken: int) -> int | None:
+    """Return the status with which the task ended; None where it must be ended."""
     poll = select.poll()
     poll.register(0, 0)  # only that the other end has closed
     poll.register(woken, select.POLLIN)
     while True:
         ready = {descriptor for descriptor, _ in poll.poll()}
         if woken in ready and signal.SIGTERM in os.read(woken, 4096):
-            return None, False
+            return None
         with contextlib.suppress(ChildProcessError):
             while (ended := os.waitpid(-1, os.WNOHANG))[0]:
                 if ended[0] == task:
-                    return ended[1], False
+                    return ended[1]
         if 0 in ready:
-            return None, True
+            return None
 
 
 def _end_all(task: int) -> int:
@@ -88,16 +82,6 @@ def _end_all(task: int) -> int:
             return found
         if pid == task:
             found = status
-
-
-def _is_gone(starter: int) -> bool:
-    """Whether the process that started this one has died; its pipes close a little before it does."""
-    deadline = time.monotonic() + STARTER_GONE_S
-    while os.getppid() == starter:
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def _end_as(status: int) -> None:

@@ -1,22 +1,36 @@
 """Memory of this host, or of the control group that holds this process where that is smaller."""
 
+import contextlib
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 UNLIMITED = 1 << 60  # version 1 of control groups writes a number near 2**63 where there is no limit
 
 
-@dataclass(frozen=True)
-class _Group:
+class _Group(NamedTuple):
     """Files of a control group with a limit."""
 
     limit: Path
     used: Path
     statistics: Path
-    reclaimable: str  # line of the statistics: cache that goes when memory is asked for
     events: Path
+    reclaimable: str  # line of the statistics: cache that goes when memory is asked for
+
+
+# By the controllers that /proc/self/cgroup names: of version 2, which names none, and of version 1.
+LAYOUTS = {
+    "": ("", "memory.max", "memory.current", "memory.stat", "memory.events", "inactive_file"),
+    "memory": (
+        "memory",
+        "memory.limit_in_bytes",
+        "memory.usage_in_bytes",
+        "memory.stat",
+        "memory.oom_control",
+        "total_inactive_file",
+    ),
+}
 
 
 def total_bytes() -> int:
@@ -58,25 +72,15 @@ def _all_groups() -> Iterator[_Group]:
         return
     for line in lines:
         _, controllers, own = line.split(":", 2)
-        if controllers == "":
-            names = ("memory.max", "memory.current", "memory.stat", "inactive_file", "memory.events")
-            mount = Path("/sys/fs/cgroup")
-        elif "memory" in controllers.split(","):
-            names = (
-                "memory.limit_in_bytes",
-                "memory.usage_in_bytes",
-                "memory.stat",
-                "total_inactive_file",
-                "memory.oom_control",
-            )
-            mount = Path("/sys/fs/cgroup/memory")
-        else:
-            continue
-        folder = mount / own.lstrip("/")
-        # In a container the own group is often mounted as the root, whatever its name outside.
-        for at in (folder, *folder.parents):
-            if at.is_relative_to(mount) and (at / names[0]).is_file():
-                yield _Group(at / names[0], at / names[1], at / names[2], names[3], at / names[4])
+        for controller in LAYOUTS.keys() & controllers.split(","):
+            where, *files, reclaimable = LAYOUTS[controller]
+            mount = Path("/sys/fs/cgroup", where)
+            folder = mount / own.lstrip("/")
+            # In a container the own group is often mounted as the root, whatever its name outside.
+            for at in (folder, *folder.parents):
+                limit, used, statistics, events = (at / name for name in files)
+                if at.is_relative_to(mount) and limit.is_file():
+                    yield _Group(limit, used, statistics, events, reclaimable)
 
 
 def _number(path: Path) -> int | None:
@@ -88,11 +92,8 @@ def _number(path: Path) -> int | None:
 
 
 def _entry(path: Path, name: str) -> int:
-    try:
-        for line in path.read_text().splitlines():
-            key, _, value = line.partition(" ")
-            if key == name:
-                return int(value)
-    except (OSError, ValueError):
-        pass
+    """Return the number of a line ``name number``; 0 without that line or file."""
+    with contextlib.suppress(OSError):
+        lines = (line.split() for line in path.read_text().splitlines())
+        return next((int(line[1]) for line in lines if line[0] == name), 0)
     return 0

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -10,13 +9,14 @@ import tempfile
 import threading
 import time
 from dataclasses import dataclass, replace
+from multiprocessing import Pipe
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from pipeline.dataset.task import Call, Failure, Outcome
 from pipeline.sandbox import host_memory, instructions, scratch
-from pipeline.sandbox.child import STALE, receive, send
+from pipeline.sandbox.child import STALE
 from pipeline.sandbox.memory_watch import MemoryWatch, resident_bytes
 from pipeline.sandbox.process_tree import descendants, end_with_variable
 
@@ -154,13 +154,10 @@ class Child:
         process = self._started()
         self._log.seek(0)
         self._log.truncate()
-        assert process.stdin is not None
-        assert process.stdout is not None
         watch = MemoryWatch(process.pid, self._settings.memory_limit_bytes, expected_bytes)
         try:
-            send(process.stdin, call)
-            failure = self._watched(process.stdout.fileno(), watch, call.request.object_id)
-            answer = failure or receive(process.stdout)
+            self._calls.send(call)
+            answer = self._watched(watch, call.request.object_id) or self._received()
         except BrokenPipeError:
             answer = None
         except BaseException:
@@ -171,14 +168,19 @@ class Child:
             raise Interrupted(call.request.object_id)
         return answer, watch.peak_bytes
 
-    def _watched(self, answers: int, watch: MemoryWatch, object_id: str) -> Failure | None:
+    def _received(self) -> Any:
+        """Return the answer of a child; None where it ended before the whole was sent."""
+        try:
+            return self._answers.recv()
+        except (EOFError, OSError):
+            return None
+
+    def _watched(self, watch: MemoryWatch, object_id: str) -> Failure | None:
         """Wait until a child answers or ends; return why it must end before."""
         limit_s = self._settings.time_limit_s
         deadline = time.monotonic() + limit_s
-        poll = select.poll()
-        poll.register(answers, select.POLLIN)
         while (left := deadline - time.monotonic()) > 0:
-            if poll.poll(1000 * min(left, watch.pause_s)):
+            if self._answers.poll(min(left, watch.pause_s)):
                 return None
             failure = watch.look(object_id)
             if failure is not None:
@@ -210,15 +212,18 @@ class Child:
                 "TMPDIR": folder,
             }
             environment.update(dict.fromkeys(THREADS, str(self._settings.threads)))
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "pipeline.sandbox.guard", folder],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=self._log,
-                cwd=self._root,
-                env=environment,
-                start_new_session=True,  # so that only the starter gets the signals of a terminal
-            )
+            calls, self._calls = Pipe(duplex=False)
+            self._answers, answers = Pipe(duplex=False)
+            with calls, answers:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", "pipeline.sandbox.guard", folder],
+                    stdin=calls.fileno(),
+                    stdout=answers.fileno(),
+                    stderr=self._log,
+                    cwd=self._root,
+                    env=environment,
+                    start_new_session=True,  # so that only the starter gets the signals of a terminal
+                )
         return self._process
 
     def _reason(self, object_id: str, out_of_memory: bool) -> Failure:
@@ -251,10 +256,8 @@ class Child:
             process.kill()
         if process.wait() == -signal.SIGKILL:
             end_with_variable("TMPDIR", str(self._scratch.path))
-        for stream in (process.stdin, process.stdout):
-            if stream is not None:
-                with contextlib.suppress(BrokenPipeError):
-                    stream.close()
+        self._calls.close()
+        self._answers.close()
 
     def _tail(self) -> str:
         size = self._log.seek(0, os.SEEK_END)

@@ -5,6 +5,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+LISTED = Path("/proc/thread-self/children").exists()  # as by Linux, unless it is built without it
+
 
 def descendants(pid: int) -> list[int]:
     """Return the ids of all processes below `pid`, without itself; of none that is gone."""
@@ -37,22 +39,15 @@ def end_with_variable(name: str, value: str) -> None:
 
 
 def _children(pid: int) -> Iterator[int]:
-    """Yield the children of a process; the kernel lists them by the thread that started them."""
+    """Yield the children of a process; Linux lists them by the thread that started them."""
+    if not LISTED:
+        import psutil
+
+        with contextlib.suppress(psutil.Error):
+            yield from (child.pid for child in psutil.Process(pid).children())
+        return
     tasks = f"/proc/{pid}/task"
-    try:
+    with contextlib.suppress(OSError):
         for thread in os.listdir(tasks):
             with open(f"{tasks}/{thread}/children", "rb") as file:
                 yield from map(int, file.read().split())
-    except OSError:
-        if (
-            not Path("/proc/self/task").is_dir()
-            or not Path(f"/proc/self/task/{os.getpid()}/children").exists()
-        ):
-            yield from _children_by_parent(pid)
-
-
-def _children_by_parent(pid: int) -> Iterator[int]:
-    import psutil
-
-    with contextlib.suppress(psutil.Error):
-        yield from (child.pid for child in psutil.Process(pid).children())

@@ -71,12 +71,8 @@ def sweep() -> list[Path]:
 
 def _owner_is_dead(name: str) -> bool:
     """Whether a scratch folder's owner was a process of this host and is no more."""
-    host, _, rest = name.partition(SEPARATOR)
-    pid, _, rest = rest.partition(SEPARATOR)
-    start, _, _ = rest.partition(SEPARATOR)
-    if host != socket.gethostname() or not pid.isdecimal():
-        return False
-    return _start_of(int(pid)) != start
+    host, pid, start, *_ = (*name.split(SEPARATOR), "", "")
+    return host == socket.gethostname() and pid.isdecimal() and _start_of(int(pid)) != start
 
 
 def _start_of(pid: int) -> str:

@@ -1,7 +1,6 @@
 """A worker that would compute other numbers gets no work, and the run says why."""
 
 import contextlib
-import dataclasses
 import os
 import subprocess
 import sys
@@ -20,7 +19,7 @@ HERE = environment_here(["numpy", "scipy"], ["pipeline.tasks.objects"])
 
 
 def test_an_equal_environment_has_no_difference():
-    assert differences(HERE, Environment.from_json(HERE.as_json())) == []
+    assert differences(HERE, Environment.model_validate_json(HERE.model_dump_json())) == []
     assert HERE.packages["numpy"][0].isdigit()
     assert len(HERE.code["pipeline.tasks.objects"]) > 3
 
@@ -46,13 +45,13 @@ def test_an_equal_environment_has_no_difference():
     ],
 )
 def test_what_differs_is_named(change, expected):
-    found = dataclasses.replace(HERE, **change)
+    found = HERE.model_copy(update=change)
     assert differences(HERE, found) == [expected.format(python=HERE.python, **HERE.packages)]
 
 
 def test_many_differing_modules_are_counted():
     changed = {name: "0" for name in HERE.code["pipeline.tasks.objects"]}
-    (said,) = differences(HERE, dataclasses.replace(HERE, code={"pipeline.tasks.objects": changed}))
+    (said,) = differences(HERE, HERE.model_copy(update={"code": {"pipeline.tasks.objects": changed}}))
     assert f"and {len(changed) - 3} more" in said
 
 
@@ -63,10 +62,10 @@ def test_all_stages_are_covered():
 
 
 def test_another_process_of_this_installation_finds_no_difference():
-    for wanted, said in ((HERE, ""), (dataclasses.replace(HERE, python="2.7"), "Python 3.")):
+    for wanted, said in ((HERE, ""), (HERE.model_copy(update={"python": "2.7"}), "Python 3.")):
         answer = subprocess.run(
             [sys.executable, "-m", "pipeline.cluster.environment_check"],
-            input=wanted.as_json(),
+            input=wanted.model_dump_json(),
             capture_output=True,
             text=True,
             check=True,
@@ -115,7 +114,7 @@ def test_the_check_runs_where_the_project_is_not_installed(needed, said):
 
     from pipeline.cluster import dask_runner
 
-    plugin = dask_runner.Admission("name", None, ("/nowhere", "token", "secret"), needed, None)
+    plugin = dask_runner.Admission("name", None, "/nowhere", "/nowhere/marker", needed, None)
     answer = subprocess.run(
         [sys.executable, "-c", WITHOUT_PROJECT], input=dumps(plugin), capture_output=True, check=True
     )

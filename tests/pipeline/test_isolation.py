@@ -254,7 +254,8 @@ def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
     starter.wait(PATIENCE_S)
     starter.stdout.close()
     wait_for(lambda: not any(map(alive, running)), "all processes are gone")
-    wait_for(lambda: not folder.exists(), "the scratch folder is gone")
+    assert folder in scratch.sweep()
+    assert not folder.exists()
 
 
 def test_folders_of_dead_owners_are_swept_and_others_left(toys, tmp_path, monkeypatch):

@@ -137,9 +137,9 @@ def test_a_control_group_counts_where_it_is_smaller_than_the_host(tmp_path, monk
         ("memory.events", "low 0\noom 2\noom_kill 2\n"),
     ):
         (tmp_path / name).write_text(text)
-    names = [tmp_path / name for name in ("memory.max", "memory.current", "memory.stat")]
+    names = [tmp_path / name for name in ("memory.max", "memory.current", "memory.stat", "memory.events")]
     before = host_memory.out_of_memory_kills()
-    group = host_memory._Group(*names, "inactive_file", tmp_path / "memory.events")
+    group = host_memory._Group(*names, "inactive_file")
     monkeypatch.setattr(host_memory, "_groups", lambda: (group,))
     assert host_memory.total_bytes() == 1_000_000_000
     assert host_memory.available_bytes() == 450_000_000

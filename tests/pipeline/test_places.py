@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from objectfolder.errors import InputError
-from pipeline.cluster.dask_cluster import connect
+from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Adapt, Place, read_place
 
 ADDRESS = "tls://10.0.0.1:8786"

@@ -12,7 +12,7 @@ from services import need
 from slurm import PROGRAMS, slurm
 
 from objectfolder.errors import SimulationError
-from pipeline.cluster.dask_cluster import connect
+from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Adapt, Place
 
 pytest.importorskip("dask_jobqueue")

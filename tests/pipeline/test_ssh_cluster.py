@@ -13,7 +13,7 @@ from processes import eventually, make_certificate
 from services import PATH, need
 
 from objectfolder.errors import InputError
-from pipeline.cluster.dask_cluster import connect
+from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Place
 
 pytest.importorskip("asyncssh")

@@ -69,7 +69,8 @@ from pathlib import Path
 sys.path.insert(0, "@TESTS@")
 from toys import Toys
 
-from pipeline.cluster.cluster import read_place, runner
+from pipeline.cluster.cluster import runner
+from pipeline.cluster.places import read_place
 from pipeline.run.converge import converge
 
 if __name__ == "__main__":
