@@ -1,7 +1,7 @@
 """Checks of a product's archive: it may hold exactly what `objectfolder.products.store.write_product` writes.
 
 An archive fetched from elsewhere is not trusted. Zarr's own reader would follow any codec, type and
-size that it declares; this looks at the declarations first, reads no array, and allocates next to nothing.
+size that it declares; this looks at the declarations first, and decodes no array.
 """
 
 import json
@@ -10,6 +10,7 @@ import re
 import struct
 import zipfile
 import zlib
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -49,54 +50,59 @@ def read_attributes(path: Path) -> dict[str, Any]:
     FileNotFoundError
         No such file.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            attributes = read_json(archive, archive.getinfo("zarr.json"))["attributes"]
-    except FileNotFoundError:
-        raise
-    except UNREADABLE as error:
-        raise FormatError(str(path), f"not a readable product ({error})", REMEDY) from error
-    if not isinstance(attributes, dict):
-        raise FormatError(str(path), "not a readable product (its attributes have no names)", REMEDY)
+    path.stat()
+    attributes: dict[str, Any] = json.loads(dict(read_entries(path, ()))["zarr.json"])["attributes"]
     return attributes
 
 
 def check(path: Path) -> None:
-    """Check every entry of a product's archive, and its checksum.
+    """Check every entry of a product's archive, and its checksum; raises as `read_entries` does."""
+    for _ in read_entries(path):
+        pass
+
+
+def read_entries(path: Path, arrays: Container[str] | None = None) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of the entries of `arrays` of a product's archive, checked; None means all.
 
     Raises
     ------
     FormatError
-        A damaged archive, a name that leads out of it, or a type, codec, or size that no product has.
+        A damaged archive or entry, a name that leads out of it, or a type, codec, or size that no product
+        has; a file that is not there.
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            _check(archive)
-            damaged = archive.testzip()
+            yield from _read_entries(archive, arrays)
     except UNREADABLE as error:
         raise FormatError(str(path), f"unreadable ({error})", REMEDY) from error
-    if damaged is not None:
-        raise FormatError(str(path), f"entry {damaged} is damaged", REMEDY)
 
 
-def _check(archive: zipfile.ZipFile) -> None:
-    entries = archive.infolist()
-    names = {entry.filename for entry in entries}
-    if len(names) != len(entries):
+def _read_entries(archive: zipfile.ZipFile, wanted: Container[str] | None) -> Iterator[tuple[str, bytes]]:
+    names = archive.namelist()
+    if len(set(names)) != len(names):
         raise ValueError("an entry is there twice")
     if "zarr.json" not in names:
         raise ValueError("no group of Zarr 3")
+    entries = [
+        entry
+        for entry in archive.infolist()
+        if wanted is None or entry.filename == "zarr.json" or entry.filename.partition("/")[0] in wanted
+    ]
     arrays: dict[str, int] = {}
     total = 0
     for entry in entries:
         name, _, rest = entry.filename.partition("/")
         if entry.filename == "zarr.json":
-            _check_group(read_json(archive, entry))
+            content = _read_small(archive, entry)
+            _check_group(json.loads(content))
+            yield entry.filename, content
         elif not rest or not _NAME.fullmatch(name):
             raise ValueError(f"entry {entry.filename!r} is no part of a product")
         elif rest == "zarr.json":
-            arrays[name], whole = described_bytes(name, read_json(archive, entry))
+            content = _read_small(archive, entry)
+            arrays[name], whole = described_bytes(name, json.loads(content))
             total += whole
+            yield entry.filename, content
     if total > LARGEST_PRODUCT_BYTES:
         raise ValueError(f"its arrays would take {total} bytes")
     for entry in entries:
@@ -104,14 +110,18 @@ def _check(archive: zipfile.ZipFile) -> None:
         if rest and rest != "zarr.json":
             if name not in arrays or not _CHUNK.fullmatch(rest):
                 raise ValueError(f"entry {entry.filename!r} is no part of a product")
-            _check_chunk(archive, entry, arrays[name])
+            yield entry.filename, _read_chunk(archive, entry, arrays[name])
 
 
 def read_json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
     """Return what an entry of JSON holds; raises ValueError for one that no product has."""
+    return json.loads(_read_small(archive, entry))
+
+
+def _read_small(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > LARGEST_JSON_BYTES:
         raise ValueError(f"entry {entry.filename} is compressed or of {entry.file_size} bytes")
-    return json.loads(archive.read(entry))
+    return archive.read(entry)
 
 
 def _check_group(said: dict[str, Any]) -> None:
@@ -148,11 +158,11 @@ def described_bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
     return chunk, max(math.prod(shape) * item, chunk)
 
 
-def _check_chunk(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, expected: int) -> None:
+def _read_chunk(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, expected: int) -> bytes:
     if entry.compress_type != zipfile.ZIP_STORED:
         raise ValueError(f"entry {entry.filename} is compressed twice")
-    with archive.open(entry) as file:
-        header = file.read(BLOSC_HEADER_BYTES)
-    declared = int.from_bytes(header[4:8], "little")
-    if len(header) < BLOSC_HEADER_BYTES or declared != expected:
+    content = archive.read(entry)
+    declared = int.from_bytes(content[4:8], "little")
+    if len(content) < BLOSC_HEADER_BYTES or declared != expected:
         raise ValueError(f"entry {entry.filename} holds {declared} bytes where {expected} are described")
+    return content

@@ -92,9 +92,9 @@ def test_the_digest_tells_contents_apart_and_equal_ones_not(tmp_path: Path) -> N
 def test_touches_shown_are_found_in_the_truth() -> None:
     truth = fidelity("cube")["touch_truth"]
     touches, _, _ = touched(truth, before=3)
-    assert find_touches(truth, touches) == [3, 4, 5, 6]
-    assert find_touches(255 - truth, touches) == [None] * 4
-    assert find_touches(truth[:, 1:], touches) == [None] * 4
+    assert find_touches(truth, touches["rgb"]) == [3, 4, 5, 6]
+    assert find_touches(255 - truth, touches["rgb"]) == [None] * 4
+    assert find_touches(truth[:, 1:], touches["rgb"]) == [None] * 4
 
 
 def test_a_contact_is_marked_where_it_is(tmp_path: Path) -> None:

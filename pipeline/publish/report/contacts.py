@@ -5,12 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import indexed_uri
 
-PIXELS = 200
+PIXELS = 150
 FIELD_OF_VIEW_DEG = 32.0
 FOCAL = PIXELS / 2 / np.tan(np.radians(FIELD_OF_VIEW_DEG / 2))
 # In diagonals of the bounding box: of the camera from its centre (the whole object is in the picture from
@@ -128,22 +127,27 @@ def contacts(truth: np.ndarray, products: ObjectProducts) -> list[Contact | None
     ValueError
         The surface has no triangles.
     """
-    touches = products.arrays("touches", "rgb", "held_out", *TOUCH_ARRAYS)
+    touches = products.arrays("touches", "held_out", *TOUCH_ARRAYS)
+    held_out = np.flatnonzero(touches["held_out"])
+    if not len(held_out):
+        return [None] * len(truth)
+    rows = slice(int(held_out[0]), int(held_out[-1]) + 1)
+    images = products.arrays("touches", "rgb", rows=rows)["rgb"][held_out - rows.start]
     mesh = products.arrays("objects", "vertices", "faces")
     surface, sensor = Surface(mesh["vertices"], mesh["faces"]), touches.attributes["sensor"]
     drawn: list[Contact | None] = []
-    for index in find_touches(truth, touches):
+    for place in find_touches(truth, images):
+        index = None if place is None else held_out[place]
         touch = {name: touches[name][index] for name in TOUCH_ARRAYS}
         drawn.append(None if index is None else _contact(surface, touch, sensor))
     return drawn
 
 
-def find_touches(truth: np.ndarray, touches: Product) -> list[int | None]:
-    """Return which of the held-out touches each image shows; None where it is none of them."""
-    images, held_out = touches["rgb"], touches["held_out"]
+def find_touches(truth: np.ndarray, images: np.ndarray) -> list[int | None]:
+    """Return which of (n, height, width, 3) images of touches each of `truth` is; None where it is none."""
     if truth.shape[1:] != images.shape[1:]:
         return [None] * len(truth)
-    equal = (np.flatnonzero(held_out & (images == image).all(axis=(1, 2, 3))) for image in truth)
+    equal = (np.flatnonzero((images == image).all(axis=(1, 2, 3))) for image in truth)
     return [int(found[0]) if len(found) else None for found in equal]
 
 

@@ -6,15 +6,19 @@ import os
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
+import zarr
+from zarr.buffer.cpu import Buffer
+from zarr.storage import MemoryStore
 
 from objectfolder.errors import FormatError
 from objectfolder.products.provenance import canonical_json, file_digest
-from objectfolder.products.store import Product, read_product
+from objectfolder.products.store import Array, Product
 from objectfolder.products.tensor_file import read_metadata, read_tensor_file
-from pipeline.dataset.archives import END, check, read_attributes
+from pipeline.dataset.archives import END, REMEDY, UNREADABLE, read_attributes, read_entries
 from pipeline.dataset.products import ZARR
 from pipeline.dataset.stages import ENCODED, OBJECT_FILES, STAGES
 
@@ -41,7 +45,6 @@ class ObjectProducts:
 
     def __init__(self, data: Path, name: str) -> None:
         self._data, self._name = data, name
-        self._checked: set[str] = set()
         self.unreadable: list[str] = []
 
     def path(self, kind: str) -> Path:
@@ -57,8 +60,10 @@ class ObjectProducts:
         found[OBJECT_FILES.name] = _digest(file_digest, self.path(OBJECT_FILES.name))
         return found
 
-    def arrays(self, kind: str, *names: str) -> Product:
-        """Return an archive with these arrays of it, or with all where none is named.
+    def arrays(self, kind: str, *names: str, rows: slice | EllipsisType = ...) -> Product:
+        """Return an archive with `rows` of these arrays of it, or of all where none is named.
+
+        Nothing else of the archive is read.
 
         Raises
         ------
@@ -67,13 +72,24 @@ class ObjectProducts:
         FormatError
             It is damaged, is not what a stage writes, or lacks an array.
         """
-        return read_product(self._sound(kind), names or None)
+        path = self.path(kind)
+        path.stat()
+        entries = dict(read_entries(path, names or None))
+        there = [name.partition("/")[0] for name in entries if name.endswith("/zarr.json")]
+        if missing := set(names).difference(there):
+            raise FormatError(str(path), f"no array {sorted(missing)}", REMEDY)
+        store = MemoryStore({name: Buffer.from_bytes(content) for name, content in entries.items()})
+        try:
+            group = zarr.open_group(store, mode="r", zarr_format=3)
+            return Product({name: _read(group, name, rows) for name in there}, dict(group.attrs))
+        except UNREADABLE as error:
+            raise FormatError(str(path), f"damaged product ({error})", REMEDY) from error
 
     def attributes(self, kind: str) -> dict[str, Any]:
         """Return the attributes of a product, empty where it cannot be read."""
         with self.reading(kind):
             if SUFFIXES[kind] == ZARR:
-                return read_attributes(self._sound(kind))
+                return read_attributes(self.path(kind))
             return dict(read_metadata(self.path(kind)))
         return {}
 
@@ -95,14 +111,12 @@ class ObjectProducts:
         except UNEXPECTED as error:
             self.unreadable.append(f"{what}: not what a report can show ({type(error).__name__}: {error})")
 
-    def _sound(self, kind: str) -> Path:
-        """Return the path of an archive after checking it once."""
-        path = self.path(kind)
-        if kind not in self._checked:
-            path.stat()
-            check(path)
-            self._checked.add(kind)
-        return path
+
+def _read(group: zarr.Group, name: str, rows: slice | EllipsisType) -> Array:
+    stored = group[name]
+    assert isinstance(stored, zarr.Array)
+    dims = tuple(f"axis_{axis}" for axis in range(stored.ndim))  # a page asks for none
+    return Array(np.asarray(stored[rows]), dims, str(stored.attrs["units"]), str(stored.attrs["long_name"]))
 
 
 def _digest(read: Callable[[Path], str], path: Path) -> str:
