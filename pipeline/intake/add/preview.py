@@ -1,12 +1,10 @@
 """An object as it was read, for people: its numbers in lines, and a picture of all sides and a section."""
 
-import io
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from objectfolder.dataset.catalogue import AS_IN_FILE
 from objectfolder.mesh.mesh import TexturedMesh
@@ -59,10 +57,8 @@ def write_preview(
         axes.set_title(view.title, fontsize=10)
     figure.supylabel("metres", fontsize=10)
     figure.supxlabel(text, x=0.01, ha="left", fontsize=9, fontfamily="monospace", parse_math=False)
-    data = io.BytesIO()
-    figure.savefig(data, format="png")
     with atomic_write(path) as file:
-        file.write(data.getvalue())
+        figure.savefig(file, format="png")
 
 
 def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
@@ -77,13 +73,11 @@ def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
         met = hits.face >= 0
         thin = met & (behind < FACING_AWAY) & (hits.distance + start < min(least_wall_m, widest))
         torn = met & (behind > 0)
-        return _blended(_blended(colours, thin, RED), torn, PURPLE)
+        for chosen, colour in ((thin, RED), (torn, PURPLE)):
+            colours = np.where(chosen[:, None], 0.35 * colours + 0.65 * colour, colours)
+        return colours
 
     return marked
-
-
-def _blended(colours: Floats, chosen: NDArray[np.bool_], colour: Floats) -> Floats:
-    return np.where(chosen[:, None], 0.35 * colours + 0.65 * colour, colours)
 
 
 def preview_of(checked: Checked, mesh: Path, path: Path, lines: Sequence[str]) -> None:
@@ -115,24 +109,19 @@ def lines_about(checked: Checked) -> list[str]:
         f"pieces {walls.pieces}, cavities {walls.cavities}",
         f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
         f"{checked.material.name} ({density:g} kg/m3)",
-        _walls(checked),
     ]
+    solid = f"2V/A {millimetres(walls.effective_m)}, thickest {millimetres(walls.bulk_m)}"
+    if (median := walls.usual_wall_m()) is None:
+        lines.append(f"walls        none; {solid}")
+    else:
+        thin = millimetres(float(np.interp(0.05, LEVELS, walls.wall_m)))
+        lines.append(
+            f"walls        {100 * walls.wall_share:.0f} % of the area, median {millimetres(median)}, "
+            f"a twentieth of them below {thin}; {solid}"
+        )
     lines += [f"warning      {text}" for text in checked.warnings]
     lines += [f"walls?       {finding}" for finding in checked.findings]
     return lines
-
-
-def _walls(checked: Checked) -> str:
-    walls = checked.walls
-    solid = f"2V/A {millimetres(walls.effective_m)}, thickest {millimetres(walls.bulk_m)}"
-    median = walls.usual_wall_m()
-    if median is None:
-        return f"walls        none; {solid}"
-    thin = float(np.interp(0.05, LEVELS, walls.wall_m))
-    return (
-        f"walls        {100 * walls.wall_share:.0f} % of the area, median {millimetres(median)}, "
-        f"a twentieth of them below {millimetres(thin)}; {solid}"
-    )
 
 
 def _number(value: float) -> str:

@@ -1,7 +1,7 @@
 """A textured mesh drawn to scale from several sides, and cut open: parallel rays, no renderer."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,67 +14,61 @@ Floats = NDArray[np.float64]
 SAMPLES = 2
 """Rays a side of a pixel."""
 
-WHITE = 1.0
 CUT = np.array([0.85, 0.45, 0.15])
 """Colour of material that is cut through."""
 
-LIGHT = (-0.45, 0.55, 0.9)
+LIGHT = np.array([-0.45, 0.55, 0.9]) / np.linalg.norm([0.45, 0.55, 0.9])
 """Direction to the lamp along the picture's right, up and back."""
 
 Tint = Callable[[Floats, Floats, Floats], Floats]
 """From points (n, 3), outward normals (n, 3) and colours (n, 3) to colours (n, 3)."""
 
 
-@dataclass(frozen=True)
-class View:
+class View(NamedTuple):
     """Where a picture is taken from.
 
     Parameters
     ----------
     title
         What it shows, in words.
-    right, up, back
-        Unit vectors of the picture's sides, and from the object to the eye.
+    axes
+        (3, 3) unit vectors: to the picture's right, up, and from the object to the eye.
     cut
         Leave out the half nearer to the eye.
     """
 
     title: str
-    right: Floats
-    up: Floats
-    back: Floats
-    cut: bool = False
+    axes: Floats
+    cut: bool
 
 
-def standard_views(extents: Floats, up_axis: int) -> tuple[View, ...]:
+def standard_views(extents: Floats, up_axis: int) -> list[View]:
     """Two corners, two sides, from above, and a section along the object's longer side."""
     up = np.eye(3)[up_axis]
     first, second = (axis for axis in range(3) if axis != up_axis)
     # The section holds the longer of the two horizontal axes.
     across = np.eye(3)[second if extents[first] >= extents[second] else first]
     along = np.cross(up, across)
-
-    def view(title: str, back: Floats, above: Floats, cut: bool = False) -> View:
-        back = back / np.linalg.norm(back)
+    views = []
+    for title, towards, above in (
+        ("from a corner", 0.8 * along + across + 0.7 * up, up),
+        ("from behind, below", -along - 0.8 * across - 0.6 * up, up),
+        ("from a side", across, up),
+        ("from an end", along, up),
+        ("from above", up, across),
+        ("cut open", across, up),
+    ):
+        back = towards / np.linalg.norm(towards)
         right = np.cross(above, back)
         right /= np.linalg.norm(right)
-        return View(title, right, np.cross(back, right), back, cut)
-
-    return (
-        view("from a corner", 0.8 * along + across + 0.7 * up, up),
-        view("from behind, below", -along - 0.8 * across - 0.6 * up, up),
-        view("from a side", across, up),
-        view("from an end", along, up),
-        view("from above", up, across),
-        view("cut open", across, up, cut=True),
-    )
+        views.append(View(title, np.stack([right, np.cross(back, right), back]), title == "cut open"))
+    return views
 
 
-def side_m(mesh: TexturedMesh, views: tuple[View, ...]) -> float:
+def side_m(mesh: TexturedMesh, views: list[View]) -> float:
     """Side of a square that every view of the mesh fits in, metres."""
-    corners = mesh.vertices - _centre(mesh)
-    reach = [np.abs(corners @ axis).max() for view in views for axis in (view.right, view.up)]
-    return 2.12 * float(max(reach))
+    corners = mesh.vertices - mesh.surface.bounds.mean(axis=0)
+    return 2.12 * max(float(np.abs(corners @ view.axes[:2].T).max()) for view in views)
 
 
 def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | None = None) -> np.ndarray:
@@ -94,27 +88,23 @@ def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | 
     np.ndarray
         (pixels, pixels, 3) uint8 on white, its first row on top.
     """
-    right, up, back = view.right, view.up, view.back
-    surface = mesh.surface
-    reach = 2 * float(np.linalg.norm(mesh.extents))
+    surface, back = mesh.surface, view.axes[2]
     count = pixels * SAMPLES
     steps = ((np.arange(count) + 0.5) / count - 0.5) * side
     x, y = np.meshgrid(steps, -steps)
-    start = _centre(mesh) + (0 if view.cut else reach) * back
-    origins = start + x.reshape(-1, 1) * right + y.reshape(-1, 1) * up
+    z = np.full_like(x, 0 if view.cut else 2 * np.linalg.norm(mesh.extents))
+    origins = surface.bounds.mean(axis=0) + np.stack([x, y, z], axis=-1).reshape(-1, 3) @ view.axes
     hits = surface.ray_hits(origins, np.broadcast_to(-back, origins.shape))
     seen = hits.face >= 0
-    colours = np.full((len(origins), 3), WHITE)
-    faces, normals = hits.face[seen], surface.face_normals[hits.face[seen]]
-    facing = normals @ back
-    own = _texture(mesh, faces, hits.barycentric[seen])
+    faces, barycentric = hits.face[seen], hits.barycentric[seen]
+    normals = surface.face_normals[faces]
+    own = _texture(mesh, faces, barycentric)
     if tint is not None:
-        own = tint(surface.points_at(faces, hits.barycentric[seen]), normals, own)
-    lamp = (LIGHT[0] * right + LIGHT[1] * up + LIGHT[2] * back) / np.linalg.norm(LIGHT)
-    lit = 0.45 + 0.55 * np.abs(normals @ lamp)
-    own = own * lit[:, None]
+        own = tint(surface.points_at(faces, barycentric), normals, own)
+    own = own * (0.45 + 0.55 * np.abs(normals @ view.axes.T @ LIGHT))[:, None]
     if view.cut:
-        own[facing < 0] = CUT
+        own[normals @ back < 0] = CUT
+    colours = np.ones((len(origins), 3))
     colours[seen] = own
     image = colours.reshape(pixels, SAMPLES, pixels, SAMPLES, 3).mean(axis=(1, 3))
     return np.asarray(np.rint(255 * np.clip(image, 0, 1)), dtype=np.uint8)
@@ -127,7 +117,3 @@ def _texture(mesh: TexturedMesh, faces: NDArray[np.int64], barycentric: Floats) 
         chosen = mesh.face_texture[faces] == index
         colours[chosen] = bilinear(texture, coordinates[chosen])[:, :3]
     return colours
-
-
-def _centre(mesh: TexturedMesh) -> Floats:
-    return np.asarray((mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2)
