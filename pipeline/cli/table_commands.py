@@ -155,30 +155,26 @@ def fetch(
 def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
     """Fetch all; print each object, and at the end the failures."""
     from objectfolder.dataset.catalogue import read_rows
-    from pipeline.intake.sources.fetch_summary import differences, lines_of, summary
-    from pipeline.intake.sources.fetching import Failed
+    from pipeline.intake.sources.fetch_summary import lines_of, summary
 
     try:
         rows = [row for _, row in read_rows(table)[1]]
     except InputError:
         rows = []  # a table that was not asked for need not be there
     fetched, failed = [], []
-    for number, outcome in enumerate(fetcher.fetch_all(ids, resolutions), start=1):
+    for number, (source_id, outcome) in enumerate(fetcher.fetch_all(ids, resolutions), start=1):
         count = f"{number}/{len(ids)} " if len(ids) > 1 else ""
-        if isinstance(outcome, Failed):
-            failed.append(outcome)
-            print_error(f"{count}{outcome.error}")
+        if isinstance(outcome, ObjectFolderError):
+            failed.append(f"  {source_id}: {outcome.finding}")
+            print_error(f"{count}{outcome}")
             continue
         fetched.append(outcome)
         print(f"{count}{lines_of(outcome)}", flush=True)
-        for difference in differences(outcome, table, rows):
-            print_error(difference)
     if said := summary(fetched, table, rows, len(ids)):
         print(said)
     if failed and len(ids) > 1:
         print_error(f"{len(failed)} of {len(ids)} failed; the same command resumes:")
-        for failure in failed:
-            print_error(f"  {failure.source_id}: {failure.error.finding}")
+        print_error("\n".join(failed))
     return FAILED if failed else FINE
 
 

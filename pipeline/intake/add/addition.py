@@ -1,6 +1,7 @@
 """One object put into a table: everything checked before anything is written."""
 
 import math
+import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +17,6 @@ from objectfolder.mesh.walls.wall_measures import WallMeasures, measures_of
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
-from objectfolder.surface.surface import Surface
 from pipeline.intake.add.naming import object_id_of, words_of
 from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
@@ -26,8 +26,6 @@ from pipeline.intake.check.row_rules import likely_spdx, spdx
 
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
 """Licences that do not ask for the author to be named."""
-COARSE = 10_000
-"""Nodes of a grid that shows most hollows in a tenth of the time."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def check_object(wanted: Wanted) -> Checked:
     mesh = textured_mesh_of(product)
     where = f"{object_id} ({wanted.mesh})"
     if wanted.shell_m is not None:
-        _check_shell(mesh.surface, wanted.shell_m, where)
+        hollow(mesh.surface, wanted.shell_m, where)
     if wanted.wall_m is not None:
         thicken(mesh.surface, wanted.wall_m, where)
     name = wanted.name or words_of(object_id)
@@ -187,15 +185,6 @@ def _ingested(wanted: Wanted, object_id: str) -> Product:
     return ingest_object(wanted.mesh, wanted.texture, wanted.length_m, object_id)
 
 
-def _check_shell(surface: Surface, shell_m: float, where: str) -> None:
-    """Raise `InputError` for a shell that leaves nothing hollow."""
-    try:
-        hollow(surface, shell_m, where, nodes=COARSE)
-    except InputError:
-        # A coarse grid may miss a narrow hollow.
-        hollow(surface, shell_m, where)
-
-
 def _licence(said: str) -> str:
     if known := spdx(said):
         return known
@@ -223,17 +212,14 @@ def _check_numbers(wanted: Wanted) -> None:
 
 def _remove_unused(table_path: Path, folder_of_objects: Path, mesh_cell: str) -> None:
     """Remove the folder that a replaced row lay in, if it is one made here and no row needs it."""
-    mesh = table_path.parent / mesh_cell
-    if not mesh_cell or not mesh.is_relative_to(folder_of_objects) or ".." in Path(mesh_cell).parts:
+    place = Path(os.path.normpath(table_path.parent / mesh_cell))
+    if folder_of_objects not in place.parents[1:]:
         return
-    folder = folder_of_objects / mesh.relative_to(folder_of_objects).parts[0]
-    if folder == mesh:
-        return
-    for _, row in read_table(table_path).rows():
-        for cell in (row.get("mesh", ""), row.get("texture", "")):
-            if cell and (table_path.parent / cell).is_relative_to(folder):
-                return
-    shutil.rmtree(folder, ignore_errors=True)
+    folder = folder_of_objects / place.relative_to(folder_of_objects).parts[0]
+    rows = [row for _, row in read_table(table_path).rows()]
+    cells = [table_path.parent / row.get(column, "") for row in rows for column in ("mesh", "texture")]
+    if not any(cell.is_relative_to(folder) for cell in cells):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _cell(value: float | None) -> str:

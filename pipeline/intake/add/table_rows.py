@@ -21,15 +21,12 @@ class Table:
 
     Parameters
     ----------
-    path
-        The file; it need not be there.
     records
         Texts of the header and of each row, line ends included; empty lines are records, too.
     cells
         Stripped cells of each record.
     """
 
-    path: Path
     records: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
 
@@ -61,25 +58,22 @@ def read_table(path: Path) -> Table:
     InputError
         It is no CSV table in UTF-8, or it names no meshes.
     """
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        return Table(path, (), ())
-    except UnicodeDecodeError as problem:
-        raise _no_table(path, problem) from problem
-    lines = list(io.StringIO(text, newline=""))
-    # The mark stays in the text of the header, and is no part of the first column's name.
-    reader = csv.reader((line.removeprefix(BYTE_ORDER_MARK) for line in lines), strict=True)
+    if not path.exists():
+        return Table((), ())
     records, cells = [], []
     first = 0
     try:
+        lines = list(io.StringIO(path.read_bytes().decode("utf-8"), newline=""))
+        # The mark stays in the text of the header, and is no part of the first column's name.
+        reader = csv.reader((line.removeprefix(BYTE_ORDER_MARK) for line in lines), strict=True)
         for row in reader:
             records.append("".join(lines[first : reader.line_num]))
             cells.append(tuple(cell.strip() for cell in row))
             first = reader.line_num
-    except csv.Error as problem:
-        raise _no_table(path, problem) from problem
-    table = Table(path, tuple(records), tuple(cells))
+    except (csv.Error, UnicodeDecodeError) as problem:
+        finding = f"is not a CSV table in UTF-8 ({problem})"
+        raise InputError(str(path), finding, "Export it again") from problem
+    table = Table(tuple(records), tuple(cells))
     missing = [name for name in ("id", "mesh", "material") if name not in table.columns]
     if cells and missing:
         remedy = "Name another table with --table: it is made if absent"
@@ -97,7 +91,7 @@ def with_row(table: Table, row: Mapping[str, str], replaced: int | None = None) 
         columns = [*COLUMNS, *(name for name in row if name not in COLUMNS and row[name])]
         return _written(columns, "\n") + _written([row.get(name, "") for name in columns], "\n")
     records = list(table.records)
-    end = _line_end(records[0])
+    end = records[0][len(records[0].rstrip("\r\n")) :] or "\n"
     added = [name for name, value in row.items() if value and name not in table.columns]
     if added:
         head = records[0].rstrip("\r\n")
@@ -125,14 +119,6 @@ def locked(path: Path) -> AbstractContextManager[object]:
     """Lock a table against other additions; another process or thread waits."""
     path = path.resolve()
     return disk.locked(path.with_name(f".{path.name}.lock"))
-
-
-def _no_table(path: Path, problem: Exception) -> InputError:
-    return InputError(str(path), f"is not a CSV table in UTF-8 ({problem})", "Export it again")
-
-
-def _line_end(record: str) -> str:
-    return record[len(record.rstrip("\r\n")) :] or "\n"
 
 
 def _written(row: list[str], end: str) -> str:

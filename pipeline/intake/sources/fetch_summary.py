@@ -4,7 +4,7 @@ import csv
 import io
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from objectfolder.dataset.catalogue import AS_IN_FILE
@@ -26,17 +26,6 @@ def lines_of(fetched: Fetched) -> str:
         f"  texture  {fetched.texture or 'named by the mesh'}\n"
         f"  licence  {source.licence}; {source.attribution}"
     )
-
-
-def differences(fetched: Fetched, table: Path, rows: Collection[Mapping[str, str]]) -> Iterator[str]:
-    """Yield which rows of a table name other files than those that were fetched."""
-    for row in rows:
-        if row.get("source_id") != fetched.asked.id:
-            continue
-        for what, path in (("mesh", fetched.mesh), ("texture", fetched.texture)):
-            cell = row.get(what)
-            if cell and (path is None or (table.parent / cell).resolve() != path.resolve()):
-                yield f"{table}, {row['id']}: its {what} is {cell}, but {path} was fetched"
 
 
 def summary(fetched: Sequence[Fetched], table: Path, rows: Collection[Mapping[str, str]], count: int) -> str:

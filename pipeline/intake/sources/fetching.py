@@ -2,6 +2,7 @@
 
 import difflib
 import shutil
+import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -59,14 +60,6 @@ class Fetched:
     def bytes(self) -> int:
         """Of its files."""
         return sum((self.folder / name).stat().st_size for name in self.form.files)
-
-
-@dataclass(frozen=True)
-class Failed:
-    """An object that was not fetched, by the id that was asked for, and why."""
-
-    source_id: str
-    error: ObjectFolderError
 
 
 class Fetcher:
@@ -140,33 +133,39 @@ class Fetcher:
                 forms = read_forms(target) | {asked.resolution: form}
                 _copy_missing(target, partial, {name for one in forms.values() for name in one.files})
                 write_forms(partial, asked, forms)
-                _replace_folder(target, partial)
+                # Moved away before it is removed: a killed process leaves no half of an object.
+                with tempfile.TemporaryDirectory(prefix=".", suffix=".old", dir=target.parent) as old:
+                    if target.exists():
+                        target.rename(Path(old, "replaced"))
+                    partial.rename(target)
             except (AbsentError, RefusedError) as problem:
                 raise self._absent(asked, problem) from problem
             finally:
                 shutil.rmtree(partial, ignore_errors=True)
         return Fetched(asked, target, form, FETCHED, recorded)
 
-    def fetch_all(self, source_ids: Sequence[str], resolutions: Resolutions) -> Iterator[Fetched | Failed]:
-        """Fetch one object after another, each once; one that fails does not stop the others."""
+    def fetch_all(
+        self, source_ids: Sequence[str], resolutions: Resolutions
+    ) -> Iterator[tuple[str, Fetched | ObjectFolderError]]:
+        """Fetch one object after another, each once; yield each id with the object or why there is none."""
         unreachable: Counter[str] = Counter()
         for source_id in dict.fromkeys(source_ids):
             try:
                 asked = resolutions.asked(source_id)
             except InputError as error:
-                yield Failed(source_id, error)
+                yield source_id, error
                 continue
             source = asked.source.id
             if unreachable[source] >= MOST_UNREACHABLE:
                 finding = "not tried, for its source cannot be reached"
-                yield Failed(source_id, InputError(source_id, finding, "Run the same command later."))
+                yield source_id, InputError(source_id, finding, "Run the same command later.")
                 continue
             try:
-                yield self.fetch(asked)
+                yield source_id, self.fetch(asked)
                 unreachable[source] = 0
             except ObjectFolderError as error:
                 unreachable[source] = unreachable[source] + 1 if isinstance(error, UnreachableError) else 0
-                yield Failed(source_id, error)
+                yield source_id, error
 
     def _kept(self, asked: SourceObject) -> Form | None:
         """Return the form that is there, if all of its files have the known hashes."""
@@ -234,16 +233,6 @@ class Fetcher:
         remedy = f"Did you mean {meant}? " if near else ""
         remedy += f"`objectfolder fetch --list {source.id}` prints its {len(names)} names."
         return InputError(asked.id, f"{source.title} has no such object", remedy)
-
-
-def _replace_folder(target: Path, whole: Path) -> None:
-    """Rename `whole` to `target`, which it replaces."""
-    old = target.with_name(f".{target.name}.old")
-    shutil.rmtree(old, ignore_errors=True)  # of a process that was killed
-    if target.exists():
-        target.rename(old)
-    whole.rename(target)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _copy_missing(source: Path, folder: Path, names: Iterable[str]) -> None:

@@ -9,7 +9,6 @@ from objectfolder.mesh.readers.material_library import read_material_library
 from objectfolder.mesh.readers.obj import material_libraries
 from pipeline.intake.sources.download import Downloader
 
-LONGEST_NAME_BYTES = 200  # of a file system's 255, which temporary names share
 REMEDY = "The source's files are at fault, or laid out differently than they were: look at them."
 _NOT_IN_NAMES = frozenset('/\\:*?"<>|')
 
@@ -97,17 +96,13 @@ class Source(ABC):
         Raises
         ------
         InputError
-            It is empty, too long, hidden, or has characters that lead elsewhere or that file systems refuse.
+            It is empty, hidden, or has characters that lead elsewhere or that file systems refuse.
         """
         where = self.source_id(name)
         bad = sorted({letter for letter in name if letter in _NOT_IN_NAMES or not letter.isprintable()})
         if not name or name.startswith(".") or name != name.strip() or bad:
             finding = f"has {' '.join(map(repr, bad))} in it" if bad else f"{name!r} is no name"
             raise InputError(where, finding, "Copy the name from the source's list of objects.")
-        if len(name.encode("utf-8", "surrogatepass")) > LONGEST_NAME_BYTES:
-            raise InputError(
-                where, f"longer than {LONGEST_NAME_BYTES} bytes", "Names of objects are shorter."
-            )
 
     def source_id(self, name: str) -> str:
         """Return what names an object among all sources."""

@@ -10,9 +10,9 @@ import unicodedata
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 from objectfolder.errors import FormatError
 from pipeline.intake.disk import writing
@@ -37,14 +37,17 @@ class BadArchiveError(ValueError):
     """An archive with members that no source's archive should have; the text names them."""
 
 
+class _Member(NamedTuple):
+    """A file or folder in an archive; `extract` writes it under another name in a folder."""
+
+    name: str
+    size: int
+    is_folder: bool
+    extract: Callable[[str, Path], object]
+
+
 def unpack(
-    archive: Path,
-    folder: Path,
-    *,
-    top: str = "",
-    wanted: Callable[[str], bool] = lambda path: True,
-    limit_bytes: int = LIMIT_BYTES,
-    limit_files: int = LIMIT_FILES,
+    archive: Path, folder: Path, *, top: str = "", wanted: Callable[[str], bool] = lambda path: True
 ) -> list[str]:
     """Unpack a zip or tar.gz into an empty folder; where it is refused, the caller removes the folder.
 
@@ -56,8 +59,6 @@ def unpack(
         Folder in the archive whose members are unpacked, without it; all for an empty one.
     wanted
         Which members to unpack, by their paths below `top`. Those left out must be harmless all the same.
-    limit_bytes, limit_files
-        The most that all members may have together, and the most members.
 
     Returns
     -------
@@ -68,19 +69,17 @@ def unpack(
     ------
     FormatError
         A damaged or empty archive; one with a member that is no plain file or folder, leads out of the
-        folder, is encrypted, is there twice or differs from another only by case; or one that would unpack
-        to too much.
+        folder, is encrypted, is there twice or differs from another only by case; one of more than
+        `LIMIT_FILES` members; or one that unpacks to more than `LIMIT_BYTES` or `MOST_RATIO` times its size.
     InputError
         The archive cannot be read, or the folder not written.
     """
     start = f"{top}/" if top else ""
     files: list[str] = []
     with writing(archive):
-        packed_bytes = archive.stat().st_size
-    limit_bytes = min(limit_bytes, max(LEAST_SUSPECT_BYTES, MOST_RATIO * packed_bytes))
-    with writing(folder):
+        limit_bytes = min(LIMIT_BYTES, max(LEAST_SUSPECT_BYTES, MOST_RATIO * archive.stat().st_size))
         try:
-            for path, member in _checked(_members(archive), limit_bytes, limit_files):
+            for path, member in _checked(_members(archive), limit_bytes):
                 inner = path.removeprefix(start)
                 if path.startswith(start) and wanted(inner):
                     member.extract(inner, folder)
@@ -94,49 +93,31 @@ def unpack(
     return files
 
 
-@dataclass(frozen=True)
-class _Member:
-    """A file or folder in an archive; `extract` writes it under another name in a folder."""
-
-    name: str
-    size: int
-    is_folder: bool
-    extract: Callable[[str, Path], object]
-
-
-def _checked(members: Iterable[_Member], limit_bytes: int, limit_files: int) -> Iterator[tuple[str, _Member]]:
+def _checked(members: Iterable[_Member], limit_bytes: int) -> Iterator[tuple[str, _Member]]:
     """Yield files and their plain paths; BadArchiveError for a member that is refused, or for no file."""
-    # By names as a file system sees them that tells neither case nor composed letters apart.
-    known: dict[str, tuple[str, bool]] = {}
+    # By names as a file system sees them that tells neither case nor composed letters apart; a file's
+    # number differs from that of any other member, and all folders have 0.
+    known: dict[str, tuple[PurePosixPath, int]] = {}
     total, files = 0, 0
     for count, member in enumerate(members, start=1):
         total += member.size
-        if count > limit_files:
-            raise BadArchiveError(f"it has more than {limit_files} members")
+        if count > LIMIT_FILES:
+            raise BadArchiveError(f"it has more than {LIMIT_FILES} members")
         if member.size < 0 or total > limit_bytes:
             raise BadArchiveError(f"it unpacks to more than {limit_bytes} bytes")
         path = _plain_path(member.name)
-        for parent in list(path.parents)[:-1]:
-            _add(known, str(parent), is_folder=True)
-        if path.parts:
-            _add(known, str(path), is_folder=member.is_folder)
-        elif not member.is_folder:
+        if not path.parts and not member.is_folder:
             raise BadArchiveError(f"{member.name!r} is no name of a file")
+        number = 0 if member.is_folder else count
+        for place in ((path, number), *((parent, 0) for parent in path.parents)):
+            key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", str(place[0])).casefold())
+            if known.setdefault(key, place) != place:
+                raise BadArchiveError(f"{str(path)!r} is there twice where case is not told apart")
         if not member.is_folder:
             files += 1
             yield str(path), member
     if not files:
         raise BadArchiveError("it holds no file")
-
-
-def _add(known: dict[str, tuple[str, bool]], path: str, *, is_folder: bool) -> None:
-    key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", path).casefold())
-    if key not in known:
-        known[key] = path, is_folder
-    elif known[key][0] != path:
-        raise BadArchiveError(f"{path!r} and {known[key][0]!r} are one name where case is not told apart")
-    elif not (is_folder and known[key][1]):
-        raise BadArchiveError(f"{path!r} is there twice")
 
 
 def _plain_path(name: str) -> PurePosixPath:
