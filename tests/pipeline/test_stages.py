@@ -9,10 +9,9 @@ from toys import REPOSITORY
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.dataset.catalogue import ObjectRecord
-from objectfolder.products.provenance import fingerprint
+from objectfolder.products.provenance import code_identity, fingerprint
 from objectfolder.products.store import Product, write_product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
-from pipeline.cli.declare import declared
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import row_of
 from pipeline.dataset.stages import MODES, STAGES
@@ -27,29 +26,47 @@ def test_stages_are_those_of_the_pipeline_in_order():
         assert DVC[name]["cmd"] == f"python -m pipeline.cli {name}"
 
 
-def test_dvc_yaml_has_what_the_stages_declare():
-    stale = [
-        f"{name}: {section}"
-        for name, sections in declared().items()
-        for section, said in sections.items()
-        if DVC[name][section] != said
-    ]
-    assert not stale, f"run `make stages`: {stale}"
+def folder_of(path: str) -> str:
+    return path.partition("/")[0]
 
 
-def test_all_that_decides_a_product_is_a_dependency_of_its_stage():
-    views = declared()["views"]["deps"]
-    for path in (
-        "pipeline/dataset",
-        "objectfolder/products/provenance.py",
-        "pipeline/tasks/views.py",
-        "requirements.lock",
-    ):
-        assert path in views
-    assert {"data/objects", "data/records.json", "objectfolder/vision"} < set(views)
-    assert "objectfolder/touch" not in views
-    assert {"${objects.table}", "data/materials.csv", "data/starter"} < set(declared()["objects"]["deps"])
-    assert all(Path(REPOSITORY, path).exists() for path in views if not path.startswith("data/"))
+@pytest.mark.parametrize("name", STAGES)
+def test_dvc_yaml_has_what_a_stage_declares(name):
+    stage, said = STAGES[name], DVC[name]
+    assert said["cmd"] == f"python -m pipeline.run.converged || python -m pipeline.cli stage {name}"
+    data = {dep for dep in said["deps"] if folder_of(dep) == "data"}
+    outs = [next(iter(out)) for out in said["outs"]]
+    extra = {"objects": ["data/records.json"], "fidelity": ["data/failures.json"]}
+    assert outs == [*(kind.folder for kind in stage.products), *extra.get(name, [])]
+    assert all(options["persist"] for out in said["outs"] for options in out.values())
+    read = {f"sizes.${{size}}.{parameter.partition('.')[0]}" for parameter in stage.parameters}
+    if stage.sources:
+        assert data == {"data/materials.csv", "data/starter"}
+        assert "${objects.table}" in said["deps"]
+        assert set(said["params"]) == {"allow_failures", "objects", "seed"} | read
+    else:
+        assert data == {"data/records.json", *(product.kind.folder for product in stage.inputs)}
+        assert set(said["params"]) == {"allow_failures", "objects.only", "seed"} | read
+
+
+@pytest.mark.parametrize(
+    ("name", "module"),
+    [(name, stage.task.partition(":")[0]) for name, stage in STAGES.items()]
+    + [("starter", "objectfolder.mesh.starter.write"), ("report", "pipeline.publish.data_set")],
+)
+def test_all_code_of_a_stage_is_a_dependency(name, module):
+    deps = {dep.removesuffix(".py").replace("/", ".") for dep in DVC[name]["deps"]}
+    missing = {
+        part for part in code_identity(module) if not any(f"{part}.".startswith(f"{dep}.") for dep in deps)
+    }
+    assert not missing
+    if name in STAGES:
+        assert {"pipeline.dataset", "requirements.lock"} <= deps
+    assert all(
+        Path(REPOSITORY, dep).exists()
+        for dep in DVC[name]["deps"]
+        if folder_of(dep) not in ("data", "${objects.table}")
+    )
 
 
 @pytest.mark.parametrize("name", STAGES)
