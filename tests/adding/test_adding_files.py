@@ -13,7 +13,7 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.readers.load import load_mesh
 from pipeline.intake.add.naming import object_id_of, safe_name
 from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
-from pipeline.intake.add.units import is_doubtful, length_doubts, possible_lengths, unit_problem
+from pipeline.intake.add.units import check_unit, length_doubts, possible_lengths
 
 CUBE = trimesh.creation.box((0.1, 0.06, 0.04))
 
@@ -153,18 +153,18 @@ def test_safe_names_are_safe():
 
 def test_units_are_told_with_the_length_to_write():
     assert possible_lengths(120.0) == {"millimetres": pytest.approx(0.12), "centimetres": pytest.approx(1.2)}
-    remedy = unit_problem("mug", 120.0).remedy
-    assert remedy.startswith("If it is in millimetres: --length 0.12; if it is in centimetres: --length 1.2")
-    assert "if it really is 12 m long: --length 12" in unit_problem("mug", 12.0).remedy
-    assert "State the longest side" in unit_problem("mug", 1e6).remedy
-    assert "State the longest side" in unit_problem("mug", 1e-4).remedy
-
-
-@pytest.mark.parametrize(
-    ("side", "doubtful"), [(1e-4, True), (0.01, False), (2.6, False), (3.2, True), (80, True)]
-)
-def test_sizes_in_metres(side, doubtful):
-    assert is_doubtful(side) == doubtful
+    for side, remedy in (
+        (120.0, "If it is in millimetres: --length 0.12; if it is in centimetres: --length 1.2"),
+        (12.0, "if it really is 12 m long: --length 12"),
+        (1e6, "State the longest side"),
+        (1e-4, "State the longest side"),
+        (3.2, "if it really is 3.2 m long"),
+    ):
+        with pytest.raises(InputError, match="which is hardly in metres") as caught:
+            check_unit("mug", side)
+        assert remedy in caught.value.remedy
+    for side in (0.01, 2.6):
+        check_unit("mug", side)
 
 
 def test_sizes_that_are_asked_about():

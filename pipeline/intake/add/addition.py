@@ -20,7 +20,7 @@ from objectfolder.solid.thickening import thicken
 from pipeline.intake.add.naming import object_id_of, words_of
 from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
-from pipeline.intake.add.units import is_doubtful, length_doubts, unit_problem
+from pipeline.intake.add.units import check_unit, length_doubts
 from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.check.row_rules import likely_spdx, spdx
 
@@ -80,12 +80,14 @@ def check_object(wanted: Wanted) -> Checked:
     for path, option in ((wanted.mesh, "MESH"), (wanted.texture, "--texture")):
         if path is not None and not path.is_file():
             raise InputError(f"{option} {path}", "no such file", "Correct the path")
-    product = _ingested(wanted, object_id)
+    where = f"{object_id} ({wanted.mesh})"
+    if wanted.length_m is None:
+        check_unit(where, float(load_mesh(wanted.mesh, with_textures=False).extents.max()))
+    product = ingest_object(wanted.mesh, wanted.texture, wanted.length_m, object_id)
     if not wanted.attribution and licence not in WITHOUT_NAMING:
         finding = f"{licence} asks for the author to be named"
         raise InputError("--attribution", finding, "Name whom to thank")
     mesh = textured_mesh_of(product)
-    where = f"{object_id} ({wanted.mesh})"
     if wanted.shell_m is not None:
         hollow(mesh.surface, wanted.shell_m, where)
     if wanted.wall_m is not None:
@@ -113,12 +115,10 @@ def check_object(wanted: Wanted) -> Checked:
         "source": wanted.source,
         "licence": licence,
         "attribution": wanted.attribution or "",
-        "roughness": _cell(wanted.roughness),
-        "metallic": _cell(wanted.metallic),
-        "wall_m": _cell(wanted.wall_m),
-        "shell_m": _cell(wanted.shell_m),
-        "mass_kg": _cell(wanted.mass_kg),
     }
+    for column in ("roughness", "metallic", "wall_m", "shell_m", "mass_kg"):
+        value = getattr(wanted, column)
+        row[column] = "" if value is None else repr(value)
     for column, text in row.items():
         if not text.isprintable():
             raise InputError(f"--{column}", f"{text!r} holds characters that do not print", "Leave them out")
@@ -177,14 +177,6 @@ def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
     return Added(folder, True)
 
 
-def _ingested(wanted: Wanted, object_id: str) -> Product:
-    if wanted.length_m is None:
-        side = float(load_mesh(wanted.mesh, with_textures=False).extents.max())
-        if is_doubtful(side):
-            raise unit_problem(f"{object_id} ({wanted.mesh})", side)
-    return ingest_object(wanted.mesh, wanted.texture, wanted.length_m, object_id)
-
-
 def _licence(said: str) -> str:
     if known := spdx(said):
         return known
@@ -220,7 +212,3 @@ def _remove_unused(table_path: Path, folder_of_objects: Path, mesh_cell: str) ->
     cells = [table_path.parent / row.get(column, "") for row in rows for column in ("mesh", "texture")]
     if not any(cell.is_relative_to(folder) for cell in cells):
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _cell(value: float | None) -> str:
-    return "" if value is None else repr(value)

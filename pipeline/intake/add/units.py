@@ -19,26 +19,17 @@ def possible_lengths(side: float) -> dict[str, float]:
     return {name: side * unit for name, unit in UNITS_M.items() if least <= side * unit <= most}
 
 
-def unit_problem(where: str, side: float) -> InputError:
-    """Say why a longest side cannot be in metres, and what to write for each unit it may be in."""
-    lengths = possible_lengths(side)
-    if side < SHORTEST_M:
-        lengths = {}
-    if lengths:
-        told = "; ".join(f"if it is in {name}: --length {length:.6g}" for name, length in lengths.items())
-        remedy = told[0].upper() + told[1:]
-    else:
-        remedy = "State the longest side in metres with --length"
+def check_unit(where: str, side: float) -> None:
+    """Raise `InputError` for a longest side that is hardly in metres, with what to write for each unit."""
+    if SHORTEST_M <= side <= UNUSUAL_M:
+        return
+    lengths = possible_lengths(side) if side >= SHORTEST_M else {}
+    remedy = "; ".join(f"if it is in {name}: --length {length:.6g}" for name, length in lengths.items())
+    remedy = remedy[:1].upper() + remedy[1:] or "State the longest side in metres with --length"
     if side <= LONGEST_M:
         remedy += f"; if it really is {side:.6g} m long: --length {side:.6g}"
-    return InputError(
-        where, f"its longest side is {side:.6g}, which is hardly in metres, and no unit is stated", remedy
-    )
-
-
-def is_doubtful(side: float) -> bool:
-    """Whether a longest side is too small or too large to be assumed to be in metres."""
-    return not SHORTEST_M <= side <= UNUSUAL_M
+    finding = f"its longest side is {side:.6g}, which is hardly in metres, and no unit is stated"
+    raise InputError(where, finding, remedy)
 
 
 def length_doubts(side: float, mass_kg: float) -> Iterable[str]:

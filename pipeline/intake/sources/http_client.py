@@ -68,15 +68,7 @@ class PoliteRetry(Retry):
 
 
 def retrying_session(retries: int, backoff_s: float) -> tuple[requests.Session, Retry]:
-    """Return a session that names this software, and when it asks again.
-
-    Parameters
-    ----------
-    retries
-        How often to ask again.
-    backoff_s
-        Wait before the second retry; it doubles from there.
-    """
+    """Return a session that names this software, and when it asks again: see `download.Downloader`."""
     retry = PoliteRetry(
         total=retries,
         other=0,  # certificates and refused tunnels, which do not mend themselves
