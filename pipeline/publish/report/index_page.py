@@ -12,7 +12,7 @@ from pipeline.dataset.measures import RANKING, SENSES, number_at
 from pipeline.publish.report import formats
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
-from pipeline.publish.report.object_page import SENSE_NAMES, page_name
+from pipeline.publish.report.object_page import OBJECTS, SENSE_NAMES, page_name
 from pipeline.publish.report.summary import (
     cost_summary,
     definitions_of,
@@ -25,7 +25,6 @@ from pipeline.publish.report.tables import speed_error_rows
 from pipeline.publish.report.templates import security_policy, template_environment
 
 SCRIPTS = ("theme.js", "index.js")
-OBJECTS = "objects"
 MOST_SOURCES = 60  # others are found only by the search
 
 
@@ -66,7 +65,10 @@ class Row(NamedTuple):
 
 
 def render_index(
-    objects: Sequence[MeasuredObject], failures: Sequence[FailedObject], paged: frozenset[str]
+    objects: Sequence[MeasuredObject],
+    failures: Sequence[FailedObject],
+    paged: frozenset[str],
+    fingerprint: str,
 ) -> str:
     """Return the first page.
 
@@ -76,6 +78,8 @@ def render_index(
         All, those of reading products too.
     paged
         Ids of the objects that have a page.
+    fingerprint
+        Of all that the page shows; it carries it.
     """
     ordered = worst_first(objects)
     failed = {failure.object for failure in failures}
@@ -85,6 +89,7 @@ def render_index(
     measured, cost = summaries(ordered), cost_summary(ordered)
     environment = template_environment()
     return environment.get_template("index.html.j2").render(
+        fingerprint=fingerprint,
         policy=security_policy(environment, SCRIPTS),
         records=ordered,
         rows=rows,

@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,6 @@ from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.modal_table import ModeRow, modal_table
 from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
 from pipeline.publish.report.pictures import thumbnail
-from pipeline.publish.report.queries import queries
-from pipeline.publish.report.sounds import spectrogram_share
 from pipeline.publish.report.summary import definitions_of, split
 from pipeline.publish.report.templates import security_policy, template_environment
 
@@ -31,6 +29,7 @@ SCRIPTS = ("theme.js", "object.js")
 SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096
+OBJECTS = "objects"  # folder of the pages beside the first
 PLAYER = ".player.js"
 PLAYER_STYLE = b'href="player.css"'
 _FINGERPRINT = re.compile(rb'<meta name="fingerprint" content="([0-9a-f]{64})">')
@@ -73,8 +72,9 @@ class ObjectPage:
         there = self.products.path(OBJECT_FILES.name).is_file() and SAFE_ID.fullmatch(object_id)
         return f"{object_id}{PLAYER}" if there else ""
 
+    @cached_property
     def fingerprint(self) -> str:
-        """Return a hash of all that the page is made from: products, costs, neighbours, code of reports."""
+        """A hash of all that the page is made from: products, costs, neighbours, code of reports."""
         subject = self.subject
         parts = {
             "products": self.products.digests(),
@@ -99,6 +99,8 @@ class ObjectPage:
         fidelity, modes = Product({}), list[ModeRow]()
         with products.reading("fidelity"):
             fidelity = products.arrays("fidelity")
+        from pipeline.publish.report.queries import queries
+
         shown = queries(fidelity, products, self.pairs)
         with products.reading("modal table"):
             modes = modal_table(products, subject.attributes)
@@ -175,6 +177,8 @@ def _material(fidelity: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
 
 @cache
 def _environment() -> jinja2.Environment:
+    from pipeline.publish.report.sounds import spectrogram_share
+
     environment = template_environment()
     environment.filters |= {
         "page_name": page_name,
@@ -198,11 +202,12 @@ def _environment() -> jinja2.Environment:
 @cache
 def code_digest() -> str:
     """Return a hash of the modules, templates and scripts that pages and their players are made by."""
-    root = Path(__file__).parents[1]
-    files = sorted(path for name in ("report", "viewer") for path in (root / name).rglob("*.[pjc]*"))
+    root = Path(__file__).parents[2]
+    files = sorted(path for name in ("report", "viewer") for path in (root / "publish" / name).rglob("*"))
+    files += [root / "dataset/measures.py", root / "publish/cards/licences.py"]
     content = {
         str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in files
-        if path.suffix in {".py", ".j2", ".css", ".js"}
+        if path.suffix in {".py", ".j2", ".css", ".js", ".mplstyle"}
     }
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()

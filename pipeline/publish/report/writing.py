@@ -3,18 +3,26 @@
 Everything is a function of the products and the cost table: no time, host or path gets in.
 """
 
+import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
 from objectfolder.errors import ObjectFolderError
 from objectfolder.products.atomic import PARTIAL, atomic_write
+from objectfolder.products.provenance import canonical_json
 from pipeline.dataset.archives import REMEDY
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.dataset.state import PLAYERS
-from pipeline.publish.report.index_page import OBJECTS, render_index
 from pipeline.publish.report.measured_objects import read_objects
-from pipeline.publish.report.object_page import PLAYER, ObjectPage, page_name, shown_fingerprint
+from pipeline.publish.report.object_page import (
+    OBJECTS,
+    PLAYER,
+    ObjectPage,
+    code_digest,
+    page_name,
+    shown_fingerprint,
+)
 from pipeline.publish.report.object_products import UNEXPECTED
 from pipeline.publish.report.summary import summaries
 from pipeline.publish.report.tables import metrics_text, object_table, speed_error_table
@@ -34,7 +42,7 @@ def write_report(
 ) -> None:
     """Write metrics.json, per_object.csv, speed_error.csv, index.html and a page an object in ``objects/``.
 
-    Pages of objects that show what is known are kept as they are; those of objects that are gone are
+    Pages that show what is known are kept as they are; those of objects that are gone are
     removed. The other products of an object are looked for beside `fidelity_folder`.
 
     Parameters
@@ -71,8 +79,14 @@ def write_report(
         "metrics.json": metrics_text(summaries(objects), objects, known),
         "per_object.csv": object_table(objects),
         "speed_error.csv": speed_error_table(objects),
-        "index.html": render_index(objects, known, paged),
     }
+    content = canonical_json([code_digest(), [page.fingerprint for page in pages], list(map(repr, known))])
+    fingerprint = hashlib.sha256(content.encode()).hexdigest()
+    # What the first page shows of an object whose own page failed is in no fingerprint.
+    if damaged or shown_fingerprint(reports_folder / "index.html")[0] != fingerprint:
+        from pipeline.publish.report.index_page import render_index  # matplotlib takes half a second
+
+        texts["index.html"] = render_index(objects, known, paged, fingerprint)
     for name, text in texts.items():
         with atomic_write(reports_folder / name) as file:
             file.write(text.encode())
@@ -113,7 +127,7 @@ def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
     """Write the files of a page where they are not there already; return their names."""
     path = folder / page_name(page.subject.object_id)
     files = {path.name, path.with_suffix(".webp").name}
-    fingerprint = page.fingerprint()
+    fingerprint = page.fingerprint
     shown, has_player = shown_fingerprint(path)
     player = page.player
     kept = files | {player} if has_player else files
