@@ -2,19 +2,22 @@
 
 import contextlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import SimulationError
 from pipeline.cluster import tls
 from pipeline.cluster.places import HERE, LOCAL, Place
+from pipeline.cluster.pools import offers_here
 from pipeline.cluster.starting import make_cluster, start_workers
-from pipeline.dataset.job import Runner
+from pipeline.dataset.job import Finished, Job, Runner, failed
+from pipeline.dataset.task import Outcome
 from pipeline.sandbox import scratch
-from pipeline.sandbox.isolation import Child
+from pipeline.sandbox.isolation import Child, ProcessKilled
 
 FEW = 1  # jobs for which starting a cluster takes longer than it saves
+MOST_KILLS_HERE = 2  # of a task's own process, after which it fails
 # Task bodies run in child processes, so an event loop that is silent for long has ended.
 DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.daemon": False,  # workers have child processes
@@ -55,8 +58,6 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
     """
     # Each is imported only where it is used: together they take as long as a small run.
     if jobs_at_most <= FEW and place.starts == LOCAL:
-        from pipeline.cluster.one_process import OneProcess
-
         with Child(root, place.child) as child:
             yield OneProcess(child)
         return
@@ -69,6 +70,39 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
         DaskRunner(client, root, place, environment) as running,
     ):
         yield running
+
+
+class OneProcess:
+    """Runs jobs one after the other in a child process."""
+
+    def __init__(self, child: Child) -> None:
+        self._child = child
+        self._jobs: list[Job] = []
+
+    def submit(self, job: Job) -> None:
+        """Accept a job."""
+        self._jobs.append(job)
+
+    def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
+        """Run the jobs and yield them as they end; one whose process is killed is tried once more."""
+        while self._jobs:
+            on_workers(1, 1)
+            job = self._jobs.pop()
+            if missing := sorted(job.needs - set(offers_here())):
+                remedy = "Install it, or run on a cluster that has it."
+                yield Finished(job, failed(job, f"this machine does not offer {', '.join(missing)}", remedy))
+                continue
+            outcome, tries = self._run(job)
+            yield Finished(job, outcome, "here", "here", tries)
+
+    def _run(self, job: Job) -> tuple[Outcome, int]:
+        for tries in range(1, MOST_KILLS_HERE + 1):
+            try:
+                return self._child.run(job.call, job.memory_bytes), tries
+            except ProcessKilled as error:
+                killed = str(error)
+        remedy = "Out of memory, most likely: lower the settings of this stage."
+        return failed(job, f"{killed}, {MOST_KILLS_HERE} times", remedy), MOST_KILLS_HERE
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""The host of a worker, its memory, and the pools that it belongs to."""
+"""The memory of a worker, and the pools that it belongs to."""
 
 import importlib.util
 import os
@@ -7,7 +7,6 @@ from pathlib import Path
 
 from pipeline.dataset.job import BLENDER, GPU
 
-HOST = "OBJECTFOLDER_WORKER_HOST"  # the name under which a worker's host is recorded
 MEMORY = "OBJECTFOLDER_WORKER_MEMORY_GB"  # what tasks may take on a worker
 POOLS = (BLENDER, GPU)
 USABLE = 0.9  # of a worker's memory, where no setting says how much

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from objectfolder.errors import FormatError
-from pipeline.cluster.pools import HOST
 from pipeline.dataset.task import Call, Outcome
 from pipeline.sandbox.isolation import Child, ChildSettings, ProcessKilled
 from pipeline.store import memo
@@ -63,7 +62,7 @@ def run_task(
 
     worker = get_worker()
     shares = os.access(marker, os.R_OK)
-    answer = Answer(worker.address, os.environ.get(HOST) or _host(worker.ip), shipped=not shares)
+    answer = Answer(worker.address, _host(worker.ip), shipped=not shares)
     if shares and _stands(call):  # made by an earlier try whose answer was lost
         return replace(answer, outcome=Outcome(call.request.object_id, fingerprint=call.fingerprint))
     if not shares and shipment is None:

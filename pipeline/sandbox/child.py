@@ -109,11 +109,6 @@ class _LoadedCode:
 
     Digests of modules are from before their import. Once loaded, MKL lends its exponential to a torch that
     is imported after it, and what tasks yield would depend on what this process did before.
-
-    Parameters
-    ----------
-    known
-        What is known of sources by their content.
     """
 
     def __init__(self, known: dict[str, Any]) -> None:

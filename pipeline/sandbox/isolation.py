@@ -125,7 +125,7 @@ class Child:
                 answer = replace(answer, failure=replace(answer.failure, remedy=FEWER_WORKERS))
             return replace(answer, peak_bytes=max(answer.peak_bytes, peak))
         if isinstance(answer, Failure):
-            self._kill()
+            self.close()
             failure = replace(answer, detail=self._tail())
         elif answer == STALE:
             finding = "the code of this stage changed while the run was going on"
@@ -140,10 +140,6 @@ class Child:
         process = self._process
         if process is not None:
             process.send_signal(signal.SIGTERM)
-
-    def close(self) -> None:
-        """End the child; the next call starts another."""
-        self._kill()
 
     def _answer(self, call: Call, expected_bytes: int) -> tuple[Any, int]:
         """Return what a child answers, a `Failure` where it was too slow or too large, None where it died.
@@ -161,10 +157,10 @@ class Child:
         except BrokenPipeError:
             answer = None
         except BaseException:
-            self._kill()
+            self.close()
             raise
         if self._interrupted.is_set() and not isinstance(answer, Outcome):
-            self._kill()
+            self.close()
             raise Interrupted(call.request.object_id)
         return answer, watch.peak_bytes
 
@@ -198,7 +194,7 @@ class Child:
 
     def _started(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
-            self._kill()
+            self.close()
             self._served = 0
             folder = str(self._scratch.path)
             path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
@@ -230,7 +226,7 @@ class Child:
         """Return why a child ended without an answer."""
         assert self._process is not None
         code = self._process.wait()
-        self._kill()
+        self.close()
         if code == -signal.SIGKILL and not out_of_memory:
             raise ProcessKilled("its process was killed (SIGKILL)")
         if code == -signal.SIGKILL:
@@ -244,8 +240,11 @@ class Child:
             finding, remedy = f"its process ended (exit {code})", DEFECT
         return Failure(object_id, finding, remedy, self._tail())
 
-    def _kill(self) -> None:
-        """End the guard and so its processes; if the guard was killed, end them here."""
+    def close(self) -> None:
+        """End the guard and so its processes; the next call starts others.
+
+        If the guard was killed, its processes end here.
+        """
         process, self._process = self._process, None
         if process is None:
             return

@@ -53,7 +53,8 @@ class MemoryWatch:
             self._allowed = ALLOWED_FACTOR * expected_bytes + ALLOWED_BYTES
         self._available = available
         self._begin = time.monotonic()
-        self._pause_s = SHORTEST_PAUSE_S
+        # Seconds until the next look; by then the fastest growth has not used up the remaining memory.
+        self.pause_s = SHORTEST_PAUSE_S
         self.peak_bytes = 0
 
     def look(self, object_id: str) -> Failure | None:
@@ -78,13 +79,8 @@ class MemoryWatch:
             )
         room = max(0, min(self._limit - used, available - self._reserve))
         pause = min(room / FASTEST_GROWTH, LONGEST_PAUSE_S, ELAPSED_SHARE * (time.monotonic() - self._begin))
-        self._pause_s = max(pause, SHORTEST_PAUSE_S, (time.thread_time() - begin_cpu_s) / LARGEST_PART)
+        self.pause_s = max(pause, SHORTEST_PAUSE_S, (time.thread_time() - begin_cpu_s) / LARGEST_PART)
         return failure
-
-    @property
-    def pause_s(self) -> float:
-        """Seconds until the next look; by then the fastest growth has not used up the remaining memory."""
-        return self._pause_s
 
 
 def resident_bytes(pids: Iterable[int]) -> int:

@@ -11,8 +11,8 @@ import tempfile
 import weakref
 from pathlib import Path
 
-from objectfolder.errors import InputError
 from pipeline.sandbox.process_tree import end_with_variable
+from pipeline.store.storage import own_folder
 
 SEPARATOR = "~"
 
@@ -44,14 +44,7 @@ def home() -> Path:
     InputError
         It belongs to somebody else.
     """
-    path = Path(tempfile.gettempdir()) / f"objectfolder-{os.getuid()}"
-    path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    status = path.lstat()
-    if path.is_symlink() or status.st_uid != os.getuid():
-        raise InputError(
-            str(path), "belongs to another user", "Remove it, or set TMPDIR to a folder of yours."
-        )
-    return path
+    return own_folder(Path(tempfile.gettempdir()) / f"objectfolder-{os.getuid()}", "TMPDIR")
 
 
 def abandoned() -> list[Path]:

@@ -10,8 +10,8 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 
-from objectfolder.errors import FormatError, InputError, ObjectFolderError
-from pipeline.store.storage import Store, excess, number_of
+from objectfolder.errors import FormatError, ObjectFolderError
+from pipeline.store.storage import Store, excess, number_of, own_folder
 
 FOLDER, CAP = "OBJECTFOLDER_CACHE", "OBJECTFOLDER_CACHE_GB"
 DEFAULT_GB = 20.0
@@ -81,22 +81,14 @@ def open_cache() -> InputCache:
     Raises
     ------
     InputError
-        ``OBJECTFOLDER_CACHE_GB`` is no number.
+        ``OBJECTFOLDER_CACHE_GB`` is no number, or the folder belongs to another user.
     """
     cap_bytes = int(1e9 * number_of(CAP, DEFAULT_GB))
     if named := os.environ.get(FOLDER):
         return InputCache(Path(named), cap_bytes)
     # Not TMPDIR, which is each child's own scratch folder.
-    folder = (
-        Path("/var/tmp" if os.path.isdir("/var/tmp") else Path.home()) / f"objectfolder-cache-{os.getuid()}"
-    )
-    folder.mkdir(mode=0o700, exist_ok=True)
-    status = folder.lstat()
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
-        raise InputError(
-            str(folder), "belongs to another user", f"Remove it, or set {FOLDER} to a folder of yours."
-        )
-    return InputCache(folder, cap_bytes)
+    place = Path("/var/tmp") if os.path.isdir("/var/tmp") else Path.home()
+    return InputCache(own_folder(place / f"objectfolder-cache-{os.getuid()}", FOLDER), cap_bytes)
 
 
 def _get_whole(store: Store, name: str, target: Path, check: Callable[[Path], None]) -> bool:

@@ -26,13 +26,7 @@ T = TypeVar("T")
 
 
 class Cache:
-    """A store that may fail.
-
-    Parameters
-    ----------
-    url
-        Of the store.
-    """
+    """A store that may fail."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -137,6 +131,4 @@ def _cache() -> Cache | None:
     return _cache_at(url) if url else None
 
 
-@functools.cache
-def _cache_at(url: str) -> Cache:
-    return Cache(url)
+_cache_at = functools.cache(Cache)

@@ -21,7 +21,7 @@ from pipeline.dataset.job import Job
 from pipeline.dataset.task import Call, Outcome, failure_of
 from pipeline.store import memo
 from pipeline.store.input_cache import InputCache, open_cache
-from pipeline.store.storage import Store, product_name, source_name
+from pipeline.store.storage import Store, disk_error, product_name, source_name
 
 MESH, TEXTURE = "mesh", "texture"
 
@@ -84,11 +84,12 @@ class Shipment(Call):
             store, cache = _store(self.url), open_cache()
             with tempfile.TemporaryDirectory(prefix="shipment-") as folder:
                 return self._run(execute, store, cache, Path(folder))
-        except ObjectFolderError as error:
-            return self._failed(error)
-        except OSError as error:  # this host's disk
-            where, finding = error.filename or tempfile.gettempdir(), error.strerror or str(error)
-            return self._failed(SimulationError(str(where), finding, "Free space on the worker's disk."))
+        except (ObjectFolderError, OSError) as error:
+            found = error
+            if isinstance(error, OSError):  # of this host's disk
+                found = disk_error(error, error.filename or tempfile.gettempdir())
+            failure = failure_of(self.request.object_id, found)
+            return Outcome(self.request.object_id, failure, fingerprint=self.fingerprint)
 
     def _run(
         self, execute: Callable[[Call], Outcome], store: Store, cache: InputCache, folder: Path
@@ -133,10 +134,6 @@ class Shipment(Call):
                     "Refer to them by paths relative to the mesh.",
                 )
         return inputs
-
-    def _failed(self, error: ObjectFolderError) -> Outcome:
-        object_id = self.request.object_id
-        return Outcome(object_id, failure_of(object_id, error), fingerprint=self.fingerprint)
 
 
 def publish(job: Job, store: Store) -> Shipment:
@@ -206,6 +203,4 @@ def _send(store: Store, names: list[str], targets: tuple[Path, ...]) -> None:
         store.put(target, name)
 
 
-@functools.cache
-def _store(url: str) -> Store:
-    return Store(url)
+_store = functools.cache(Store)

@@ -212,6 +212,21 @@ def excess(entries: Iterable[tuple[float, int, Path]], cap_bytes: int) -> Iterat
         total -= size
 
 
+def own_folder(path: Path, variable: str) -> Path:
+    """Return a folder that is this user's, made if absent and then closed to others.
+
+    Raises
+    ------
+    InputError
+        It belongs to somebody else; the environment variable says which folder is used.
+    """
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if path.is_symlink() or path.stat().st_uid != os.getuid():
+        remedy = f"Remove it, or set {variable} to a folder of yours."
+        raise InputError(str(path), "belongs to another user", remedy)
+    return path
+
+
 def number_of(variable: str, default: float) -> float:
     """Return the number that an environment variable gives.
 
