@@ -12,7 +12,7 @@ import numpy as np
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ
 from bench.references.bodies import BODIES
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh_product import textured_mesh_of
 from objectfolder.solid.solid import Solid, clean

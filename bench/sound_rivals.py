@@ -33,7 +33,7 @@ from objectfolder.audio.audionet.audionet import fit_audionet
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis import mode_bank
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from objectfolder.fidelity.sounds import cents, envelope_distance, gain_error_db, stft_distance
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh_product import textured_mesh_of

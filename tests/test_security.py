@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import FormatError, InputError
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.readers.source_files import source_files

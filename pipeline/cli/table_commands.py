@@ -154,7 +154,7 @@ def fetch(
 
 def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
     """Fetch all; print each object, and at the end the failures."""
-    from objectfolder.dataset.catalogue import read_rows
+    from objectfolder.catalogue import read_rows
     from pipeline.intake.sources.fetch_summary import lines_of, summary
 
     try:

@@ -19,7 +19,7 @@ from pipeline.dataset.task import Failure, failure_of
 # Stages after the first need neither tables nor meshes, and start sooner without.
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
-    from objectfolder.dataset.catalogue import ObjectRecord
+    from objectfolder.catalogue import ObjectRecord
 
 MATERIALS = Path("data/materials.csv")
 RECORDS = Path("data/records.json")
@@ -59,7 +59,7 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
         A table that cannot be used, or an id in ``objects.only`` that it does not list.
     """
     from objectfolder.audio.materials import read_materials
-    from objectfolder.dataset.catalogue import read_catalogue
+    from objectfolder.catalogue import read_catalogue
 
     materials = read_materials(root / MATERIALS)
     catalogue = read_catalogue(root / objects.table, materials)

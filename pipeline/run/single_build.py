@@ -14,7 +14,7 @@ from objectfolder.errors import InputError, SimulationError
 from pipeline.dataset.project_files import MATERIALS, PARAMETERS
 
 if TYPE_CHECKING:
-    from objectfolder.dataset.catalogue import ObjectRecord
+    from objectfolder.catalogue import ObjectRecord
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ def build_object_file(mesh: Path, wanted: Building, output: Path) -> dict[str, f
 
 def _record(mesh: Path, wanted: Building, output: Path) -> "ObjectRecord":
     """Return the object as a table would have it."""
-    from objectfolder.dataset.catalogue import ObjectRecord
+    from objectfolder.catalogue import ObjectRecord
 
     if output.suffix != ".safetensors":
         raise InputError(str(output), "does not end in .safetensors", "Name the Object File so.")

@@ -12,7 +12,7 @@ import trimesh
 from PIL import Image
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from pipeline.cli import main
 from pipeline.intake.add import addition
 from pipeline.intake.add.addition import Wanted, check_object, put_object

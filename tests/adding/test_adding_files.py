@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from objectfolder.dataset.catalogue import check_id
+from objectfolder.catalogue import check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.readers.load import load_mesh
 from pipeline.intake.add.naming import object_id_of, safe_name

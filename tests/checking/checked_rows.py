@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.dataset.catalogue import ObjectRecord
+from objectfolder.catalogue import ObjectRecord
 from objectfolder.mesh.solid_properties import Topology
 from objectfolder.mesh.walls.wall_measures import LEVELS, WallMeasures
 from pipeline.intake.check.entry import Entry

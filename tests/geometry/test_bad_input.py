@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_meshes import CUBE_FACES, CUBE_VERTICES, checker, write_textured_cube
 
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
 

@@ -8,7 +8,7 @@ import pytest
 from small_meshes import write_textured_cube
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
 from pipeline.dataset.records import row_of
 

@@ -8,7 +8,7 @@ import pytest
 from small_meshes import checker, cube, write_textured_cube
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
 from objectfolder.mesh.length import with_length
 from objectfolder.mesh.walls.vessels import (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objectfolder.dataset.catalogue import read_catalogue
+from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
 from objectfolder.mesh.starter.write import STARTER_OBJECTS, write_starter_set
 

@@ -8,7 +8,7 @@ import yaml
 from toys import REPOSITORY
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.dataset.catalogue import ObjectRecord
+from objectfolder.catalogue import ObjectRecord
 from objectfolder.products.provenance import code_identity, fingerprint
 from objectfolder.products.store import Product, write_product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.dataset.catalogue import read_catalogue, read_rows
+from objectfolder.catalogue import read_catalogue, read_rows
 from pipeline.cli import main
 from pipeline.intake.sources.http_client import USER_AGENT
 from pipeline.intake.sources.registry import Resolutions

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.dataset.catalogue import AS_IN_FILE, check_id
+from objectfolder.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
@@ -22,7 +22,7 @@ from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folde
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 from pipeline.intake.add.units import check_unit, length_doubts
 from pipeline.intake.add.wanted import Wanted
-from pipeline.intake.check.row_rules import likely_spdx, spdx
+from pipeline.intake.check.spdx import likely_spdx, spdx
 
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
 """Licences that do not ask for the author to be named."""

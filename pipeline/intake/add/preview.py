@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.dataset.catalogue import AS_IN_FILE
+from objectfolder.catalogue import AS_IN_FILE
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.mesh_product import textured_mesh_of
 from objectfolder.mesh.walls.mass_evidence import millimetres

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.dataset.catalogue import COLUMNS
+from objectfolder.catalogue import COLUMNS
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import atomic_write
 from pipeline.intake import disk

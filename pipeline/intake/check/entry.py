@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from objectfolder.audio.materials import Material
-from objectfolder.dataset.catalogue import ObjectRecord, number_in
+from objectfolder.catalogue import ObjectRecord, number_in
 from objectfolder.errors import InputError
 from pipeline.intake.check.shape import Shape
 from pipeline.intake.sources.registry import SOURCES

@@ -3,22 +3,15 @@
 import re
 from collections.abc import Iterator, Mapping, Set
 
-from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
-
 from objectfolder.errors import InputError
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding
+from pipeline.intake.check.spdx import likely_spdx, spdx
 from pipeline.intake.sources.registry import source_and_name
 
 READABLE, LICENCE, PROVENANCE, MATERIAL = "readable", "licence", "provenance", "material"
 
 NUMBERS = ("mass_kg", "paper_length_m", "paper_index")
 """Columns of numbers above 0 that the factory itself passes over."""
-
-COMMON_NAMES = {
-    "creative commons": "cc", "attribution": "by", "share ?alike": "sa", "non-? ?commercial": "nc",
-    "no-? ?derivatives": "nd", r"universal|international|public domain|licen[cs]e|zero|[(),]": " ",
-}  # fmt: skip
-"""Parts of names of Creative Commons licences, as patterns, and those of their identifiers."""
 
 MEANT: Mapping[str, Set[str]] = {
     word: meant
@@ -72,25 +65,6 @@ def check_licence(entry: Entry) -> Iterator[Finding]:
     elif "-NC" in (meant or ""):
         found = f"{meant} allows no commercial use of its products"
         yield entry.found(LICENCE, NOTE, "licence", found, "Say so where the data set is published")
-
-
-def spdx(licence: str) -> str | None:
-    """Return a licence expression as SPDX writes it; None for what is none."""
-    try:
-        return str(canonicalize_license_expression(licence))
-    except InvalidLicenseExpression:
-        return None
-
-
-def likely_spdx(licence: str) -> str | None:
-    """Return what a common way to write a Creative Commons licence means; None where it means none."""
-    text = licence.lower()
-    for pattern, part in COMMON_NAMES.items():
-        text = re.sub(pattern, part, text)
-    text = "-".join(re.split(r"[\s-]+", text.strip()))
-    if not re.search(r"\d\.\d", text):
-        text += "-1.0" if text == "cc0" else "-4.0"
-    return spdx(text)
 
 
 def check_provenance(entry: Entry) -> Iterator[Finding]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from objectfolder.dataset.catalogue import ObjectRecord
+from objectfolder.catalogue import ObjectRecord
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.length import with_length
 from objectfolder.mesh.readers.load import load_mesh

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from objectfolder.audio.materials import Material, read_materials
-from objectfolder.dataset.catalogue import read_catalogue, read_rows
+from objectfolder.catalogue import read_catalogue, read_rows
 from objectfolder.errors import InputError
 from pipeline.intake.check import duplicate_rule, mesh_rules, row_rules
 from pipeline.intake.check.entry import ERROR, NOTE, SEVERITIES, WARNING, Entry, Finding

@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from objectfolder.dataset.catalogue import read_rows
+from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
 from pipeline.intake.sources.google_scanned_objects import GoogleScannedObjects
 from pipeline.intake.sources.poly_haven import PolyHaven

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pipeline.intake.check.row_rules import likely_spdx, spdx
+from pipeline.intake.check.spdx import likely_spdx, spdx
 
 # SPDX identifier to the identifier that Hugging Face knows; every other licence is "other" there.
 HUGGING_FACE = {
