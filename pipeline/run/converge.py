@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.dataset.failures import failure_table
 from pipeline.dataset.job import Job, Runner
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.task import Failure
 from pipeline.dataset.verified import Verified
 from pipeline.run.costs import Costs
-from pipeline.run.failure_table import failure_table
 from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
 from pipeline.run.run_log import write_failures

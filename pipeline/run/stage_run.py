@@ -66,9 +66,8 @@ def make_starter_set(root: Path) -> int:
 
 def show_failures(root: Path) -> int:
     """Print the objects of the data set that failed; return 1 if there are any."""
-    from pipeline.dataset.failures import read_failures
+    from pipeline.dataset.failures import failure_table, read_failures
     from pipeline.dataset.task import Failure
-    from pipeline.run.failure_table import failure_table
 
     found = [Failure(one.object, f"{one.stage}: {one.error}", one.remedy) for one in read_failures(root)]
     if found:

@@ -1,7 +1,7 @@
 """Failures as people see them."""
 
+from pipeline.dataset.failures import failure_table
 from pipeline.dataset.task import Failure
-from pipeline.run.failure_table import failure_table
 
 
 def test_failures_are_a_table_of_object_error_and_remedy():
