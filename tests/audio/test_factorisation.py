@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 from scipy import sparse
+from structured_solids import box
 
+from objectfolder.audio import factorisation
+from objectfolder.audio.elements.elasticity import assemble
 from objectfolder.audio.factorisation import SOLVER, Factorisation
+from objectfolder.audio.modes.eigen import shifted
+from objectfolder.audio.modes.spectrum import space_on
 from objectfolder.errors import SimulationError
 
 SOLVERS = sorted({"SuperLU", SOLVER})
@@ -49,3 +54,25 @@ def test_an_indefinite_matrix_is_refused_where_a_definite_one_is_promised(solver
     indefinite = sparse.diags([[1.0, -1.0, 2.0], [0.1, 0.1], [0.1, 0.1]], [0, 1, -1]).tocsr()
     with pytest.raises(SimulationError):
         Factorisation(indefinite, definite=True, solver=solver)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_growth_of_entries_gives_no_wrong_count(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pivot of 1e-18: what is beside it drowns in the rounding of 1e18, and no pivot vanishes."""
+    generator = np.random.default_rng(3)
+    part = generator.standard_normal((6, 6))
+    hard = part + part.T
+    hard[0] = hard[:, 0] = [1e-18, 1.0, 0.1, 0.0, 0.0, 0.0]
+    exact = int(np.count_nonzero(np.linalg.eigvalsh(hard) < 0))
+    factors = Factorisation(sparse.csr_matrix(hard), definite=False, solver=solver)
+    with pytest.raises(SimulationError, match="pivot"):
+        factors.negative()
+    monkeypatch.setattr(factorisation, "MOST_BACKWARD_ERROR", np.inf)
+    assert factors.negative() != exact
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_backward_error_of_a_solid_is_rounding(solver: str) -> None:
+    stiffness, mass = assemble(space_on(box((4, 4, 1), (1, 1, 0.01)), 2, 1.0)[0], 0.3)
+    factors = Factorisation(shifted(stiffness, mass, 25.0), definite=False, solver=solver)
+    assert factors.backward_error() < 1e-14

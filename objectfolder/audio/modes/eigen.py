@@ -17,7 +17,9 @@ from objectfolder.errors import SimulationError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-BLOCK = 16
+BLOCK, MOST_BLOCKS = 16, 400
+# Random starts of the iteration, where its blocks become dependent.
+MOST_STARTS = 2
 # Unknowns up to which a dense solver is used.
 DENSE = 900
 # Rounds of inverse iteration for what only has to be nearly right.
@@ -82,14 +84,39 @@ def rigid_motions(
 
 
 def orthonormalise(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floats]:
-    """M-orthonormal basis Q of the columns and R with block = Q R; two passes of Cholesky QR."""
-    triangle = np.eye(block.shape[1])
-    for _ in range(2):
-        gram = block.T @ weigh(mass, block)
-        upper = linalg.cholesky((gram + gram.T) / 2)
-        block = linalg.solve_triangular(upper, block.T, trans="T").T
-        triangle = upper @ triangle
-    return block, triangle
+    """M-orthonormal basis Q (n, k) of the columns and R (k, k) with block = Q R, by Cholesky QR.
+
+    Two passes; three, the first of a shifted Gram matrix, where the columns are nearly dependent (T. Fukaya
+    et al., "Shifted Cholesky QR for computing the QR factorization of ill-conditioned matrices", SIAM J. Sci.
+    Comput. 42, 2020). The plain form breaks down from a condition number of some 1e8 on.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The columns are dependent to rounding.
+    """
+    try:
+        return _twice(block, mass)
+    except np.linalg.LinAlgError:
+        better, first = _cholesky_qr(block, mass, 11 * block.size * np.finfo(np.float64).eps)
+        basis, rest = _twice(better, mass)
+        return basis, rest @ first
+
+
+def _twice(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floats]:
+    once, first = _cholesky_qr(block, mass, 0.0)
+    basis, second = _cholesky_qr(once, mass, 0.0)
+    return basis, second @ first
+
+
+def _cholesky_qr(block: Floats, mass: sparse.csr_matrix, shift: float) -> tuple[Floats, Floats]:
+    """Q and R of the Gram matrix plus `shift` times its norm."""
+    gram = block.T @ weigh(mass, block)
+    gram = (gram + gram.T) / 2
+    if shift:
+        gram += shift * np.linalg.norm(gram, 2) * np.eye(len(gram))
+    upper = linalg.cholesky(gram)
+    return linalg.solve_triangular(upper, block.T, trans="T").T, upper
 
 
 @dataclass(frozen=True)
@@ -100,12 +127,10 @@ class Eigenpairs:
     ----------
     values : (k,) float64 eigenvalues
     vectors : (3 n, k) float64, u^T M u = 1
-    solves : right-hand sides solved
     """
 
     values: Floats
     vectors: Floats
-    solves: int
 
 
 def lowest_elastic(
@@ -143,69 +168,99 @@ def lowest_elastic(
     Raises
     ------
     SimulationError
-        When the iteration does not converge in 400 blocks.
+        When the iteration does not converge in `MOST_BLOCKS` blocks, or breaks down from every start.
     """
     size = stiffness.shape[0]
     if size <= DENSE:
         values, vectors = linalg.eigh(stiffness.toarray(), np.kron(mass.toarray(), np.eye(3)))
         values, vectors = values[rigid.shape[1] :], vectors[:, rigid.shape[1] :]
         kept = min(int(np.count_nonzero(values < below)), at_most) + 1
-        return Eigenpairs(values[:kept], vectors[:, :kept], 0)
+        return Eigenpairs(values[:kept], vectors[:, :kept])
     factors = Factorisation(shifted(stiffness, mass, shift), definite=True)
-    block = BLOCK
-    generator = np.random.default_rng(seed)
-    mass_rigid = weigh(mass, rigid)
-
-    def without_rigid(x: Floats) -> Floats:
-        return x - rigid @ (mass_rigid.T @ x)
-
-    start = without_rigid(factors.solve(generator.standard_normal((size, block))))
-    current, _ = orthonormalise(start, mass)
-    capacity = max(3 * min(at_most, 4096) + 4 * block, 10 * block)
-    basis = np.empty((size, capacity + block), order="F")
-    mass_basis = np.empty_like(basis)
-    projected = np.zeros((0, 0))
-    width = 0
-    solves = block
-    for step in range(400):
-        here = slice(width, width + block)
-        width += block
-        basis[:, here] = current
-        mass_basis[:, here] = weigh(mass, current)
-        image = without_rigid(factors.solve(mass_basis[:, here]))
-        solves += block
-        coefficients = np.zeros((width, block))
-        for _ in range(2):  # orthogonalised twice: once leaves rounding errors that grow
-            part = mass_basis[:, :width].T @ image
-            image -= basis[:, :width] @ part
-            coefficients += part
-        grown = np.zeros((width, width))
-        grown[:-block, :-block] = projected
-        grown[:, -block:] = coefficients
-        grown[-block:, :] = coefficients.T
-        projected = grown
-        current, remainder = orthonormalise(without_rigid(image), mass)
-        full = width + block > capacity
-        if width > 16 * block and step % 3 and not full:
-            continue  # the small eigenproblem is not free either
-        theta, ritz = linalg.eigh(projected)
-        theta, ritz = theta[::-1], ritz[:, ::-1]
-        residual = np.linalg.norm(remainder @ ritz[-block:], axis=0)
-        wanted = _wanted(theta, shift, below, at_most)
-        if wanted < width and np.all(residual[:wanted] <= tolerance * theta[:wanted]):
-            values = shift + 1 / theta[:wanted]
-            return Eigenpairs(values, basis[:, :width] @ ritz[:, :wanted], solves)
-        if full:
-            kept = min(width - block, wanted + 2 * block)
-            basis[:, :kept] = basis[:, :width] @ ritz[:, :kept]
-            mass_basis[:, :kept] = mass_basis[:, :width] @ ritz[:, :kept]
-            projected = np.diag(theta[:kept])
-            width = kept
+    for attempt in range(MOST_STARTS):
+        try:
+            lanczos = _Lanczos(factors, mass, rigid, at_most, np.random.default_rng(seed + attempt))
+            return lanczos.pairs(shift, below, at_most, tolerance)
+        except np.linalg.LinAlgError:  # the block of vectors became dependent
+            continue
     raise SimulationError(
         "eigenvalue solver",
-        f"no convergence after {solves} solves of {size} unknowns",
-        "Lower the frequency limit or the number of modes.",
+        f"blocks of vectors became dependent from {MOST_STARTS} random starts of {size} unknowns",
+        "Change the seed.",
     )
+
+
+class _Lanczos:
+    """Block Lanczos basis of (K - sigma M)^-1 M in the M-orthogonal complement of the rigid motions."""
+
+    def __init__(
+        self,
+        factors: Factorisation,
+        mass: sparse.csr_matrix,
+        rigid: Floats,
+        at_most: int,
+        generator: np.random.Generator,
+    ) -> None:
+        self._factors, self._mass, self._rigid = factors, mass, rigid
+        self._mass_rigid = weigh(mass, rigid)
+        size = len(rigid)
+        start = self._without_rigid(factors.solve(generator.standard_normal((size, BLOCK))))
+        self._next, self._remainder = orthonormalise(start, mass)
+        self._capacity = max(3 * min(at_most, 4096) + 4 * BLOCK, 10 * BLOCK)
+        self._basis = np.empty((size, self._capacity + BLOCK), order="F")
+        self._mass_basis = np.empty_like(self._basis)
+        self._projected = np.zeros((0, 0))
+
+    def pairs(self, shift: float, below: float, at_most: int, tolerance: float) -> Eigenpairs:
+        """Wanted pairs, as `lowest_elastic` says."""
+        for step in range(MOST_BLOCKS):
+            self._grow()
+            width = len(self._projected)
+            full = width + BLOCK > self._capacity
+            if width > 16 * BLOCK and step % 3 and not full:
+                continue  # the small eigenproblem is not free either
+            theta, ritz = linalg.eigh(self._projected)
+            theta, ritz = theta[::-1], ritz[:, ::-1]
+            residual = np.linalg.norm(self._remainder @ ritz[-BLOCK:], axis=0)
+            wanted = _wanted(theta, shift, below, at_most)
+            if wanted < width and np.all(residual[:wanted] <= tolerance * theta[:wanted]):
+                return Eigenpairs(shift + 1 / theta[:wanted], self._basis[:, :width] @ ritz[:, :wanted])
+            if full:
+                self._restart(theta, ritz, min(width - BLOCK, wanted + 2 * BLOCK))
+        raise SimulationError(
+            "eigenvalue solver",
+            f"no convergence after {MOST_BLOCKS} blocks of {len(self._rigid)} unknowns",
+            "Lower the frequency limit or the number of modes.",
+        )
+
+    def _without_rigid(self, vectors: Floats) -> Floats:
+        return vectors - self._rigid @ (self._mass_rigid.T @ vectors)
+
+    def _grow(self) -> None:
+        """Add the next block to the basis and find the one after it."""
+        width = len(self._projected) + BLOCK
+        here = slice(width - BLOCK, width)
+        self._basis[:, here] = self._next
+        self._mass_basis[:, here] = weigh(self._mass, self._next)
+        image = self._without_rigid(self._factors.solve(self._mass_basis[:, here]))
+        coefficients = np.zeros((width, BLOCK))
+        for _ in range(2):  # orthogonalised twice: once leaves rounding errors that grow
+            part = self._mass_basis[:, :width].T @ image
+            image -= self._basis[:, :width] @ part
+            coefficients += part
+        grown = np.zeros((width, width))
+        grown[:-BLOCK, :-BLOCK] = self._projected
+        grown[:, -BLOCK:] = coefficients
+        grown[-BLOCK:, :] = coefficients.T
+        self._projected = grown
+        self._next, self._remainder = orthonormalise(self._without_rigid(image), self._mass)
+
+    def _restart(self, theta: Floats, ritz: Floats, kept: int) -> None:
+        """Keep the first Ritz vectors alone (thick restart)."""
+        width = len(theta)
+        self._basis[:, :kept] = self._basis[:, :width] @ ritz[:, :kept]
+        self._mass_basis[:, :kept] = self._mass_basis[:, :width] @ ritz[:, :kept]
+        self._projected = np.diag(theta[:kept])
 
 
 def improve(
@@ -223,7 +278,7 @@ def improve(
     values, vectors, _ = refine(
         factors, shift, mass, rigid, start, below=np.inf, tolerance=0.0, rounds=NEARLY
     )
-    return Eigenpairs(values, vectors, NEARLY * count)
+    return Eigenpairs(values, vectors)
 
 
 def _wanted(theta: Floats, shift: float, below: float, at_most: int) -> int:

@@ -1,0 +1,57 @@
+"""Blocks of vectors that are nearly dependent, and iterations that break down."""
+
+import numpy as np
+import pytest
+from scipy import linalg, sparse
+from structured_solids import box
+
+from objectfolder.audio.elements.elasticity import assemble
+from objectfolder.audio.modes import eigen
+from objectfolder.audio.modes.eigen import lowest_elastic, orthonormalise, rigid_motions
+from objectfolder.audio.modes.spectrum import space_on
+from objectfolder.audio.modes.subspace import weigh
+from objectfolder.errors import SimulationError
+
+
+def nearly_dependent(condition: float) -> np.ndarray:
+    """(300, 6) with singular values from 1 to 1 / condition."""
+    generator = np.random.default_rng(0)
+    left, _ = np.linalg.qr(generator.standard_normal((300, 6)))
+    right, _ = np.linalg.qr(generator.standard_normal((6, 6)))
+    return np.asarray(left * np.geomspace(1, 1 / condition, 6) @ right)
+
+
+def test_nearly_dependent_vectors_are_orthonormalised_where_plain_cholesky_qr_breaks_down() -> None:
+    mass = sparse.diags(np.linspace(1, 5, 100)).tocsr()
+    block = nearly_dependent(1e12)
+    with pytest.raises(np.linalg.LinAlgError):
+        linalg.cholesky(block.T @ weigh(mass, block))
+    basis, triangle = orthonormalise(block, mass)
+    np.testing.assert_allclose(basis.T @ weigh(mass, basis), np.eye(6), atol=1e-13)
+    np.testing.assert_allclose(basis @ triangle, block, atol=1e-14)
+    with pytest.raises(np.linalg.LinAlgError):
+        orthonormalise(block * np.array([1, 1, 1, 1, 1, 0]), mass)
+
+
+def test_an_iteration_that_breaks_down_starts_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    space, _ = space_on(box((4, 4, 2), (1, 1, 0.3)), 2, 1.0)
+    stiffness, mass = assemble(space, 0.3)
+    assert stiffness.shape[0] > eigen.DENSE
+    rigid = rigid_motions(space.geometry, np.zeros(space.size, dtype=np.int64), space.vertex_count, mass)
+
+    def lowest() -> np.ndarray:
+        return lowest_elastic(stiffness, mass, rigid, below=np.inf, at_most=8, shift=-0.05).values
+
+    whole = lowest()
+    calls: list[int] = []
+
+    def breaking_down(block: np.ndarray, mass: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+        calls.append(1)
+        return orthonormalise(np.zeros_like(block) if len(calls) in broken else block, mass)
+
+    monkeypatch.setattr(eigen, "orthonormalise", breaking_down)
+    broken = {2}
+    np.testing.assert_allclose(lowest(), whole, rtol=1e-8)
+    broken = set(range(1000))
+    with pytest.raises(SimulationError, match="2 random starts"):
+        lowest()
