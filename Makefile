@@ -39,6 +39,9 @@ lint: $(STAMP) ## Check style, types and imports
 	mypy
 	lint-imports --no-logo
 
+stages: $(STAMP) ## Write into dvc.yaml what the stages declare
+	python -m pipeline.cli.declare
+
 lock: $(STAMP) ## Write requirements.lock: what stands in it stays as far as pyproject.toml allows
 	UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --all-extras --no-annotate \
 		--python-version 3.11 --output-file requirements.lock pyproject.toml
