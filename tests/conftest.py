@@ -42,8 +42,10 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Remember what was collected, before any of it is deselected or shuffled; a browser is slow."""
+    """Remember what was collected, before any of it is deselected or sorted; a browser is slow."""
     config.stash[COLLECTED] = [item.nodeid for item in items]
+    if "COLLECTED_FILE" in os.environ:
+        Path(os.environ["COLLECTED_FILE"]).write_text("\n".join(config.stash[COLLECTED]))
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)

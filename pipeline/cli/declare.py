@@ -33,7 +33,6 @@ def declared(stage: Stage) -> dict[str, Any]:
         outs.append({str(RECORDS): listed})
     if stage.name == next(reversed(STAGES)):
         outs.append({str(FAILURES): listed})
-    selection = "objects" if stage.sources else "objects.only"
     sections = {f"sizes.${{size}}.{name.partition('.')[0]}" for name in stage.parameters}
     return {
         "cmd": f"python -m pipeline.run.converged || python -m pipeline.cli stage {stage.name}",

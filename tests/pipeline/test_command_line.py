@@ -129,6 +129,7 @@ def test_info_tells_what_is_doubtful(
 ) -> None:
     body = {
         "watertight": True, "components": 1, "mass_kg": 0.07, "filled_mass_kg": 0.07, "wall_median_m": None,
+        "inertia_kg_m2": None,
         "warnings": ["its walls are doubtful"],
     }  # fmt: skip
     objectfolder.load(small_file).with_description(body=body).save(tmp_path / "bar.safetensors")
