@@ -10,6 +10,7 @@ starter objects. A child that runs again what its kill cut short is spared: a se
 import argparse
 import json
 import random
+import re
 import shutil
 import sys
 import tempfile
@@ -103,7 +104,8 @@ def one_round(grounds: Grounds, name: str, kind: Kind, seed: int) -> dict[str, A
     wrong = {key: value for key, value in disturbed.verdict(expected).items() if value}
     outcome = {"seed": seed, "commit": versions()["commit"], **disturbed.record(), "wrong": wrong}
     if wrong:
-        outcome["output"] = (ground.root / "output.log").read_text()[-4000:].replace(str(ground.root), "")
+        output = (ground.root / "output.log").read_text()[-4000:]
+        outcome["output"] = re.sub(r"/[\w./-]*/(?=site-packages/|python3|pipeline/|driver)", "", output)
     return outcome
 
 

@@ -205,7 +205,7 @@ class DaskRunner:
         except TimeoutError:  # its worker died with the result; Dask runs it again
             self._await(task, step, self._after_run)
             return None
-        except CancelledError as error:
+        except (CancelledError, OSError) as error:  # a connection that closes is an OSError of Dask's
             raise gone() from error
         step.release()
         if answer.outcome is None and not answer.killed:
