@@ -30,7 +30,7 @@ BARS = {
     "pair_ms": 16.0,
 }
 COMPARED = (
-    "Touches of a DIGIT: this renderer over samples and back ends, pyrender, Embree's rays, the papers' "
+    "Touches of a DIGIT: this renderer over samples, pyrender, Embree's rays, the papers' "
     "networks, mean image, no contact: CPU seconds, PSNR in the contact region against 8 x 8 samples; "
     "elastic contacts a CPU second; stored surfaces by bytes and PSNR against the source mesh pressed alike"
 )

@@ -12,6 +12,7 @@ from objectfolder.touch.elastic.contact_problem import solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press
 
 CELLS = (96, 64)
 DEPTHS_M = (0.0003, 0.0005, 0.001)
@@ -22,7 +23,7 @@ def measure_elastic(surface: Surface, name: str) -> dict[str, Any]:
     """Return the row of one object: contacts a CPU second, for a half-space and a bonded layer."""
     sensor, patches = Sensor(), FacePatches(surface)
     points = surface.sample(POINTS, 0).points
-    touches = press(patches, sensor, points, depth_m=0.0005, samples=1)
+    touches = press(patches, sensor, points, Press(depth_m=0.0005, samples=1))
     pitch = (sensor.gel_height_m / CELLS[0], sensor.gel_width_m / CELLS[1])
     modulus, ratio = sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio
     bodies = {
@@ -59,6 +60,6 @@ def measure_elastic(surface: Surface, name: str) -> dict[str, Any]:
                 }
             )
     start = time.process_time()
-    press(patches, sensor, points[:6], depth_m=0.0005, contact="elastic")
+    press(patches, sensor, points[:6], Press(depth_m=0.0005, contact="elastic"))
     whole = 6 / (time.process_time() - start)
     return {"object": name, "cells": list(CELLS), "solves": rows, "elastic_touches_a_cpu_s": whole}

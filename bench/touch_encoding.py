@@ -13,7 +13,8 @@ from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.press import Touches, press
+from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press, Touches
 
 HELD_OUT = 24
 LABELLED = 200
@@ -37,8 +38,8 @@ def measure_encoding(surface: Surface, name: str) -> dict[str, Any]:
     figures: dict[str, Any] = {}
     too_deep = 0
     for case, asked in cases.items():
-        truth = press(patches, sensor, points, samples=2, **asked)
-        answer = net.press(points, **asked)
+        truth = press(patches, sensor, points, Press(samples=2, **asked))
+        answer = net.press(points, Press(**asked))
         figures[case] = measure_feel(truth.rgb, truth.mask, answer.rgb, answer.mask)
         reachable = truth.reachable
         if reachable.any():
@@ -53,11 +54,11 @@ def measure_encoding(surface: Surface, name: str) -> dict[str, Any]:
     turned = turned_off_the_grid(surface)
     stored = encode_surface(turned)
     where = turned.sample(HELD_OUT, 1).points
-    truth = press(turned, sensor, where, samples=2, **cases["tilted"])
-    answer = TouchNet(decode_surface(stored), sensor).press(where, **cases["tilted"])
+    truth = press(turned, sensor, where, Press(samples=2, **cases["tilted"]))
+    answer = TouchNet(decode_surface(stored), sensor).press(where, Press(**cases["tilted"]))
     figures["turned"] = measure_feel(truth.rgb, truth.mask, answer.rgb, answer.mask)
     figures["turned_bytes"] = sum(array.nbytes for array in stored.values())
-    labelled = press(patches, sensor, surface.sample(LABELLED, 2).points, depth_m=0.001, samples=1)
+    labelled = press(patches, sensor, surface.sample(LABELLED, 2).points, Press(depth_m=0.001, samples=1))
     too_deep += _too_deep(labelled)
     return {
         "object": name,
@@ -95,7 +96,7 @@ def _pair_ms(net: TouchNet) -> float:
     seconds = []
     for pair in points:
         start = time.process_time()
-        net.press(net.surface.closest_points(pair).points, depth_m=np.array([0.001, 0.002]))
+        net.press(net.surface.closest_points(pair).points, Press(depth_m=np.array([0.001, 0.002])))
         seconds.append(time.process_time() - start)
     return 1e3 * float(np.median(seconds[1:]))
 

@@ -16,11 +16,18 @@ from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
 from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press
 
 # Touches that were trained on, judged to tell learning from generalising.
 SHOWN = 24
 
 Error = Callable[[np.ndarray], dict[str, Any]]
+
+
+def press_query(asked: dict[str, Any], samples: int = 2) -> tuple[np.ndarray, Press]:
+    """Points, and how to press there."""
+    query = {name: values for name, values in asked.items() if name != "points"}
+    return asked["points"], Press(**query, samples=samples)
 
 
 def network_rows(
@@ -35,7 +42,7 @@ def network_rows(
     touches
         What the networks are fitted to, and the held-out touches.
     asked
-        The latter, as keyword arguments of `press`.
+        The latter: ``points``, and what `Press` takes.
     error
         Judges images of them.
     budget_cpu_s
@@ -80,7 +87,7 @@ def network_rows(
         }
         | error(np.broadcast_to(mean, (len(asked["points"]), *mean.shape)))
     )
-    exact = press(surface, Sensor(), **asked, samples=1)
+    exact = press(surface, Sensor(), *press_query(asked, 1))
     rows.append(
         {"way": f"{SECOND}, a perfect network", "setting": None, "cpu_s": None, "bytes": None}
         | error(np.stack([render_deformation(Sensor(), depth) for depth in exact.depth]))
@@ -89,14 +96,14 @@ def network_rows(
     net = TouchNet(decode_surface(encoded))
     net.press(asked["points"][:1])
     start = time.process_time()
-    images = net.press(**asked).rgb
+    images = net.press(*press_query(asked)).rgb
     rows.append(
         {
             "way": "TouchNet, stored surface",
             "setting": 2,
             "cpu_s": (time.process_time() - start) / len(images),
             "bytes": sum(array.nbytes for array in encoded.values()),
-            "psnr_contact_training_db": on_training(net.press(**seen).rgb),
+            "psnr_contact_training_db": on_training(net.press(*press_query(seen)).rgb),
         }
         | error(images)
     )

@@ -88,14 +88,13 @@ def draw_touch(summary: dict[str, Any], encoded: list[dict[str, Any]]) -> None:
     by_time.set(xscale="log", xlabel="CPU seconds a touch", ylabel="PSNR in the contact region, dB")
     by_time.legend(fontsize=7)
     sizes = sorted({(row["height"], row["width"]) for row in summary["sizes"]})
-    for backend in dict.fromkeys(row["backend"] for row in summary["sizes"]):
-        for samples in sorted({row["samples"] for row in summary["sizes"]}):
-            rates = [
-                row["touches_a_cpu_s"]
-                for row in sorted(summary["sizes"], key=lambda row: row["height"])
-                if (row["backend"], row["samples"]) == (backend, samples)
-            ]
-            by_size.plot(range(len(sizes)), rates, "o-", label=f"{backend}, {samples} x {samples}")
+    for samples in sorted({row["samples"] for row in summary["sizes"]}):
+        rates = [
+            row["touches_a_cpu_s"]
+            for row in sorted(summary["sizes"], key=lambda row: row["height"])
+            if row["samples"] == samples
+        ]
+        by_size.plot(range(len(sizes)), rates, "o-", label=f"{samples} x {samples}")
     by_size.set_xticks(range(len(sizes)), [f"{width} x {height}" for height, width in sizes])
     by_size.set(yscale="log", ylabel="touches a CPU second")
     by_size.legend(fontsize=7)

@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.touch_networks import network_rows
-from objectfolder.errors import QueryError
+from bench.references.touch_opengl import ReferenceRenderer
+from bench.touch_networks import network_rows, press_query
 from objectfolder.fidelity.feel import measure_feel
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.backends import BACKENDS, choose_backend
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid, to_bytes
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import shade
 from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.record import simulate_touches
+from objectfolder.touch.truth.touches import Press
 
 SAMPLES = (1, 2, 3, 4)
 TRUTH_SAMPLES = 8
@@ -61,9 +61,9 @@ class Speed:
         start = time.process_time()
         patches = FacePatches(surface)
         asked = _held_out(touches)
-        press(patches, self.sensor, asked["points"][:1], samples=1)
+        press(patches, self.sensor, asked["points"][:1], Press(samples=1))
         prepared = time.process_time() - start
-        truth = press(patches, self.sensor, **asked, samples=TRUTH_SAMPLES)
+        truth = press(patches, self.sensor, *press_query(asked, TRUTH_SAMPLES))
         poses = truth.sensor_to_object
 
         def error(images: np.ndarray) -> dict[str, Any]:
@@ -108,11 +108,8 @@ class Speed:
         self, surface: Surface, patches: FacePatches, asked: dict[str, Any], poses: np.ndarray
     ) -> dict[tuple[str, int | None], Way]:
         ways: dict[tuple[str, int | None], Way] = {}
-        for backend in _backends():
-            for samples in SAMPLES:
-                ways[f"ours, {backend}", samples] = lambda b=backend, s=samples: (
-                    press(patches, self.sensor, **asked, samples=s, backend=b).rgb
-                )
+        for samples in SAMPLES:
+            ways["ours", samples] = lambda s=samples: press(patches, self.sensor, *press_query(asked, s)).rgb
         ways["ray casting", 1] = lambda: np.stack([ray_cast(surface, self.sensor, pose)[0] for pose in poses])
         return ways
 
@@ -121,40 +118,20 @@ class Speed:
         rows = []
         for height, width in SIZES:
             sensor = self.sensor.at_resolution(height, width)
-            for backend in _backends():
-                # Slow enough to be timed on few.
-                few = asked if backend == "compiled" else {key: value[:6] for key, value in asked.items()}
-                for samples in SIZED_SAMPLES:
-                    seconds = []
-                    for turn in range(self.given.rounds + 1):
-                        start = time.process_time()
-                        press(patches, sensor, **few, samples=samples, backend=backend)
-                        if turn:
-                            seconds.append((time.process_time() - start) / len(few["points"]))
-                    rows.append(
-                        {
-                            "height": height,
-                            "width": width,
-                            "backend": backend,
-                            "samples": samples,
-                            "touches_a_cpu_s": 1 / float(np.median(seconds)),
-                        }
-                    )
+            for samples in SIZED_SAMPLES:
+                seconds = []
+                for turn in range(self.given.rounds + 1):
+                    start = time.process_time()
+                    press(patches, sensor, *press_query(asked, samples))
+                    if turn:
+                        seconds.append((time.process_time() - start) / len(asked["points"]))
+                rate = 1 / float(np.median(seconds))
+                rows.append({"height": height, "width": width, "samples": samples, "touches_a_cpu_s": rate})
         return rows
 
 
-def _backends() -> list[str]:
-    found = []
-    for backend in BACKENDS:
-        try:
-            found.append(choose_backend(backend))
-        except QueryError as error:
-            print(f"{backend}: left out, {error}")
-    return found
-
-
 def _held_out(touches: Product) -> dict[str, Any]:
-    """Keyword arguments of `press` for the held-out touches."""
+    """Points of the held-out touches, and what `Press` takes."""
     chosen = touches["held_out"]
     return {
         name: np.asarray(touches[name])[chosen] for name in ("points", "depth_m", "tilt_deg", "azimuth_deg")
@@ -188,8 +165,6 @@ def _by_opengl(
     vertices: np.ndarray, faces: np.ndarray, sensor: Sensor, poses: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Images of poses by pyrender in a process of its own, and CPU seconds of one, the first left out."""
-    from objectfolder.touch.rendering.pyrender_reference import ReferenceRenderer
-
     renderer = ReferenceRenderer(sensor)
     surface = Surface(vertices, faces)
     try:

@@ -34,8 +34,7 @@ def summarised(
         encoding[f"{case}_contact_psnr_worst_object_db"] = float(np.min(values))
     found = {
         f"touches_a_cpu_s_{height}x{width}, {samples} x {samples} samples": rate
-        for (height, width, backend, samples), rate in sizes.items()
-        if backend == "compiled"
+        for (height, width, samples), rate in sizes.items()
     }
     pair_ms = encoding["pair_ms_worst"] if opened is None else opened["pair_ms"]
     met: Row = {}
@@ -44,7 +43,7 @@ def summarised(
             key = f"touches_a_cpu_s_{size}, {samples} x {samples} samples"
             if key in found:
                 met[key] = found[key] >= bars[f"touches_a_cpu_s_{bar}"]
-        times = times_pyrender.get(f"ours, compiled, {samples}")
+        times = times_pyrender.get(f"ours, {samples}")
         if times is not None:
             met[f"times_pyrender, {samples} x {samples} samples"] = times >= bars["times_pyrender"]
     met |= {f"elastic, {body}": rate >= bars["elastic_solves_a_cpu_s"] for body, rate in solves.items()}
@@ -63,8 +62,8 @@ def summarised(
         "times_faster_than_pyrender": times_pyrender,
         "times_faster_than_ray_casting": _times(speed, "ray casting"),
         "sizes": [
-            {"height": h, "width": w, "backend": b, "samples": s, "touches_a_cpu_s": rate}
-            for (h, w, b, s), rate in sizes.items()
+            {"height": h, "width": w, "samples": s, "touches_a_cpu_s": rate}
+            for (h, w, s), rate in sizes.items()
         ],
         "elastic_solves_a_cpu_s": solves,
         "elastic_touches_a_cpu_s": float(np.median([row["elastic_touches_a_cpu_s"] for row in elastic])),
@@ -102,12 +101,12 @@ def _times(speed: list[Row], rival: str) -> dict[str, float]:
     return {key: float(np.median(values)) for key, values in ratios.items()}
 
 
-def _sizes(speed: list[Row]) -> dict[tuple[int, int, str, int], float]:
-    """Touches a CPU second, median over objects, by height, width, back end and samples."""
-    rates: dict[tuple[int, int, str, int], list[float]] = {}
+def _sizes(speed: list[Row]) -> dict[tuple[int, int, int], float]:
+    """Touches a CPU second, median over objects, by height, width and samples."""
+    rates: dict[tuple[int, int, int], list[float]] = {}
     for row in speed:
         for size in row["sizes"]:
-            key = (size["height"], size["width"], size["backend"], size["samples"])
+            key = (size["height"], size["width"], size["samples"])
             rates.setdefault(key, []).append(size["touches_a_cpu_s"])
     return {key: float(np.median(values)) for key, values in rates.items()}
 

@@ -25,11 +25,11 @@ from bench.touch_tacto_measure import ONE_LEVEL, edge_share, over_poses, psnr_db
 from objectfolder.fidelity.images import ssim
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.image import render_poses
 from objectfolder.touch.sensor.calibrated import calibrated
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.press import press, render_poses
+from objectfolder.touch.truth.touches import Press
 
 SAMPLES = (1, 2, 3, 4)
 NORMALS = ("vertex", "crease")
@@ -105,7 +105,9 @@ def _request(given: argparse.Namespace, name: str, index: int, surface: Surface)
     tilt = np.where(np.arange(count) % 2 == 1, random.uniform(0, TILT_DEG, count), 0.0)
     azimuth = random.uniform(0, 360, count)
     points = surface.sample(count, given.seed).points
-    touches = press(surface, Sensor(), points, depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1)
+    touches = press(
+        surface, Sensor(), points, Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1)
+    )
     standing = np.flatnonzero(touches.penetration_m > 0)[: given.poses]
     return {
         "poses": touches.sensor_to_object[standing],

@@ -15,6 +15,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.touch.truth.touches import Press
 
 PICTURES = 4
 SUB_RAYS = (4, 16, 64)
@@ -186,7 +187,7 @@ def _feel(
         net = TouchNet(decode_surface(tensors), file.touch.sensor, contact=file.touch.contact)
         net.press(queries[0][:1])  # prepares the surface
         with _timed(seconds, _key("touch", "surface_step_um", step * 1e6), len(truth)):
-            coarse = net.press(queries[0], depth_m=queries[1], tilt_deg=angles[0], azimuth_deg=angles[1])
+            coarse = net.press(queries[0], Press(queries[1], None, *angles))
         error = feel.measure_feel(truth, mask, coarse.rgb, coarse.mask)["psnr_contact_db"]
         size = sum(tensor.nbytes for tensor in tensors.values())
         rows.append(_row("touch", "surface_step_um", step * 1e6, error, "contact PSNR dB", size))

@@ -22,7 +22,7 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.points import point_rows
 from objectfolder.surface.surface import ClosestPoints, Surface
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.press import Touches
+from objectfolder.touch.truth.touches import Press, Touches
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH
 from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
@@ -244,11 +244,7 @@ class ObjectFile(SightQueries, SoundQueries):
         """
         return self.touch.press(
             self.project(points).points,
-            depth_m=depth,
-            force_n=force,
-            tilt_deg=tilt,
-            azimuth_deg=azimuth,
-            contact=contact,
+            Press(depth, force, tilt, azimuth, contact, self.touch.samples),
             resolution=resolution,
             background=background,
             noise_seed=noise_seed,

@@ -9,22 +9,23 @@ import reprlib
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.stored_values import whole_number
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.calibrated import calibrated
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.noise import with_noise
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.stored_sensor import stored_sensor
-from objectfolder.touch.truth.press import Touches, press
+from objectfolder.touch.truth.touches import CONTACTS, Press, Touches
 
-CONTACTS = ("rigid", "elastic")
+if TYPE_CHECKING:
+    from objectfolder.touch.contact.patch import FacePatches
+
 MOST_SAMPLES = 16  # that a file may ask for where a query says nothing
 MOST_RAYS_ASKED = 1 << 24  # of an image
 
@@ -53,7 +54,10 @@ class TouchNet:
         self.contact = contact
 
     @cached_property
-    def _patches(self) -> FacePatches:
+    def _patches(self) -> "FacePatches":
+        # Here and in `press`: an Object File opens without numba, whose import takes 0.3 s.
+        from objectfolder.touch.contact.patch import FacePatches
+
         return FacePatches(self.surface)
 
     @cached_property
@@ -64,17 +68,11 @@ class TouchNet:
     def press(
         self,
         points: np.ndarray,
+        asked: Press | None = None,
         *,
-        depth_m: float | np.ndarray | None = None,
-        force_n: float | np.ndarray | None = None,
-        tilt_deg: float | np.ndarray = 0.0,
-        azimuth_deg: float | np.ndarray = 0.0,
-        contact: str | None = None,
         resolution: tuple[int, int] | None = None,
-        samples: int | None = None,
         background: np.ndarray | None = None,
         noise_seed: int | None = None,
-        backend: str | None = None,
     ) -> Touches:
         """Press at points.
 
@@ -82,14 +80,11 @@ class TouchNet:
         ----------
         points
             (n, 3), object frame, metres.
-        depth_m, force_n, tilt_deg, azimuth_deg, backend
-            See `objectfolder.touch.truth.press.press`.
-        contact
-            ``"rigid"`` or ``"elastic"``; where None, elastic if a force is asked for, else the net's own.
+        asked
+            How to press. Where it names no contact model it is elastic if a force is asked for, else the
+            net's own; if None, a millimetre along the normal with the net's own model and samples.
         resolution
             Height and width of the images in pixels; the sensor's own if None.
-        samples
-            Samples along each side of a pixel; the net's own if None.
         background
             (height, width, 3) uint8: what a real sensor of this kind sees untouched. Touches are laid over
             it, as `objectfolder.touch.sensor.calibrated` does.
@@ -101,32 +96,23 @@ class TouchNet:
         QueryError
             As `press` raises, an image that the sensor cannot take, or a background of another size than it.
         """
-        samples = self.samples if samples is None else samples
-        if contact is None:
-            contact = self.contact if force_n is None else "elastic"
+        from objectfolder.touch.truth.press import press
+
+        asked = Press(samples=self.samples) if asked is None else asked
+        if asked.contact is None and asked.force_n is None:
+            asked = replace(asked, contact=self.contact)
         try:
             sensor = self.sensor if resolution is None else self.sensor.at_resolution(*resolution)
-            if sensor.image_height * sensor.image_width * samples**2 > MOST_RAYS_ASKED:
+            if sensor.image_height * sensor.image_width * asked.samples**2 > MOST_RAYS_ASKED:
                 raise QueryError("resolution", f"above {MOST_RAYS_ASKED} rays", "Ask for fewer pixels.")
-            touches = press(
-                self._patches,
-                sensor,
-                points,
-                depth_m=depth_m,
-                force_n=force_n,
-                tilt_deg=tilt_deg,
-                azimuth_deg=azimuth_deg,
-                samples=samples,
-                contact=contact,
-                backend=backend,
-            )
+            touches = press(self._patches, sensor, points, asked)
         except QueryError:
             raise
         except (ArithmeticError, TypeError, ValueError) as error:
             raise QueryError("press", str(error), "Ask for numbers that this sensor can answer.") from error
         rgb = touches.rgb
         if background is not None:
-            rgb = calibrated(rgb, no_contact_image(sensor, samples), background, sensor)
+            rgb = calibrated(rgb, no_contact_image(sensor, asked.samples), background, sensor)
         if noise_seed is not None:
             rgb = with_noise(rgb, sensor, noise_seed)
         return replace(touches, rgb=rgb)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.rendering.image import render_poses
 from objectfolder.touch.sensor.camera import coverage_grid, ray_grid
 from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import render_poses
 
 SENSOR = Sensor(image_height=40, image_width=30)
 PITCH = float(2 * np.tan(np.pi / 6) / 40)
@@ -56,25 +56,23 @@ def test_one_ray_a_pixel_passes_through_its_middle() -> None:
     assert np.array_equal(one.gel_values, even.gel_values)
 
 
-@pytest.mark.parametrize("backend", ["compiled", "reference"])
 @pytest.mark.parametrize("samples", [2, 3])
-def test_edges_along_the_image_are_resolved_to_one_ray_of_all(samples: int, backend: str) -> None:
+def test_edges_along_the_image_are_resolved_to_one_ray_of_all(samples: int) -> None:
     # A sheet whose edge runs up the image: what is seen of it grows in steps of one ray a pixel, where an
     # even grid's would be those of a column of rays.
     errors = []
     for edge in np.linspace(-0.0004, 0.0004, 41):
-        image = render_poses(sheet(-0.05, edge), SENSOR, np.eye(4)[None], samples, backend)[0]
+        image = render_poses(sheet(-0.05, edge), SENSOR, np.eye(4)[None], samples)[0]
         width = image.contact_area_m2 / (40 * PITCH * 0.014)
         errors.append((width - (edge + 15 * PITCH * 0.014)) / (PITCH * 0.014))
     assert np.abs(errors).max() <= 0.5 / samples**2 + 1e-6
     assert np.ptp(errors) > 0.5 / samples**2
 
 
-@pytest.mark.parametrize("backend", ["compiled", "reference"])
-def test_a_face_is_shaded_at_the_middle_of_the_pixels_it_fills(backend: str) -> None:
+def test_a_face_is_shaded_at_the_middle_of_the_pixels_it_fills() -> None:
     slab = sheet(-0.05, 0.05)
     pose: Any = np.eye(4)[None]
-    one, two, four = (render_poses(slab, SENSOR, pose, samples, backend)[0] for samples in (1, 2, 4))
+    one, two, four = (render_poses(slab, SENSOR, pose, samples)[0] for samples in (1, 2, 4))
     # But along the sheet's diagonal, two faces a pixel have two middles.
     for finer in (two, four):
         difference = np.abs(finer.rgb.astype(int) - one.rgb)

@@ -1,33 +1,22 @@
 """Shapes on which touch simulators go wrong, by name."""
 
-import resource
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from touch_shapes import box, joined, mug, psnr_db, revolved, sphere
 
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.rendering.image import render_poses
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import Touches, press, press_in_chunks
+from objectfolder.touch.truth.press import press, render_poses
+from objectfolder.touch.truth.touches import Press, Touches
 
 SENSOR = Sensor()
 CUBE = Surface(*box((0, 0, 0), (0.06, 0.06, 0.06)))
 
 
-@pytest.fixture(scope="module", autouse=True, params=["compiled", "reference"])
-def backend(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Every case by both ways."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("objectfolder.touch.rendering.backends._compiles", lambda: request.param == "compiled")
-        yield request.param
-
-
 def touch(surface: Surface, point: list[float], depth: float = 0.001, samples: int = 2) -> Touches:
-    return press(surface, SENSOR, np.array([point]), depth_m=depth, samples=samples)
+    return press(surface, SENSOR, np.array([point]), Press(depth_m=depth, samples=samples))
 
 
 def test_sharp_edge() -> None:
@@ -329,20 +318,3 @@ def test_a_point_on_a_corner_of_three_boxes_in_one_place() -> None:
     one, three = touch(CUBE, [0.06, 0.06, 0.06]), touch(stacked, [0.06, 0.06, 0.06])
     assert np.allclose(one.normals, three.normals, atol=1e-12)
     assert (one.mask == three.mask).all()
-
-
-@pytest.mark.slow
-def test_a_hundred_thousand_presses_in_bounded_memory(backend: str) -> None:
-    if backend == "reference":
-        pytest.skip("the same loop, minutes long")
-    ball = Surface(*sphere(0.02, 3))
-    sensor = SENSOR.at_resolution(32, 24)
-    points = np.random.default_rng(1).normal(size=(100_000, 3))
-    points *= 0.02 / np.linalg.norm(points, axis=1, keepdims=True)
-    chunks = press_in_chunks(ball, sensor, points, samples=1, chunk=1024)
-    next(chunks)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    count = 1024 + sum(len(chunk) for chunk in chunks)
-    assert count == 100_000
-    # All the images together are 600 MB.
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 60_000

@@ -8,6 +8,7 @@ from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press
 
 SENSOR = Sensor()
 SHAPE = (48, 32)
@@ -50,7 +51,9 @@ def test_the_height_of_a_ball_is_the_closed_forms_and_infinite_beside_it() -> No
 def test_heights_are_those_of_rays_along_the_axis() -> None:
     surface = bumpy(subdivisions=4)
     patches = FacePatches(surface)
-    touch = press(patches, SENSOR, surface.sample(3, 4).points, tilt_deg=12.0, azimuth_deg=30.0, samples=1)
+    touch = press(
+        patches, SENSOR, surface.sample(3, 4).points, Press(tilt_deg=12.0, azimuth_deg=30.0, samples=1)
+    )
     y, z = centres()
     start = np.stack([np.full(y.size, 0.001), y.ravel(), z.ravel()], axis=1)
     for pose in touch.sensor_to_object:
@@ -67,7 +70,7 @@ def test_heights_are_those_of_rays_along_the_axis() -> None:
 def test_the_lowest_gap_is_the_penetration_to_within_a_cell() -> None:
     surface = bumpy()
     patches = FacePatches(surface)
-    touch = press(patches, SENSOR, surface.sample(4, 2).points, depth_m=0.0015, samples=1)
+    touch = press(patches, SENSOR, surface.sample(4, 2).points, Press(depth_m=0.0015, samples=1))
     for pose in touch.sensor_to_object:
         lowest = gap_field(patches, SENSOR, pose, (192, 128)).min()
         assert -0.0015 - 1e-9 <= lowest < -0.0014

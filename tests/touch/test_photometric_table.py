@@ -11,6 +11,7 @@ from objectfolder.touch.sensor.photometric_table import PhotometricTable, place_
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press
 
 FLAT = Sensor(gel_sagitta_m=0.0, light_positions_m=(), light_colors=())
 
@@ -84,7 +85,7 @@ def test_a_ball_in_a_flat_gel_shows_the_table_at_the_balls_own_slopes() -> None:
     sensor = read_sensor("gelsight")
     radius, depth = 0.006, 0.001
     touch = press(
-        Surface(*sphere(radius, 6)), sensor, np.array([[0.0, 0.0, radius]]), depth_m=depth, samples=1
+        Surface(*sphere(radius, 6)), sensor, np.array([[0.0, 0.0, radius]]), Press(depth_m=depth, samples=1)
     )
     rows, columns = sensor.image_height, sensor.image_width
     pitch = 2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / rows

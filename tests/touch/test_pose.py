@@ -5,9 +5,10 @@ from hypothesis import strategies as st
 from touch_shapes import box, sphere
 
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.first_touch import POLE_RAD, first_touch_poses
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.contact.pose import POLE_RAD, contact_frame, contact_normal, first_touch_pose, tilted
-from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.rendering.simulator import Simulator
+from objectfolder.touch.sensor.gel import gel_constants, gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 
 COORDINATE = st.floats(-1, 1).filter(lambda value: value == 0 or abs(value) > 1e-150)
@@ -18,6 +19,15 @@ NORMALS = (
     .map(lambda v: v / np.linalg.norm(v))
 )
 ANGLES = st.floats(0, 2 * np.pi)
+
+
+def first_touch(normal: np.ndarray, tilt: float = 0.0, azimuth: float = 0.0) -> np.ndarray:
+    point, angles = np.array([[0.1, -0.2, 0.3]]), (np.array([tilt]), np.array([azimuth]))
+    return first_touch_poses(point, normal[None], *angles, gel_constants(Sensor()))[0]
+
+
+def contact_frame(normal: np.ndarray) -> np.ndarray:
+    return first_touch(normal)[:3, :3]
 
 
 def is_rotation(frame: np.ndarray) -> bool:
@@ -77,7 +87,7 @@ def test_a_tilt_leans_the_sensor_by_its_angle_towards_its_azimuth(
     normal: np.ndarray, tilt: float, azimuth: float
 ) -> None:
     frame = contact_frame(normal)
-    leaned = tilted(frame, tilt, azimuth)
+    leaned = first_touch(normal, tilt, azimuth)[:3, :3]
     assert is_rotation(leaned)
     back = -leaned[:, 0]
     right, top = -frame[:, 1], frame[:, 2]
@@ -90,7 +100,7 @@ def test_a_tilted_gel_touches_a_flat_surface_at_the_point_and_nowhere_else(
     normal: np.ndarray, tilt: float, azimuth: float
 ) -> None:
     sensor, point = Sensor(), np.array([0.1, -0.2, 0.3])
-    pose = first_touch_pose(sensor, point, normal, tilt, azimuth)
+    pose = first_touch(normal, tilt, azimuth)
     y, z = np.meshgrid(np.linspace(-0.01, 0.01, 41), np.linspace(0.0, 0.03, 41))
     gel = np.stack([gel_surface(sensor, y, z), y, z], axis=-1) @ pose[:3, :3].T + pose[:3, 3]
     height = (gel - point) @ normal
@@ -99,9 +109,8 @@ def test_a_tilted_gel_touches_a_flat_surface_at_the_point_and_nowhere_else(
 
 
 def mean_normal(surface: Surface, point: list[float]) -> np.ndarray:
-    closest = surface.closest_points(np.array([point]))
-    shading = surface.normals_at(closest.face, closest.barycentric)[0]
-    return contact_normal(FacePatches(surface), closest.points[0], shading, 0.002)
+    simulator = Simulator(FacePatches(surface), Sensor(), 1)
+    return simulator.stand(np.array([point]), np.zeros(1), np.zeros(1))[1][0]
 
 
 def test_the_mean_normal_on_an_edge_of_a_box_halves_the_angle() -> None:

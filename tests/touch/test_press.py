@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,23 +9,15 @@ from touch_shapes import box, bumpy, psnr_db, sphere
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.image import render_poses
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
 from objectfolder.touch.sensor.gel import gel_sag, gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import Touches, press, press_in_chunks
+from objectfolder.touch.truth.press import press, render_poses
+from objectfolder.touch.truth.touches import Press, Touches
 
 SENSOR = Sensor()
 BUMPY = bumpy()
 BUMPY_PATCHES = FacePatches(BUMPY)
-
-
-@pytest.fixture(scope="module", autouse=True, params=["compiled", "reference"])
-def backend(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Every test by both ways."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("objectfolder.touch.rendering.backends._compiles", lambda: request.param == "compiled")
-        yield request.param
 
 
 def pixel_rays() -> tuple[np.ndarray, np.ndarray]:
@@ -38,7 +29,7 @@ def pixel_rays() -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("depth", [0.0003, 0.0005, 0.00075])
 def test_a_pressed_plane_has_the_closed_forms_depth_map_area_and_mask(depth: float) -> None:
     plane = Surface(*box((-0.05, -0.05, -0.02), (0.05, 0.05, 0.0)))
-    touch = press(plane, SENSOR, np.array([[0.003, -0.004, 0.0]]), depth_m=depth, samples=1)
+    touch = press(plane, SENSOR, np.array([[0.003, -0.004, 0.0]]), Press(depth_m=depth, samples=1))
     u, v = pixel_rays()
     x = 0.022 - depth
     expected = np.maximum(gel_surface(SENSOR, u * x, 0.015 + v * x) - x, 0.0)
@@ -57,7 +48,7 @@ def test_a_pressed_plane_has_the_closed_forms_depth_map_area_and_mask(depth: flo
 def test_a_pressed_sphere_has_the_closed_forms_depth_map_and_area(radius: float, depth: float) -> None:
     ball = Surface(*sphere(radius, 6))
     direction = np.array([2.0, -1.0, 2.0]) / 3
-    touch = press(ball, SENSOR, radius * direction[None], depth_m=depth, samples=1)
+    touch = press(ball, SENSOR, radius * direction[None], Press(depth_m=depth, samples=1))
     u, v = pixel_rays()
     # Ray from the camera to a ball whose nearest point is `depth` inside the apex.
     centre = np.array([0.022 - depth + radius, 0.0, 0.0])
@@ -88,7 +79,9 @@ def test_no_image_shows_the_object_deeper_than_its_label(
     depth: float, tilt: float, azimuth: float, seed: int
 ) -> None:
     points = BUMPY.sample(2, seed).points
-    touch = press(BUMPY_PATCHES, SENSOR, points, depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1)
+    touch = press(
+        BUMPY_PATCHES, SENSOR, points, Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1)
+    )
     assert (touch.depth.max(axis=(1, 2)) <= touch.penetration_m + 1e-12).all()
     assert (touch.penetration_m == depth).all()
     assert (touch.depth >= 0).all()
@@ -102,7 +95,7 @@ def test_no_image_shows_the_object_deeper_than_its_label(
 
 def test_the_depth_map_shows_the_whole_penetration_of_a_small_ball() -> None:
     ball = Surface(*sphere(0.004))
-    touch = press(ball, SENSOR, ball.vertices[[100, 200, 300]], depth_m=0.0015, samples=2)
+    touch = press(ball, SENSOR, ball.vertices[[100, 200, 300]], Press(depth_m=0.0015, samples=2))
     assert np.allclose(touch.depth.max(axis=(1, 2)), 0.0015, atol=1e-5)
 
 
@@ -122,25 +115,15 @@ def test_a_batch_answers_as_single_presses_do_bit_for_bit() -> None:
     points = BUMPY.sample(7, 3).points
     depth = np.linspace(0.0002, 0.002, 7)
     tilt, azimuth = np.linspace(0, 15, 7), np.linspace(0, 300, 7)
-    batch = press(BUMPY_PATCHES, SENSOR, points, depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth)
+    batch = press(BUMPY_PATCHES, SENSOR, points, Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth))
     for index in range(7):
         single = press(
             BUMPY,
             SENSOR,
             points[index : index + 1],
-            depth_m=depth[index],
-            tilt_deg=tilt[index],
-            azimuth_deg=azimuth[index],
+            Press(depth_m=depth[index], tilt_deg=tilt[index], azimuth_deg=azimuth[index]),
         )
         assert_equal_touches(single, batch, slice(index, index + 1))
-    chunks = press_in_chunks(
-        BUMPY, SENSOR, points, depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, chunk=3
-    )
-    start = 0
-    for chunk in chunks:
-        assert_equal_touches(chunk, batch, slice(start, start + len(chunk)))
-        start += len(chunk)
-    assert start == 7
 
 
 def assert_equal_touches(part: Touches, whole: Touches, rows: slice) -> None:
@@ -165,7 +148,7 @@ def test_the_order_of_faces_and_of_their_corners_does_not_matter() -> None:
 @given(st.integers(0, 1000), st.floats(-1, 1), st.floats(-np.pi, np.pi))
 @settings(max_examples=10, deadline=None)
 def test_moving_object_and_sensor_together_leaves_the_image(seed: int, shift: float, angle: float) -> None:
-    touch = press(BUMPY_PATCHES, SENSOR, BUMPY.sample(1, seed).points, samples=1)
+    touch = press(BUMPY_PATCHES, SENSOR, BUMPY.sample(1, seed).points, Press(samples=1))
     axis = np.random.default_rng(seed).normal(size=3)
     axis /= np.linalg.norm(axis)
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
@@ -189,7 +172,7 @@ def test_a_translated_object_feels_the_same_where_it_is_pressed() -> None:
 
 def test_more_samples_converge() -> None:
     points = BUMPY.sample(3, 2).points
-    one, two, four = (press(BUMPY_PATCHES, SENSOR, points, samples=samples) for samples in (1, 2, 4))
+    one, two, four = (press(BUMPY_PATCHES, SENSOR, points, Press(samples=samples)) for samples in (1, 2, 4))
     coarse = [psnr_db(a, b) for a, b in zip(four.rgb, one.rgb, strict=True)]
     fine = [psnr_db(a, b) for a, b in zip(four.rgb, two.rgb, strict=True)]
     assert np.mean(fine) > np.mean(coarse) + 3
@@ -207,7 +190,7 @@ def test_more_samples_converge() -> None:
 )
 def test_impossible_queries_are_refused_by_name(query: dict[str, Any], message: str) -> None:
     with pytest.raises(QueryError, match=message):
-        press(BUMPY_PATCHES, SENSOR, BUMPY.vertices[:2], **query)
+        press(BUMPY_PATCHES, SENSOR, BUMPY.vertices[:2], Press(**query))
 
 
 @pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 2)), np.full((1, 3), np.nan)])
@@ -224,22 +207,22 @@ def test_no_points_make_no_touches() -> None:
 
 def test_a_gel_pressed_to_its_limit_is_saturated() -> None:
     touch = press(
-        BUMPY_PATCHES, SENSOR, BUMPY.sample(2, 1).points, depth_m=np.array([0.0049, 0.005]), samples=1
+        BUMPY_PATCHES, SENSOR, BUMPY.sample(2, 1).points, Press(depth_m=np.array([0.0049, 0.005]), samples=1)
     )
     assert touch.saturated.tolist() == [False, True]
 
 
 def test_the_rigid_gel_bears_no_force_and_refuses_to_be_asked_for_one() -> None:
     point = BUMPY.sample(1, 1).points
-    assert np.isnan(press(BUMPY_PATCHES, SENSOR, point, samples=1).force_n).all()
+    assert np.isnan(press(BUMPY_PATCHES, SENSOR, point, Press(samples=1)).force_n).all()
     with pytest.raises(QueryError, match="force_n: a rigid contact bears no force"):
-        press(BUMPY_PATCHES, SENSOR, point, force_n=1.0)
+        press(BUMPY_PATCHES, SENSOR, point, Press(force_n=1.0, contact="rigid"))
     with pytest.raises(QueryError, match="Use 'rigid' or 'elastic'"):
-        press(BUMPY_PATCHES, SENSOR, point, contact="sticky")
+        press(BUMPY_PATCHES, SENSOR, point, Press(contact="sticky"))
 
 
 def test_any_number_of_samples_a_side_up_to_four_answers_alike() -> None:
     points = BUMPY.sample(2, 8).points
-    images = [press(BUMPY_PATCHES, SENSOR, points, samples=samples).rgb for samples in (1, 2, 3, 4)]
+    images = [press(BUMPY_PATCHES, SENSOR, points, Press(samples=samples)).rgb for samples in (1, 2, 3, 4)]
     for image in images[:-1]:
         assert psnr_db(images[-1], image) > 40

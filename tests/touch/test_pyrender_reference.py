@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from touch_shapes import box, bumpy, psnr_db, torus
 
+from bench.references.touch_opengl import render_reference
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.rendering.pyrender_reference import render_reference
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press
 
 SENSOR = Sensor()
 SURFACES = {
@@ -37,7 +38,7 @@ def test_images_agree_with_opengl(name: str) -> None:
     points = surface.sample(6, 2).points
     if name == "box":
         points = np.concatenate([points, surface.vertices[[7]], [[0.05, 0.02, 0.03]]])
-    touch = press(surface, SENSOR, points, depth_m=0.0012, tilt_deg=7.0, azimuth_deg=40.0)
+    touch = press(surface, SENSOR, points, Press(depth_m=0.0012, tilt_deg=7.0, azimuth_deg=40.0))
     images, depths = reference(surface, touch.sensor_to_object)
     background = no_contact_image(SENSOR)
     seen = touch.mask.sum(axis=(1, 2)) > 100
@@ -69,7 +70,7 @@ def test_the_untouched_gel_agrees_with_opengl_to_a_grey_level() -> None:
 @pytest.mark.slow
 def test_a_mesh_held_by_opengl_looks_as_one_handed_over_at_each_pose() -> None:
     surface = SURFACES["bumpy ball"]
-    touch = press(surface, SENSOR, surface.sample(3, 4).points, depth_m=0.001)
+    touch = press(surface, SENSOR, surface.sample(3, 4).points, Press(depth_m=0.001))
     images, depths = reference(surface, touch.sensor_to_object)
     held_images, held_depths = reference(surface, touch.sensor_to_object, held=True)
     # Single precision moves outlines by a fraction of a micrometre.

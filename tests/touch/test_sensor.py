@@ -5,7 +5,7 @@ import pytest
 
 from objectfolder.errors import FormatError
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
-from objectfolder.touch.sensor.gel import gel_normals, gel_point_with_slope, gel_surface
+from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 
 
@@ -67,14 +67,6 @@ def test_rays_meet_the_gel_on_its_surface() -> None:
 
 def test_a_pixel_at_the_apex_is_a_sixth_of_a_millimetre() -> None:
     assert np.sqrt(ray_grid(Sensor(), 1).cell) * 0.022 == pytest.approx(0.159e-3, rel=1e-2)
-
-
-def test_the_gels_normal_at_the_point_with_a_slope_has_that_slope() -> None:
-    sensor = Sensor()
-    point = gel_point_with_slope(sensor, np.array([0.1, 0.0]), np.array([-0.2, 0.0]))
-    normals = gel_normals(sensor, point[:, 1], point[:, 2])
-    assert np.allclose(normals[1:] / normals[0], [[0.1, 0.0], [-0.2, 0.0]])
-    assert np.allclose(gel_surface(sensor, point[:, 1], point[:, 2]), point[:, 0])
 
 
 def test_a_camera_that_sees_past_the_gel_is_refused() -> None:

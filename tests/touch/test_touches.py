@@ -8,6 +8,7 @@ from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
 from objectfolder.touch.truth.record import simulate_touches
+from objectfolder.touch.truth.touches import Press
 
 SENSOR = Sensor()
 
@@ -84,9 +85,7 @@ def test_a_touchnet_answers_held_out_touches_from_the_compressed_surface() -> No
     again = TouchNet.from_tensors(net.tensors(), net.metadata(), net.surface)
     answer = again.press(
         truth["points"],
-        depth_m=truth["depth_m"],
-        tilt_deg=truth["tilt_deg"],
-        azimuth_deg=truth["azimuth_deg"],
+        Press(depth_m=truth["depth_m"], tilt_deg=truth["tilt_deg"], azimuth_deg=truth["azimuth_deg"]),
     )
     scores = [
         psnr_db(a, b, m) for a, b, m in zip(truth["rgb"], answer.rgb, truth["mask"], strict=True) if m.any()
@@ -111,9 +110,7 @@ def test_a_real_scan_is_answered_at_42_db_in_the_contact(shared_objects, object_
     truth = simulate_touches(mesh.surface, SENSOR, touches=0, held_out_touches=25, seed=3)
     answer = TouchNet(decode_surface(tensors), SENSOR).press(
         truth["points"],
-        depth_m=truth["depth_m"],
-        tilt_deg=truth["tilt_deg"],
-        azimuth_deg=truth["azimuth_deg"],
+        Press(depth_m=truth["depth_m"], tilt_deg=truth["tilt_deg"], azimuth_deg=truth["azimuth_deg"]),
     )
     pairs = zip(truth["rgb"], answer.rgb, truth["mask"], strict=True)
     assert np.mean([psnr_db(a, b, m) for a, b, m in pairs if m.any()]) > 42

@@ -8,6 +8,7 @@ from objectfolder.touch.sensor.noise import with_noise
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.touch.truth.touches import Press
 
 SURFACE = bumpy(subdivisions=4)
 POINTS = SURFACE.sample(3, 1).points
@@ -21,8 +22,8 @@ def net() -> TouchNet:
 @pytest.mark.parametrize("factor", [2, 4])
 def test_a_finer_image_shows_the_same_touch(net: TouchNet, factor: int) -> None:
     asked = {"depth_m": np.array([0.0005, 0.001, 0.002]), "tilt_deg": 5.0, "azimuth_deg": 40.0}
-    coarse = net.press(POINTS, **asked, samples=factor)
-    fine = net.press(POINTS, **asked, samples=1, resolution=(160 * factor, 120 * factor))
+    coarse = net.press(POINTS, Press(**asked, samples=factor))
+    fine = net.press(POINTS, Press(**asked, samples=1), resolution=(160 * factor, 120 * factor))
     assert fine.rgb.shape == (3, 160 * factor, 120 * factor, 3)
     means = fine.rgb.reshape(3, 160, factor, 120, factor, 3).mean(axis=(2, 4))
     # What differs: where in a pixel its rays lie, and rounding to 8 bits before the mean or after.
@@ -49,7 +50,7 @@ def test_a_background_is_of_the_size_asked_for(net: TouchNet) -> None:
 def test_a_flat_sensor_answers_from_the_same_surface() -> None:
     net = TouchNet(SURFACE, read_sensor("gelsight"))
     again = TouchNet.from_tensors(net.tensors(), net.metadata(), SURFACE)
-    touches = again.press(POINTS, depth_m=0.001)
+    touches = again.press(POINTS, Press(depth_m=0.001))
     assert touches.rgb.shape == (3, 240, 320, 3)
     untouched = np.broadcast_to(net.no_contact, touches.rgb.shape)
     # Away from the contact nothing moves (but where a pixel sees less than a depth step of it); in it the
@@ -65,7 +66,7 @@ def test_a_flat_sensor_answers_from_the_same_surface() -> None:
 @pytest.mark.parametrize("sensor", ["digit", "gelsight"])
 def test_an_elastic_gel_touches_less_than_the_object_lies_in_it(sensor: str) -> None:
     net = TouchNet(SURFACE, read_sensor(sensor))
-    rigid, elastic = net.press(POINTS), net.press(POINTS, contact="elastic")
+    rigid, elastic = net.press(POINTS), net.press(POINTS, Press(contact="elastic"))
     np.testing.assert_array_equal(elastic.penetration_m, rigid.penetration_m)
     assert (elastic.mask.sum(axis=(1, 2)) < rigid.mask.sum(axis=(1, 2))).all()
     assert (elastic.depth.min(axis=(1, 2)) < 0).all()  # it bulges
@@ -74,15 +75,15 @@ def test_an_elastic_gel_touches_less_than_the_object_lies_in_it(sensor: str) -> 
 
 
 def test_a_force_is_a_touch_with_an_elastic_gel(net: TouchNet) -> None:
-    pressed = net.press(POINTS, depth_m=0.0007, contact="elastic")
-    forced = net.press(POINTS, force_n=pressed.force_n)
+    pressed = net.press(POINTS, Press(depth_m=0.0007, contact="elastic"))
+    forced = net.press(POINTS, Press(force_n=pressed.force_n))
     np.testing.assert_allclose(forced.penetration_m, 0.0007, rtol=1e-3)
     np.testing.assert_allclose(forced.force_n, pressed.force_n, rtol=1e-6)
     assert min(psnr_db(a, b) for a, b in zip(pressed.rgb, forced.rgb, strict=True)) > 50
     with pytest.raises(QueryError, match="force"):
-        net.press(POINTS, force_n=1.0, contact="rigid")
+        net.press(POINTS, Press(force_n=1.0, contact="rigid"))
     with pytest.raises(QueryError, match="contact"):
-        net.press(POINTS, contact="soft")
+        net.press(POINTS, Press(contact="soft"))
 
 
 def test_the_contact_model_of_the_data_set_is_stored() -> None:

@@ -3,20 +3,20 @@
 What a contact solver needs of the object: parallel rays along the sensor's axis, one a cell.
 """
 
-from itertools import pairwise
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
 
 import numpy as np
 
+from objectfolder.jit import kernel
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.backends import choose_backend
-from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.gel import gel_constants, gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 
 # How far outside a face, in parts of its doubled area, a ray still meets it: none slips between two faces.
 TOLERANCE = 1e-12
 # Faces further than this above the gel's apex do not count.
 REACH_M = 0.01
-PAIRS_AT_ONCE = 1 << 20
 
 
 def gel_grid(sensor: Sensor, grid_shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -31,13 +31,7 @@ def gel_grid(sensor: Sensor, grid_shape: tuple[int, int]) -> tuple[np.ndarray, n
 
 
 def gap_field(
-    patches: FacePatches,
-    sensor: Sensor,
-    pose: np.ndarray,
-    grid_shape: tuple[int, int],
-    *,
-    reach_m: float = REACH_M,
-    backend: str | None = None,
+    patches: FacePatches, sensor: Sensor, pose: np.ndarray, grid_shape: tuple[int, int]
 ) -> np.ndarray:
     """Height of the object's lowest surface over the undeformed gel, along the sensor's axis.
 
@@ -47,90 +41,58 @@ def gap_field(
         sensor_to_object (4, 4), metres.
     grid_shape
         Rows and columns, at least 2 each, of cells over the gel's extent; `gel_grid` gives their centres.
-    reach_m
-        What is further above the gel's apex than this does not count.
-    backend
-        See `objectfolder.touch.rendering.backends.choose_backend`.
 
     Returns
     -------
     np.ndarray
         (rows, columns) float64 metres, negative where the object lies in the gel, infinity where no face
-        lies between the camera's near plane and the reach.
+        lies between the camera's near plane and `REACH_M` above the gel's apex.
     """
     z, y = gel_grid(sensor, grid_shape)
-    apex = np.asarray(sensor.gel_apex_m)
-    half = np.array([0.0, sensor.gel_width_m / 2, sensor.gel_height_m / 2])
-    low, high = apex - half, apex + half
-    low[0], high[0] = sensor.camera_position_m[0] + sensor.near_m, apex[0] + reach_m
-    if choose_backend(backend) == "compiled":
-        from objectfolder.touch.compiled.height_field import lowest
-
-        _, triangles = patches.tree.in_box(pose, low, high)
-        x = lowest(triangles, y, z, float(low[0]), TOLERANCE)
-    else:
-        x = _lowest(patches.corners_in(pose, patches.in_box(pose, low, high)), y, z, float(low[0]))
-    x[x > high[0]] = np.inf
+    gel = gel_constants(sensor)
+    _, triangles, _ = patches.near_gel(pose, gel, -REACH_M - sensor.gel_sagitta_m)
+    x = _lowest(triangles, y, z, sensor.camera_position_m[0] + sensor.near_m)
+    x[x > sensor.gel_apex_m[0] + REACH_M] = np.inf
     yy, zz = np.meshgrid(y, z)
     return np.asarray(x - gel_surface(sensor, yy, zz))
 
 
-def _lowest(triangles: np.ndarray, y: np.ndarray, z: np.ndarray, least: float) -> np.ndarray:
-    """Least x >= `least` (rows, columns) of triangles (m, 3, 3); infinity where there is none."""
-    lowest = np.full(len(z) * len(y), np.inf)
-    first_row, rows = _covered(triangles[:, :, 2], z)
-    first_column, columns = _covered(triangles[:, :, 1], y)
-    pairs = rows * columns
-    face = np.flatnonzero(pairs)
-    for part in _parts(pairs[face]):
-        _lower(triangles, face[part], first_row, first_column, columns, pairs, y, z, least, lowest)
-    return lowest.reshape(len(z), len(y))
+@kernel
+def _covered(a, b, c, first, pitch, count):
+    """First and last cell whose centre lies between the least and greatest of three coordinates."""
+    a, b, c = (a - first) / pitch, (b - first) / pitch, (c - first) / pitch
+    least, most = min(min(a, b), c) - 1e-9, max(max(a, b), c) + 1e-9
+    return int(np.ceil(min(max(least, 0.0), count))), int(np.floor(max(min(most, count - 1.0), -1.0)))
 
 
-def _covered(coordinate: np.ndarray, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First cell, and number of cells, whose centres lie between the least and greatest of each (m, 3)."""
-    pitch = centres[1] - centres[0]
-    position = (coordinate - centres[0]) / pitch
-    first = np.ceil(position.min(axis=1) - 1e-9).clip(0, len(centres)).astype(np.int64)
-    last = np.floor(position.max(axis=1) + 1e-9).clip(-1, len(centres) - 1).astype(np.int64)
-    return first, np.maximum(last - first + 1, 0)
+@kernel
+def _lowest(triangles, y, z, least):
+    """Least x >= `least` (rows, columns) of triangles (m, 3, 3) over the grid; infinity where there is none.
 
-
-def _lower(
-    triangles: np.ndarray,
-    face: np.ndarray,
-    first_row: np.ndarray,
-    first_column: np.ndarray,
-    columns: np.ndarray,
-    pairs: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    least: float,
-    lowest: np.ndarray,
-) -> None:
-    """Lower `lowest` (rows * columns,) to the faces (k,)."""
-    count = pairs[face]
-    index = np.repeat(face, count)
-    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    row = first_row[index] + within // columns[index]
-    column = first_column[index] + within % columns[index]
-    corners = triangles[index]
-    dy, dz = corners[:, :, 1] - y[column, None], corners[:, :, 2] - z[row, None]
-    weights = [dy[:, i] * dz[:, j] - dz[:, i] * dy[:, j] for i, j in ((1, 2), (2, 0), (0, 1))]
-    area = weights[0] + weights[1] + weights[2]
-    size = np.abs(weights[0]) + np.abs(weights[1]) + np.abs(weights[2])
-    sign = np.sign(area)
-    inside = (area != 0) & (np.minimum.reduce([weight * sign for weight in weights]) >= -TOLERANCE * size)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = sum(weight * corners[:, corner, 0] for corner, weight in enumerate(weights)) / area
-    # Within the tolerance of an edge a face seen nearly edge-on may be far outside itself.
-    x = np.clip(x, corners[:, :, 0].min(axis=1), corners[:, :, 0].max(axis=1))
-    met = inside & (x >= least)
-    np.minimum.at(lowest, (row * len(y) + column)[met], x[met])
-
-
-def _parts(count: np.ndarray) -> list[slice]:
-    """Slices with about `PAIRS_AT_ONCE` pairs of face and cell each."""
-    chunk = np.cumsum(count) // PAIRS_AT_ONCE
-    edges = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(count)]
-    return [slice(a, b) for a, b in pairwise(edges) if b > a]
+    `triangles` are in the sensor frame, metres; `y` (columns,) and `z` (rows,) descend.
+    """
+    found = np.full((len(z), len(y)), np.inf)
+    for face in range(len(triangles)):
+        a, b, c = triangles[face, 0], triangles[face, 1], triangles[face, 2]
+        low, high = min(min(a[0], b[0]), c[0]), max(max(a[0], b[0]), c[0])
+        if high < least:
+            continue
+        first_row, last_row = _covered(a[2], b[2], c[2], z[0], z[1] - z[0], len(z))
+        first_column, last_column = _covered(a[1], b[1], c[1], y[0], y[1] - y[0], len(y))
+        for row in range(first_row, last_row + 1):
+            az, bz, cz = a[2] - z[row], b[2] - z[row], c[2] - z[row]
+            for column in range(first_column, last_column + 1):
+                ay, by, cy = a[1] - y[column], b[1] - y[column], c[1] - y[column]
+                first, second, third = by * cz - bz * cy, cy * az - cz * ay, ay * bz - az * by
+                area = first + second + third
+                if area == 0:
+                    continue
+                sign = 1.0 if area > 0 else -1.0
+                slack = -TOLERANCE * (abs(first) + abs(second) + abs(third))
+                if first * sign < slack or second * sign < slack or third * sign < slack:
+                    continue
+                x = (first * a[0] + second * b[0] + third * c[0]) / area
+                x = min(max(x, low), high)
+                if x >= least and x < found[row, column]:
+                    found[row, column] = x
+    return found

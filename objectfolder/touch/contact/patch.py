@@ -1,19 +1,19 @@
-"""The faces of a surface near a point, found by bounding spheres."""
-
-from functools import cached_property
-from typing import TYPE_CHECKING
+"""The faces of a surface near a point, a box or the gel, found in a tree of boxes over them."""
 
 import numpy as np
 
 from objectfolder.errors import QueryError
+from objectfolder.surface.bounding_boxes import BoundingBoxTree
 from objectfolder.surface.surface import Surface
-
-if TYPE_CHECKING:
-    from objectfolder.touch.compiled.face_tree import FaceTree
+from objectfolder.touch.contact import box_queries, point_queries
 
 
 class FacePatches:
-    """A surface prepared for presses: who is near, and with which corners and normals.
+    """A surface prepared for presses: which faces are near, and with which corners and normals.
+
+    The boxes of `BoundingBoxTree` are flattened to (nodes, 6), lower and upper corners: the children of
+    node i are 2 i + 1 and 2 i + 2. Everything is in double precision, and no face that a query meets is
+    missing.
 
     Parameters
     ----------
@@ -38,45 +38,34 @@ class FacePatches:
         self.triangles = surface.vertices[surface.faces]
         self.face_normals = surface.face_normals
         self.corner_normals = surface.corner_normals
-        low, high = self.triangles.min(axis=1), self.triangles.max(axis=1)
-        self._centres = np.ascontiguousarray(((low + high) / 2).T)
-        spread = self.triangles - self._centres.T[:, None]
-        self._radii = np.sqrt(np.einsum("ijk,ijk->ij", spread, spread).max(axis=1))
+        tree = BoundingBoxTree(self.triangles)
+        self._boxes = np.concatenate([np.concatenate(tree.low), np.concatenate(tree.high)], axis=1)
+        self._order = np.ascontiguousarray(tree.order)
 
-    @cached_property
-    def tree(self) -> "FaceTree":
-        """Boxes over the faces, for the compiled kernels."""
-        from objectfolder.touch.compiled.face_tree import FaceTree
+    def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Face (n,) nearest to each point (n, 3), and barycentric coordinates (n, 3) of its nearest point.
 
-        return FaceTree.of_triangles(self.triangles)
-
-    def near(self, centre: np.ndarray, radius: float) -> np.ndarray:
-        """Indices of the faces whose bounding sphere meets the ball (centre (3,), radius), metres."""
-        x, y, z = self._centres
-        squared = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2
-        return np.flatnonzero(squared <= (self._radii + radius) ** 2)
-
-    def in_box(self, pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Indices of the faces that may meet a box, given by its corners (3,) in the frame of `pose` (4, 4).
-
-        None that meets it is missing; some that pass near may be there.
+        Of faces equally near the one of lowest index.
         """
-        half = (high - low) / 2
-        centre = pose[:3, :3] @ (low + half) + pose[:3, 3]
-        near = self.near(centre, float(np.linalg.norm(half)))
-        x, y, z = (self._centres[axis, near] - centre[axis] for axis in range(3))
-        reach = self._radii[near]
-        meets = np.ones(len(near), dtype=bool)
-        for axis in range(3):
-            r = pose[:3, axis]
-            meets &= np.abs(x * r[0] + y * r[1] + z * r[2]) <= half[axis] + reach
-        return np.asarray(near[meets])
+        return point_queries.closest(self._boxes, self._order, self.triangles, points)
 
-    def corners_in(self, pose: np.ndarray, faces: np.ndarray) -> np.ndarray:
-        """Corners (m, 3, 3) of `faces` (m,) in the frame of `pose`; shared corners get equal bits."""
-        triangles = self.triangles[faces]
-        x, y, z = (triangles[..., axis] - pose[axis, 3] for axis in range(3))
-        return np.stack([x * r[0] + y * r[1] + z * r[2] for r in pose[:3, :3].T], axis=-1)
+    def in_balls(self, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Faces whose boxes meet balls round points (n, 3): those of i are faces[starts[i]:starts[i + 1]]."""
+        return point_queries.in_balls(self._boxes, self._order, points, radius)
+
+    def near_gel(
+        self, pose: np.ndarray, gel: np.ndarray, least: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Faces (m,) that may reach deeper into the gel than `least` metres, in the order of the tree.
+
+        Also their corners (m, 3, 3) in the frame of `pose` (4, 4), the sensor's, and bounds (m,) of their
+        indentation. `gel` is as of `gel.gel_constants`.
+        """
+        return box_queries.near_gel(self._boxes, self._order, self.triangles, pose, gel, least)
+
+    def enters_box(self, pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
+        """Whether any face enters the open box between corners (3,) in the frame of `pose` (4, 4)."""
+        return bool(box_queries.enters_box(self._boxes, self._order, self.triangles, pose, low, high))
 
 
 def _welded(surface: Surface) -> Surface:

@@ -1,3 +1,0 @@
-from objectfolder.touch.elastic.press import press_elastic
-
-__all__ = ["press_elastic"]

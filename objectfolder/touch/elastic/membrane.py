@@ -1,18 +1,21 @@
-"""The deformed gel as a height field, and where the camera's rays meet it.
+"""The deformed gel as a height field, where the camera's rays meet it, and what the camera sees.
 
 The surface is the undeformed gel less its displacement, bilinear between the centres of the cells; its slopes
 are those of the object where it touches, and central differences elsewhere.
 """
 
-from dataclasses import dataclass
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
 
 import numpy as np
 
+from objectfolder.jit import kernel
 from objectfolder.touch.contact.height_field import gel_grid
 from objectfolder.touch.elastic.contact_problem import Contact
-from objectfolder.touch.sensor.camera import RayGrid
-from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, RayGrid, resolve, to_bytes
+from objectfolder.touch.sensor.gel import gel_slopes
 from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.shading import shade
 
 # Displacements and slopes below which a ray shows the undeformed gel: less than 0.05 grey levels.
 UNMOVED_M = 1e-7
@@ -22,128 +25,140 @@ NEWTON_STEPS = 4
 LEAST_APPROACH = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class Membrane:
-    """Gel deformed by a contact.
+def membrane_fields(contact: Contact, sensor: Sensor, object_slopes: np.ndarray) -> np.ndarray:
+    """Displacement, slopes and touch of a gel on the grid of a contact, `height_field.gel_grid`.
+
+    Parameters
+    ----------
+    object_slopes
+        (2, rows, columns) dx/dy and dx/dz of the object where it touches, NaN where they are not known.
+
+    Returns
+    -------
+    np.ndarray
+        (rows, columns, 4) float64: displacement towards the camera, metres, its slopes along the sensor's y
+        and z, and 1 where the gel is touched; rows descend in z and columns in y.
+    """
+    displacement = contact.displacement_m
+    down_z, down_y = np.gradient(displacement, *contact.pitch_m)
+    fields = np.stack([displacement, -down_y, -down_z, contact.mask.astype(np.float64)], axis=-1)
+    z, y = gel_grid(sensor, (displacement.shape[0], displacement.shape[1]))
+    row, column = np.nonzero(contact.mask & np.isfinite(object_slopes).all(axis=0))
+    gel = np.stack(gel_slopes(sensor, y[column], z[row]), axis=-1)
+    fields[row, column, 1:3] = gel - object_slopes[:, row, column].T
+    return fields
+
+
+def membrane_image(
+    fields: np.ndarray, sensor: Sensor, grid: RayGrid
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Image of the deformed gel by the sensor's own shading.
 
     Parameters
     ----------
     fields
-        (4, rows, columns) float64: displacement towards the camera, metres, its slopes along the sensor's y
-        and z, and 1 where the gel is touched; rows descend in z and columns in y.
+        (rows, columns, 4) of `membrane_fields`.
+    grid
+        The camera's rays, one or more a pixel.
+
+    Returns
+    -------
+    tuple
+        rgb (height, width, 3) uint8; depth (height, width) float32 metres, the displacement of the membrane
+        where a pixel sees it, negative where it bulges out, in steps as the rigid depth maps have; mask
+        (height, width) bool, whether at least half of a pixel's samples see the gel touched.
     """
-
-    fields: np.ndarray
-
-    @classmethod
-    def of(cls, contact: Contact, sensor: Sensor, object_slopes: np.ndarray | None = None) -> "Membrane":
-        """Membrane of a contact whose grid is `height_field.gel_grid` of the sensor.
-
-        `object_slopes` (2, rows, columns) are dx/dy and dx/dz of the object where it touches, NaN where they
-        are not known.
-        """
-        displacement = contact.displacement_m
-        down_z, down_y = np.gradient(displacement, *contact.pitch_m)
-        fields = np.stack([displacement, -down_y, -down_z, contact.mask.astype(np.float64)])
-        if object_slopes is not None:
-            z, y = gel_grid(sensor, (displacement.shape[0], displacement.shape[1]))
-            known = contact.mask & np.isfinite(object_slopes).all(axis=0)
-            row, column = np.nonzero(known)
-            gel = gel_slopes(sensor, y[column], z[row])
-            fields[1:3, row, column] = np.stack(gel) - object_slopes[:, row, column]
-        return cls(fields)
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What rays meet of a membrane that has moved.
-
-    ``sample`` (n,) indices of rays; ``position`` and ``normal`` (3, n) float32, sensor frame, the normal
-    towards the camera and not unit; ``displacement`` (n,) metres; ``touched`` (n,) bool.
-    """
-
-    sample: np.ndarray
-    position: np.ndarray
-    normal: np.ndarray
-    displacement: np.ndarray
-    touched: np.ndarray
-
-
-def trace_membrane(membrane: Membrane, sensor: Sensor, grid: RayGrid) -> Seen:
-    """Meet the membrane by Newton's method along each ray, from the undeformed gel on."""
-    fields = membrane.fields
-    v, u = (part.ravel() for part in np.meshgrid(grid.v, grid.u, indexing="ij"))
-    displacement, down_y, down_z, _ = _bilinear(fields, sensor, *_along(sensor, grid.gel_depth, u, v))
-    moved = np.abs(displacement) > UNMOVED_M
-    moved |= np.abs(down_y) + np.abs(down_z) > UNMOVED_SLOPE
-    sample = np.flatnonzero(moved)
-    u, v, ray = u[sample], v[sample], grid.gel_depth[sample]
-    for _ in range(NEWTON_STEPS):
-        y, z = _along(sensor, ray, u, v)
-        displacement, down_y, down_z = _bilinear_slopes(fields[0], sensor, y, z)
-        slope_y, slope_z = gel_slopes(sensor, y, z)
-        before = sensor.camera_position_m[0] + ray - gel_surface(sensor, y, z) + displacement
-        approach = 1 - (slope_y - down_y) * u - (slope_z - down_z) * v
-        ray = np.maximum(ray - before / np.maximum(approach, LEAST_APPROACH), grid.near)
-    y, z = _along(sensor, ray, u, v)
-    displacement, down_y, down_z, touched = _bilinear(fields, sensor, y, z)
-    slope_y, slope_z = gel_slopes(sensor, y, z)
-    return Seen(
-        sample,
-        np.stack([sensor.camera_position_m[0] + ray, y, z]).astype(np.float32),
-        np.stack([-np.ones_like(y), slope_y - down_y, slope_z - down_z]).astype(np.float32),
-        displacement,
-        touched >= 0.5,
+    extent = (sensor.gel_width_m, sensor.gel_height_m, sensor.gel_radius_m, sensor.gel_stretch)
+    gel = np.array([*sensor.camera_position_m, *sensor.gel_apex_m, *extent])
+    sample, position, normal, displacement, met = _trace(
+        fields, gel, grid.u, grid.v, grid.gel_depth, grid.near
+    )
+    values = grid.gel_values.copy()
+    values[sample] = shade(sensor, position, normal)
+    depth, touched = np.zeros(len(values)), np.zeros(len(values), dtype=np.float32)
+    depth[sample], touched[sample] = displacement, met
+    depth_map = resolve(depth, sensor, grid.samples)
+    return (
+        to_bytes(resolve(values, sensor, grid.samples)),
+        (np.trunc(depth_map * DEPTH_STEPS_PER_M) / DEPTH_STEPS_PER_M).astype(np.float32),
+        resolve(touched, sensor, grid.samples) >= 0.5,
     )
 
 
-def gel_slopes(sensor: Sensor, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes dx/dy and dx/dz of the undeformed gel."""
-    y, z = y - sensor.gel_apex_m[1], z - sensor.gel_apex_m[2]
-    scale = -sensor.gel_stretch / np.sqrt(sensor.gel_radius_m**2 - y * y - z * z)
-    return scale * y, scale * z
-
-
-def _along(sensor: Sensor, ray: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates y and z of points of the rays."""
-    return sensor.camera_position_m[1] + ray * u, sensor.camera_position_m[2] + ray * v
-
-
-def _cell(
-    shape: tuple[int, ...], sensor: Sensor, y: np.ndarray, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First of the four centres round each place (n,), and how far down and right of it the place is.
+@kernel
+def _cell(shape, gel, y, z):
+    """Row and column of the first of the four centres round a place, and how far down and right it is.
 
     Beyond the outermost centres the place counts as on them.
     """
-    rows, columns = shape
-    row = (0.5 - (z - sensor.gel_apex_m[2]) / sensor.gel_height_m) * rows - 0.5
-    column = (0.5 - (y - sensor.gel_apex_m[1]) / sensor.gel_width_m) * columns - 0.5
-    row, column = np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)
-    top = np.minimum(row.astype(np.int64), rows - 2)
-    left = np.minimum(column.astype(np.int64), columns - 2)
-    return top * columns + left, row - top, column - left
+    row = (0.5 - (z - gel[5]) / gel[7]) * shape[0] - 0.5
+    column = (0.5 - (y - gel[4]) / gel[6]) * shape[1] - 0.5
+    row, column = min(max(row, 0.0), shape[0] - 1.0), min(max(column, 0.0), shape[1] - 1.0)
+    top, left = min(int(row), shape[0] - 2), min(int(column), shape[1] - 2)
+    return top, left, row - top, column - left
 
 
-def _bilinear(fields: np.ndarray, sensor: Sensor, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Fields (k, rows, columns) at places (n,): (k, n)."""
-    columns = fields.shape[2]
-    index, down, right = _cell(fields.shape[1:], sensor, y, z)
-    flat = fields.reshape(len(fields), -1)
-    upper = (1 - right) * flat[:, index] + right * flat[:, index + 1]
-    lower = (1 - right) * flat[:, index + columns] + right * flat[:, index + columns + 1]
-    return np.asarray((1 - down) * upper + down * lower)
+@kernel
+def _bilinear(nodes, gel, y, z, at):
+    top, left, down, right = _cell(nodes.shape, gel, y, z)
+    for field in range(4):
+        upper = (1 - right) * nodes[top, left, field] + right * nodes[top, left + 1, field]
+        lower = (1 - right) * nodes[top + 1, left, field] + right * nodes[top + 1, left + 1, field]
+        at[field] = (1 - down) * upper + down * lower
 
 
-def _bilinear_slopes(
-    field: np.ndarray, sensor: Sensor, y: np.ndarray, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Field (rows, columns) at places (n,), and the slopes along y and z of its interpolation there."""
-    rows, columns = field.shape
-    index, down, right = _cell(field.shape, sensor, y, z)
-    flat = field.ravel()
-    a, b, c, d = flat[index], flat[index + 1], flat[index + columns], flat[index + columns + 1]
-    upper, lower = a + right * (b - a), c + right * (d - c)
-    slope_y = (a - b + down * (c - d - a + b)) * (columns / sensor.gel_width_m)
-    slope_z = (upper - lower) * (rows / sensor.gel_height_m)
-    return upper + down * (lower - upper), slope_y, slope_z
+@kernel
+def _meet(nodes, gel, across, up, ray, near):
+    """Distance along a ray at which it meets the membrane."""
+    for _ in range(NEWTON_STEPS):
+        y, z = gel[1] + ray * across, gel[2] + ray * up
+        top, left, down, right = _cell(nodes.shape, gel, y, z)
+        a, b = nodes[top, left, 0], nodes[top, left + 1, 0]
+        c, d = nodes[top + 1, left, 0], nodes[top + 1, left + 1, 0]
+        upper, lower = a + right * (b - a), c + right * (d - c)
+        down_y = (a - b + down * (c - d - a + b)) * (nodes.shape[1] / gel[6])
+        down_z = (upper - lower) * (nodes.shape[0] / gel[7])
+        y, z = y - gel[4], z - gel[5]
+        root = np.sqrt(gel[8] * gel[8] - (y * y + z * z))
+        surface = gel[3] - gel[9] * (gel[8] - root) - (upper + down * (lower - upper))
+        slope_y, slope_z = -gel[9] / root * y, -gel[9] / root * z
+        approach = 1 - (slope_y - down_y) * across - (slope_z - down_z) * up
+        step = (gel[0] + ray - surface) / max(approach, LEAST_APPROACH)
+        ray = max(ray - step, near)
+        # Newton's next step would be of the order of the square of this one.
+        if abs(step) < 1e-8:
+            break
+    return ray
+
+
+@kernel
+def _trace(nodes, gel, u, v, gel_depth, near):
+    """Meet the membrane by Newton's method along each ray, from the undeformed gel on.
+
+    Of the rays for which it has moved: indices (k,), positions and normals (3, k) float32, the normals
+    towards the camera and not unit, displacements (k,) metres, and whether (k,) the gel is touched there.
+    """
+    count = len(u) * len(v)
+    sample = np.empty(count, np.int64)
+    position, normal = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
+    displacement, touched = np.empty(count), np.empty(count, np.bool_)
+    at = np.empty(4)
+    found = 0
+    for i in range(count):
+        across, up = u[i % len(u)], v[i // len(u)]
+        ray = gel_depth[i]
+        _bilinear(nodes, gel, gel[1] + ray * across, gel[2] + ray * up, at)
+        if abs(at[0]) <= UNMOVED_M and abs(at[1]) + abs(at[2]) <= UNMOVED_SLOPE:
+            continue
+        ray = _meet(nodes, gel, across, up, ray, near)
+        y, z = gel[1] + ray * across, gel[2] + ray * up
+        _bilinear(nodes, gel, y, z, at)
+        b, c = y - gel[4], z - gel[5]
+        tilt = -gel[9] / np.sqrt(gel[8] * gel[8] - (b * b + c * c))
+        sample[found] = i
+        position[0, found], position[1, found], position[2, found] = gel[0] + ray, y, z
+        normal[0, found], normal[1, found], normal[2, found] = -1.0, tilt * b - at[1], tilt * c - at[2]
+        displacement[found] = at[0]
+        touched[found] = at[3] >= 0.5
+        found += 1
+    return sample[:found], position[:, :found], normal[:, :found], displacement[:found], touched[:found]

@@ -5,7 +5,6 @@ import numpy as np
 from objectfolder.touch.contact.height_field import gel_grid
 from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.elastic.contact_problem import Contact
-from objectfolder.touch.rendering.backends import choose_backend
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -14,12 +13,7 @@ STEEPEST = 2.0
 
 
 def object_slopes(
-    patches: FacePatches,
-    sensor: Sensor,
-    pose: np.ndarray,
-    gap_m: np.ndarray,
-    contact: Contact,
-    backend: str | None = None,
+    patches: FacePatches, sensor: Sensor, pose: np.ndarray, gap_m: np.ndarray, contact: Contact
 ) -> np.ndarray:
     """Slopes of the object over the cells of gel that it touches.
 
@@ -31,8 +25,6 @@ def object_slopes(
         (rows, columns) of `height_field.gap_field`.
     contact
         Which cells are touched.
-    backend
-        See `objectfolder.touch.rendering.backends.choose_backend`.
 
     Returns
     -------
@@ -46,11 +38,7 @@ def object_slopes(
     y, z = y[column], z[row]
     local = np.stack([gel_surface(sensor, y, z) + gap_m[row, column], y, z], axis=1)
     points = local @ pose[:3, :3].T + pose[:3, 3]
-    if choose_backend(backend) == "compiled":
-        face, barycentric = patches.tree.closest(points)
-    else:
-        closest = patches.surface.closest_points(points)
-        face, barycentric = closest.face, closest.barycentric
+    face, barycentric = patches.closest(points)
     normals = patches.surface.normals_at(face, barycentric) @ pose[:3, :3]
     # The side that is touched faces the camera, whichever way the shell is turned.
     towards = np.abs(normals[:, 0])

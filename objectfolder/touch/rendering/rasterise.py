@@ -1,132 +1,302 @@
-"""Which face each camera ray meets first: a z-buffer over the few faces near the gel."""
+"""Which face each camera ray meets first: a z-buffer over the pixels that faces near the gel may cover.
 
-from dataclasses import dataclass
-from itertools import pairwise
+A point of the ray d = (1, u, v) lies in the triangle (a, b, c), all from the camera, where (b x c).d,
+(c x a).d and (a x b).d have one sign (Olano and Greer 1997): no clipping is needed for faces that reach
+behind the camera. In a row of rays these are linear in u: each face covers an interval.
+"""
+
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
 
 import numpy as np
 
-from objectfolder.touch.sensor.camera import CoverageGrid
+from objectfolder.jit import kernel, relaxed_kernel
 
-FRAGMENTS_AT_ONCE = 1 << 20
 # Columns and rows of rays; keeps rays that pass along an edge in the faces on both of its sides.
 SLACK = 1e-7
 
 
-@dataclass(frozen=True)
-class Visible:
-    """Samples in which a face lies before the gel.
+@kernel
+def _range(a, b, c, first, pitch, count):
+    """First and last ray whose slope lies between the least and greatest of three."""
+    least, most = (a - first) / pitch, (a - first) / pitch
+    for slope in (b, c):
+        position = (slope - first) / pitch
+        least, most = min(least, position), max(most, position)
+    return int(np.ceil(min(max(least - SLACK, 0.0), count))), int(
+        np.floor(max(min(most + SLACK, count - 1.0), -1.0))
+    )
 
-    ``sample`` (k,) flat index into the ray grid, ``face`` (k,) row of the triangles, ``barycentric``
-    (3, k), ``depth`` (k,) metres along the camera's axis.
+
+@kernel
+def _edges(triangle, camera, edges):
+    """Write b x c, c x a and a x b of the corners from the camera; return a . (b x c)."""
+    for corner in range(3):
+        p, q = triangle[(corner + 1) % 3], triangle[(corner + 2) % 3]
+        px, py, pz = p[0] - camera[0], p[1] - camera[1], p[2] - camera[2]
+        qx, qy, qz = q[0] - camera[0], q[1] - camera[1], q[2] - camera[2]
+        edges[corner, 0] = py * qz - pz * qy
+        edges[corner, 1] = pz * qx - px * qz
+        edges[corner, 2] = px * qy - py * qx
+    a = triangle[0]
+    return (
+        edges[0, 0] * (a[0] - camera[0]) + edges[0, 1] * (a[1] - camera[1]) + edges[0, 2] * (a[2] - camera[2])
+    )
+
+
+@kernel
+def _rows(triangle, camera, v, near):
+    """First and last row of rays that a face may cover."""
+    x0, x1, x2 = triangle[0, 0] - camera[0], triangle[1, 0] - camera[0], triangle[2, 0] - camera[0]
+    if not (x0 > near and x1 > near and x2 > near):
+        return 0, len(v) - 1
+    z0, z1, z2 = triangle[0, 2] - camera[2], triangle[1, 2] - camera[2], triangle[2, 2] - camera[2]
+    return _range(z0 / x0, z1 / x1, z2 / x2, v[0], v[1] - v[0], len(v))
+
+
+@kernel
+def _columns(edges, sign, u, shift, v, lows, highs):
+    """Write first and last column in which each row (slopes u + shift and v) of rays meets a face, whole.
+
+    Each edge bounds the columns from one side.
     """
+    spacing, count = u[1] - u[0], float(len(u))
+    for row in range(len(v)):
+        lows[row], highs[row] = 0.0, count - 1
+    for corner in range(3):
+        constant, down = sign * (edges[corner, 0] + edges[corner, 1] * u[0]), sign * edges[corner, 2]
+        across = sign * edges[corner, 1]
+        slope = sign * edges[corner, 1] * spacing
+        inverse = -1 / slope
+        if slope > 0:
+            for row in range(len(v)):
+                root = (constant + down * v[row] + across * shift[row]) * inverse
+                lows[row] = root if root > lows[row] else lows[row]
+        elif slope < 0:
+            for row in range(len(v)):
+                root = (constant + down * v[row] + across * shift[row]) * inverse
+                highs[row] = root if root < highs[row] else highs[row]
+        else:
+            for row in range(len(v)):
+                highs[row] = -1.0 if constant + down * v[row] < 0 else highs[row]
+    for row in range(len(v)):
+        low, high = lows[row], highs[row]
+        lows[row] = np.ceil((low if low < count else count) - SLACK)
+        highs[row] = np.floor((high if high > -1.0 else -1.0) + SLACK)
 
-    sample: np.ndarray
-    face: np.ndarray
-    barycentric: np.ndarray
-    depth: np.ndarray
+
+@kernel
+def _grown(values, least):
+    larger = np.empty(max(2 * len(values), least))
+    larger[: len(values)] = values
+    return larger
 
 
-def rasterise(triangles: np.ndarray, grid: CoverageGrid) -> Visible:
-    """Find the nearest face before the gel along each ray, either side of a face visible.
+@kernel
+def _start(gel_nearness, best, owner):
+    for j in range(len(best)):
+        best[j] = gel_nearness[j]
+        owner[j] = -1
 
-    A point of the ray d = (1, u, v) lies in the triangle (a, b, c), all from the camera, where
-    (b x c).d, (c x a).d and (a x b).d have one sign (Olano and Greer 1997): no clipping is needed for
-    faces that reach behind the camera. In a row of rays these are linear in u: each face covers an interval.
+
+@kernel
+def _nearer(best, owner, u, face, constant, slope, limit):
+    """Write a face where it is the nearest, and not behind the gel, along part of a row of rays."""
+    for j in range(len(best)):
+        nearness = constant + slope * u[j]
+        before = (nearness >= best[j]) & (nearness < limit)
+        best[j] = nearness if before else best[j]
+        owner[j] = face if before else owner[j]
+
+
+@kernel
+def rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays):
+    """Find the nearest face before the gel along each ray.
 
     Parameters
     ----------
     triangles
-        (m, 3, 3) corners from the camera, in the sensor's axes, metres.
-    grid
-        Rays, and the depth of the gel along them.
+        (m, 3, 3) sensor frame, metres. Of faces equally near the last is seen.
+    bounds
+        (m,) metres; faces of 0 or less are left out.
+    camera
+        (3,).
+    u, shift, v
+        (columns,), (rows,) and (rows,): slopes u + shift and v of the rays.
+    gel_nearness
+        (rows, columns) least one over depth of what is before the gel.
+    near
+        Depth of the near plane, metres.
+    rays
+        Of a pixel, each in a row of its own.
+
+    Returns
+    -------
+    owner
+        (rows, columns) int32 face, -1: none; set only in the extent.
+    nearness
+        (rows, columns) one over the depth along the camera's axis; set only in the extent.
+    extent
+        (rows, 2) first and last column outside which nothing is seen, the same for all rows of a pixel.
+    edges
+        (m, 3, 3) normals of the planes through the camera and the edges opposite to each corner.
+    inverse
+        (m,) one over the determinant of each triangle's corners from the camera.
     """
-    edges = np.cross(triangles[:, [1, 2, 0]], triangles[:, [2, 0, 1]])
-    normal = edges.sum(axis=1)
-    offset = np.einsum("ij,ij->i", edges[:, 0], triangles[:, 0])
-    first_row, rows = _rows(triangles, grid)
-    rows[offset == 0] = 0
-    nearest = grid.gel_depth.copy()
-    owner = np.full(nearest.shape, -1, dtype=np.int64)
-    for part in _parts(rows * len(grid.u)):
-        face, i = _expand(rows[part], first_row[part])
-        face += part.start
-        first, columns = _columns(edges, offset, face, i, grid)
-        index, j = _expand(columns, first)
-        face, i = face[index], i[index]
-        along = normal[face]
-        facing = along[:, 0] + along[:, 1] * (grid.u[j] + grid.shift[i]) + along[:, 2] * grid.v[i]
-        sample = i * len(grid.u) + j
-        # A ray in the plane of a face meets it nowhere: infinite or undefined, and so never before the gel.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = offset[face] / facing
-        before = (depth < nearest[sample]) & (depth > grid.near)
-        face, sample, depth = face[before], sample[before], depth[before]
-        np.minimum.at(nearest, sample, depth)
-        foremost = depth == nearest[sample]
-        owner[sample[foremost]] = face[foremost]
-    sample = np.flatnonzero(owner >= 0)
-    return _barycentric(triangles, edges, normal, owner[sample], sample, nearest[sample], grid)
+    count = len(triangles)
+    edges, inverse = np.empty((count, 3, 3)), np.zeros(count)
+    extent = np.empty((len(v), 2), np.int64)
+    extent[:, 0], extent[:, 1] = len(u), -1
+    rows, starts = np.empty((count, 2), np.int64), np.empty(count, np.int64)
+    lows, highs = np.empty(8 * len(v)), np.empty(8 * len(v))
+    used = 0
+    for face in range(count):
+        rows[face, 0], rows[face, 1] = 0, -1
+        if not bounds[face] > 0:
+            continue
+        determinant = _edges(triangles[face], camera, edges[face])
+        if determinant == 0 or not np.isfinite(1 / determinant):
+            continue
+        inverse[face] = 1 / determinant
+        first, last = _rows(triangles[face], camera, v, near)
+        if first > last:
+            continue
+        rows[face, 0], rows[face, 1], starts[face] = first, last, used
+        end = used + last - first + 1
+        if end > len(lows):
+            lows, highs = _grown(lows, end), _grown(highs, end)
+        sign = 1.0 if determinant > 0 else -1.0
+        part = slice(first, last + 1)
+        _columns(edges[face], sign, u, shift[part], v[part], lows[used:end], highs[used:end])
+        for row in range(first, last + 1):
+            low, high = int(lows[used + row - first]), int(highs[used + row - first])
+            if low <= high:
+                extent[row, 0] = min(extent[row, 0], low)
+                extent[row, 1] = max(extent[row, 1], high)
+        used = end
+    best, owner = np.empty((len(v), len(u))), np.empty((len(v), len(u)), np.int32)
+    for start in range(0, len(v), rays):
+        first, last = extent[start : start + rays, 0].min(), extent[start : start + rays, 1].max()
+        part = slice(first, last + 1)
+        for row in range(start, start + rays):
+            extent[row, 0], extent[row, 1] = first, last
+            _start(gel_nearness[row][part], best[row][part], owner[row][part])
+    limit = 1 / near
+    for face in range(count):
+        e, scale = edges[face], inverse[face]
+        along = e[0, 0] + e[1, 0] + e[2, 0]
+        slope = (e[0, 1] + e[1, 1] + e[2, 1]) * scale
+        down = e[0, 2] + e[1, 2] + e[2, 2]
+        for row in range(rows[face, 0], rows[face, 1] + 1):
+            at = starts[face] + row - rows[face, 0]
+            first, last = int(lows[at]), int(highs[at])
+            if first <= last:
+                part = slice(first, last + 1)
+                constant = (along + down * v[row]) * scale + slope * shift[row]
+                _nearer(best[row][part], owner[row][part], u[part], face, constant, slope, limit)
+    return owner, best, extent, edges, inverse
 
 
-def _expand(counts: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For runs first[k], first[k] + 1, ... of counts[k] numbers: k and the number, for each of all."""
-    index = np.repeat(np.arange(len(counts)), counts)
-    start = first - (np.cumsum(counts) - counts)
-    return index, np.arange(len(index)) + start[index]
+@kernel
+def _normal_map(edges, normals, pose, taken):
+    """Write what takes a ray (1, u, v) to the normal of a face (3, 3); return twice the face's area.
+
+    Normals are linear in the ray: the sum of the corner normals, each times the distance of the ray from the
+    opposite edge. Towards the camera, whichever side is seen: a shell turned inside out looks as the shell.
+    """
+    x = edges[0, 0] + edges[1, 0] + edges[2, 0]
+    y = edges[0, 1] + edges[1, 1] + edges[2, 1]
+    z = edges[0, 2] + edges[1, 2] + edges[2, 2]
+    length = np.sqrt(x * x + y * y + z * z)
+    for axis in range(3):
+        taken[axis] = 0.0
+        for corner in range(3):
+            n = normals[corner]
+            along = n[0] * pose[0, axis] + n[1] * pose[1, axis] + n[2] * pose[2, axis]
+            for k in range(3):
+                taken[axis, k] -= along * edges[corner, k] / length
+    return length
 
 
-def _columns(
-    edges: np.ndarray, offset: np.ndarray, face: np.ndarray, i: np.ndarray, grid: CoverageGrid
-) -> tuple[np.ndarray, np.ndarray]:
-    """First column and number of columns in which a row i (n,) of rays meets each face (n,)."""
-    low, high = np.zeros(len(face)), np.full(len(face), len(grid.u) - 1.0)
-    spacing = grid.u[1] - grid.u[0]
-    signed = edges * np.sign(offset)[:, None, None]
-    v, first_u = grid.v[i], grid.u[0] + grid.shift[i]
-    across, down = signed[..., 1] * spacing, signed[..., 2]
-    for corner in range(3):
-        value = signed[face, corner, 0] + signed[face, corner, 1] * first_u + down[face, corner] * v
-        slope = across[face, corner]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = -value / slope
-        np.maximum(low, root, out=low, where=slope > 0)
-        np.minimum(high, root, out=high, where=slope < 0)
-        high[(slope == 0) & (value < 0)] = -1.0
-    first, last = np.ceil(np.minimum(low, len(grid.u)) - SLACK), np.floor(np.maximum(high, -1.0) + SLACK)
-    return first.astype(np.int64), np.maximum(last - first + 1, 0).astype(np.int64)
+@relaxed_kernel
+def gather_samples(
+    owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v, rays
+):
+    """Points and normals to shade: one for each face in each pixel, amid the rays that see it there.
 
+    Parameters
+    ----------
+    owner, nearness, extent, edges, inverse
+        As `rasterise` returns them; `owner` is changed: to -2 less the column of the results of each ray, or
+        -1 for the gel.
+    corner_normals, faces
+        (F, 3, 3) in the object frame, and which of the faces the triangles are (m,).
+    pose
+        sensor_to_object (4, 4).
+    camera, gel
+        (3,) and as of `gel.gel_constants`.
+    u, shift, v
+        Slopes of the rays.
+    rays
+        Of a pixel, each in a row of its own.
 
-def _rows(triangles: np.ndarray, grid: CoverageGrid) -> tuple[np.ndarray, np.ndarray]:
-    """First row of rays and number of rows that each triangle may cover."""
-    x, z = triangles[:, :, 0], triangles[:, :, 2]
-    ahead = (x > grid.near).all(axis=1)
-    slope = z / np.where(ahead[:, None], x, 1.0)
-    position = (slope - grid.v[0]) / (grid.v[1] - grid.v[0])
-    first = np.ceil(position.min(axis=1) - SLACK).clip(0, len(grid.v))
-    last = np.floor(position.max(axis=1) + SLACK).clip(-1, len(grid.v) - 1)
-    first, last = np.where(ahead, first, 0), np.where(ahead, last, len(grid.v) - 1)
-    return first.astype(np.int64), np.maximum(last - first + 1, 0).astype(np.int64)
-
-
-def _barycentric(
-    triangles: np.ndarray,
-    edges: np.ndarray,
-    normal: np.ndarray,
-    face: np.ndarray,
-    sample: np.ndarray,
-    depth: np.ndarray,
-    grid: CoverageGrid,
-) -> Visible:
-    i = sample // len(grid.u)
-    u, v = grid.u[sample - i * len(grid.u)] + grid.shift[i], grid.v[i]
-    weights = np.stack([edges[face, k, 0] + edges[face, k, 1] * u + edges[face, k, 2] * v for k in range(3)])
-    weights /= normal[face, 0] + normal[face, 1] * u + normal[face, 2] * v
-    return Visible(sample, face, weights, depth)
-
-
-def _parts(count: np.ndarray) -> list[slice]:
-    """Slices of the faces with about `FRAGMENTS_AT_ONCE` fragments each."""
-    chunk = np.cumsum(count) // FRAGMENTS_AT_ONCE
-    borders = np.flatnonzero(np.diff(chunk)) + 1
-    starts = [0, *borders.tolist(), len(count)]
-    return [slice(a, b) for a, b in pairwise(starts) if b > a]
+    Returns
+    -------
+    count
+        How many there are, n. The following have room for more.
+    positions, normals
+        (3, >= n) float32 sensor frame; the normals, towards the camera, of any length.
+    depth
+        (>= n,) metres in the undeformed gel.
+    area
+        Square metres of surface for each unit of du dv, summed over the rays.
+    """
+    most = 0
+    for row in range(len(v)):
+        most += max(extent[row, 1] - extent[row, 0] + 1, 0)
+    maps, doubled_area = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
+    positions, normals = np.empty((3, most), np.float32), np.empty((3, most), np.float32)
+    depth = np.empty(most)
+    px, py, pz = positions[0], positions[1], positions[2]
+    nx, ny, nz = normals[0], normals[1], normals[2]
+    camera_x, apex_y, apex_z, radius, stretch = camera[0], gel[1], gel[2], gel[5], gel[6]
+    gel_x, gel_y, gel_z = gel[0] - camera_x, camera[1] - apex_y, camera[2] - apex_z
+    area, seen, one, step = 0.0, np.uint64(0), np.uint64(1), np.uint64(rays)
+    for top in range(np.uint64(0), np.uint64(len(v)), step):
+        # Indices that cannot be negative are not tested for it.
+        for column in range(np.uint64(extent[top, 0]), np.uint64(extent[top, 1] + 1)):
+            for first in range(top, top + step):
+                face = owner[first, column]
+                if face < 0:
+                    continue
+                members, near, across, up = 0, 0.0, 0.0, 0.0
+                mark = np.int32(-2) - np.int32(seen)
+                for row in range(first, top + step):
+                    if owner[row, column] == face:
+                        members += 1
+                        near += nearness[row, column]
+                        across += shift[row]
+                        up += v[row]
+                        owner[row, column] = mark
+                share = 1 / members
+                across, up = u[column] + across * share, up * share
+                # One over the depth is linear over a face.
+                distance = members / near
+                if doubled_area[face] == 0:
+                    normals_here = corner_normals[faces[face]]
+                    doubled_area[face] = _normal_map(edges[face], normals_here, pose, maps[face])
+                m = maps[face]
+                nx[seen] = m[0, 0] + m[0, 1] * across + m[0, 2] * up
+                ny[seen] = m[1, 0] + m[1, 1] * across + m[1, 2] * up
+                nz[seen] = m[2, 0] + m[2, 1] * across + m[2, 2] * up
+                lateral, vertical = gel_y + distance * across, gel_z + distance * up
+                px[seen], py[seen], pz[seen] = camera_x + distance, lateral + apex_y, vertical + apex_z
+                squared = radius * radius - (lateral * lateral + vertical * vertical)
+                squared = squared if squared > 0 else 0.0
+                deep = gel_x - distance - stretch * (radius - np.sqrt(squared))
+                depth[seen] = deep if deep > 0 else 0.0
+                # A ray's surface is d^2 du dv over the cosine between ray and normal.
+                size = doubled_area[face] * abs(inverse[face])
+                area += distance * distance * distance * size * members
+                seen += one
+    return int(seen), positions, normals, depth, area

@@ -9,19 +9,24 @@ from objectfolder.touch.sensor.gel import gel_along_rays, gel_normals
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import shade
 
+# Depth maps are multiples of 2^-23 m (0.12 micrometres), exact in float32, so that they compress.
+DEPTH_STEPS_PER_M = 2.0**23
+
 
 @dataclass(frozen=True, eq=False)
 class RayGrid:
-    """Rays camera + depth (1, u, v) in the sensor's axes, `samples` x `samples` a pixel.
+    """Rays camera + depth (1, u + shift, v) in the sensor's axes, `samples`^2 a pixel.
 
-    ``v`` (rows,) and ``u`` (columns,) descend evenly; ``gel_depth`` and ``gel_values`` hold, for the rays
-    in row order, the depth of the undeformed gel (rows * columns,) and its pixel values (., 3) float32.
-    ``cell`` is the area du dv of a sample; ``near`` the near plane, metres.
+    ``v`` (rows,) and ``u`` (columns,) descend evenly, ``shift`` (rows,) moves rows; ``gel_depth`` (rows *
+    columns,) is the depth of the undeformed gel along the rays, row by row. ``gel_values`` (., 3) float32 are
+    the pixel values of the gel: of each ray for `ray_grid`, of each pixel for `coverage_grid`. ``cell`` is
+    the area du dv of a ray; ``near`` the near plane, metres.
     """
 
     samples: int
     u: np.ndarray
     v: np.ndarray
+    shift: np.ndarray
     gel_depth: np.ndarray
     gel_values: np.ndarray
     cell: float
@@ -51,34 +56,16 @@ def ray_grid(sensor: Sensor, samples: int) -> RayGrid:
     if not (lateral <= np.array([sensor.gel_width_m, sensor.gel_height_m]) / 2).all():
         raise ValueError(f"{sensor.name}: the camera sees past the gel's borders")
     values = shade(sensor, position, gel_normals(sensor, position[1], position[2]))
-    return RayGrid(samples, u, v, depth, values, pitch**2, sensor.near_m)
-
-
-@dataclass(frozen=True, eq=False)
-class CoverageGrid:
-    """Rays camera + depth (1, u + shift, v) that find what covers a pixel, `samples`^2 a pixel.
-
-    A pixel has as many rows of rays, each with one ray: ``u`` (columns,) descends evenly by pixels, ``v``
-    (rows,) evenly by rays, and ``shift`` (rows,) moves each row of a pixel to a column of its own, so that
-    edges near the image's axes are as finely resolved as others (for 2 x 2 the pattern of OpenGL's and
-    Direct3D's multisampling, as TACTO is drawn with). ``gel_depth`` (rows * columns,) is that of the
-    undeformed gel; ``gel_values`` (pixels, 3) float32 its pixel values. ``cell`` is the area du dv of a ray;
-    ``near`` the near plane, metres.
-    """
-
-    samples: int
-    u: np.ndarray
-    v: np.ndarray
-    shift: np.ndarray
-    gel_depth: np.ndarray
-    gel_values: np.ndarray
-    cell: float
-    near: float
+    return RayGrid(samples, u, v, np.zeros(rows), depth, values, pitch**2, sensor.near_m)
 
 
 @lru_cache(maxsize=8)
-def coverage_grid(sensor: Sensor, samples: int) -> CoverageGrid:
-    """Rays of `sensor` with `samples`^2 a pixel, no two in one row or column.
+def coverage_grid(sensor: Sensor, samples: int) -> RayGrid:
+    """Rays of `sensor` that find what covers a pixel: `samples`^2 a pixel, no two in one row or column.
+
+    Each row of a pixel has one ray, in a column of its own, so that edges near the image's axes are as finely
+    resolved as others (for 2 x 2 the pattern of OpenGL's and Direct3D's multisampling, as TACTO is drawn
+    with): `u` descends by pixels, `v` by rays.
 
     Raises
     ------
@@ -97,7 +84,7 @@ def coverage_grid(sensor: Sensor, samples: int) -> CoverageGrid:
     shift = np.tile((0.5 - place) * pitch, sensor.image_height)
     depth = gel_along_rays(sensor, u + shift[:, None], np.broadcast_to(v[:, None], (rows, columns)))
     values = resolve(even.gel_values, sensor, samples).reshape(-1, 3)
-    return CoverageGrid(samples, u, v, shift, depth.ravel(), values, pitch**2 / count, sensor.near_m)
+    return RayGrid(samples, u, v, shift, depth.ravel(), values, pitch**2 / count, sensor.near_m)
 
 
 def resolve(values: np.ndarray, sensor: Sensor, samples: int) -> np.ndarray:

@@ -8,6 +8,17 @@ import numpy as np
 from objectfolder.touch.sensor.sensor import Sensor
 
 
+def gel_constants(sensor: Sensor) -> np.ndarray:
+    """What the kernels know of a gel (9,): apex, half extents along y and z, radius, stretch, camera, near.
+
+    The camera and its near plane by their x.
+    """
+    camera = sensor.camera_position_m[0]
+    half = (sensor.gel_width_m / 2, sensor.gel_height_m / 2)
+    shape = (sensor.gel_radius_m, sensor.gel_stretch)
+    return np.array([*sensor.gel_apex_m, *half, *shape, camera, camera + sensor.near_m])
+
+
 def gel_sag(sensor: Sensor, squared_radius: np.ndarray) -> np.ndarray:
     """Metres that the gel lies behind its apex at squared distances r^2 (m^2) from the axis."""
     radius = sensor.gel_radius_m
@@ -18,19 +29,6 @@ def gel_surface(sensor: Sensor, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Coordinate x of the gel at (y, z), all in the sensor frame, metres."""
     apex = sensor.gel_apex_m
     return apex[0] - gel_sag(sensor, (y - apex[1]) ** 2 + (z - apex[2]) ** 2)
-
-
-def gel_point_with_slope(sensor: Sensor, slope_y: np.ndarray, slope_z: np.ndarray) -> np.ndarray:
-    """Point (n, 3) of the gel whose outward normal is along (1, slope_y, slope_z).
-
-    A gel without curvature has one normal; its apex is returned.
-    """
-    stretch, radius = sensor.gel_stretch, sensor.gel_radius_m
-    slope = np.stack([slope_y, slope_z], axis=-1)
-    scale = radius / np.sqrt(stretch**2 + np.sum(slope**2, axis=-1, keepdims=True)) if stretch > 0 else 0.0
-    lateral = slope * scale
-    sag = gel_sag(sensor, np.sum(lateral**2, axis=-1))
-    return np.asarray(sensor.gel_apex_m) + np.concatenate([-sag[..., None], lateral], axis=-1)
 
 
 def gel_along_rays(sensor: Sensor, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -51,3 +49,10 @@ def gel_normals(sensor: Sensor, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     sphere = np.sqrt(radius**2 - y**2 - z**2)
     normal = np.stack([-np.ones_like(y), -stretch * y / sphere, -stretch * z / sphere])
     return np.asarray(normal / np.sqrt(np.sum(normal**2, axis=0)))
+
+
+def gel_slopes(sensor: Sensor, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes dx/dy and dx/dz of the undeformed gel."""
+    y, z = y - sensor.gel_apex_m[1], z - sensor.gel_apex_m[2]
+    scale = -sensor.gel_stretch / np.sqrt(sensor.gel_radius_m**2 - y * y - z * z)
+    return scale * y, scale * z

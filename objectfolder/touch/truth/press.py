@@ -1,104 +1,18 @@
 """Press a sensor against a surface: pose, image, indentation, and what is true of the touch."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-
 import numpy as np
 
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.backends import Simulator, make_simulator
+from objectfolder.touch.rendering.simulator import Simulator, TouchImage
 from objectfolder.touch.sensor.sensor import Sensor
-
-TOLERANCE_M = 1e-6
-DEFAULT_DEPTH_M = 0.001
-
-
-@dataclass(frozen=True)
-class Touches:
-    """n touches.
-
-    Parameters
-    ----------
-    rgb
-        (n, height, width, 3) uint8, without noise.
-    depth
-        (n, height, width) float32 metres: how far the object, where a pixel sees it, lies inside the
-        undeformed gel, along the sensor's axis; the mean over a pixel's samples, 0 where there is none.
-    mask
-        (n, height, width) bool: at least half of the pixel's samples see the object in the gel.
-    sensor_to_object
-        (n, 4, 4) float64 pose, metres.
-    points, normals
-        (n, 3) float64: the touched points of the surface and its mean normals over the contact radius.
-    reachable
-        (n,) bool: the gel touches the asked point before it is pressed further than asked elsewhere, and
-        neither the housing nor the room between camera and gel holds a part of the object.
-    first_contact_offset_m
-        (n,) float64: how long before the asked point another part of the object meets the gel; the asked
-        point itself is `penetration_m - first_contact_offset_m` deep in it (outside where negative).
-    penetration_m
-        (n,) float64: deepest indentation of the gel by any part of the object, along the sensor's axis.
-        It equals the depth asked for, or 0 where the sensor cannot stand. `depth` never shows more.
-    contact_area_m2
-        (n,) float64: area of the object's surface that the camera sees in the gel.
-    saturated
-        (n,) bool: the gel is pressed as far as it goes, to the sensor's `maximum_depth_m` or to the camera's
-        near plane; a larger force would not press it further.
-    force_n
-        (n,) float64 newtons: force along the sensor's axis; not a number under the rigid model, whose gel
-        gives way without any.
-    """
-
-    rgb: np.ndarray
-    depth: np.ndarray
-    mask: np.ndarray
-    sensor_to_object: np.ndarray
-    points: np.ndarray
-    normals: np.ndarray
-    reachable: np.ndarray
-    first_contact_offset_m: np.ndarray
-    penetration_m: np.ndarray
-    contact_area_m2: np.ndarray
-    saturated: np.ndarray
-    force_n: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @classmethod
-    def empty(cls, count: int, sensor: Sensor) -> "Touches":
-        """`count` touches to be filled in."""
-        image = (count, sensor.image_height, sensor.image_width)
-        return cls(
-            rgb=np.zeros((*image, 3), dtype=np.uint8),
-            depth=np.zeros(image, dtype=np.float32),
-            mask=np.zeros(image, dtype=bool),
-            sensor_to_object=np.zeros((count, 4, 4)),
-            points=np.zeros((count, 3)),
-            normals=np.zeros((count, 3)),
-            reachable=np.zeros(count, dtype=bool),
-            first_contact_offset_m=np.zeros(count),
-            penetration_m=np.zeros(count),
-            contact_area_m2=np.zeros(count),
-            saturated=np.zeros(count, dtype=bool),
-            force_n=np.full(count, np.nan),
-        )
+from objectfolder.touch.truth.elastic_press import press_elastic
+from objectfolder.touch.truth.touches import TOLERANCE_M, Press, Touches, saturation_depth_m
 
 
 def press(
-    surface: Surface | FacePatches,
-    sensor: Sensor,
-    points: np.ndarray,
-    *,
-    depth_m: float | np.ndarray | None = None,
-    force_n: float | np.ndarray | None = None,
-    tilt_deg: float | np.ndarray = 0.0,
-    azimuth_deg: float | np.ndarray = 0.0,
-    samples: int = 2,
-    contact: str = "rigid",
-    backend: str | None = None,
+    surface: Surface | FacePatches, sensor: Sensor, points: np.ndarray, asked: Press | None = None
 ) -> Touches:
     """Press the sensor against points of a surface until its gel is indented by a stated depth.
 
@@ -112,106 +26,58 @@ def press(
         Metres. `FacePatches(surface)` saves preparing it again at each call.
     points
         (n, 3) on the surface, object frame, metres; the nearest points of the surface are touched.
-    depth_m
-        From 0 to the sensor's `maximum_depth_m`; a number or (n,). One millimetre where neither a depth nor
-        a force is asked for.
-    force_n
-        Instead of a depth, the force to press with, newtons, under the elastic model; a number or (n,).
-    tilt_deg, azimuth_deg
-        Lean of the sensor, 0 up to 45 degrees, and its direction, counted from the image's right towards
-        its top; numbers or (n,).
-    samples
-        Samples along each side of a pixel, against aliasing.
-    contact
-        ``"rigid"``: the object shows through a gel that gives way where it is, as in TACTO; ``"elastic"``:
-        the gel deforms as an elastic solid and bears a force, see `objectfolder.touch.elastic`.
-    backend
-        ``"compiled"`` or ``"reference"``; by default as `backends.choose_backend` says.
+    asked
+        Depth or force, angles, contact model and samples; a millimetre along the normal if None.
 
     Raises
     ------
     QueryError
-        Points that are not (n, 3) or not finite, a depth or tilt out of range, an unknown contact model,
-        a force asked of the rigid one.
+        Points that are not (n, 3) or not finite, a depth, force or tilt out of range, an unknown contact
+        model, a force asked of the rigid one, both a depth and a force.
+    SimulationError
+        An elastic contact that is not found, see `objectfolder.touch.elastic.contact_problem`.
+
+    Examples
+    --------
+    A box of two centimetres, pressed by a DIGIT in the middle of its top:
+
+    >>> import numpy as np
+    >>> from objectfolder.touch.truth.touches import Press
+    >>> vertices = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * 0.02
+    >>> faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    >>> faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    >>> box = Surface(vertices, np.array(faces))
+    >>> touch = press(box, Sensor(), np.array([[0.01, 0.01, 0.02]]), Press(depth_m=0.0005))
+    >>> touch.rgb.shape, bool(touch.reachable[0]), float(touch.penetration_m[0])
+    ((1, 160, 120, 3), True, 0.0005)
+    >>> touch.normals.round(6).tolist()
+    [[0.0, 0.0, 1.0]]
     """
+    asked = Press() if asked is None else asked
     patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise QueryError("points", f"shape {points.shape} or values are not (n, 3) finite coordinates")
-    if contact == "elastic":
-        from objectfolder.touch.elastic import press_elastic
-
-        if depth_m is None and force_n is None:
-            depth_m = DEFAULT_DEPTH_M
-        return press_elastic(
-            patches, sensor, points, depth_m, force_n, tilt_deg, azimuth_deg, samples, backend=backend
-        )
-    if contact != "rigid":
-        raise QueryError("contact", f"{contact!r}", "Use 'rigid' or 'elastic'.")
-    if force_n is not None:
-        raise QueryError("force_n", "a rigid contact bears no force", "Ask with contact='elastic'.")
-    depth_m = DEFAULT_DEPTH_M if depth_m is None else depth_m
-    depth = per_touch("depth_m", depth_m, len(points), sensor.maximum_depth_m)
-    tilt = np.radians(per_touch("tilt_deg", tilt_deg, len(points), 45.0))
-    azimuth = np.radians(per_touch("azimuth_deg", azimuth_deg, len(points), None))
-    simulator = make_simulator(backend, patches, sensor, samples)
+    simulator = Simulator(patches, sensor, asked.samples)
     touches = Touches.empty(len(points), sensor)
-    touches.points[:], touches.normals[:], poses = simulator.stand(points, tilt, azimuth)
+    touches.points[:], touches.normals[:], poses = simulator.stand(points, *asked.angles(len(points)))
+    if asked.contact_model == "elastic":
+        press_elastic(simulator, patches, sensor, asked, poses, touches)
+        return touches
+    depths = asked.depths(len(points), sensor.maximum_depth_m)
     for index, pose in enumerate(poses):
-        _press_one(simulator, sensor, pose, float(depth[index]), touches, index)
+        _press_one(simulator, sensor, pose, float(depths[index]), touches, index)
     return touches
 
 
-def press_in_chunks(
-    surface: Surface | FacePatches,
-    sensor: Sensor,
-    points: np.ndarray,
-    *,
-    depth_m: float | np.ndarray | None = None,
-    force_n: float | np.ndarray | None = None,
-    tilt_deg: float | np.ndarray = 0.0,
-    azimuth_deg: float | np.ndarray = 0.0,
-    samples: int = 2,
-    contact: str = "rigid",
-    backend: str | None = None,
-    chunk: int = 256,
-) -> Iterator[Touches]:
-    """Yield the touches of `press`, `chunk` at a time (about 40 MB at 256), for any number of points."""
+def render_poses(
+    surface: Surface | FacePatches, sensor: Sensor, sensor_to_object: np.ndarray, samples: int = 2
+) -> list[TouchImage]:
+    """See through the gel at poses (n, 4, 4), wherever they are: one image a pose."""
     patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
-    points = np.asarray(points, dtype=np.float64)
-    asked = {"depth_m": depth_m, "force_n": force_n, "tilt_deg": tilt_deg, "azimuth_deg": azimuth_deg}
-    each = {
-        name: per_touch(name, value, len(points), None) for name, value in asked.items() if value is not None
-    }
-    for start in range(0, len(points), chunk):
-        part = slice(start, start + chunk)
-        rows = {name: values[part] for name, values in each.items()}
-        yield press(patches, sensor, points[part], **rows, samples=samples, contact=contact, backend=backend)
-
-
-def saturation_depth_m(sensor: Sensor) -> float:
-    """Deepest indentation of the gel, metres: its limit, or where the camera's near plane ends it."""
-    clear = sensor.gel_apex_m[0] - sensor.camera_position_m[0] - sensor.near_m
-    return min(sensor.maximum_depth_m, clear)
-
-
-def per_touch(name: str, value: float | np.ndarray, count: int, highest: float | None) -> np.ndarray:
-    """Return a number, or one a touch, as (count,) float64.
-
-    Raises
-    ------
-    QueryError
-        Another shape, values that are not finite, or, where `highest` is given, outside 0 .. `highest`.
-    """
-    values = np.asarray(value, dtype=np.float64)
-    if values.shape not in ((), (count,)):
-        raise QueryError(name, f"shape {values.shape}, expected a number or ({count},)")
-    if not np.isfinite(values).all():
-        raise QueryError(name, "not finite")
-    if highest is not None and values.size and not (values.min() >= 0 and values.max() <= highest):
-        worst = values.ravel()[np.argmax(np.abs(values - highest / 2))]
-        raise QueryError(name, f"{worst} is out of range", f"Ask for 0 to {highest}.")
-    return np.broadcast_to(values, (count,))
+    simulator = Simulator(patches, sensor, samples)
+    poses = np.asarray(sensor_to_object, dtype=np.float64).reshape(-1, 4, 4)
+    return [simulator.see(pose, simulator.approach(pose, 0.0)) for pose in poses]
 
 
 def _press_one(
@@ -236,6 +102,6 @@ def _press_one(
     )
     if obstructed:
         near.bounds[:] = -np.inf
-    touches.contact_area_m2[index] = simulator.see(
-        pose, near, touches.rgb[index], touches.depth[index], touches.mask[index]
-    )
+    image = simulator.see(pose, near)
+    touches.rgb[index], touches.depth[index], touches.mask[index] = image.rgb, image.depth, image.mask
+    touches.contact_area_m2[index] = image.contact_area_m2

@@ -4,10 +4,10 @@ import numpy as np
 
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import Touches, press
+from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press, Touches
 
 HELD_OUT_STREAM = 1
 
@@ -46,7 +46,7 @@ def simulate_touches(
         Instead of random points, one touch at each vertex; at `touches` of them, drawn without
         replacement, where there are more.
     contact
-        ``"rigid"`` or ``"elastic"``: the contact model, see `objectfolder.touch.truth.press.press`.
+        ``"rigid"`` or ``"elastic"``: the contact model, see `objectfolder.touch.truth.touches.Press`.
     samples
         Samples along each side of a pixel.
     seed
@@ -72,16 +72,8 @@ def simulate_touches(
         ]
     )
     depth, tilt, azimuth = queries.T
-    pressed = press(
-        FacePatches(surface),
-        sensor,
-        points,
-        depth_m=depth,
-        tilt_deg=tilt,
-        azimuth_deg=azimuth,
-        samples=samples,
-        contact=contact,
-    )
+    asked = Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=samples, contact=contact)
+    pressed = press(surface, sensor, points, asked)
     reachable = float(pressed.reachable.mean()) if len(points) else 0.0
     return Product(
         {

@@ -1,4 +1,4 @@
-"""The compiled way against the reference: the same labels, and the same images but for ties."""
+"""The compiled kernels against array arithmetic: the same labels, and the same images but for ties."""
 
 import importlib
 import inspect
@@ -10,24 +10,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+import reference_height_field
+from reference_contact import corners_in, indentations, meets_housing
+from reference_simulator import ReferenceSimulator
 from touch_shapes import box, bumpy, joined, mug, sphere, torus
 
-import objectfolder.touch.compiled as package
-from objectfolder.errors import QueryError
+import objectfolder.touch as package
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.compiled.contact import gel_constants
-from objectfolder.touch.compiled.contact import indentations as compiled_indentations
-from objectfolder.touch.compiled.face_tree import FaceTree
-from objectfolder.touch.compiled.shading import lighting
-from objectfolder.touch.contact.gel_contact import indentations, meets_housing
 from objectfolder.touch.contact.height_field import gap_field
+from objectfolder.touch.contact.indentation import indentation
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.backends import choose_backend
-from objectfolder.touch.rendering.image import render_poses
+from objectfolder.touch.rendering.simulator import TouchImage
+from objectfolder.touch.sensor.gel import gel_constants
+from objectfolder.touch.sensor.point_lights import point_lights
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.sensor.shading import cook_torrance
-from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.press import press, render_poses
+from objectfolder.touch.truth.touches import Press, Touches
 
 SENSOR = Sensor()
 SHAPES = {
@@ -47,6 +47,18 @@ SHAPES = {
 }
 
 
+def reference_press(*query: Any) -> Touches:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("objectfolder.touch.truth.press.Simulator", ReferenceSimulator)
+        return press(*query)
+
+
+def reference_poses(*query: Any) -> list[TouchImage]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("objectfolder.touch.truth.press.Simulator", ReferenceSimulator)
+        return render_poses(*query)
+
+
 @pytest.mark.parametrize(("name", "samples"), [(name, 1 + place % 3) for place, name in enumerate(SHAPES)])
 def test_both_ways_give_the_same_labels_and_images(name: str, samples: int) -> None:
     patches, random = FacePatches(SHAPES[name]), np.random.default_rng(samples)
@@ -56,8 +68,8 @@ def test_both_ways_give_the_same_labels_and_images(name: str, samples: int) -> N
         "tilt_deg": random.uniform(0, 20, 7) * (np.arange(7) % 3 > 0),
         "azimuth_deg": random.uniform(0, 360, 7),
     }
-    expected = press(patches, SENSOR, points, samples=samples, backend="reference", **query)
-    found = press(patches, SENSOR, points, samples=samples, backend="compiled", **query)
+    expected = reference_press(patches, SENSOR, points, Press(samples=samples, **query))
+    found = press(patches, SENSOR, points, Press(samples=samples, **query))
     for label in ("reachable", "saturated"):
         assert (getattr(found, label) == getattr(expected, label)).all()
     for label in ("sensor_to_object", "points", "normals", "first_contact_offset_m", "penetration_m"):
@@ -73,12 +85,14 @@ def test_both_ways_give_the_same_labels_and_images(name: str, samples: int) -> N
 
 def test_both_ways_see_the_same_at_any_pose() -> None:
     patches, random = FacePatches(SHAPES["bumpy ball"]), np.random.default_rng(3)
-    poses = press(patches, SENSOR, SHAPES["bumpy ball"].sample(6, 3).points, samples=1).sensor_to_object
+    poses = press(
+        patches, SENSOR, SHAPES["bumpy ball"].sample(6, 3).points, Press(samples=1)
+    ).sensor_to_object
     # From far off to with the camera inside the object.
     poses[:, :3, 3] += random.uniform(-0.01, 0.03, 6)[:, None] * poses[:, :3, 0]
     for one, other in zip(
-        render_poses(patches, SENSOR, poses, backend="reference"),
-        render_poses(patches, SENSOR, poses, backend="compiled"),
+        reference_poses(patches, SENSOR, poses),
+        render_poses(patches, SENSOR, poses),
         strict=True,
     ):
         assert (np.abs(one.rgb.astype(int) - other.rgb) > 0).mean() < 1e-3
@@ -90,8 +104,8 @@ def test_both_ways_see_the_same_at_any_pose() -> None:
 def test_both_ways_agree_at_any_resolution(size: tuple[int, int]) -> None:
     sensor, patches = SENSOR.at_resolution(*size), FacePatches(SHAPES["torus"])
     points = SHAPES["torus"].sample(3, 1).points
-    one = press(patches, sensor, points, backend="reference")
-    other = press(patches, sensor, points, backend="compiled")
+    one = reference_press(patches, sensor, points)
+    other = press(patches, sensor, points)
     assert (np.abs(one.rgb.astype(int) - other.rgb) > 0).mean() < 1e-3
 
 
@@ -99,8 +113,8 @@ def test_both_ways_agree_at_any_resolution(size: tuple[int, int]) -> None:
 def test_both_ways_agree_with_a_sensor_whose_colours_are_looked_up(samples: int) -> None:
     sensor, patches = read_sensor("gelsight"), FacePatches(SHAPES["bumpy ball"])
     points = SHAPES["bumpy ball"].sample(4, 2).points
-    one = press(patches, sensor, points, tilt_deg=10.0, samples=samples, backend="reference")
-    other = press(patches, sensor, points, tilt_deg=10.0, samples=samples, backend="compiled")
+    one = reference_press(patches, sensor, points, Press(tilt_deg=10.0, samples=samples))
+    other = press(patches, sensor, points, Press(tilt_deg=10.0, samples=samples))
     assert one.mask.any(axis=(1, 2)).all()
     difference = np.abs(one.rgb.astype(int) - other.rgb)
     assert difference.max() <= 1
@@ -111,9 +125,11 @@ def test_both_ways_agree_with_a_sensor_whose_colours_are_looked_up(samples: int)
 @pytest.mark.parametrize("name", SHAPES)
 def test_both_ways_give_the_same_heights(name: str) -> None:
     patches = FacePatches(SHAPES[name])
-    for pose in press(patches, SENSOR, SHAPES[name].sample(4, 9).points, tilt_deg=9.0).sensor_to_object:
-        one = gap_field(patches, SENSOR, pose, (48, 32), backend="reference")
-        other = gap_field(patches, SENSOR, pose, (48, 32), backend="compiled")
+    for pose in press(
+        patches, SENSOR, SHAPES[name].sample(4, 9).points, Press(tilt_deg=9.0)
+    ).sensor_to_object:
+        one = reference_height_field.gap_field(patches, SENSOR, pose, (48, 32))
+        other = gap_field(patches, SENSOR, pose, (48, 32))
         met = np.isfinite(one) & np.isfinite(other)
         assert (np.isfinite(one) != np.isfinite(other)).mean() < 2e-3
         assert np.abs(one[met] - other[met]).max(initial=0.0) < 1e-9
@@ -125,7 +141,7 @@ def test_the_tree_finds_the_closest_faces_that_a_search_over_all_finds(name: str
     random = np.random.default_rng(2)
     points = np.concatenate([surface.sample(100, 1).points, surface.vertices[:50]])
     points = np.concatenate([points, points + random.normal(size=points.shape) * 0.01])
-    face, barycentric = FaceTree.of_triangles(surface.vertices[surface.faces]).closest(points)
+    face, barycentric = FacePatches(surface).closest(points)
     expected = surface.closest_points(points)
     found = surface.points_at(face, barycentric)
     assert np.abs(np.linalg.norm(found - points, axis=1) - expected.distance).max() < 1e-14
@@ -135,11 +151,11 @@ def test_the_tree_finds_the_closest_faces_that_a_search_over_all_finds(name: str
     assert (face[at_vertices] == expected.face[at_vertices]).all()
 
 
-def test_the_tree_finds_every_face_in_a_ball_and_in_a_box() -> None:
+def test_the_tree_finds_every_face_in_a_ball_and_what_enters_a_box() -> None:
     surface = SHAPES["bumpy ball"]
     patches, random = FacePatches(surface), np.random.default_rng(4)
     points = surface.sample(20, 4).points
-    starts, faces = patches.tree.in_balls(points, 0.003)
+    starts, faces = patches.in_balls(points, 0.003)
     corners = patches.triangles
     for i, point in enumerate(points):
         within = np.flatnonzero((np.linalg.norm(corners - point, axis=2) < 0.003).any(axis=1))
@@ -150,13 +166,9 @@ def test_the_tree_finds_every_face_in_a_ball_and_in_a_box() -> None:
         pose[:3, :3], pose[:3, 3] = rotation, random.normal(size=3) * 0.02
         low = random.normal(size=3) * 0.01
         high = low + random.random(3) * 0.02
-        found, transformed = patches.tree.in_box(pose, low, high)
-        local = patches.corners_in(pose, np.arange(len(corners)))
-        expected = (local.min(axis=1) <= high).all(axis=1) & (local.max(axis=1) >= low).all(axis=1)
-        assert (found == np.flatnonzero(expected)).all()
-        assert (transformed == local[found]).all()
+        local = corners_in(patches, pose, np.arange(len(corners)))
         sensor = replace(SENSOR, housing_low_m=tuple(low), housing_high_m=tuple(high))
-        assert patches.tree.enters_box(pose, low, high) == meets_housing(local, sensor)
+        assert patches.enters_box(pose, low, high) == meets_housing(local, sensor)
 
 
 @pytest.mark.parametrize("size", [0.002, 0.02, 0.1])
@@ -164,7 +176,9 @@ def test_indentations_of_single_triangles_are_the_references(size: float) -> Non
     random = np.random.default_rng(int(size * 1e4))
     centres = np.array([0.022, 0, 0.015]) + random.normal(size=(500, 1, 3)) * [0.003, 0.006, 0.009]
     triangles = centres + random.normal(size=(500, 3, 3)) * [0.2 * size, size, size]
-    one, other = indentations(triangles, SENSOR), compiled_indentations(triangles, gel_constants(SENSOR))
+    gel = gel_constants(SENSOR)
+    one = indentations(triangles, SENSOR)
+    other = np.array([indentation(triangle, gel) for triangle in triangles])
     assert (np.isfinite(one) == np.isfinite(other)).all()
     met = np.isfinite(one)
     assert np.abs(one[met] - other[met]).max() < 1e-12
@@ -179,14 +193,16 @@ def test_shading_by_table_is_the_exact_power_to_a_hundredth_of_a_grey_level() ->
         colors = tuple((factor * r, factor * g, factor * b) for r, g, b in SENSOR.light_colors)
         sensor = replace(SENSOR, light_colors=colors)
         exact = cook_torrance(sensor, positions, normals)
-        found = lighting(sensor).shade(5000, positions.astype(np.float32), normals.astype(np.float32)).T
+        found = point_lights(sensor).shade(5000, positions.astype(np.float32), normals.astype(np.float32)).T
         assert np.abs(found - exact).max() < 1e-2 / 255
 
 
 def test_kernels_take_nothing_from_other_files() -> None:
     # numba's cache looks at the date of a kernel's own file: what it took from another would go stale.
     found = 0
-    for info in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+    for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if info.ispkg:
+            continue
         module = importlib.import_module(info.name)
         source = inspect.getsource(module)
         for name, value in vars(module).items():
@@ -201,14 +217,3 @@ def test_kernels_take_nothing_from_other_files() -> None:
                 own = home == module.__name__ or re.search(rf"^(\w+, )*{used}\b.* = ", source, re.MULTILINE)
                 assert own, f"{module.__name__}.{name} takes {used}"
     assert found > 30
-
-
-def test_the_way_can_be_chosen_and_a_wrong_name_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert choose_backend(None) == "compiled"
-    assert choose_backend("reference") == "reference"
-    with pytest.raises(QueryError, match="Use 'compiled' or 'reference'"):
-        choose_backend("fast")
-    monkeypatch.setattr("objectfolder.touch.rendering.backends._compiles", lambda: False)
-    assert choose_backend(None) == "reference"
-    with pytest.raises(QueryError, match="needs numba"):
-        choose_backend("compiled")

@@ -1,16 +1,12 @@
-"""Where the sensor stands: contact normal, roll convention, tilt."""
+"""Where the sensor stands, by array arithmetic: the oracle of the compiled kernels."""
 
 import numpy as np
+from reference_contact import near
 
+from objectfolder.touch.contact.first_touch import OTHER_SIDE_COSINE, POLE_RAD
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.sensor.gel import gel_point_with_slope
+from objectfolder.touch.sensor.gel import gel_sag
 from objectfolder.touch.sensor.sensor import Sensor
-
-# Faces turned away from the touched point's normal by more than 135 degrees are another side of a thin
-# part; those within 90 degrees count fully, smoothly less between, so that no small change switches one off.
-OTHER_SIDE_COSINE = -0.7071067811865476
-# Flat undersides of scans, and of quantised surfaces, are flat to about this angle.
-POLE_RAD = 1e-3
 
 
 def contact_normal(patches: FacePatches, point: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
@@ -20,11 +16,11 @@ def contact_normal(patches: FacePatches, point: np.ndarray, normal: np.ndarray, 
     intersection with the ball (a disc in its plane). The other side of a blade is left out: faces turned
     more than 135 degrees from `normal`, the shading normal (3,) at the point.
     """
-    near = patches.near(point, radius)
-    side = np.clip(1 - (patches.face_normals[near] @ normal) / OTHER_SIDE_COSINE, 0.0, 1.0)
-    near, side = near[side > 0], side[side > 0]
-    face_normals = patches.face_normals[near]
-    triangles = patches.triangles[near] - point
+    faces = near(patches, point, radius)
+    side = np.clip(1 - (patches.face_normals[faces] @ normal) / OTHER_SIDE_COSINE, 0.0, 1.0)
+    faces, side = faces[side > 0], side[side > 0]
+    face_normals = patches.face_normals[faces]
+    triangles = patches.triangles[faces] - point
     height = np.einsum("ij,ij->i", face_normals, triangles[:, 0])
     corners = triangles - (height[:, None] * face_normals)[:, None]
     area = _disc_overlap(corners, face_normals, np.maximum(radius**2 - height**2, 0.0))
@@ -109,3 +105,16 @@ def first_touch_pose(
     pose[:3, :3] = rotation
     pose[:3, 3] = point - rotation @ on_gel
     return pose
+
+
+def gel_point_with_slope(sensor: Sensor, slope_y: np.ndarray, slope_z: np.ndarray) -> np.ndarray:
+    """Point (n, 3) of the gel whose outward normal is along (1, slope_y, slope_z).
+
+    A gel without curvature has one normal; its apex is returned.
+    """
+    stretch, radius = sensor.gel_stretch, sensor.gel_radius_m
+    slope = np.stack([slope_y, slope_z], axis=-1)
+    scale = radius / np.sqrt(stretch**2 + np.sum(slope**2, axis=-1, keepdims=True)) if stretch > 0 else 0.0
+    lateral = slope * scale
+    sag = gel_sag(sensor, np.sum(lateral**2, axis=-1))
+    return np.asarray(sensor.gel_apex_m) + np.concatenate([-sag[..., None], lateral], axis=-1)

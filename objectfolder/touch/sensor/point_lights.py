@@ -34,7 +34,7 @@ FACING, VISIBLE, RADIANCE = 9 * BLOCK, 10 * BLOCK, 11 * BLOCK
 
 
 @dataclass(frozen=True, eq=False)
-class Lighting:
+class PointLights:
     """What shading needs of a sensor, in single precision.
 
     Parameters
@@ -63,8 +63,8 @@ class Lighting:
 
 
 @lru_cache(maxsize=8)
-def lighting(sensor: Sensor) -> Lighting:
-    """Return the lighting of a sensor; see `objectfolder.touch.sensor.shading.shade` for the model."""
+def point_lights(sensor: Sensor) -> PointLights:
+    """Return the lights and the material of a sensor; see `objectfolder.touch.sensor.shading.shade`."""
     dielectric = 1 - sensor.metallic
     material = [
         sensor.roughness**4,
@@ -72,7 +72,7 @@ def lighting(sensor: Sensor) -> Lighting:
         dielectric * DIELECTRIC_REFLECTANCE + sensor.metallic * sensor.base_color,
         dielectric * sensor.base_color * (1 - DIELECTRIC_REFLECTANCE) / np.pi,
     ]
-    return Lighting(
+    return PointLights(
         np.array(sensor.camera_position_m, dtype=np.float32),
         np.array(sensor.light_positions_m, dtype=np.float32).reshape(-1, 3),
         np.array(sensor.light_colors, dtype=np.float32).reshape(-1, 3),

@@ -1,6 +1,6 @@
 """Which faces are in oriented boxes, and near a gel.
 
-The boxes are those of `face_tree.FaceTree`: the children of node i are 2 i + 1 and 2 i + 2.
+The boxes are those of `patch.FacePatches`: the children of node i are 2 i + 1 and 2 i + 2.
 """
 
 # Kernels are compiled for the types they meet.
@@ -72,46 +72,6 @@ def _transform(triangle, pose, corners):
 
 
 @kernel
-def in_box(boxes, order, triangles, pose, low, high):
-    """See `face_tree.FaceTree.in_box`."""
-    leaves = len(order)
-    centre, half = _centre_of(pose, low, high)
-    faces = np.empty(256, np.int64)
-    found = 0
-    corners = np.empty((3, 3))
-    stack = np.empty(STACK, np.int64)
-    stack[0], height = 0, 1
-    while height:
-        height -= 1
-        node = stack[height]
-        if _boxes_apart(boxes[node], pose, centre, half):
-            continue
-        if node < leaves - 1:
-            stack[height], stack[height + 1] = 2 * node + 2, 2 * node + 1
-            height += 2
-            continue
-        if found + order.shape[1] > len(faces):
-            faces = _grown(faces)
-        for slot in range(order.shape[1]):
-            face = order[node - leaves + 1, slot]
-            if face < 0:
-                continue
-            _transform(triangles[face], pose, corners)
-            meets = True
-            for axis in range(3):
-                a, b, c = corners[0, axis], corners[1, axis], corners[2, axis]
-                meets &= min(min(a, b), c) <= high[axis] and max(max(a, b), c) >= low[axis]
-            if meets:
-                faces[found] = face
-                found += 1
-    faces = np.sort(faces[:found])
-    transformed = np.empty((found, 3, 3))
-    for i in range(found):
-        _transform(triangles[faces[i]], pose, transformed[i])
-    return faces, transformed
-
-
-@kernel
 def _separates(corners, half, ax, ay, az):
     """Whether the axis separates a triangle (3, 3) from the open box of half extents round the origin."""
     reach = abs(ax) * half[0] + abs(ay) * half[1] + abs(az) * half[2]
@@ -149,7 +109,7 @@ def _triangle_enters(corners, low, high, half):
 
 @kernel
 def enters_box(boxes, order, triangles, pose, low, high):
-    """See `face_tree.FaceTree.enters_box`."""
+    """See `patch.FacePatches.enters_box`."""
     leaves = len(order)
     centre, half = _centre_of(pose, low, high)
     corners = np.empty((3, 3))
@@ -211,7 +171,7 @@ def _triangle_bound(corners, gel):
 
 @kernel
 def near_gel(boxes, order, triangles, pose, gel, least):
-    """See `face_tree.FaceTree.near_gel`."""
+    """See `patch.FacePatches.near_gel`."""
     leaves = len(order)
     faces, bounds, corners = np.empty(512, np.int64), np.empty(512), np.empty((512, 3, 3))
     found = 0

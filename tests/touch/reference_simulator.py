@@ -1,78 +1,62 @@
-"""What the sensor's camera sees at a pose: colour, depth in the gel, contact."""
-
-from dataclasses import dataclass
+"""Touches by array arithmetic: the oracle of `objectfolder.touch.rendering.simulator`."""
 
 import numpy as np
+from reference_contact import corners_in, in_box, indentations, meets_housing, near_gel
+from reference_pose import contact_normal, first_touch_pose
+from reference_rasterise import rasterise
 
-from objectfolder.surface.surface import Surface
-from objectfolder.touch.contact.gel_contact import may_indent
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.backends import make_simulator
-from objectfolder.touch.rendering.rasterise import rasterise
-from objectfolder.touch.sensor.camera import CoverageGrid, to_bytes
+from objectfolder.touch.rendering.simulator import Near, TouchImage
+from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, RayGrid, coverage_grid, to_bytes
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import shade
 
-# Depth maps are multiples of 2^-23 m (0.12 micrometres), exact in float32, so that they compress.
-DEPTH_STEPS_PER_M = 2.0**23
 
+class ReferenceSimulator:
+    """What `Simulator` answers, a touch at a time."""
 
-@dataclass(frozen=True)
-class ContactImage:
-    """One image; the fields are those of `press.Touches`, without the first axis."""
+    def __init__(self, patches: FacePatches, sensor: Sensor, samples: int) -> None:
+        self._patches, self._sensor = patches, sensor
+        self._grid = coverage_grid(sensor, samples)
 
-    rgb: np.ndarray
-    depth: np.ndarray
-    mask: np.ndarray
-    contact_area_m2: float
+    def stand(
+        self, points: np.ndarray, tilt: np.ndarray, azimuth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        surface, sensor = self._patches.surface, self._sensor
+        closest = surface.closest_points(points)
+        shading_normals = surface.normals_at(closest.face, closest.barycentric)
+        normals, poses = np.empty((len(points), 3)), np.empty((len(points), 4, 4))
+        for i, (point, shading_normal) in enumerate(zip(closest.points, shading_normals, strict=True)):
+            normals[i] = contact_normal(self._patches, point, shading_normal, sensor.contact_radius_m)
+            poses[i] = first_touch_pose(sensor, point, normals[i], tilt[i], azimuth[i])
+        return closest.points, normals, poses
 
+    def approach(self, pose: np.ndarray, least: float) -> Near:
+        faces, triangles = near_gel(self._patches, self._sensor, pose, least)
+        reach = indentations(triangles, self._sensor)
+        return Near(faces, triangles, reach, float(reach.max(initial=0.0)))
 
-def render_poses(
-    surface: Surface | FacePatches,
-    sensor: Sensor,
-    sensor_to_object: np.ndarray,
-    samples: int = 2,
-    backend: str | None = None,
-) -> list[ContactImage]:
-    """See through the gel at poses (n, 4, 4), wherever they are: one image a pose.
+    def meets_housing(self, pose: np.ndarray) -> bool:
+        low, high = np.asarray(self._sensor.housing_low_m), np.asarray(self._sensor.housing_high_m)
+        return meets_housing(
+            corners_in(self._patches, pose, in_box(self._patches, pose, low, high)), self._sensor
+        )
 
-    `backend` is chosen as `backends.choose_backend` says.
-    """
-    patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
-    simulator = make_simulator(backend, patches, sensor, samples)
-    results = []
-    for pose in np.asarray(sensor_to_object, dtype=np.float64).reshape(-1, 4, 4):
-        shape = sensor.image_height, sensor.image_width
-        rgb = np.empty((*shape, 3), dtype=np.uint8)
-        depth, mask = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=bool)
-        area = simulator.see(pose, simulator.approach(pose, 0.0), rgb, depth, mask)
-        results.append(ContactImage(rgb, depth, mask, area))
-    return results
-
-
-def near_gel(
-    patches: FacePatches, sensor: Sensor, pose: np.ndarray, least: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Faces that may reach deeper into the gel than `least` metres, and their corners in the sensor frame."""
-    apex = np.asarray(sensor.gel_apex_m)
-    half = np.array([0.0, sensor.gel_width_m / 2, sensor.gel_height_m / 2])
-    low, high = apex - half, apex + half
-    low[0], high[0] = sensor.camera_position_m[0], apex[0] - least
-    near = patches.in_box(pose, low, high)
-    triangles = patches.corners_in(pose, near)
-    kept = np.flatnonzero(may_indent(triangles, sensor, least))
-    return near[kept], triangles[kept]
+    def see(self, pose: np.ndarray, near: Near) -> TouchImage:
+        pressed = near.bounds > 0
+        faces, triangles = near.faces[pressed], near.triangles[pressed]
+        return contact_image(self._patches, self._sensor, self._grid, pose, faces, triangles)
 
 
 def contact_image(
     patches: FacePatches,
     sensor: Sensor,
-    grid: CoverageGrid,
+    grid: RayGrid,
     pose: np.ndarray,
     faces: np.ndarray,
     triangles: np.ndarray,
-) -> ContactImage:
+) -> TouchImage:
     """One image of faces, whose corners are `triangles` (m, 3, 3) in the sensor frame, through the gel.
 
     As a graphics processor does, each face is shaded once in each pixel it covers, at the middle of the rays
@@ -111,7 +95,7 @@ def contact_image(
     contact = mean(1.0)
     shown = np.stack([mean(value) for value in shade(sensor, positions, normals).T], axis=1)
     values = shown.astype(np.float32) + grid.gel_values * (1 - contact).astype(np.float32)[:, None]
-    return ContactImage(
+    return TouchImage(
         rgb=to_bytes(values).reshape(*shape, 3),
         depth=(np.floor(mean(indentation) * DEPTH_STEPS_PER_M) / DEPTH_STEPS_PER_M)
         .astype(np.float32)

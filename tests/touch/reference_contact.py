@@ -1,7 +1,8 @@
-"""How far faces reach into the gel, and whether they meet the housing."""
+"""Contact of faces with the gel and the housing by array arithmetic: the oracle of the compiled kernels."""
 
 import numpy as np
 
+from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.gel import gel_sag
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -9,6 +10,42 @@ _EDGES = ((0, 1), (1, 2), (2, 0))
 # A face seen along the sensor's axis with less than this share of its area is on edge: where it lies above a
 # border is then rounding, and its edges, which are looked at by themselves, are all there is of it.
 ON_EDGE = 1e-9
+
+
+def near(patches: FacePatches, centre: np.ndarray, radius: float) -> np.ndarray:
+    """Faces whose bounding sphere meets the ball (centre (3,), radius), metres."""
+    low, high = patches.triangles.min(axis=1), patches.triangles.max(axis=1)
+    centres = (low + high) / 2
+    radii = np.linalg.norm(patches.triangles - centres[:, None], axis=2).max(axis=1)
+    return np.flatnonzero(np.linalg.norm(centres - centre, axis=1) <= radii + radius)
+
+
+def in_box(patches: FacePatches, pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Faces that may meet a box, given by its corners (3,) in the frame of `pose` (4, 4)."""
+    local = corners_in(patches, pose, np.arange(len(patches.triangles)))
+    meets = (local.min(axis=1) <= high).all(axis=1) & (local.max(axis=1) >= low).all(axis=1)
+    return np.flatnonzero(meets)
+
+
+def corners_in(patches: FacePatches, pose: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Corners (m, 3, 3) of `faces` (m,) in the frame of `pose`; shared corners get equal bits."""
+    triangles = patches.triangles[faces]
+    x, y, z = (triangles[..., axis] - pose[axis, 3] for axis in range(3))
+    return np.stack([x * r[0] + y * r[1] + z * r[2] for r in pose[:3, :3].T], axis=-1)
+
+
+def near_gel(
+    patches: FacePatches, sensor: Sensor, pose: np.ndarray, least: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Faces that may reach deeper into the gel than `least` metres, and their corners in the sensor frame."""
+    apex = np.asarray(sensor.gel_apex_m)
+    half = np.array([0.0, sensor.gel_width_m / 2, sensor.gel_height_m / 2])
+    low, high = apex - half, apex + half
+    low[0], high[0] = sensor.camera_position_m[0], apex[0] - least
+    near = in_box(patches, pose, low, high)
+    triangles = corners_in(patches, pose, near)
+    kept = np.flatnonzero(may_indent(triangles, sensor, least))
+    return near[kept], triangles[kept]
 
 
 def may_indent(triangles: np.ndarray, sensor: Sensor, least: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from objectfolder.jit import kernel
 
 @kernel
 def resolve(record, extent, values, sample_depth, gel_values, rays, steps, rgb, depth, mask):
-    """Write the pixels that see the object, as `image.contact_image` over all would.
+    """Write the pixels that see the object: the mean over their rays.
 
     Parameters
     ----------

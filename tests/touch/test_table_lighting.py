@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
-
-from objectfolder.touch.compiled.table_shading import table_lighting
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.sensor.shading import look_up
+from objectfolder.touch.sensor.table_lighting import table_lighting
 
 SENSOR = read_sensor("gelsight")
 

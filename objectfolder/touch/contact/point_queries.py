@@ -1,6 +1,6 @@
 """Which faces are nearest to points, and which are near them.
 
-The boxes are those of `face_tree.FaceTree`: the children of node i are 2 i + 1 and 2 i + 2.
+The boxes are those of `patch.FacePatches`: the children of node i are 2 i + 1 and 2 i + 2.
 """
 
 # Kernels are compiled for the types they meet.
@@ -75,7 +75,7 @@ def _closest_on(triangle, x, y, z):
 
 @kernel
 def closest(boxes, order, triangles, points):
-    """See `face_tree.FaceTree.closest`."""
+    """See `patch.FacePatches.closest`."""
     count, leaves = len(points), len(order)
     face = np.full(count, -1, np.int64)
     barycentric = np.zeros((count, 3))
@@ -116,8 +116,8 @@ def _grown(values):
 
 
 @kernel
-def in_balls(boxes, order, triangles, points, radius):
-    """See `face_tree.FaceTree.in_balls`."""
+def in_balls(boxes, order, points, radius):
+    """See `patch.FacePatches.in_balls`."""
     count, leaves = len(points), len(order)
     starts = np.zeros(count + 1, np.int64)
     faces = np.empty(64 * max(count, 1), np.int64)

@@ -1,3 +1,0 @@
-from objectfolder.touch.compiled.simulator import CompiledSimulator
-
-__all__ = ["CompiledSimulator"]

@@ -1,0 +1,194 @@
+"""What is asked of a press, and what is known of the touches that follow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.errors import QueryError
+from objectfolder.touch.sensor.sensor import Sensor
+
+TOLERANCE_M = 1e-6
+DEFAULT_DEPTH_M = 0.001
+GREATEST_TILT_DEG = 45.0
+CONTACTS = ("rigid", "elastic")
+
+
+@dataclass(frozen=True, eq=False)
+class Press:
+    """How to press; where a number may differ from touch to touch, a number or (n,).
+
+    Parameters
+    ----------
+    depth_m
+        From first contact on: 0 to the sensor's `maximum_depth_m`, or under the elastic model to
+        `elastic_press.greatest_depth_m`. One millimetre where neither a depth nor a force is asked for.
+    force_n
+        Instead of a depth, the force to press with, newtons, under the elastic model.
+    tilt_deg, azimuth_deg
+        Lean of the sensor, 0 up to 45 degrees, and its direction, counted from the image's right towards
+        its top.
+    contact
+        ``"rigid"``: the object shows through a gel that gives way where it is, as in TACTO; ``"elastic"``:
+        the gel deforms as an elastic solid and bears a force. None stands for elastic where a force is
+        asked for, else for rigid.
+    samples
+        Samples along each side of a pixel, against aliasing.
+    cell_m
+        Under the elastic model, about the size of the cells of gel that pressure is constant on. Contacts
+        less than four cells in radius are a few per cent off. By default about what a pixel of 120 x 160
+        shows of a DIGIT's gel.
+    """
+
+    depth_m: float | np.ndarray | None = None
+    force_n: float | np.ndarray | None = None
+    tilt_deg: float | np.ndarray = 0.0
+    azimuth_deg: float | np.ndarray = 0.0
+    contact: str | None = None
+    samples: int = 2
+    cell_m: float = 0.03 / 192
+
+    @property
+    def contact_model(self) -> str:
+        """The contact model asked for.
+
+        Raises
+        ------
+        QueryError
+            An unknown one, or a force asked of the rigid one.
+        """
+        contact = self.contact or ("rigid" if self.force_n is None else "elastic")
+        if contact not in CONTACTS:
+            raise QueryError("contact", f"{contact!r}", "Use 'rigid' or 'elastic'.")
+        if contact == "rigid" and self.force_n is not None:
+            raise QueryError("force_n", "a rigid contact bears no force", "Ask with contact='elastic'.")
+        return contact
+
+    def depths(self, count: int, greatest_m: float) -> np.ndarray:
+        """Depths (count,) metres.
+
+        Raises
+        ------
+        QueryError
+            Another shape, or depths outside 0 to `greatest_m`.
+        """
+        depth = DEFAULT_DEPTH_M if self.depth_m is None else self.depth_m
+        return _per_touch("depth_m", depth, count, greatest_m)
+
+    def forces(self, count: int) -> np.ndarray | None:
+        """Forces (count,) newtons; None where a depth is asked for.
+
+        Raises
+        ------
+        QueryError
+            Another shape, forces below 0, or both a depth and a force.
+        """
+        if self.force_n is None:
+            return None
+        if self.depth_m is not None:
+            raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
+        force = _per_touch("force_n", self.force_n, count, None)
+        if (force < 0).any():
+            raise QueryError("force_n", f"{force.min()} is below 0", "A gel does not pull.")
+        return force
+
+    def angles(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Tilts and azimuths (count,), radians.
+
+        Raises
+        ------
+        QueryError
+            Another shape, angles that are not finite, tilts outside 0 to 45 degrees.
+        """
+        tilt = _per_touch("tilt_deg", self.tilt_deg, count, GREATEST_TILT_DEG)
+        return np.radians(tilt), np.radians(_per_touch("azimuth_deg", self.azimuth_deg, count, None))
+
+
+@dataclass(frozen=True)
+class Touches:
+    """n touches.
+
+    Parameters
+    ----------
+    rgb
+        (n, height, width, 3) uint8, without noise.
+    depth
+        (n, height, width) float32 metres: how far the object, where a pixel sees it, lies inside the
+        undeformed gel, along the sensor's axis; the mean over a pixel's samples, 0 where there is none.
+    mask
+        (n, height, width) bool: at least half of the pixel's samples see the object in the gel.
+    sensor_to_object
+        (n, 4, 4) float64 pose, metres.
+    points, normals
+        (n, 3) float64: the touched points of the surface and its mean normals over the contact radius.
+    reachable
+        (n,) bool: the gel touches the asked point before it is pressed further than asked elsewhere, and
+        neither the housing nor the room between camera and gel holds a part of the object.
+    first_contact_offset_m
+        (n,) float64: how long before the asked point another part of the object meets the gel; the asked
+        point itself is `penetration_m - first_contact_offset_m` deep in it (outside where negative).
+    penetration_m
+        (n,) float64: deepest indentation of the gel by any part of the object, along the sensor's axis.
+        It equals the depth asked for, or 0 where the sensor cannot stand. `depth` never shows more.
+    contact_area_m2
+        (n,) float64: area of the object's surface that the camera sees in the gel.
+    saturated
+        (n,) bool: the gel is pressed as far as it goes, to the sensor's `maximum_depth_m` or to the camera's
+        near plane; a larger force would not press it further.
+    force_n
+        (n,) float64 newtons: force along the sensor's axis; not a number under the rigid model, whose gel
+        gives way without any.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    mask: np.ndarray
+    sensor_to_object: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    reachable: np.ndarray
+    first_contact_offset_m: np.ndarray
+    penetration_m: np.ndarray
+    contact_area_m2: np.ndarray
+    saturated: np.ndarray
+    force_n: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @classmethod
+    def empty(cls, count: int, sensor: Sensor) -> "Touches":
+        """`count` touches to be filled in."""
+        image = (count, sensor.image_height, sensor.image_width)
+        return cls(
+            rgb=np.zeros((*image, 3), dtype=np.uint8),
+            depth=np.zeros(image, dtype=np.float32),
+            mask=np.zeros(image, dtype=bool),
+            sensor_to_object=np.zeros((count, 4, 4)),
+            points=np.zeros((count, 3)),
+            normals=np.zeros((count, 3)),
+            reachable=np.zeros(count, dtype=bool),
+            first_contact_offset_m=np.zeros(count),
+            penetration_m=np.zeros(count),
+            contact_area_m2=np.zeros(count),
+            saturated=np.zeros(count, dtype=bool),
+            force_n=np.full(count, np.nan),
+        )
+
+
+def saturation_depth_m(sensor: Sensor) -> float:
+    """Deepest indentation of the gel, metres: its limit, or where the camera's near plane ends it."""
+    clear = sensor.gel_apex_m[0] - sensor.camera_position_m[0] - sensor.near_m
+    return min(sensor.maximum_depth_m, clear)
+
+
+def _per_touch(name: str, value: float | np.ndarray, count: int, highest: float | None) -> np.ndarray:
+    """A number, or one a touch, as (count,) float64 from 0 to `highest`, if that is given."""
+    values = np.asarray(value, dtype=np.float64)
+    if values.shape not in ((), (count,)):
+        raise QueryError(name, f"shape {values.shape}, expected a number or ({count},)")
+    if not np.isfinite(values).all():
+        raise QueryError(name, "not finite")
+    if highest is not None and values.size and not (values.min() >= 0 and values.max() <= highest):
+        worst = values.ravel()[np.argmax(np.abs(values - highest / 2))]
+        raise QueryError(name, f"{worst} is out of range", f"Ask for 0 to {highest}.")
+    return np.broadcast_to(values, (count,))
