@@ -3,17 +3,30 @@
 A cached kernel is compiled again when its own file changes, not when a file it took something from does.
 So a kernel calls only kernels of its own module and takes constants of other modules as arguments
 (a test holds this).
+
+The target is the same on every x86-64 processor with AVX2, newer ones included: processes that share a cache
+of kernels share the kernels, and answers do not depend on wider registers. It holds for all numba functions
+of the process, unless ``NUMBA_CPU_NAME`` names another.
 """
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit
+import llvmlite.binding
+from numba import config, njit
+from numba.core import event
 
 # Fused and reordered sums; NaN and infinity keep their meaning, and the process its rounding modes.
 # Without "arcp": LLVM would divide by the processor's approximate reciprocal, which AMD and Intel round
 # differently.
 RELAXED = frozenset({"contract", "reassoc", "nsz"})
+CPU_NAME = "haswell"
+# Those of `CPU_NAME` that change what is computed, and what LLVM needs beside them.
+CPU_FEATURES = (
+    "+64bit,+avx,+avx2,+bmi,+bmi2,+cmov,+cx16,+f16c,+fma,+fxsr,+lzcnt,+mmx,+movbe,+popcnt,+sahf,"
+    "+sse,+sse2,+sse3,+sse4.1,+sse4.2,+ssse3,+xsave"
+)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -34,3 +47,27 @@ def _compiled(function: Callable[..., Any], flags: frozenset[str]) -> Any:
     except RuntimeError:
         # Neither this folder nor the user's cache folder can be written: each process compiles anew.
         return njit(function, **options)
+
+
+class _Notice(event.Listener):
+    """Says on standard error, once a process, that kernels are compiled; those in the cache load silently."""
+
+    said = False
+
+    def on_start(self, event: event.Event) -> None:
+        if not self.said and event.data["dispatcher"].py_func.__module__.startswith("objectfolder."):
+            self.said = True
+            print("objectfolder: compiling kernels, once for this installation", file=sys.stderr)
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+def _set_target() -> None:
+    host = llvmlite.binding.get_host_cpu_features()
+    if config.CPU_NAME is None and all(host.get(name[1:], False) for name in CPU_FEATURES.split(",")):
+        config.CPU_NAME, config.CPU_FEATURES = CPU_NAME, CPU_FEATURES
+
+
+_set_target()
+event.register("numba:compile", _Notice())

@@ -3,7 +3,7 @@
 Each library takes other paths on a newer processor, whose sums differ in the last bits; a fit amplifies
 them. With these settings a processor with AVX-512 makes the bytes of one with AVX2 of the same vendor, for
 some hundredths of the seconds of the solver of modes. MKL still knows Intel from AMD: what differs between
-them is in ``docs/reproducibility.md``.
+them is in ``docs/reproducibility.md``. numba's target is set in `objectfolder.jit`, for every process.
 """
 
 import functools
@@ -16,9 +16,6 @@ AVX2: Mapping[str, str] = {
     "MKL_CBWR": "AVX2",
     "MKL_ENABLE_INSTRUCTIONS": "AVX2",
     "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL",
-    "NUMBA_CPU_FEATURES": "+64bit,+avx,+avx2,+bmi,+bmi2,+cmov,+cx16,+f16c,+fma,+fxsr,+lzcnt,+mmx,+movbe,"
-    "+popcnt,+sahf,+sse,+sse2,+sse3,+sse4.1,+sse4.2,+ssse3,+xsave",
-    "NUMBA_CPU_NAME": "haswell",
     "ONEDNN_MAX_CPU_ISA": "AVX2",
     "OPENBLAS_CORETYPE": "Haswell",
 }

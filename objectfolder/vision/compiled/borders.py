@@ -53,7 +53,11 @@ def mixed(slots, pixel, state):
         (n,) of points that were asked: their pixel, and 1 lit, 2 in shadow, 0 turned from the light.
     """
     height, width = slots.shape
-    kinds = np.zeros(slots.max() + 1, np.int64)
+    last = -1
+    for row in range(height):
+        for column in range(width):
+            last = max(last, slots[row, column])
+    kinds = np.zeros(last + 1, np.int64)
     for i in range(len(pixel)):
         kinds[pixel[i]] |= state[i]
     marked = np.zeros(len(kinds), np.bool_)

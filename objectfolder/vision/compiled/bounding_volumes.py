@@ -50,10 +50,10 @@ class BoundingVolumes:
     def of_triangles(cls, triangles: np.ndarray) -> "BoundingVolumes":
         """Build over (F, 3, 3) corners in the unit frame."""
         low, high = triangles.min(axis=1), triangles.max(axis=1)
-        boxes, children, counts, order = _build(low, high)
+        boxes, children, counts, order, nodes = _build(low, high)
         a = triangles[:, 0]
         edges = np.concatenate([a, triangles[:, 1] - a, triangles[:, 2] - a], axis=1)
-        return cls(boxes, children, counts, np.ascontiguousarray(edges[order]), order)
+        return cls(boxes[:nodes].copy(), children[:nodes].copy(), counts[:nodes].copy(), edges[order], order)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return face (n,) int32 (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
@@ -75,7 +75,9 @@ def _area(low, high):
 @kernel
 def _split(low, high, order, first, last):
     """Partition order[first:last] by the cheapest of BINS planes an axis; return where, or the middle."""
-    least, most = np.full(3, np.inf), np.full(3, -np.inf)
+    least, most = np.empty(3), np.empty(3)
+    for axis in range(3):
+        least[axis], most[axis] = np.inf, -np.inf
     for position in range(first, last):
         face = order[position]
         for axis in range(3):
@@ -85,12 +87,15 @@ def _split(low, high, order, first, last):
     best, best_axis, best_bin = np.inf, -1, 0
     bin_low, bin_high = np.empty((BINS, 3)), np.empty((BINS, 3))
     number = np.empty(BINS, np.int64)
-    right = np.empty(BINS)
+    right, swept_low, swept_high = np.empty(BINS), np.empty(3), np.empty(3)
     for axis in range(3):
         extent = most[axis] - least[axis]
         if not extent > 0:
             continue
-        bin_low[:], bin_high[:], number[:] = np.inf, -np.inf, 0
+        for bin_ in range(BINS):
+            number[bin_] = 0
+            for k in range(3):
+                bin_low[bin_, k], bin_high[bin_, k] = np.inf, -np.inf
         for position in range(first, last):
             face = order[position]
             centre = low[face, axis] + high[face, axis]
@@ -99,14 +104,18 @@ def _split(low, high, order, first, last):
             for k in range(3):
                 bin_low[bin_, k] = min(bin_low[bin_, k], low[face, k])
                 bin_high[bin_, k] = max(bin_high[bin_, k], high[face, k])
-        swept_low, swept_high, count = np.full(3, np.inf), np.full(3, -np.inf), 0
+        count = 0
+        for k in range(3):
+            swept_low[k], swept_high[k] = np.inf, -np.inf
         for bin_ in range(BINS - 1, 0, -1):
             count += number[bin_]
             for k in range(3):
                 swept_low[k] = min(swept_low[k], bin_low[bin_, k])
                 swept_high[k] = max(swept_high[k], bin_high[bin_, k])
             right[bin_] = _area(swept_low, swept_high) * count if count else 0.0
-        swept_low[:], swept_high[:], count = np.inf, -np.inf, 0
+        count = 0
+        for k in range(3):
+            swept_low[k], swept_high[k] = np.inf, -np.inf
         for bin_ in range(BINS - 1):
             count += number[bin_]
             for k in range(3):
@@ -134,7 +143,9 @@ def _split(low, high, order, first, last):
 @kernel
 def _build(low, high):
     count = len(low)
-    order = np.arange(count).astype(np.int32)
+    order = np.empty(count, np.int32)
+    for face in range(count):
+        order[face] = face
     room = max(1, count)
     boxes = np.empty((room, 2, 6), np.float32)
     children = np.zeros((room, 2), np.int32)
@@ -150,7 +161,8 @@ def _build(low, high):
         for side in range(2):
             start, end = (first, middle) if side == 0 else (middle, last)
             box = boxes[node, side]
-            box[:3], box[3:] = np.inf, -np.inf
+            for k in range(3):
+                box[k], box[3 + k] = np.inf, -np.inf
             for position in range(start, end):
                 face = order[position]
                 for k in range(3):
@@ -163,7 +175,7 @@ def _build(low, high):
                 pending[waiting, 0], pending[waiting, 1], pending[waiting, 2] = start, end, nodes
                 waiting += 1
                 nodes += 1
-    return boxes[:nodes].copy(), children[:nodes].copy(), counts[:nodes].copy(), order
+    return boxes, children, counts, order, nodes
 
 
 @kernel

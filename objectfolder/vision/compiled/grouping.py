@@ -115,7 +115,7 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
         room += min(count, wanted[p] * groups)
     pixel, sample = np.empty(room, np.int32), np.empty(room, np.int32)
     group, weight = np.empty(room, np.int8), np.empty(room, np.float32)
-    total = 0
+    total = np.int64(0)  # a literal would have `_stand_for` compiled twice
     members, sizes = np.empty((groups, count), np.int64), np.empty(groups, np.int64)
     for p in range(pixels):
         k = min(wanted[p], count)
@@ -131,7 +131,8 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
                 sample[total], weight[total] = whole_sample[k - 1, j], whole_weight[k - 1, j]
                 total += 1
             continue
-        sizes[:] = 0
+        for g in range(groups):
+            sizes[g] = 0
         for s in range(count):
             g = label[p, s]
             if g >= 0:
@@ -147,7 +148,8 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
             for j in range(start, total):
                 pixel[j], group[j] = p, g
             if whole:
-                whole_sample[k - 1, :k], whole_weight[k - 1, :k] = sample[start:total], weight[start:total]
+                for j in range(k):
+                    whole_sample[k - 1, j], whole_weight[k - 1, j] = sample[start + j], weight[start + j]
                 whole_known[k - 1] = True
     return pixel[:total], sample[:total], group[:total], weight[:total]
 

@@ -251,7 +251,7 @@ def _radiance(
     features, coarse = albedo_in.shape[0] - 3, bounced_in.shape[0] - 19
     lx, ly, lz = np.float32(light[0]), np.float32(light[1]), np.float32(light[2])
     for start in range(0, count, BLOCK):
-        row = 0
+        row = np.int64(0)  # a literal would have `_interpolate` compiled twice
         for level in range(4):
             table, lookup, resolution = tables[level], lookups[level], resolutions[level]
             for s in range(BLOCK):
@@ -350,7 +350,7 @@ def _fresnel(position, rim, tables, lookups, resolutions, half_width, weight, bi
     share = np.empty((len(position), 3), np.float32)
     features = np.zeros((weight.shape[1], 1), np.float32)
     for i in range(len(position)):
-        row = 0
+        row = np.int64(0)  # a literal would have `_interpolate` compiled twice
         for level in range(4):
             table, lookup, resolution = tables[level], lookups[level], resolutions[level]
             _interpolate(table, lookup, resolution, half_width,
