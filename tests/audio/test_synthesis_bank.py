@@ -61,13 +61,14 @@ def test_the_error_stays_below_1e_10_for_seconds(rate: int, damped: bool) -> Non
 
 
 def test_phase_is_kept_for_an_hour_at_20_khz() -> None:
+    """4.5e8 radians, each of three roundings 2^-53 of them."""
     samples = 3600 * 48000
     eigenvalue = np.array([(2 * np.pi * 20000.0) ** 2])
     oscillators = Oscillators.checked(eigenvalue, [0.0], 48000)
     late = np.array([samples - 2, samples - 1, samples])
     cosine, _ = oscillators.basis(late)
     for value, sample in zip(cosine[:, 0], late, strict=True):
-        assert abs(value - sound_at(eigenvalue, np.zeros(1), np.ones(1), sample, 48000)) < 1e-13
+        assert abs(value - sound_at(eigenvalue, np.zeros(1), np.ones(1), sample, 48000)) < 2e-7
 
 
 def test_critically_damped_and_over_damped_modes(subtests: pytest.Subtests) -> None:

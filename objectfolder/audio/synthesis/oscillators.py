@@ -16,12 +16,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.extended import (
-    difference_from_square,
-    quotient,
-    reduced_phase,
-    square_root,
-)
 from objectfolder.errors import QueryError
 
 Floats = NDArray[np.float64]
@@ -83,21 +77,14 @@ class Oscillators:
         return Oscillators(self.eigenvalues[which], self.dampings_per_s[which], self.sample_rate_hz)
 
     @cached_property
-    def _root(self) -> tuple[Floats, Floats, Floats]:
-        """D and, in two parts, sqrt(|D|)."""
-        high, low = difference_from_square(self.eigenvalues, self.dampings_per_s)
-        sign = np.where(high < 0, -1.0, 1.0)
-        return high + low, *square_root(sign * high, sign * low)
-
-    @property
     def discriminants(self) -> Floats:
         """D = lambda - c^2, (modes,); negative where a mode does not ring."""
-        return self._root[0]
+        return self.eigenvalues - self.dampings_per_s**2
 
-    @property
+    @cached_property
     def roots_per_s(self) -> Floats:
         """sqrt(|D|), (modes,): the damped angular frequency, or how far the two decay rates are from c."""
-        return self._root[1]
+        return np.sqrt(np.abs(self.discriminants))
 
     @property
     def frequencies_hz(self) -> Floats:
@@ -117,12 +104,6 @@ class Oscillators:
         # lambda / fast is c - spread without cancellation.
         return np.where(spread > 0, self.eigenvalues / np.where(fast > 0, fast, 1.0), fast), fast
 
-    @cached_property
-    def _phase_step(self) -> tuple[Floats, Floats]:
-        """Radians a sample in two parts."""
-        _, high, low = self._root
-        return quotient(high, low, self.sample_rate_hz)
-
     def audible(self) -> NDArray[np.bool_]:
         """Modes up to 0.45 of the sample rate, (modes,); others would alias."""
         return np.asarray(self.frequencies_hz <= HIGHEST_RATIO * self.sample_rate_hz)
@@ -138,16 +119,15 @@ class Oscillators:
         Returns
         -------
         tuple of ndarray
-            (n, modes) each. Phases are kept in two parts: the error is a few units of the last place
-            of exp(-c t) after any time.
+            (n, modes) each. The error is about 2^-52 of the phase sqrt(D) t times exp(-c t): without damping,
+            2e-8 at 20 kHz after 10 minutes.
         """
-        steps = np.asarray(offsets, dtype=np.float64).reshape(-1, 1)
-        time = steps / self.sample_rate_hz
+        time = np.asarray(offsets, dtype=np.float64).reshape(-1, 1) / self.sample_rate_hz
         ringing = self.discriminants > 0
         if ringing.all():
-            return self._ringing(steps, time)
-        first, second = (np.empty((len(steps), len(self))) for _ in range(2))
-        first[:, ringing], second[:, ringing] = self.take(ringing)._ringing(steps, time)
+            return self._ringing(time)
+        first, second = (np.empty((len(time), len(self))) for _ in range(2))
+        first[:, ringing], second[:, ringing] = self.take(ringing)._ringing(time)
         apart = self.apart
         close = ~(ringing | apart)
         first[:, close], second[:, close] = self.take(close)._close(time)
@@ -155,8 +135,8 @@ class Oscillators:
         first[:, apart], second[:, apart] = np.exp(-time * slow[apart]), np.exp(-time * fast[apart])
         return first, second
 
-    def _ringing(self, steps: Floats, time: Floats) -> tuple[Floats, Floats]:
-        phase = reduced_phase(*self._phase_step, steps)
+    def _ringing(self, time: Floats) -> tuple[Floats, Floats]:
+        phase = time * self.roots_per_s
         decay = np.exp(-time * self.dampings_per_s)
         return decay * np.cos(phase), decay * (np.sin(phase) / self.roots_per_s)
 
