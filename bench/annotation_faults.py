@@ -144,17 +144,16 @@ def copy_of(entry: Entry) -> Entry:
 def scaled(shape: Shape, factor: float) -> Shape:
     """Return a shape as if its mesh were scaled by a stated length."""
     walls = shape.walls
-    x, y, z = walls.extents_m
     return replace(
         shape,
         walls=replace(
             walls,
-            extents_m=(x * factor, y * factor, z * factor),
             area_m2=walls.area_m2 * factor**2,
             volume_m3=walls.volume_m3 * factor**3,
-            effective_m=walls.effective_m * factor,
-            bulk_m=walls.bulk_m * factor,
-            across_m=tuple(one * factor for one in walls.across_m),
-            wall_m=tuple(one * factor for one in walls.wall_m),
+            **{
+                name: None if length is None else length * factor
+                for name, length in walls.to_dict().items()
+                if name.endswith("_m")
+            },
         ),
     )

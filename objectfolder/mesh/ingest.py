@@ -19,9 +19,8 @@ from objectfolder.mesh.mesh_product import mesh_arrays
 from objectfolder.mesh.mesh_product import textured_mesh_of as textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
-from objectfolder.mesh.walls.vessels import wall_findings
-from objectfolder.mesh.walls.wall_measures import measure_walls
-from objectfolder.mesh.walls.wall_thickness import wall_thickness
+from objectfolder.mesh.walls.findings import wall_findings
+from objectfolder.mesh.walls.measures import measure_walls
 from objectfolder.products.store import Product
 
 
@@ -55,7 +54,7 @@ def ingest_object(
         `face_texture` (face) and `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`,
         `roughness_0`, `metallic_0`, ... where the source has them; in its attributes the report:
         cleaning, topology, solid, wall thickness, warnings (of walls: what geometry alone tells), digests of
-        geometry and texture, source files, measures of the walls (see `wall_measures.measures_of`).
+        geometry and texture, source files, measures of the walls (see `WallMeasures`).
 
     Raises
     ------
@@ -73,18 +72,16 @@ def ingest_object(
         raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
     topology = topology_of(mesh.vertices, mesh.faces)
     solid = solid_properties(mesh.vertices, mesh.faces)
-    is_solid = topology.watertight and topology.consistent and solid.volume_m3 > 0
-    thickness = wall_thickness(mesh.surface, solid.volume_m3 if is_solid else None)
-    walls = measure_walls(mesh.surface, cavities=report.cavities)
+    walls = measure_walls(mesh.surface)
     doubts = [str(finding) for finding in wall_findings(walls)]
     attributes: dict[str, Any] = {
         "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
         "area_m2": mesh.surface.area,
         "cleaning": report.to_dict(),
         "topology": asdict(topology),
-        "solid": {"meaningful": is_solid, **solid.to_dict()},
-        "wall_thickness": thickness.to_dict(),
-        "warnings": warnings + _warnings(report, topology, is_solid) + doubts,
+        "solid": {"meaningful": walls.closed, **solid.to_dict()},
+        "wall_thickness": walls.thickness(),
+        "warnings": warnings + _warnings(report, topology, walls.closed) + doubts,
     }
     body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
     source = {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None}

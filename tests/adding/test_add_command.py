@@ -151,7 +151,7 @@ def test_walls_that_cannot_be_are_said_with_the_option(tmp_path, capsys):
     options = ("--no-preview", "--mass", "0.4")
     assert add(tmp_path / "jar.stl", tmp_path / "t.csv", *options) == 0
     said = capsys.readouterr().out
-    assert "scanned solid (certain)" in said
+    assert "too thick (certain)" in said
     assert "shell_m" in said
     row = next(iter(read_table(tmp_path / "t.csv").rows()))[1]
     assert row["mass_kg"] == "0.4"

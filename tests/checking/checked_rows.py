@@ -5,7 +5,7 @@ from pathlib import Path
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import ObjectRecord
 from objectfolder.mesh.solid_properties import Topology
-from objectfolder.mesh.walls.wall_measures import LEVELS, WallMeasures
+from objectfolder.mesh.walls.measures import WallMeasures
 from pipeline.intake.check.entry import Entry
 from pipeline.intake.check.shape import Shape
 
@@ -30,21 +30,16 @@ def shape(
     box, sides = x * y * z, 2 * (x * y + y * z + z * x)
     walls = WallMeasures(
         closed=closed,
-        boundary_edges=boundary_edges,
-        cavities=0,
-        pieces=1,
-        extents_m=extents,
+        longest_m=max(extents),
         area_m2=sides if area is None else area,
         volume_m3=box if volume is None else volume,
         effective_m=2 * box / sides,
+        median_m=min(extents),
+        thin_m=min(extents),
         bulk_m=min(extents),
-        across_m=tuple(min(extents) for _ in LEVELS),
         wall_share=0.0,
-        wall_m=(),
-        torn_share=0.0,
-        overlapping_share=0.0,
-        filled_share=1.0,
-        shape=None,
+        wall_median_m=None,
+        wall_thin_m=None,
     )
     topology = Topology(
         watertight=closed,

@@ -16,8 +16,8 @@ def test_a_can_of_known_mass_is_scanned_solid():
     can = {"of": shape((0.14, 0.1, 0.1)), "mass_kg": "0.414", "name": "Coffee can"}
     (found,) = check_walls(entry("can", "steel", **can))
     assert (found.severity, found.field) == (WARNING, "shell_m")
-    assert found.found.startswith("scanned solid (certain)")
-    assert "published are 414 g" in found.found
+    assert found.found.startswith("too thick (certain)")
+    assert "gives the published 0.414 kg" in found.remedy
     assert list(check_walls(entry("can", "steel", shell_m="0.0003", **can))) == []
 
 

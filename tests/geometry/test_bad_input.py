@@ -167,7 +167,11 @@ def test_open_surface_is_made_and_reported(tmp_path):
     assert not attributes["topology"]["watertight"]
     assert attributes["topology"]["boundary_edges"] == 4
     assert not attributes["solid"]["meaningful"]
-    assert attributes["wall_thickness"]["effective_m"] is None
+    assert attributes["wall_thickness"] == {
+        "effective_m": None,
+        "median_m": pytest.approx(0.1, rel=1e-5),
+        "thin_m": pytest.approx(0.1, rel=1e-5),
+    }
     assert "not closed (4 boundary" in attributes["warnings"][0]
 
 

@@ -9,7 +9,6 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES, bare_mesh, canonical_triangl
 from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.solid_properties import solid_properties, topology_of
-from objectfolder.mesh.walls.wall_thickness import wall_thickness
 
 
 def hollow_sphere(outer_m: float = 1.0, inner_m: float = 0.8, subdivisions: int = 3):
@@ -193,19 +192,3 @@ def test_inertia_of_a_sphere():
     np.testing.assert_allclose(
         properties.inertia_per_density_m5, 0.4 * volume * 0.25 * np.eye(3), rtol=4e-3, atol=1e-12
     )
-
-
-def test_wall_thickness_of_a_hollow_sphere():
-    mesh, _ = clean(bare_mesh(*hollow_sphere(0.1, 0.096, 4)))
-    volume = solid_properties(mesh.vertices, mesh.faces).volume_m3
-    thickness = wall_thickness(mesh.surface, volume)
-    assert thickness.median_m == pytest.approx(0.004, rel=0.02)
-    assert thickness.thin_m == pytest.approx(0.004, rel=0.05)
-    assert thickness.effective_m == pytest.approx(0.004, rel=0.02)
-
-
-def test_wall_thickness_of_an_open_surface_is_measured_by_rays_alone():
-    mesh, _ = clean(bare_mesh(CUBE_VERTICES, CUBE_FACES[2:]))
-    thickness = wall_thickness(mesh.surface, None)
-    assert thickness.effective_m is None
-    assert thickness.median_m == pytest.approx(1.0, rel=1e-6)

@@ -12,8 +12,8 @@ from objectfolder.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.walls.vessels import WallFinding, wall_findings
-from objectfolder.mesh.walls.wall_measures import WallMeasures, measures_of
+from objectfolder.mesh.walls.findings import WallFinding, wall_findings
+from objectfolder.mesh.walls.measures import WallMeasures
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
@@ -93,13 +93,12 @@ def check_object(wanted: Wanted) -> Checked:
     if wanted.wall_m is not None:
         thicken(mesh.surface, wanted.wall_m, where)
     name = wanted.name or words_of(object_id)
-    walls = measures_of(product)
+    walls = WallMeasures(**product.attributes["walls"])
     findings = wall_findings(
         walls,
         material=material.name,
         density_kg_m3=material.density_kg_m3,
         mass_kg=wanted.mass_kg,
-        words=f"{object_id} {name}",
         wall_m=wanted.wall_m,
         shell_m=wanted.shell_m,
     )

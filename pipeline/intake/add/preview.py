@@ -9,10 +9,8 @@ import numpy as np
 from objectfolder.catalogue import AS_IN_FILE
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.mesh_product import textured_mesh_of
-from objectfolder.mesh.walls.mass_evidence import millimetres
-from objectfolder.mesh.walls.vessels import THIN, TORN
-from objectfolder.mesh.walls.wall_measures import FACING_AWAY, LEVELS, WALL_SHARE
-from objectfolder.mesh.walls.walls_of_materials import limits_of
+from objectfolder.mesh.walls.findings import ANY_MATERIAL, THIN, WALL_LIMITS, millimetres
+from objectfolder.mesh.walls.measures import FACING_AWAY, THIN_SHARE, WALL_SHARE
 from objectfolder.products.atomic import atomic_write
 from pipeline.intake.add.addition import Checked
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views
@@ -22,7 +20,7 @@ PIXELS = 300
 LETTERS = 120
 INDENT = 13
 """Letters that labels of lines take."""
-RED, PURPLE = np.array([0.9, 0.1, 0.1]), np.array([0.6, 0.1, 0.8])
+RED = np.array([0.9, 0.1, 0.1])
 
 
 def write_preview(
@@ -40,8 +38,7 @@ def write_preview(
     lines
         Text below the picture.
     least_wall_m
-        Colour walls thinner than this red, and surface behind which there is no inside purple; None colours
-        nothing.
+        Colour walls thinner than this red; None colours nothing.
     up_axis
         Which axis is up in the picture.
     """
@@ -62,7 +59,7 @@ def write_preview(
 
 
 def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
-    """Colour by what lies behind each point: red a wall thinner than `least_wall_m`, purple no inside."""
+    """Colour points red that lie on a wall thinner than `least_wall_m`."""
     surface = mesh.surface
     start = 1e-6 * float(mesh.extents.max())
     widest = WALL_SHARE * float(np.sort(mesh.extents)[1])
@@ -70,24 +67,21 @@ def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
     def marked(points: Floats, normals: Floats, colours: Floats) -> Floats:
         hits = surface.ray_hits(points - start * normals, -normals)
         behind = np.einsum("ij,ij->i", normals, surface.face_normals[np.maximum(hits.face, 0)])
-        met = hits.face >= 0
-        thin = met & (behind < FACING_AWAY) & (hits.distance + start < min(least_wall_m, widest))
-        torn = met & (behind > 0)
-        for chosen, colour in ((thin, RED), (torn, PURPLE)):
-            colours = np.where(chosen[:, None], 0.35 * colours + 0.65 * colour, colours)
-        return colours
+        thin = (hits.face >= 0) & (behind < FACING_AWAY) & (hits.distance + start < min(least_wall_m, widest))
+        return np.where(thin[:, None], 0.35 * colours + 0.65 * RED, colours)
 
     return marked
 
 
 def preview_of(checked: Checked, mesh: Path, path: Path, lines: Sequence[str]) -> None:
     """Write the picture of an object that was read from `mesh`; doubtful walls are marked."""
-    marked = any(finding.kind in (THIN, TORN) for finding in checked.findings)
+    marked = any(finding.kind == THIN for finding in checked.findings)
+    limits = WALL_LIMITS.get(checked.material.name, ANY_MATERIAL)
     write_preview(
         path,
         textured_mesh_of(checked.product),
         lines,
-        least_wall_m=limits_of(checked.material.name).least_wall_m if marked else None,
+        least_wall_m=limits.least_wall_m if marked else None,
         # glTF has y up; scans, z.
         up_axis=1 if mesh.suffix.lower() in (".gltf", ".glb") else 2,
     )
@@ -96,29 +90,30 @@ def preview_of(checked: Checked, mesh: Path, path: Path, lines: Sequence[str]) -
 def lines_about(checked: Checked) -> list[str]:
     """Size, volume, mass, walls, and what is doubtful."""
     attributes, walls = checked.product.attributes, checked.walls
+    topology, cavities = attributes["topology"], attributes["cleaning"]["cavities"]
     extents = attributes["length"]["extents_m"]
     origin = "as in the file" if checked.row["length_m"] == AS_IN_FILE else "as stated"
     density = checked.material.density_kg_m3
     closed = (
-        "closed" if walls.closed else f"open ({walls.boundary_edges} boundary edges): filled as it sounds"
+        "closed"
+        if walls.closed
+        else f"open ({topology['boundary_edges']} boundary edges): filled as it sounds"
     )
     lines = [
         f"object       {checked.row['name']} ({checked.object_id}), {checked.row['licence']}",
         f"size         {' x '.join(f'{side:.4g}' for side in extents)} m, longest side {origin}",
         f"surface      {len(checked.product['faces'])} triangles, {closed}, "
-        f"pieces {walls.pieces}, cavities {walls.cavities}",
+        f"pieces {topology['components'] - cavities}, cavities {cavities}",
         f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
         f"{checked.material.name} ({density:g} kg/m3)",
     ]
     solid = f"2V/A {millimetres(walls.effective_m)}, thickest {millimetres(walls.bulk_m)}"
-    if (median := walls.usual_wall_m()) is None:
-        lines.append(f"walls        none; {solid}")
-    else:
-        thin = millimetres(float(np.interp(0.05, LEVELS, walls.wall_m)))
-        lines.append(
-            f"walls        {100 * walls.wall_share:.0f} % of the area, median {millimetres(median)}, "
-            f"a twentieth of them below {thin}; {solid}"
-        )
+    walled = "none"
+    if walls.wall_median_m is not None:
+        walled = f"{100 * walls.wall_share:.0f} % of the area, median {millimetres(walls.wall_median_m)}"
+    if walls.wall_thin_m is not None:
+        walled += f", {100 * THIN_SHARE:.0f} % of the area below {millimetres(walls.wall_thin_m)}"
+    lines.append(f"walls        {walled}; {solid}")
     lines += [f"warning      {text}" for text in checked.warnings]
     lines += [f"walls?       {finding}" for finding in checked.findings]
     return lines

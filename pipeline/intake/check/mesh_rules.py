@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from objectfolder.mesh.walls.vessels import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
+from objectfolder.mesh.walls.findings import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding
 from pipeline.intake.check.shape import Shape
 
@@ -138,7 +138,7 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
 
 
 def check_walls(entry: Entry) -> Iterator[Finding]:
-    """Find what `objectfolder.mesh.walls.vessels` finds; masses are left to the rule `mass`."""
+    """Find what `objectfolder.mesh.walls.findings` finds; masses are left to the rule `mass`."""
     if entry.shape is None or entry.record is None or entry.material is None:
         return
     for one in wall_findings(
@@ -146,11 +146,10 @@ def check_walls(entry: Entry) -> Iterator[Finding]:
         material=entry.material.name,
         density_kg_m3=entry.material.density_kg_m3,
         mass_kg=entry.number("mass_kg"),
-        words=entry.names,
         wall_m=entry.record.wall_m,
         shell_m=entry.record.shell_m,
     ):
         if one.kind not in (HEAVIER, LIGHTER):
             severity = WARNING if one.certainty in (CERTAIN, LIKELY) else NOTE
             found = f"{one.kind} ({one.certainty}): {one.finding}"
-            yield entry.found(WALLS, severity, one.column or "mesh", found, one.remedy)
+            yield entry.found(WALLS, severity, one.column, found, one.remedy)

@@ -7,7 +7,7 @@ from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.length import with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
-from objectfolder.mesh.walls.wall_measures import WallMeasures, measure_walls
+from objectfolder.mesh.walls.measures import WallMeasures, measure_walls
 from objectfolder.products.provenance import file_digest
 
 
@@ -46,7 +46,7 @@ class Shape:
     @property
     def length_m(self) -> float:
         """Longest side as it would be made."""
-        return max(self.walls.extents_m)
+        return self.walls.longest_m
 
 
 def measure(record: ObjectRecord) -> Shape:
@@ -58,13 +58,13 @@ def measure(record: ObjectRecord) -> Shape:
         Files that the factory cannot use.
     """
     where = f"{record.id} ({record.mesh.name})"
-    cleaned, report = clean(load_mesh(record.mesh, record.texture), where)
+    cleaned, _ = clean(load_mesh(record.mesh, record.texture), where)
     extents = tuple(float(side) for side in cleaned.extents)
     mesh, _ = with_length(cleaned, record.length_m, where)
     return Shape(
         file_extents=(extents[0], extents[1], extents[2]),
         topology=topology_of(mesh.vertices, mesh.faces),
-        walls=measure_walls(mesh.surface, cavities=report.cavities),
+        walls=measure_walls(mesh.surface),
         mesh_sha256=file_digest(record.mesh),
         texture_sha256=None if record.texture is None else file_digest(record.texture),
         faces=len(cleaned.faces),
