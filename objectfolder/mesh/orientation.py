@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from objectfolder.surface.edges import EdgeTable, edge_table
+from objectfolder.surface.winding_number import solid_angles
 
 _PROBES = 9
 """Vertices of a patch tested for lying within another."""
@@ -164,17 +165,5 @@ def _probes(vertices: np.ndarray, faces: np.ndarray, patch: _Patch) -> np.ndarra
 
 
 def _lies_in(points: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether all points lie within a closed surface: winding number of van Oosterom and Strackee (1983)."""
-    for point in points:
-        a, b, c = (triangles[:, corner] - point for corner in range(3))
-        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
-        denominator = (
-            la * lb * lc
-            + np.einsum("ij,ij->i", a, b) * lc
-            + np.einsum("ij,ij->i", b, c) * la
-            + np.einsum("ij,ij->i", c, a) * lb
-        )
-        if abs(2 * np.arctan2(numerator, denominator).sum()) < 2 * np.pi:
-            return False
-    return True
+    """Whether all points lie within a closed surface, by its winding number."""
+    return all(abs(solid_angles(triangles, point[None]).sum()) >= 2 * np.pi for point in points)
