@@ -33,7 +33,6 @@ from objectfolder.solid.solid import volumes as volumes
 from objectfolder.solid.tetwild import Envelope, run_tetwild
 from objectfolder.solid.thickening import thicken
 from objectfolder.surface.edges import edge_table
-from objectfolder.surface.sampled_distance import SampledDistance
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
@@ -89,7 +88,6 @@ class _Measured:
     """The dimensionless surface that is filled, and what is known of it."""
 
     form: NormalForm
-    near: SampledDistance
     local: LocalThickness
     thin: float
     median: float
@@ -214,7 +212,6 @@ def _measure(target: Surface) -> _Measured:
     closed = is_closed(form.surface)
     return _Measured(
         form,
-        SampledDistance(form.surface),
         local,
         float(thin),
         float(median),
@@ -288,7 +285,7 @@ def _doubts(measured: _Measured, solid: Solid) -> list[str]:
         found.append(f"{measured.pieces} pieces of the surface became {solid.components} bodies")
     if measured.closed and measured.pieces == 1:
         boundary = Surface(solid.vertices, solid.boundary()[0])
-        away = SampledDistance(boundary).nearest(measured.local.points)[1]
+        away = boundary.sampled_distance.nearest(measured.local.points)[1]
         lost = float(np.mean(away > np.maximum(measured.local.least, 0.01)))
         if lost > 0.01:
             found.append(f"{lost:.1%} of the surface is farther from it than its wall is thick")
@@ -316,9 +313,9 @@ def _along_edges(surface: Surface) -> Floats:
 def _largest_distance(surface: Surface, points: Floats) -> float:
     """Largest distance of points (n, 3) from a surface.
 
-    `SampledDistance` is never too small; where it is large, the exact distance decides.
+    `Surface.sampled_distance` is never too small; where it is large, the exact distance decides.
     """
-    bound = SampledDistance(surface).nearest(points)[1]
+    bound = surface.sampled_distance.nearest(points)[1]
     order = np.argsort(-bound, kind="stable")
     largest = 0.0
     for start in range(0, len(order), EXACT_AT_ONCE):
@@ -343,7 +340,7 @@ def _finished(
     vertices = snap(fine.vertices, fine.tetrahedra, surface, thickness, reach=reach, least_shape=shapes)
     tolerance = np.minimum(filling.surface_per_thickness * thickness, filling.surface_error)
     faces, _, _ = boundary_of(fine.tetrahedra)
-    _, distance, nearest = SampledDistance(Surface(vertices, faces)).nearest(local.points)
+    _, distance, nearest = Surface(vertices, faces).sampled_distance.nearest(local.points)
     edge = _edge(measured, filling)
     fit = BoundaryFit(local.points, limit, distance, faces[nearest])
     tetrahedra = coarsen(vertices, fine.tetrahedra, fit, tolerance, thickness, edge, least_shape=shapes)
@@ -352,8 +349,8 @@ def _finished(
     coarse = clean(vertices, tetrahedra, {}, name=name)
 
     boundary = Surface(coarse.vertices, coarse.boundary()[0])
-    there = SampledDistance(boundary).nearest(local.points)[1]
-    back = measured.near.nearest(boundary.sample(len(local.points), 1).points)[1]
+    there = boundary.sampled_distance.nearest(local.points)[1]
+    back = surface.sampled_distance.nearest(boundary.sample(len(local.points), 1).points)[1]
     away = np.concatenate([there, back]) * scale
     largest = max(
         _largest_distance(boundary, np.concatenate([local.points, _along_edges(surface)])),

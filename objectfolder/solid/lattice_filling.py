@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.solid.element_shape import LOCAL_EDGES
-from objectfolder.surface.sampled_distance import SampledDistance
 from objectfolder.surface.signed_distance import signed_distance
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import WindingNumber
@@ -45,7 +44,7 @@ def fill_with_lattice(surface: Surface, nodes: int) -> tuple[Floats, Integers]:
     index = np.stack(np.unravel_index(used, tuple(counts)), axis=1)
     vertices = field.origin + field.cell * index
     level = depth.ravel()[used]
-    vertices[level == 0] = SampledDistance(surface).nearest(vertices[level == 0])[0]
+    vertices[level == 0] = surface.sampled_distance.nearest(vertices[level == 0])[0]
     vertices, level, tetrahedra = _cut(vertices, level, tetrahedra)
     around = level[tetrahedra]
     on_surface = np.flatnonzero((around == 0).all(axis=1))

@@ -18,7 +18,6 @@ from pytetwild import PyfTetWildWrapper
 
 from objectfolder.child_process import end_with
 from objectfolder.solid.seeded_random_device import seed_random_device
-from objectfolder.surface.sampled_distance import SampledDistance
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -34,14 +33,13 @@ def simplify(surface: Surface, target_faces: int, most_faces: int, allowed: floa
     """
     faces = target_faces
     volume = _signed_volume(surface)
-    near = SampledDistance(surface)
     drawn = surface.sample(1024, 0).points
     while faces < len(surface.faces):
         mesh = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
         reduced = mesh.decimate(1 - faces / len(surface.faces), volume_preservation=True)
         candidate = Surface(np.asarray(reduced.points, dtype=np.float64), reduced.faces.reshape(-1, 4)[:, 1:])
-        there = SampledDistance(candidate).nearest(drawn)[1]
-        back = near.nearest(candidate.sample(1024, 1).points)[1]
+        there = candidate.sampled_distance.nearest(drawn)[1]
+        back = surface.sampled_distance.nearest(candidate.sample(1024, 1).points)[1]
         moved = float(np.sqrt(np.mean(np.concatenate([there, back]) ** 2)))
         patience = 2.5 if faces >= most_faces else 1.0
         lost = abs(_signed_volume(candidate) - volume)

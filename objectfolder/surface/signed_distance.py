@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from objectfolder.surface.edges import connected_pieces
-from objectfolder.surface.sampled_distance import SampledDistance
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import SampledDistance, Surface
 from objectfolder.surface.winding_number import WindingNumber, is_closed
 
 Floats = NDArray[np.float64]
@@ -49,11 +48,10 @@ def signed_distance(surface: Surface, nodes: int, *, level: float = 0.0) -> Sign
     origin = (low + high) / 2 - (counts - 1) * cell / 2
     grid = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), axis=-1).reshape(-1, 3)
     points = origin + cell * grid
-    near = SampledDistance(surface)
-    distance = near.roughly(points)
+    distance = surface.sampled_distance.roughly(points)
     spacing = float(np.sqrt(surface.area / 20000))
     band = np.abs(distance - abs(level)) < 3 * cell + 3 * spacing
-    distance[band] = near.nearest(points[band])[1]
+    distance[band] = surface.sampled_distance.nearest(points[band])[1]
     inside = _inside(surface, points, distance.reshape(tuple(counts)), cell / 2 + 2 * spacing)
     return SignedDistance(np.where(inside, distance, -distance).reshape(tuple(counts)), origin, cell)
 

@@ -10,7 +10,6 @@ from objectfolder.solid.peeling import flat_on_boundary, peel
 from objectfolder.solid.snapping import snap
 from objectfolder.solid.solid import Solid, clean
 from objectfolder.surface.edges import edge_table
-from objectfolder.surface.sampled_distance import SampledDistance
 from objectfolder.surface.surface import Surface
 
 
@@ -77,7 +76,7 @@ def test_a_ball_keeps_to_its_tolerance_and_its_shape() -> None:
     before = Surface(whole.vertices, whole.boundary()[0])
     for tolerance, least in ((0.01, 1.02), (0.05, 2.0)):
         few = coarser(whole, tolerance, 2.0)
-        after = SampledDistance(Surface(few.vertices, few.boundary()[0]))
+        after = Surface(few.vertices, few.boundary()[0]).sampled_distance
         assert after.nearest(before.sample(500, 1).points)[1].max() < 1.5 * tolerance
         assert len(few.tetrahedra) * least < len(whole.tetrahedra)
         assert euler_characteristic(few) == 2

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from objectfolder.mesh.solid_properties import solid_properties, topology_of
-from objectfolder.surface.sampled_distance import SampledDistance
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 
@@ -125,4 +124,4 @@ def _largest_ball(surface: Surface, middles: np.ndarray, points: np.ndarray) -> 
         return 0.0
     bound = cdist(middles, points).min(axis=1)
     widest = middles[np.argsort(-bound, kind="stable")[:BALLS]]
-    return 2 * float(SampledDistance(surface).nearest(widest)[1].max())
+    return 2 * float(surface.sampled_distance.nearest(widest)[1].max())
