@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from objectfolder.mesh.walls.measures import WallMeasures
 from pipeline.intake.check.duplicate_rule import RULE as DUPLICATE
 from pipeline.intake.check.entry import NOTE, Entry
 from pipeline.intake.check.mesh_rules import LENGTH, MASS
@@ -143,17 +144,9 @@ def copy_of(entry: Entry) -> Entry:
 
 def scaled(shape: Shape, factor: float) -> Shape:
     """Return a shape as if its mesh were scaled by a stated length."""
-    walls = shape.walls
-    return replace(
-        shape,
-        walls=replace(
-            walls,
-            area_m2=walls.area_m2 * factor**2,
-            volume_m3=walls.volume_m3 * factor**3,
-            **{
-                name: None if length is None else length * factor
-                for name, length in walls.to_dict().items()
-                if name.endswith("_m")
-            },
-        ),
-    )
+    values = shape.walls.to_dict()
+    for unit, power in (("_m", 1), ("_m2", 2), ("_m3", 3)):
+        for name in values:
+            if name.endswith(unit) and values[name] is not None:
+                values[name] *= factor**power
+    return replace(shape, walls=WallMeasures(**values))

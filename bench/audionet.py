@@ -28,7 +28,8 @@ from objectfolder.fidelity.sounds import (
     stft_distance,
     unscaled_stft_distance,
 )
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.surface import Surface

@@ -14,7 +14,7 @@ from bench.references.bodies import BODIES
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface
 

@@ -23,7 +23,8 @@ from bench.record import RESULTS, write
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.audio.modes.modes import modes_of_solid
 from objectfolder.errors import ObjectFolderError
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import write_product
 from objectfolder.solid.filling import fill
 

@@ -36,7 +36,7 @@ from objectfolder.audio.synthesis import mode_bank
 from objectfolder.catalogue import read_catalogue
 from objectfolder.fidelity.sounds import cents, envelope_distance, gain_error_db, stft_distance
 from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from objectfolder.surface.codec import decode_surface, encode_surface

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.surface.surface import Surface
 
 # Of several materials and kinds: bodies, tools, thin walls, figures, sharp boxes.

@@ -24,8 +24,8 @@ from bench.record import RESULTS, write
 from bench.vision_lights import BEHIND_DEG, GRAZING_DEG, LIGHTS, light_positions
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.products.store import Array, Product, read_product, write_product
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.surface.codec import decode_surface, encode_surface

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.length import check_stated_length
-from objectfolder.mesh.readers.named_files import is_file
+from objectfolder.mesh.readers.files import is_file
 
 AS_IN_FILE = "as in file"
 """Value of `length_m` for a mesh whose own unit is the metre."""

@@ -14,13 +14,11 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import CleaningReport, clean
 from objectfolder.mesh.length import with_length
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.mesh_product import mesh_arrays
-from objectfolder.mesh.mesh_product import textured_mesh_of as textured_mesh_of
+from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
 from objectfolder.mesh.walls.findings import wall_findings
-from objectfolder.mesh.walls.measures import measure_walls
+from objectfolder.mesh.walls.measures import WallMeasures, measure_walls
 from objectfolder.products.store import Product
 
 
@@ -61,21 +59,40 @@ def ingest_object(
     InputError
         Anything that keeps the object from being used, with object or file, finding and remedy.
     """
+    where = f"{object_id} ({mesh_path})"
     try:
-        mesh, report = clean(
-            load_mesh(mesh_path, texture_path, with_textures=with_textures), f"{object_id} ({mesh_path})"
-        )
-        mesh, warnings = with_length(mesh, length_m, f"{object_id} ({mesh_path})")
+        mesh, report = clean(load_mesh(mesh_path, texture_path, with_textures=with_textures), where)
+        mesh, warnings = with_length(mesh, length_m, where)
     except InputError as problem:
-        if problem.where.startswith(f"{object_id} ("):
+        if problem.where.startswith(where):
             raise
         raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
+    walls = measure_walls(mesh.surface)
+    attributes = _measured(mesh, report, walls, warnings)
+    attributes["length"] = {"stated_m": length_m, "extents_m": mesh.extents.tolist()}
+    body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
+    texture = (mesh.texture_coordinates, mesh.face_texture, *mesh.textures, *_numbered_maps(mesh))
+    attributes |= {
+        "object_id": object_id,
+        "source": {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None},
+        "walls": walls.to_dict(),
+        "digests": {
+            "body": body,
+            "geometry": _digest(mesh.vertices, mesh.faces),
+            "texture": _digest(*texture),
+        },
+    }
+    return Product(mesh_arrays(mesh), attributes)
+
+
+def _measured(
+    mesh: TexturedMesh, report: CleaningReport, walls: WallMeasures, warnings: list[str]
+) -> dict[str, Any]:
+    """What is known of a mesh in metres, as attributes of its product."""
     topology = topology_of(mesh.vertices, mesh.faces)
     solid = solid_properties(mesh.vertices, mesh.faces)
-    walls = measure_walls(mesh.surface)
     doubts = [str(finding) for finding in wall_findings(walls)]
-    attributes: dict[str, Any] = {
-        "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
+    return {
         "area_m2": mesh.surface.area,
         "cleaning": report.to_dict(),
         "topology": asdict(topology),
@@ -83,21 +100,6 @@ def ingest_object(
         "wall_thickness": walls.thickness(),
         "warnings": warnings + _warnings(report, topology, walls.closed) + doubts,
     }
-    body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
-    source = {"mesh": _source(mesh_path), "texture": _source(texture_path) if texture_path else None}
-    attributes |= {
-        "object_id": object_id,
-        "source": source,
-        "walls": walls.to_dict(),
-        "digests": {
-            "body": body,
-            "geometry": _digest(mesh.vertices, mesh.faces),
-            "texture": _digest(
-                mesh.texture_coordinates, mesh.face_texture, *mesh.textures, *_numbered_maps(mesh)
-            ),
-        },
-    }
-    return Product(mesh_arrays(mesh), attributes)
 
 
 def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> list[str]:

@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from objectfolder.surface.bounding_boxes import BoundingBoxTree, closest_barycentric, intersect
 from objectfolder.surface.normals import corner_normals, face_normals_and_areas
@@ -211,6 +210,8 @@ class SampledDistance:
     PROPOSALS = 16
 
     def __init__(self, surface: Surface, *, samples: int = 20000) -> None:
+        from scipy.spatial import cKDTree  # an Object File is queried without it
+
         drawn = surface.sample(samples, 0)
         self._triangles = surface.vertices[surface.faces]
         self._face = np.concatenate([drawn.face, np.arange(len(surface.faces))])

@@ -2,7 +2,7 @@
 
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.modes import simulate_modes
-from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_product
 from pipeline.dataset.task import Request
 

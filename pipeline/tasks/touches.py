@@ -1,6 +1,6 @@
 """Task of stage `touches`: what the sensor feels."""
 
-from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_product
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.record import simulate_touches

@@ -1,6 +1,6 @@
 """Task of stage `views`: what the object looks like, by path tracing."""
 
-from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_product
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.truth.views import simulate_views

@@ -26,7 +26,8 @@ from hard_meshes import (
     write_text,
 )
 
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.readers.source_files import source_files
 
@@ -447,7 +448,7 @@ def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):
 
 
 def test_textures_are_read_once_and_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("objectfolder.mesh.readers.texture_reader.MOST_BYTES", 4 * 32 * 32)
+    monkeypatch.setattr("objectfolder.mesh.readers.textures.MOST_BYTES", 4 * 32 * 32)
     check(*GLTF["GLB"](tmp_path / "one"))
     path = write_obj_box(
         tmp_path / "two", library="newmtl skin\nmap_Kd skin.png\nnewmtl b\nmap_Kd skin.png\n"

@@ -9,8 +9,9 @@ from small_meshes import checker, cube, write_textured_cube
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.length import with_length
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.walls.findings import (
     CERTAIN,
     LIKELY,

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from objectfolder.catalogue import read_catalogue
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.starter.write import STARTER_OBJECTS, write_starter_set
 
 REPOSITORY = Path(__file__).parents[2]

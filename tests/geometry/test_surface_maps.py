@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from small_meshes import checker, png, write_gltf, write_textured_cube
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
-from objectfolder.mesh.mesh_product import mesh_arrays
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import mesh_arrays, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.readers.textures import opaque, scaled_map, with_alpha
 from objectfolder.products.store import read_product, write_product

@@ -9,7 +9,7 @@ import trimesh
 from vision_shapes import cube
 
 import objectfolder
-from objectfolder.mesh.mesh_product import mesh_arrays
+from objectfolder.mesh.mesh import mesh_arrays
 from objectfolder.products.store import Array, Product, write_product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import look_at, uniform_on_sphere

@@ -9,13 +9,12 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.coordinates import refuse_coarse, refuse_unusable, single_precision_step
+from objectfolder.mesh.readers.files import unreadable
 from objectfolder.mesh.readers.gltf_accessors import Primitive
 from objectfolder.mesh.readers.gltf_file import KINDS, Json, extensions, read_gltf_file, whole
 from objectfolder.mesh.readers.gltf_materials import PLAIN, Material, read_material
 from objectfolder.mesh.readers.gltf_nodes import placed_meshes
-from objectfolder.mesh.readers.text_files import unreadable
-from objectfolder.mesh.readers.texture_reader import TextureReader
-from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, srgb_encode
+from objectfolder.mesh.readers.textures import TextureReader, corner_colour_atlas, opaque, srgb_encode
 
 MOST_TRIANGLES = 10_000_000
 """Of all nodes together: few bytes may ask for very many by naming one mesh often."""

@@ -77,7 +77,7 @@ class Primitive:
 
         try:
             decoded = DracoPy.decode(bytes(self._file.view(said["bufferView"])))
-        except Exception as problem:  # whatever the decoder may say of bytes of strangers
+        except Exception as problem:  # the decoder may raise anything
             raise ValueError(f"its Draco data cannot be decoded: {problem}") from problem
         by_number = {entry["unique_id"]: entry["data"] for entry in decoded.attributes}
         for name, number in said["attributes"].items():

@@ -15,8 +15,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.named_files import find_file
-from objectfolder.mesh.readers.text_files import brief, read_bytes, shortened
+from objectfolder.mesh.readers.files import brief, find_file, read_bytes, shortened
 
 KINDS = {".gltf": "glTF", ".glb": "binary glTF"}
 
@@ -180,7 +179,7 @@ def number(value: Any, least: float = -1e30, most: float = 1e30) -> float:
 
 
 def numbers(values: Any, count: int, least: float = -1e30, most: float = 1e30) -> list[float]:
-    """Return a JSON list of so many numbers within bounds; ValueError for all else."""
+    """Return a JSON list of `count` numbers within bounds; ValueError for all else."""
     if not isinstance(values, list) or len(values) != count:
         raise ValueError(f"{shortened(str(values))} where {count} numbers are needed")
     return [number(value, least, most) for value in values]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.mesh.readers.files import shortened
 from objectfolder.mesh.readers.gltf_file import (
     GLOSSINESS,
     TEXTURE_TRANSFORM,
@@ -18,9 +19,14 @@ from objectfolder.mesh.readers.gltf_file import (
     whole,
 )
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
-from objectfolder.mesh.readers.text_files import shortened
-from objectfolder.mesh.readers.texture_reader import TextureReader
-from objectfolder.mesh.readers.textures import opaque, scaled_map, tint, uniform_map, uniform_texture
+from objectfolder.mesh.readers.textures import (
+    TextureReader,
+    opaque,
+    scaled_map,
+    tint,
+    uniform_map,
+    uniform_texture,
+)
 
 REPEAT = 10497
 """The only value of a sampler's `wrapS` and `wrapT` that textures here have."""

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.mesh.readers.files import shortened
 from objectfolder.mesh.readers.gltf_file import Gltf, Json, extensions, number, numbers, whole
-from objectfolder.mesh.readers.text_files import shortened
 
 _INSTANCES = "EXT_mesh_gpu_instancing"
 

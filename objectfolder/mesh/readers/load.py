@@ -10,8 +10,8 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.files import is_file
 from objectfolder.mesh.readers.gltf import read_gltf
-from objectfolder.mesh.readers.named_files import is_file
 from objectfolder.mesh.readers.obj import read_obj
 from objectfolder.mesh.readers.ply import read_ply
 from objectfolder.mesh.readers.stl import read_stl

@@ -12,8 +12,14 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.named_files import find_file, lies_within
-from objectfolder.mesh.readers.text_files import brief, read_text, shortened, without_comment
+from objectfolder.mesh.readers.files import (
+    brief,
+    find_file,
+    lies_within,
+    read_text,
+    shortened,
+    without_comment,
+)
 
 MOST_LIBRARIES = 100
 """Named by one mesh: real ones name a few."""

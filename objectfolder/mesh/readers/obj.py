@@ -12,6 +12,7 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.coordinates import refuse_unusable
+from objectfolder.mesh.readers.files import brief, read_text, shortened, without_comment
 from objectfolder.mesh.readers.material_library import (
     MOST_LIBRARIES,
     ObjMaterial,
@@ -19,9 +20,8 @@ from objectfolder.mesh.readers.material_library import (
     read_material_library,
 )
 from objectfolder.mesh.readers.polygons import triangulated
-from objectfolder.mesh.readers.text_files import brief, read_text, shortened, without_comment
-from objectfolder.mesh.readers.texture_reader import TextureReader
 from objectfolder.mesh.readers.textures import (
+    TextureReader,
     corner_colour_atlas,
     opaque,
     scaled_map,

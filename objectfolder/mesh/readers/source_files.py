@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from objectfolder.errors import InputError
+from objectfolder.mesh.readers.files import find_file, is_file
 from objectfolder.mesh.readers.gltf_file import gltf_files
 from objectfolder.mesh.readers.material_library import MOST_LIBRARIES, library_files, read_material_library
-from objectfolder.mesh.readers.named_files import find_file, is_file
 from objectfolder.mesh.readers.obj import material_libraries
 from objectfolder.mesh.readers.ply import ply_texture_name
 

@@ -12,14 +12,16 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.named_files import is_file
-from objectfolder.mesh.readers.text_files import brief, read_bytes
+from objectfolder.mesh.readers.files import brief, is_file, read_bytes
 
 LARGEST_SIDE = 16384
 """Texels along a side."""
 
 MOST_TEXELS = 2**26
 """Of one image, 8192 by 8192; a larger one takes more memory and time than one task has for a picture."""
+
+MOST_BYTES = 2**30
+"""Of all textures and maps of a mesh: 16 textures of 4096 a side."""
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "PPM", "DDS")
 """What is decoded. Of Pillow's others some start programs, and most are no textures."""
@@ -50,7 +52,7 @@ def decode_texture(data: bytes, where: str) -> np.ndarray:
                 return rgba_of(image, where)
     except InputError:
         raise
-    except Exception as problem:  # whatever a decoder may say of bytes of strangers
+    except Exception as problem:  # a decoder may raise anything
         said = "its content is of no known kind" if isinstance(problem, UnidentifiedImageError) else problem
         raise InputError(
             where, f"not a readable image ({brief(said)})", "Use a complete PNG, JPEG, WebP or TIFF image"
@@ -185,3 +187,50 @@ def tint(texture: np.ndarray, factor: np.ndarray) -> np.ndarray:
     table[:, 3] = levels * factor[3]
     table = np.rint(255 * np.clip(table, 0, 1)).astype(np.uint8)
     return np.stack([table[texture[..., channel], channel] for channel in range(4)], axis=-1)
+
+
+class TextureReader:
+    """Reads images by a key that names them, and keeps them.
+
+    Parameters
+    ----------
+    where
+        The mesh, for errors.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        self._known: dict[object, np.ndarray] = {}
+        self._counted: dict[int, np.ndarray] = {}
+        self._bytes = 0
+
+    def file(self, path: Path) -> np.ndarray:
+        """Read an image file as (h, w, 4) uint8 RGBA; see `read_texture`."""
+        if path not in self._known:
+            self._known[path] = self.count(read_texture(path))
+        return self._known[path]
+
+    def data(self, key: object, data: bytes, where: str) -> np.ndarray:
+        """Decode an image file's bytes as (h, w, 4) uint8 RGBA; see `decode_texture`."""
+        if key not in self._known:
+            self._known[key] = self.count(decode_texture(data, where))
+        return self._known[key]
+
+    def count(self, image: np.ndarray) -> np.ndarray:
+        """Return an image that the mesh will hold, counted once.
+
+        Raises
+        ------
+        InputError
+            It is one too many.
+        """
+        if id(image) not in self._counted:
+            self._counted[id(image)] = image
+            self._bytes += image.nbytes
+            if self._bytes > MOST_BYTES:
+                raise InputError(
+                    self._where,
+                    f"its textures take more than {MOST_BYTES} bytes in all",
+                    "Use fewer or smaller textures",
+                )
+        return image

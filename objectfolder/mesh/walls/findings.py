@@ -153,7 +153,7 @@ def _too_thick(
     thickest = measures.bulk_m if measures.closed else measures.median_m or 0.0
     if thickest <= limits.largest_solid_m:
         return None
-    seldom = f"solid {material or 'things'} above {millimetres(limits.largest_solid_m)} are rare"
+    seldom = f"solid {material or 'matter'} above {millimetres(limits.largest_solid_m)} is rare"
     shell_m, how = limits.usual_wall_m, "is usual"
     if weighed is not None and weighed > MASS_FACTOR:
         shell_m, how = _shell_of(measures, weighed), f"gives the published {mass_kg:.3g} kg"

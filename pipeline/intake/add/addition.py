@@ -10,7 +10,8 @@ from pathlib import Path
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls.findings import WallFinding, wall_findings
 from objectfolder.mesh.walls.measures import WallMeasures

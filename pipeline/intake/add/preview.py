@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.catalogue import AS_IN_FILE
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.walls.findings import ANY_MATERIAL, THIN, WALL_LIMITS, millimetres
 from objectfolder.mesh.walls.measures import FACING_AWAY, THIN_SHARE, WALL_SHARE
 from objectfolder.products.atomic import atomic_write

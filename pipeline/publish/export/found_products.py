@@ -9,8 +9,7 @@ from typing import Any
 import objectfolder
 from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.mesh_product import textured_mesh_of
+from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata

@@ -9,7 +9,8 @@ import pandas
 
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes
-from objectfolder.mesh.ingest import ingest_object, textured_mesh_of
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from pipeline.publish.queries.requests import ModesOfMesh
 
 POINTS = 8  # with mode shapes; the command shows none
