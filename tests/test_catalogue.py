@@ -12,7 +12,7 @@ from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
 from pipeline.dataset.records import row_of
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[1]
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
 
 
