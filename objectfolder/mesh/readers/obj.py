@@ -127,13 +127,11 @@ def _triangles(path: Path, vertices: np.ndarray, statements: _Statements) -> _Tr
         texture_vertices = np.array(statements.polygon_texture_vertices, dtype=np.int64)
         return _Triangles(faces, texture_vertices, np.arange(len(faces)))
     try:
-        corners, polygon = triangulated(vertices, polygons)
+        places, polygon = triangulated(vertices, polygons)
     except ValueError as problem:
         raise InputError(
             str(path), f"holds {problem}", "Triangulate the mesh before it is exported"
         ) from problem
-    starts = np.cumsum([0, *(len(corners) for corners in polygons)])[polygon]
-    places = starts[:, None] + corners
     return _Triangles(
         np.concatenate(polygons).astype(np.int64)[places],
         np.concatenate(statements.polygon_texture_vertices).astype(np.int64)[places],

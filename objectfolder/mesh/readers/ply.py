@@ -91,11 +91,9 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     if positions[0].dtype.kind == "f" and positions[0].dtype.itemsize == 4:
         refuse_coarse(path, vertices, single_precision_step(vertices))
     try:
-        corners, polygon = triangulated(vertices, loops)
+        places, polygon = triangulated(vertices, loops)
     except ValueError as problem:
         raise InputError(str(path), f"holds {problem}", "Triangulate the mesh first") from problem
-    starts = np.cumsum([0, *(len(loop) for loop in loops)])[polygon]
-    places = starts[:, None] + corners
     faces = np.concatenate(loops).astype(np.int64)[places]
     coordinates = _coordinates(path, columns, faces, places)
     texture = uniform_texture(DEFAULT_COLOUR)

@@ -35,8 +35,8 @@ def triangulated(vertices: Floats, polygons: Sequence[Sequence[int]]) -> tuple[I
 
     Returns
     -------
-    corners
-        (T, 3) places in the polygon of the corners of each triangle.
+    places
+        (T, 3) of the corners of each triangle, in the corners of all polygons one after the other.
     polygon
         (T,) which polygon it belongs to, ascending.
 
@@ -57,7 +57,8 @@ def triangulated(vertices: Floats, polygons: Sequence[Sequence[int]]) -> tuple[I
         points = vertices[np.array([polygons[member] for member in members])]
         for index in np.flatnonzero(~_seen_from_first_corner(points)):
             corners[rows[index]] = _ears(points[index])
-    return corners, np.repeat(np.arange(len(counts)), counts - 2)
+    polygon = np.repeat(np.arange(len(counts)), counts - 2)
+    return (np.cumsum(counts) - counts)[polygon][:, None] + corners, polygon
 
 
 def _fan(count: int) -> Indices:
