@@ -101,7 +101,7 @@ def _main() -> None:
         watching[0] = True
         try:
             if one["archive"]:
-                unpack(Path(one["archive"]), Path(one["folder"]) / "unpacked", limit_bytes=64 * 2**20)
+                unpack(Path(one["archive"]), Path(one["folder"]) / "unpacked")
             source_files(Path(one["mesh"]))
             product = ingest_object(Path(one["mesh"]), None, None, "stranger")
             said = f"{len(product['faces'])} faces"
