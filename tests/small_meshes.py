@@ -141,7 +141,7 @@ def write_gltf(
     return path
 
 
-def canonical_triangles(mesh: TexturedMesh) -> np.ndarray:
+def sorted_triangles(mesh: TexturedMesh) -> np.ndarray:
     """(F, 9) positions of the corners in a form that does not depend on vertex or face order."""
     corners = mesh.vertices[mesh.faces]
     rotations = np.stack([np.roll(corners, -shift, axis=1).reshape(-1, 9) for shift in range(3)], axis=1)

@@ -58,6 +58,15 @@ class Surface:
     ------
     ValueError
         A face that refers to a vertex that is not there, or coordinates that are not finite.
+
+    Examples
+    --------
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    >>> triangle = Surface(corners, np.array([[0, 1, 2]]))
+    >>> triangle.ray_hits(np.array([[0.2, 0.2, 3.0]]), np.array([[0.0, 0.0, -1.0]])).distance
+    array([3.])
+    >>> triangle.closest_points(np.array([[2.0, 0.0, 0.0]])).points
+    array([[1., 0., 0.]])
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, use_embree: bool | None = None) -> None:

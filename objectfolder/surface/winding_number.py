@@ -101,6 +101,13 @@ def enclosed_volume(surface: Surface, *, samples: int = 32768, seed: int = 0) ->
 
     Of a closed surface the signed volume, exact (error 0); of another the volume where the winding number is
     above a half, from points spread evenly over the bounding box, one drawn in each cell of a grid.
+
+    Examples
+    --------
+    >>> from trimesh.creation import box
+    >>> cube = box((2, 2, 2))
+    >>> enclosed_volume(Surface(cube.vertices, cube.faces))
+    (8.0, 0.0)
     """
     low, high = surface.bounds
     if is_closed(surface):

@@ -13,7 +13,7 @@ from objectfolder.mesh.readers.ply import ply_texture_name
 def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
     """List the files whose bytes decide what `load_mesh(mesh, texture)` returns.
 
-    The mesh and the named texture come first, there or not; then what the mesh refers to and what is there.
+    The mesh and the named texture come first, present or not; then the present files that the mesh names.
     Material libraries and textures are left out where a named texture replaces them.
     """
     mesh = Path(mesh)
