@@ -1,6 +1,7 @@
-"""Timed comparisons: ``python -m bench.NAME`` writes ``bench/results/NAME.json`` and ``NAME.png``.
+"""Timed comparisons: ``python -m bench.senses.NAME`` or ``python -m bench.factory.NAME``.
 
-All that is compared runs on one thread, unless the environment says otherwise.
+Each writes ``bench/results/NAME.json`` and ``NAME.png``. All that is compared runs on one thread, unless the
+environment says otherwise.
 """
 
 import os

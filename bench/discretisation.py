@@ -23,14 +23,16 @@ from typing import Any
 
 import numpy as np
 
-from bench import rivals_calculix, rivals_lobpcg, rivals_ngsolve
 from bench.discretisation_cases import SCANS, Case, revolution_case, scan_case, tetwild
 from bench.discretisation_ours import ours
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Outcome, Stopwatch, compare
 from bench.record import RESULTS, write
 from bench.references.bodies import BODIES
+from bench.rivals.audio import calculix as rivals_calculix
+from bench.rivals.audio import lobpcg as rivals_lobpcg
+from bench.rivals.audio import ngsolve as rivals_ngsolve
+from bench.rivals.audio.uniform import of_order
 from bench.rivals.audio.voxels import voxel_modes
-from bench.rivals_uniform import of_order
 from objectfolder.audio.elements.hierarchic import EDGES
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid

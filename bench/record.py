@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-RESULTS = Path(__file__).parent / "results"
+REPOSITORY = Path(__file__).parents[1]
+RESULTS = REPOSITORY / "bench" / "results"
 PACKAGES = ("numpy", "scipy", "torch")
 
 
@@ -27,7 +28,7 @@ def write(
     Parameters
     ----------
     name
-        Of the comparison: the module's, ``bench.NAME``.
+        Of the comparison: the name of its module.
     figures
         What was measured, units in the keys; numpy scalars and arrays may be among them.
     settings
@@ -88,9 +89,7 @@ def _processor() -> str:
 def _git(*arguments: str) -> str | None:
     """Answer of git in the project, None without git or a repository."""
     try:
-        done = subprocess.run(
-            ["git", *arguments], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True
-        )
+        done = subprocess.run(["git", *arguments], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return None
     return done.stdout.strip()

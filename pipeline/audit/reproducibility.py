@@ -1,8 +1,8 @@
 """Which values of a product are the same bytes on every machine, and how far the others may differ.
 
 A fingerprint names everything that a product is made from, and no processor: a product made on another
-machine counts as current. That is right within what is declared here, which is written into each
-product's provenance and held against measurements by ``bench/machines.py`` and the tests. Whatever is not
+machine counts as current. That is right within what is declared here, which is written into each product's
+provenance and held against measurements by ``bench/factory/machines.py`` and the tests. Whatever is not
 declared is the same bytes.
 """
 

@@ -1,7 +1,7 @@
 """How far apart products of the same inputs are on different machines, by stage and array.
 
-Measured on processors of two vendors and by ``bench/machines.py`` (see ``docs/reproducibility.md``), and
-declared with a margin. Names are patterns, the first that fits counts; what none fits is the same bytes.
+Measured on processors of two vendors and by ``bench/factory/machines.py`` (see ``docs/reproducibility.md``),
+and declared with a margin. Names are patterns, the first that fits counts; what none fits is the same bytes.
 """
 
 from collections.abc import Mapping

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 import yaml
 
-from bench.overhead_repository import OverheadRepository
+from bench.factory.overhead_repository import OverheadRepository
 from pipeline.audit.contents import Contents
 from pipeline.audit.stores import md5_of
 from pipeline.audit.verification import verify

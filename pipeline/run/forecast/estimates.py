@@ -1,10 +1,10 @@
 """Estimates of the seconds, memory and bytes of tasks, from measured costs.
 
 The cost of an object and stage that ran here before is what it took last. Otherwise it is what the stage
-took on the scans that the package was tried on, times the pace of this data set: the median ratio of what its
-own tasks took to what those scans foretell. ``known_costs.csv`` beside this module has the scans: each object
-and stage at the default size, one thread a task; ``python -m bench.known_costs`` wrote it. A stage without
-packaged costs is estimated from its own tasks.
+took on the scans that the package was tried on, times the pace of this data set: the median ratio of what
+its own tasks took to what those scans foretell. ``known_costs.csv`` beside this module has the scans: each
+object and stage at the default size, one thread a task; ``python -m bench.factory.known_costs`` wrote it. A
+stage without packaged costs is estimated from its own tasks.
 
 Seconds and memory of modes grow with a power of the load (`pipeline.run.forecast.loads`). Packaged costs of
 rendering are scaled by views x pixels x samples, those of touching by touches x pixels.

@@ -1,0 +1,203 @@
+"""Kills at random moments: whether a data set comes out as if nothing had happened, and what is done twice.
+
+Run as ``python -m bench.factory.faults``; it goes on where it was interrupted. Each round makes a data set
+of toys (three stages, four products an object, tasks of 50 to 200 ms; ``tests/pipeline/ground.py``) on two
+workers, kills workers, children of workers, the driver or the scheduler at random moments, and lets the run
+go on, or runs again, until all is made; a few rounds do so with the stages `objects` and `touches` of three
+starter objects. A child that runs again what its kill cut short is spared: a second kill is a failure.
+"""
+
+import argparse
+import json
+import random
+import re
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.record import REPOSITORY, RESULTS, versions, write
+
+# What disturbs runs serves the tests as well; tests are no package, so their folder is put on the path first.
+sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
+
+from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed
+from ground import Ground
+
+from bench.factory.faults_real import RealGround
+from objectfolder.mesh.starter.write import write_starter_set
+
+TASK_S = 0.2
+CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(8)}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Rounds of one kind: where the workers are, what is killed, how often in a round and in all."""
+
+    place: str
+    what: str
+    kills: int
+    in_all: int
+    real: bool = False
+
+
+PLAN = {
+    "worker of a local cluster": Kind(LOCAL, WORKER, 5, 30),
+    "worker that joined a scheduler": Kind(ADDRESS, WORKER, 5, 20),
+    "child under a local cluster": Kind(LOCAL, CHILD, 5, 30),
+    "child under a worker that joined": Kind(ADDRESS, CHILD, 5, 20),
+    "driver with a local cluster": Kind(LOCAL, DRIVER, 5, 30),
+    "driver of a scheduler elsewhere": Kind(ADDRESS, DRIVER, 5, 20),
+    "scheduler": Kind(ADDRESS, SCHEDULER, 5, 50),
+    "worker, real stages": Kind(LOCAL, WORKER, 2, 2, real=True),
+    "child, real stages": Kind(LOCAL, CHILD, 2, 2, real=True),
+    "driver, real stages": Kind(LOCAL, DRIVER, 2, 2, real=True),
+}
+REAL_TASK_S = 6.0
+COMPARED = (
+    "products of disturbed runs against those of an undisturbed one, byte by byte; executions of each task "
+    "and object, written down by the tasks themselves, against when their products stood; every product and "
+    "memo entry read whenever it changed; processes and temporary files left"
+)
+
+
+class Grounds:
+    """Makes the folders of rounds, and once what comes out without disturbance.
+
+    Parameters
+    ----------
+    base
+        Where.
+    """
+
+    def __init__(self, base: Path) -> None:
+        self._base = base
+        self._expected: dict[bool, dict[str, str]] = {}
+
+    def make(self, name: str, real: bool) -> Ground:
+        """Return a new one."""
+        if not real:
+            return Ground(self._base / name, CONTENTS)
+        meshes = self._base / "starter"
+        if not meshes.exists():
+            write_starter_set(meshes)
+        return RealGround(self._base / name, meshes)
+
+    def expected(self, real: bool) -> dict[str, str]:
+        """Return the digests of all products of an undisturbed run."""
+        if real not in self._expected:
+            self._expected[real] = undisturbed(self.make(f"undisturbed_{real:d}", real))
+        return self._expected[real]
+
+
+def one_round(grounds: Grounds, name: str, kind: Kind, seed: int) -> dict[str, Any]:
+    """Make a data set with kills; return what was done and what is wrong."""
+    expected = grounds.expected(kind.real)
+    ground = grounds.make(name, kind.real)
+    disturbed = Round(ground, kind.place, seed, REAL_TASK_S if kind.real else TASK_S)
+    disturbed.disturb([kind.what] * kind.kills)
+    wrong = {key: value for key, value in disturbed.verdict(expected).items() if value}
+    outcome = {"seed": seed, "commit": versions()["commit"], **disturbed.record(), "wrong": wrong}
+    if wrong:
+        output = (ground.root / "output.log").read_text()[-4000:]
+        outcome["output"] = re.sub(r"/[\w./-]*/(?=site-packages/|python3|pipeline/|driver)", "", output)
+    return outcome
+
+
+def kills_of(done: list[dict[str, Any]]) -> int:
+    """Return how many kills rounds had; one that ends before its last moment comes has fewer."""
+    return sum(len(record["kills"]) for record in done)
+
+
+def summary(rounds: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Return counts over all rounds of each kind."""
+    found = {}
+    for kind, records in rounds.items():
+        kills = [killed for record in records for killed in record["kills"]]
+        found[kind] = {
+            "kills": len(kills),
+            "that_cut_a_task_short": sum(bool(killed["running"]) for killed in kills),
+            "tasks_cut_short": sum(len(killed["running"]) for killed in kills),
+            "finished_when_killed": sum(killed["finished"] for killed in kills),
+            "works": sum(record["works"] for record in records),
+            "executions": sum(record["executions"] for record in records),
+            "done_twice_without_need": sum(
+                sum(record["wrong"].get("finished_work_redone", {}).values()) for record in records
+            ),
+            "products_read_while_running": sum(record["products_read_by_the_watcher"] for record in records),
+            "rounds": len(records),
+            "rounds_with_something_wrong": sum(bool(record["wrong"]) for record in records),
+            "wrong": dict(Counter(name for record in records for name in record["wrong"])),
+        }
+    return found
+
+
+def plot(found: dict[str, Any], path: Path) -> None:
+    """Executions of each kind of round: needed, again because cut short, again without need."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(9, 4.5))
+    names = list(found)
+    needed = [found[name]["works"] for name in names]
+    wasted = [found[name]["done_twice_without_need"] for name in names]
+    again = [
+        found[name]["executions"] - found[name]["works"] - found[name]["done_twice_without_need"]
+        for name in names
+    ]
+    axes.barh(names, needed, color="0.7", label="once each")
+    axes.barh(names, again, left=needed, color="C0", label="again: a kill cut it short")
+    ends = [a + b for a, b in zip(needed, again, strict=True)]
+    axes.barh(names, wasted, left=ends, color="C3", label="again, though finished")
+    for row, name in enumerate(names):
+        axes.text(0, row, f"  {found[name]['kills']} kills", va="center")
+    axes.invert_yaxis()
+    axes.set_xlabel("executions of tasks")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.15), ncol=3)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+def record(rounds: dict[str, list[dict[str, Any]]]) -> None:
+    found = summary(rounds)
+    settings = {"objects": len(CONTENTS), "stages": 3, "products": 4, "workers": 2, "task_ms": [50, 200]}
+    write("faults", {"summary": found, "rounds": rounds}, settings, COMPARED)
+    plot(found, RESULTS / "faults.png")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", default=list(PLAN), choices=list(PLAN), metavar="KIND")
+    parser.add_argument("--fresh", action="store_true", help="forget the rounds recorded so far")
+    parser.add_argument("--keep", action="store_true", help="keep the folders of rounds that went wrong")
+    options = parser.parse_args()
+    path = RESULTS / "faults.json"
+    known = json.loads(path.read_text())["figures"]["rounds"] if path.exists() else {}
+    rounds = {kind: [] if options.fresh and kind in options.only else known.get(kind, []) for kind in PLAN}
+    base = Path(tempfile.mkdtemp(prefix="faults-"))
+    grounds = Grounds(base)
+    # In turn, so that an interrupted bench has some of every kind.
+    while lacking := [name for name in options.only if kills_of(rounds[name]) < PLAN[name].in_all]:
+        for name in lacking:
+            done = rounds[name]
+            folder = f"{list(PLAN).index(name)}_{len(done)}"
+            seed = random.Random(f"{name} {len(done)}").randrange(1 << 31)
+            done.append(one_round(grounds, folder, PLAN[name], seed))
+            print(folder, name, done[-1]["wrong"] or "as undisturbed", flush=True)
+            record(rounds)
+            if not (options.keep and done[-1]["wrong"]):
+                shutil.rmtree(base / folder)
+    if not options.keep:
+        shutil.rmtree(base)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""A large data set made end to end: fidelity of its objects, failures with reasons, what all of it cost.
+
+    python -m bench.factory.hundred ROOT
+
+ROOT is a data set that was made and reported. Writes ``bench/results/hundred.json`` and ``.png``, and the
+report's table of objects beside them, ``hundred_per_object.csv``. Seconds are those of the runs that made it:
+on a busy machine CPU seconds are too many.
+"""
+
+import argparse
+import csv
+import shutil
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.record import RESULTS, write
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stages import STAGES
+from pipeline.run.costs import known_costs
+from pipeline.run.forecast.estimates import last_taken
+from pipeline.run.run_log import read_failures
+
+# Column of the table, and whether a larger value is the better one.
+MEASURES = {
+    "vision.psnr_db": True,
+    "vision.psnr_foreground_db": True,
+    "vision.ssim": True,
+    "audio.gain_error_db": False,
+    "audio.stft_distance": False,
+    "audio.envelope_distance": False,
+    "audio.solver_error_estimate_cents": False,
+    "audio.solver_geometry_error_cents": False,
+    "touch.psnr_db": True,
+    "touch.psnr_contact_db": True,
+    "bytes.total": False,
+}
+PLOTTED = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="what a data set is worth and what it cost")
+    parser.add_argument("root", type=Path, help="a data set with its report")
+    root = parser.parse_args().root
+    table = root / "reports" / "per_object.csv"
+    finished = {cost.stage for cost in last_taken(known_costs(root))}
+    if unfinished := [name for name in STAGES if name not in finished]:
+        parser.error(
+            f"{root}: nothing is known of the costs of {', '.join(unfinished)}: make the data set first"
+        )
+    with table.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    parameters = read_parameters(root / "params.yaml")
+    listed = read_table(root, parameters.objects).selected(parameters.objects.only)
+    stages = {name: stage_cost(root, name) for name in STAGES}
+    figures = {
+        "objects_listed": len(listed.rows) + len(listed.refused),
+        "object_files": len(rows),
+        "failures": [
+            {"stage": name, "object": failure.object_id, "error": failure.error, "remedy": failure.remedy}
+            for name in STAGES
+            for failure in read_failures(root, name)
+        ],
+        "fidelity": {name: summary(rows, name, larger) for name, larger in MEASURES.items()},
+        "without_audible_mode": sum(not number(row, "audio.modes") for row in rows),
+        "stages": stages,
+        "cpu_hours": sum(stage["cpu_s"]["sum"] for stage in stages.values()) / 3600,
+        "cpu_s_an_object": sum(stage["cpu_s"]["sum"] for stage in stages.values()) / len(rows),
+        "bytes": sum(stage["product_bytes"] for stage in stages.values()),
+    }
+    settings = {"size": parameters.size, "seed": parameters.seed}
+    print(
+        write("hundred", figures, settings, "Object Files against held-out truth; CPU seconds of every task.")
+    )
+    shutil.copyfile(table, RESULTS / "hundred_per_object.csv")
+    plot(rows, RESULTS / "hundred.png")
+
+
+def number(row: Mapping[str, str], name: str) -> float | None:
+    """Return a cell as a number; None where it is empty or the column is missing."""
+    text = row.get(name, "")
+    return float(text) if text else None
+
+
+def summary(rows: Sequence[Mapping[str, str]], name: str, larger_is_better: bool) -> dict[str, Any] | None:
+    """Return mean, median, worst tenth and worst object of a measure; None where no object has it."""
+    found = [(value, row["id"]) for row in rows if (value := number(row, name)) is not None]
+    if not found:
+        return None
+    found.sort(reverse=not larger_is_better)  # worst first
+    values = [value for value, _ in found]
+    return {
+        "objects": len(values),
+        "mean": statistics.fmean(values),
+        "median": statistics.median(values),
+        "worst_tenth_begins_at": values[len(values) // 10],
+        "worst": values[0],
+        "worst_object": found[0][1],
+    }
+
+
+def stage_cost(root: Path, stage: str) -> dict[str, Any]:
+    """Return CPU seconds, largest peak of memory and bytes of the products of a stage."""
+    costs = [cost for cost in last_taken(known_costs(root)) if cost.stage == stage]
+    cpu = sorted(cost.cpu_s for cost in costs)
+    paths = [path for cost in costs for path in STAGES[stage].targets(root, cost.object_id)]
+    return {
+        "tasks": len(cpu),
+        "cpu_s": {
+            "sum": sum(cpu),
+            "median": statistics.median(cpu),
+            "p90": cpu[len(cpu) * 9 // 10],
+            "most": cpu[-1],
+        },
+        "peak_memory_bytes": max(cost.memory_bytes for cost in costs),
+        "product_bytes": sum(path.stat().st_size for path in paths if path.is_file()),
+    }
+
+
+def plot(rows: Sequence[Mapping[str, str]], path: Path) -> None:
+    """Draw the distributions of the headline figures and the CPU seconds of each object by stage."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 4, figsize=(16, 3.6), width_ratios=(1, 1, 1, 2), layout="constrained")
+    for name, axis in zip(PLOTTED, axes, strict=False):
+        axis.hist([value for row in rows if (value := number(row, name)) is not None], bins=20)
+        axis.set(xlabel=name, ylabel="objects")
+    total = {row["id"]: sum(number(row, f"cpu_seconds.{stage}") or 0 for stage in STAGES) for row in rows}
+    order = sorted(rows, key=lambda row: total[row["id"]])
+    below = [0.0] * len(order)
+    for stage in STAGES:
+        heights = [number(row, f"cpu_seconds.{stage}") or 0 for row in order]
+        axes[-1].bar(range(len(order)), heights, 1.0, below, label=stage)
+        below = [low + height for low, height in zip(below, heights, strict=True)]
+    axes[-1].set(xlabel="objects, by cost", ylabel="CPU s")
+    axes[-1].legend(fontsize="small")
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

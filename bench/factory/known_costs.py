@@ -1,0 +1,51 @@
+"""Write what every object and stage of data sets cost into the package, where estimates start from it.
+
+    python -m bench.factory.known_costs ROOT [ROOT ...]
+
+Each ROOT is a data set made at the default size. Wall seconds are those of the run, so a busy machine shows
+in them; CPU seconds show it less.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.records import read_table
+from pipeline.dataset.stages import STAGES
+from pipeline.run.costs import known_costs
+from pipeline.run.forecast.estimates import PACKAGED, Estimates, last_taken
+
+COLUMNS = ("object", "stage", "load", "cpu_seconds", "wall_seconds", "peak_memory_mb", "product_bytes")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="costs of data sets, for the package")
+    parser.add_argument("roots", type=Path, nargs="+", help="data sets")
+    rows = {}
+    for root in parser.parse_args().roots:
+        listed = read_table(root, read_parameters(root / "params.yaml").objects).rows
+        estimates = Estimates(root)
+        for one in last_taken(known_costs(root)):
+            if one.object_id in listed and one.stage in STAGES:
+                load = estimates.load(one.stage, one.object_id)
+                targets = STAGES[one.stage].targets(root, one.object_id)
+                rows[one.stage, one.object_id] = {
+                    "object": one.object_id,
+                    "stage": one.stage,
+                    "load": "" if load is None else f"{load:.6g}",
+                    "cpu_seconds": round(one.cpu_s, 2),
+                    "wall_seconds": round(one.wall_s, 2),
+                    "peak_memory_mb": round(one.memory_bytes / 1e6, 1),
+                    "product_bytes": sum(path.stat().st_size for path in targets),
+                }
+    order = list(STAGES)
+    with PACKAGED.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows[key] for key in sorted(rows, key=lambda key: (order.index(key[0]), key[1])))
+    print(f"{len(rows)} rows in {PACKAGED.name}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,224 @@
+"""AudioNet on real objects: error at points it has not seen, bytes, cost of fitting and of queries.
+
+    python -m bench.senses.audionet --objects CATALOGUE.csv --modes FOLDER
+
+The catalogue has a row for each object (id, material, scale_m) and beside it a folder `id` with its
+`model.obj`. Solved modes are read from FOLDER as ``id.zarr.zip``, or solved and written there.
+"""
+
+import argparse
+import csv
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.record import RESULTS, write
+from objectfolder.audio.audionet.audionet import AudioNet, fit_audionet
+from objectfolder.audio.materials import read_materials
+from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.audio.synthesis import mode_bank
+from objectfolder.fidelity.sounds import (
+    envelope_distance,
+    gain_error_by_mode_db,
+    gain_error_db,
+    stft_distance,
+    unscaled_stft_distance,
+)
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.surface import Surface
+
+OBJECTS = (
+    "024_bowl",
+    "025_mug",
+    "029_plate",
+    "031_spoon",
+    "033_spatula",
+    "036_wood_block",
+    "042_adjustable_wrench",
+    "048_hammer",
+    "ACE_Coffee_Mug_Kristen_16_oz_cup",
+    "Chefmate_8_Frypan",
+    "Cole_Hardware_School_Bell_Solid_Brass_38",
+    "Diamond_Visions_Scissors_Red",
+    "Nintendo_Mario_Action_Figure",
+    "Now_Designs_Bowl_Akita_Black",
+    "Schleich_Lion_Action_Figure",
+    "Sterilite_Caddy_Blue_Sky_17_58_x_12_58_x_9_14",
+    "Threshold_Porcelain_Teapot_White",
+    "painted_wooden_stool",
+    "plastic_monobloc_chair_01",
+    "tea_set_01_plate_large_circular_03",
+)
+TRAINING_POINTS, HELD_OUT_POINTS, MOST_MODES = 16_000, 1_000, 128
+SOUNDS, DURATION_S, SAMPLE_RATE_HZ = 24, 2.0, 44_100.0
+SINGLE_QUERIES = 50
+# ObjectFolder 2.0; loudness and length of its sounds are unpublished.
+PUBLISHED = {"stft": 0.19e-5, "envelope": 1.29e-4}
+
+
+def main() -> None:
+    """Measure the objects that are there, and write the table and the picture."""
+    parser = argparse.ArgumentParser(description="AudioNet on real objects")
+    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
+    parser.add_argument("--modes", type=Path, required=True, help="folder of solved modes, ID.zarr.zip")
+    parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
+    given = parser.parse_args()
+    if not given.objects.is_file():
+        print(f"skipped: no catalogue of objects at {given.objects}")
+        return
+    with given.objects.open(newline="", encoding="utf-8") as file:
+        rows = {row["id"]: row for row in csv.DictReader(file)}
+    table = {}
+    for name in OBJECTS:
+        if name not in rows:
+            print(f"skipped: {name} is not in {given.objects}")
+            continue
+        surface, modes = _truth(given, rows[name])
+        table[name] = measure(surface, modes)
+        print(name, " ".join(f"{key} {value:.4g}" for key, value in table[name].items()), flush=True)
+    if not table:
+        sys.exit(f"none of the objects is in {given.objects}")
+    columns = list(next(iter(table.values())))
+    figures = {
+        "objects": table,
+        "median": {key: float(np.median([row[key] for row in table.values()])) for key in columns},
+        "largest": {key: max(row[key] for row in table.values()) for key in columns},
+        "published_objectfolder_2": PUBLISHED,
+        "objects_below_published": {
+            key: sum(row[key] < bar for row in table.values())
+            for key, bar in (
+                ("stft_distance", PUBLISHED["stft"]),
+                ("unscaled_stft_distance", PUBLISHED["stft"]),
+                ("envelope_distance", PUBLISHED["envelope"]),
+            )
+        },
+        "gain_error_db_rms_over_objects": float(
+            10 * np.log10(np.mean([10 ** (row["gain_error_db"] / 10) for row in table.values()]))
+        ),
+    }
+    settings = {
+        "training_points": TRAINING_POINTS,
+        "held_out_points": HELD_OUT_POINTS,
+        "most_modes": MOST_MODES,
+        "sounds": f"{SOUNDS} unit impulses along x, y, z in turn at held-out points, {DURATION_S} s, "
+        f"{SAMPLE_RATE_HZ} Hz",
+        "threads": os.environ.get("OPENBLAS_NUM_THREADS", "all"),
+        "times": "CPU seconds",
+    }
+    compared = (
+        "AudioNet with its defaults against the solved modes it was fitted to, at points of the true surface "
+        "that it has not seen: gain error 20 log10(|g - g truth| / |g truth|) over points, directions, modes"
+    )
+    write("audionet", figures, settings, compared)
+    _draw(table)
+
+
+def measure(surface: Surface, modes: Product) -> dict[str, float]:
+    """Fit one object and measure it."""
+    stored = decode_surface(encode_surface(surface))
+    start = time.process_time()
+    fitted = fit_audionet(stored, modes)
+    fit_s = time.process_time() - start
+    start = time.process_time()
+    net = AudioNet.from_tensors(fitted.tensors(), fitted.metadata(), stored)
+    open_s = time.process_time() - start
+    held_out = modes["held_out"]
+    points, truth = modes["points"][held_out], modes["mode_shapes"][held_out].astype(np.float64)
+    start = time.process_time()
+    net.gains(points[:1])
+    first_s = time.process_time() - start
+    single = []
+    for point in points[:SINGLE_QUERIES]:
+        start = time.process_time()
+        net.gains(point[None])
+        single.append(time.process_time() - start)
+    start = time.process_time()
+    answer = net.gains(points)
+    batch_s = time.process_time() - start
+    by_mode = gain_error_by_mode_db(truth, answer)
+    impulses = np.eye(3)[np.arange(SOUNDS) % 3]
+    sounds = [
+        mode_bank(
+            modes["eigenvalues"],
+            modes["dampings_per_s"],
+            np.einsum("nk,nkm->nm", impulses, gains[:SOUNDS]) * modes["radiation_weights"],
+            DURATION_S,
+            SAMPLE_RATE_HZ,
+        ).astype(np.float64)
+        for gains in (truth, answer)
+    ]
+    return {
+        "modes": float(truth.shape[2]),
+        "gain_error_db": gain_error_db(truth, answer),
+        "gain_error_median_mode_db": float(np.median(by_mode)),
+        "gain_error_worst_mode_db": float(by_mode.max()),
+        "stft_distance": stft_distance(sounds[0], sounds[1], SAMPLE_RATE_HZ),
+        "unscaled_stft_distance": unscaled_stft_distance(sounds[0], sounds[1]),
+        "envelope_distance": envelope_distance(sounds[0], sounds[1]),
+        "silence_unscaled_stft_distance": unscaled_stft_distance(sounds[0], 0 * sounds[0]),
+        "silence_envelope_distance": envelope_distance(sounds[0], 0 * sounds[0]),
+        "bytes": float(sum(tensor.nbytes for tensor in net.tensors().values())),
+        "control_points": float(net.metadata()["control_points"]),
+        "fit_cpu_s": fit_s,
+        "open_cpu_s": open_s,
+        "first_query_cpu_s": first_s,
+        "single_query_cpu_ms": 1e3 * float(np.median(single)),
+        "batch_points_per_cpu_s": len(points) / batch_s,
+    }
+
+
+def _truth(given: argparse.Namespace, row: dict[str, str]) -> tuple[Surface, Product]:
+    mesh = given.objects.parent / row["id"] / "model.obj"
+    product = ingest_object(mesh, None, float(row["scale_m"]), row["id"], with_textures=False)
+    surface = textured_mesh_of(product).surface
+    path = given.modes / f"{row['id']}.zarr.zip"
+    if not path.exists():
+        modes = simulate_modes(
+            surface,
+            read_materials(given.materials)[row["material"]],
+            max_modes=MOST_MODES,
+            training_points=TRAINING_POINTS,
+            held_out_points=HELD_OUT_POINTS,
+            seed=0,
+            name=row["id"],
+        )
+        given.modes.mkdir(parents=True, exist_ok=True)
+        write_product(path, modes)
+    return surface, read_product(path)
+
+
+def _draw(table: dict[str, dict[str, Any]]) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    names = sorted(table, key=lambda name: table[name]["gain_error_db"])
+    place = np.arange(len(names))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 0.32 * len(names) + 1.6), sharey=True)
+    left.barh(place, [table[name]["gain_error_db"] for name in names], color="#4477aa", label="all modes")
+    left.plot(
+        [table[name]["gain_error_worst_mode_db"] for name in names], place, "k|", ms=9, label="worst mode"
+    )
+    left.axvline(-40, color="0.4", lw=1, ls="--")
+    left.set(xlabel="gain error at unseen points, dB", yticks=place)
+    left.set_yticklabels([f"{name[:30]} ({table[name]['modes']:.0f})" for name in names], fontsize=8)
+    left.legend(fontsize=8, loc="lower left")
+    right.barh(place, [table[name]["bytes"] / 1e3 for name in names], color="#ccbb44")
+    right.axvline(300, color="0.4", lw=1, ls="--")
+    right.set(xlabel="stored, kB")
+    figure.suptitle("AudioNet on real objects (modes)", fontsize=10)
+    figure.tight_layout()
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    figure.savefig(RESULTS / "audionet.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""The pictures of the README, drawn from a finished data set: held-out views, touches and one strike.
+
+Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes ``sight.png``, ``touch.png``
+and ``sound.png`` into docs/. Views are the best lit of each object, touches those with the largest contact.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+from bench.record import REPOSITORY
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
+from objectfolder.products.store import Product, read_product
+
+matplotlib.use("Agg")
+from matplotlib import pyplot
+
+WINDOW, HOP = 2048, 128
+RANGE_DB = 80.0
+SHOWN_S = 0.5
+TOUCHED = 4
+GREY, DIFFERENCE_FACTOR = 128, 8
+
+
+def best_lit(fidelity: Product) -> int:
+    """Which of the kept views is brightest where it is not white."""
+    truth = fidelity["vision_truth"].astype(np.float64).mean(axis=3)
+    return int(np.argmax([view[view < 255].mean() for view in truth]))
+
+
+def sight(products: list[Product]) -> np.ndarray:
+    """Truth above, Object File below, a column an object, uint8."""
+    columns = []
+    for product in products:
+        view = best_lit(product)
+        columns.append(np.concatenate([product["vision_truth"][view], product["vision_answer"][view]]))
+    return np.concatenate(columns, axis=1)
+
+
+def touch(products: list[Product]) -> np.ndarray:
+    """Truth, Object File and difference of the largest contact of the objects with the largest, uint8."""
+    found = []
+    for product in products:
+        truth = product["touch_truth"].astype(np.float64)
+        spread = truth.reshape(len(truth), -1).std(axis=1)
+        index = int(spread.argmax())
+        found.append((-spread[index], product["touch_truth"][index], product["touch_answer"][index]))
+    found.sort(key=lambda item: item[0])
+    rows = [np.concatenate([t, a, difference_picture(t, a)], axis=1) for _, t, a in found[:TOUCHED]]
+    return np.concatenate(rows, axis=1)
+
+
+def difference_picture(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
+    """Return grey plus `DIFFERENCE_FACTOR` times (answer - truth), clipped to uint8."""
+    difference = answer.astype(np.int32) - truth
+    return np.clip(GREY + DIFFERENCE_FACTOR * difference, 0, 255).astype(np.uint8)
+
+
+def draw_strike(path: Path, fidelity: Product, name: str) -> None:
+    """Spectrograms and spectra of the first held-out strike kept."""
+    sounds = [fidelity[f"strike_{which}"][0].astype(np.float64) for which in ("truth", "answer")]
+    figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.2), width_ratios=(1, 1, 1.2), layout="constrained")
+    top = max(np.abs(_frames(sound)).max() for sound in sounds)
+    for axis, sound, title in zip(axes, sounds, ("truth", "Object File"), strict=False):
+        level = 20 * np.log10(np.maximum(np.abs(_frames(sound)) / top, 1e-12))
+        image = axis.imshow(
+            level.T, origin="lower", aspect="auto", cmap="magma", vmin=-RANGE_DB, vmax=0,
+            extent=(0, SHOWN_S, 0, SAMPLE_RATE_HZ / 2000),
+        )  # fmt: skip
+        axis.set(title=f"{name}, {title}", xlabel="s", ylabel="kHz", ylim=(0, 20))
+    figure.colorbar(image, ax=axes[:2], label="dB")
+    taper = np.hanning(2 * len(sounds[0]))[len(sounds[0]) :]
+    frequency = np.fft.rfftfreq(len(taper), 1 / SAMPLE_RATE_HZ) / 1000
+    spectra = [np.abs(np.fft.rfft(sound * taper)) for sound in (*sounds, sounds[1] - sounds[0])]
+    for spectrum, label in zip(spectra, ("truth", "Object File", "difference"), strict=True):
+        level = 20 * np.log10(np.maximum(spectrum / spectra[0].max(), 1e-9))
+        axes[2].plot(frequency, level, linewidth=0.7, label=label)
+    axes[2].set(title="spectrum of one second", xlabel="kHz", ylabel="dB", xlim=(0, 20), ylim=(-120, 3))
+    axes[2].legend(fontsize="small", loc="lower left")
+    figure.savefig(path, dpi=80)
+    pyplot.close(figure)
+
+
+def _frames(sound: np.ndarray) -> np.ndarray:
+    """Spectra (frames, bins) of Hann windows over the part shown."""
+    cut = sound[: int(SHOWN_S * SAMPLE_RATE_HZ) + WINDOW]
+    frames = np.lib.stride_tricks.sliding_window_view(cut, WINDOW)[::HOP]
+    return np.fft.rfft(frames * np.hanning(WINDOW), axis=1)
+
+
+def main() -> None:
+    """Draw the three pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--data", type=Path, default=REPOSITORY / "data", help="folder of a finished data set"
+    )
+    parser.add_argument("--strike", default="mug", help="object whose sound is drawn")
+    arguments = parser.parse_args()
+    products = {
+        path.name.partition(".")[0]: read_product(path)
+        for path in sorted((arguments.data / "fidelity").glob("*.zarr.zip"))
+    }
+    folder = REPOSITORY / "docs"
+    pyplot.imsave(folder / "sight.png", sight(list(products.values())))
+    pyplot.imsave(folder / "touch.png", touch(list(products.values())))
+    draw_strike(folder / "sound.png", products[arguments.strike], arguments.strike)
+
+
+if __name__ == "__main__":
+    main()

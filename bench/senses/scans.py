@@ -1,0 +1,182 @@
+"""Modes of every scan of a catalogue: seconds, estimated errors, and what failed and why.
+
+    python -m bench.senses.scans --objects CATALOGUE.csv --folder FOLDER [--part 1/2]
+
+The catalogue is as for `bench.senses.audionet`. Each object's row is kept in FOLDER and not measured again,
+so that a run can be stopped, taken up and shared between processes with `--part`; the process that finds all
+rows there writes the result. Solved modes are kept as ``modes/ID.zarr.zip`` for the objects of
+`bench.senses.audionet`.
+"""
+
+import argparse
+import csv
+import json
+import os
+import traceback
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from bench.record import RESULTS, write
+from bench.senses.audionet import HELD_OUT_POINTS, OBJECTS, TRAINING_POINTS
+from objectfolder.audio.materials import Material, read_materials
+from objectfolder.audio.modes.modes import modes_of_solid
+from objectfolder.errors import ObjectFolderError
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.products.store import write_product
+from objectfolder.solid.filling import fill
+
+matplotlib.use("Agg")
+MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 128
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="modes of every scan of a catalogue")
+    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
+    parser.add_argument("--folder", type=Path, required=True, help="where rows and modes are kept")
+    parser.add_argument("--part", default="1/1", help="which share of the objects, as 1/2")
+    parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
+    given = parser.parse_args()
+    if not given.objects.is_file():
+        print(f"skipped: no catalogue of objects at {given.objects}")
+        return
+    with given.objects.open(newline="", encoding="utf-8") as file:
+        catalogue = [(row["id"], row["material"]) for row in csv.DictReader(file)]
+    # Those that another comparison reads come first.
+    catalogue.sort(key=lambda row: (row[0] not in OBJECTS, row[0]))
+    materials = read_materials(given.materials)
+    (given.folder / "modes").mkdir(parents=True, exist_ok=True)
+    share, shares = map(int, given.part.split("/"))
+    for index, (name, material) in enumerate(catalogue):
+        path = given.folder / f"{name}.json"
+        if index % shares == share - 1 and not path.exists():
+            row = measure(given.objects.parent / name / "model.obj", materials[material], given.folder)
+            path.write_text(json.dumps(row), encoding="utf-8")
+            print(name, row, flush=True)
+    paths = {name: given.folder / f"{name}.json" for name, _ in catalogue}
+    if all(path.exists() for path in paths.values()):
+        table = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items()}
+        write("scans", figures(table), settings(), COMPARED)
+        draw(table)
+
+
+COMPARED = (
+    "Estimated error of the first 50 audible modes of each object (objectfolder/audio/modes/adaptive.py) and "
+    "CPU seconds of filling and solving, mode shapes at points included; defaults of simulate_modes"
+)
+
+
+def settings() -> dict[str, Any]:
+    return {
+        "max_frequency_hz": MAX_FREQUENCY_HZ,
+        "max_modes": MAX_MODES,
+        "points": f"4000 and 400, {TRAINING_POINTS} and {HELD_OUT_POINTS} for those of bench.senses.audionet",
+        "threads": os.environ.get("OPENBLAS_NUM_THREADS", "all"),
+        "times": "CPU seconds, child processes included",
+    }
+
+
+def measure(mesh: Path, material: Material, folder: Path) -> dict[str, Any]:
+    """One object's row."""
+    name = mesh.parent.name
+    surface = textured_mesh_of(ingest_object(mesh, None, None, name, with_textures=False)).surface
+    many = name in OBJECTS
+    start = cpu_seconds()
+    try:
+        solid = fill(surface, name=name)
+        filled = cpu_seconds()
+        modes = modes_of_solid(
+            surface,
+            solid,
+            material,
+            max_frequency_hz=MAX_FREQUENCY_HZ,
+            max_modes=MAX_MODES,
+            training_points=TRAINING_POINTS if many else 4000,
+            held_out_points=HELD_OUT_POINTS if many else 400,
+            seed=0,
+        )
+    except ObjectFolderError as error:
+        return {"failure": str(error), "cpu_s": cpu_seconds() - start}
+    except Exception:
+        return {"failure": traceback.format_exc(limit=1), "cpu_s": cpu_seconds() - start}
+    done = cpu_seconds()
+    if many:
+        write_product(folder / "modes" / f"{name}.zarr.zip", modes)
+    errors = modes["error_estimates_cents"]
+    errors = errors[np.isfinite(errors)]
+    attributes = modes.attributes
+    what = attributes["discretisation"]
+    return {
+        "failure": None,
+        "modes": len(modes["eigenvalues"]),
+        "certificate_holds": attributes["count_certificate"]["holds"],
+        "error_cents": errors.tolist(),
+        "error_median_cents": float(np.median(errors)) if len(errors) else None,
+        "error_worst_cents": float(errors.max()) if len(errors) else None,
+        "unknowns": what["unknowns"],
+        "elements": what["elements"],
+        "way": what.get("way"),
+        "volume_error": what.get("volume_error"),
+        "surface_error_rms_m": what.get("surface_error_rms_m"),
+        "transfer_distance_max_m": attributes["transfer_distance_max_m"],
+        "fill_cpu_s": filled - start,
+        "solve_cpu_s": done - filled,
+        "cpu_s": done - start,
+    }
+
+
+def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    solved = [row for row in table.values() if row["failure"] is None]
+    audible = [row for row in solved if row["modes"]]
+    pooled = np.concatenate([row["error_cents"] for row in audible])
+    seconds = [row["cpu_s"] for row in table.values()]
+    return {
+        "objects": {
+            name: {k: v for k, v in row.items() if k != "error_cents"} for name, row in table.items()
+        },
+        "answered": len(solved),
+        "failed": {name: row["failure"] for name, row in table.items() if row["failure"]},
+        "without_an_audible_mode": len(solved) - len(audible),
+        "error_cents": {
+            "median_over_all_modes": float(np.median(pooled)),
+            "median_over_objects_of_their_median": median(audible, "error_median_cents"),
+            "median_over_objects_of_their_worst": median(audible, "error_worst_cents"),
+            "share_of_modes_within_10": float(np.mean(pooled <= 10)),
+        },
+        "cpu_s": {"median": float(np.median(seconds)), "largest": max(seconds), "sum": sum(seconds)},
+    }
+
+
+def median(rows: list[dict[str, Any]], key: str) -> float:
+    return float(np.median([row[key] for row in rows]))
+
+
+def draw(table: dict[str, dict[str, Any]]) -> None:
+    import matplotlib.pyplot as plt
+
+    shown = [row for row in table.values() if row["failure"] is None and row["modes"]]
+    picture, axes = plt.subplots(figsize=(7, 4.5))
+    seconds = [row["cpu_s"] for row in shown]
+    axes.scatter(seconds, [row["error_median_cents"] for row in shown], s=18, label="median of its modes")
+    axes.scatter(seconds, [row["error_worst_cents"] for row in shown], s=18, marker="x", label="worst mode")
+    axes.axhline(10, color="grey", linewidth=0.8)
+    axes.set(
+        xscale="log", yscale="log", xlabel="CPU seconds, filling and solving", ylabel="estimated error, cents"
+    )
+    axes.legend()
+    axes.set_title("Scans: estimated error of the first 50 audible modes")
+    picture.tight_layout()
+    picture.savefig(RESULTS / "scans.png", dpi=130)
+
+
+def cpu_seconds() -> float:
+    """Of this process and of those it has ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+if __name__ == "__main__":
+    main()

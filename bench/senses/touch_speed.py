@@ -1,0 +1,177 @@
+"""Seconds and errors of ways to draw a touch, on held-out touches of one object."""
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from bench.references.touch_opengl import ReferenceRenderer
+from bench.senses.touch_networks import network_rows, press_query
+from objectfolder.fidelity.feel import measure_feel
+from objectfolder.products.store import Product
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.sensor.camera import no_contact_image, ray_grid, to_bytes
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.shading import shade
+from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.record import simulate_touches
+from objectfolder.touch.truth.touches import Press
+
+SAMPLES = (1, 2, 3, 4)
+TRUTH_SAMPLES = 8
+SIZES = ((160, 120), (320, 240), (640, 480))
+SIZED_SAMPLES = (1, 2)
+
+Way = Callable[[], np.ndarray]
+
+
+class Speed:
+    """One object.
+
+    Parameters
+    ----------
+    given
+        Settings of `bench.senses.touch`.
+    name
+        Of the object.
+    networks
+        Fit and measure the papers' networks too.
+    """
+
+    def __init__(self, given: argparse.Namespace, name: str, networks: bool) -> None:
+        self.given, self.name, self.networks = given, name, networks
+        self.sensor = Sensor()
+
+    def measure(self, surface: Surface) -> dict[str, Any]:
+        """Return the object's row."""
+        touches = simulate_touches(
+            surface,
+            self.sensor,
+            touches=self.given.training_touches if self.networks else 1,
+            held_out_touches=self.given.held_out_touches,
+            samples=2,
+            seed=0,
+        )
+        start = time.process_time()
+        patches = FacePatches(surface)
+        asked = _held_out(touches)
+        press(patches, self.sensor, asked["points"][:1], Press(samples=1))
+        prepared = time.process_time() - start
+        truth = press(patches, self.sensor, *press_query(asked, TRUTH_SAMPLES))
+        poses = truth.sensor_to_object
+
+        def error(images: np.ndarray) -> dict[str, Any]:
+            return measure_feel(truth.rgb, truth.mask, images, truth.mask)
+
+        ways = self._ways(surface, patches, asked, poses)
+        seconds: dict[tuple[str, int | None], list[float]] = {key: [] for key in ways}
+        images = {key: way() for key, way in ways.items()}
+        opengl: list[float] = []
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            drawn = np.zeros_like(truth.rgb)
+            for turn in range(self.given.rounds):
+                keys = list(ways)
+                for key in keys[turn % len(keys) :] + keys[: turn % len(keys)]:
+                    start = time.process_time()
+                    ways[key]()
+                    seconds[key].append((time.process_time() - start) / len(poses))
+                drawn, spent = pool.submit(
+                    _by_opengl, surface.vertices, surface.faces, self.sensor, poses
+                ).result()
+                opengl.append(spent)
+        rows = [
+            {"way": way, "setting": setting, "cpu_s": float(np.median(seconds[way, setting]))}
+            | error(images[way, setting])
+            for way, setting in ways
+        ]
+        rows.append({"way": "pyrender", "setting": None, "cpu_s": float(np.median(opengl))} | error(drawn))
+        untouched = np.broadcast_to(no_contact_image(self.sensor, 2), truth.rgb.shape)
+        rows.append({"way": "no contact", "setting": None, "cpu_s": None} | error(untouched))
+        if self.networks:
+            rows += network_rows(surface, touches, asked, error, self.given.network_cpu_s)
+        return {
+            "object": self.name,
+            "faces": len(surface.faces),
+            "set_up_cpu_s": prepared,
+            "reachable": float(truth.reachable.mean()),
+            "ways": rows,
+            "sizes": self._sizes(patches, asked),
+        }
+
+    def _ways(
+        self, surface: Surface, patches: FacePatches, asked: dict[str, Any], poses: np.ndarray
+    ) -> dict[tuple[str, int | None], Way]:
+        ways: dict[tuple[str, int | None], Way] = {}
+        for samples in SAMPLES:
+            ways["ours", samples] = lambda s=samples: press(patches, self.sensor, *press_query(asked, s)).rgb
+        ways["ray casting", 1] = lambda: np.stack([ray_cast(surface, self.sensor, pose)[0] for pose in poses])
+        return ways
+
+    def _sizes(self, patches: FacePatches, asked: dict[str, Any]) -> list[dict[str, Any]]:
+        """Touches a CPU second at three sizes of image."""
+        rows = []
+        for height, width in SIZES:
+            sensor = self.sensor.at_resolution(height, width)
+            for samples in SIZED_SAMPLES:
+                seconds = []
+                for turn in range(self.given.rounds + 1):
+                    start = time.process_time()
+                    press(patches, sensor, *press_query(asked, samples))
+                    if turn:
+                        seconds.append((time.process_time() - start) / len(asked["points"]))
+                rate = 1 / float(np.median(seconds))
+                rows.append({"height": height, "width": width, "samples": samples, "touches_a_cpu_s": rate})
+        return rows
+
+
+def _held_out(touches: Product) -> dict[str, Any]:
+    """Points of the held-out touches, and what `Press` takes."""
+    chosen = touches["held_out"]
+    return {
+        name: np.asarray(touches[name])[chosen] for name in ("points", "depth_m", "tilt_deg", "azimuth_deg")
+    }
+
+
+def ray_cast(surface: Surface, sensor: Sensor, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Image (height, width, 3) and indentation by one ray a pixel at the whole mesh, shaded alike."""
+    grid = ray_grid(sensor, 1)
+    v, u = (part.ravel() for part in np.meshgrid(grid.v, grid.u, indexing="ij"))
+    local = np.stack([np.ones_like(u), u, v], axis=1)
+    camera = np.asarray(sensor.camera_position_m)
+    directions = local @ pose[:3, :3].T
+    # From the near plane on, so that what is before it does not hide the object.
+    starts = pose[:3, :3] @ camera + pose[:3, 3] + sensor.near_m * directions
+    hits = surface.ray_hits(starts, directions)
+    depth = hits.distance + sensor.near_m
+    seen = depth < grid.gel_depth
+    positions = camera[:, None] + depth[seen] * local[seen].T
+    normals = pose[:3, :3].T @ surface.normals_at(hits.face[seen], hits.barycentric[seen]).T
+    facing = np.einsum("ij,ij->i", surface.face_normals[hits.face[seen]], directions[seen])
+    values = grid.gel_values.copy()
+    values[seen] = shade(sensor, positions, normals * -np.sign(facing))
+    indentation = np.zeros(len(values), dtype=np.float32)
+    indentation[seen] = gel_surface(sensor, positions[1], positions[2]) - positions[0]
+    shape = (sensor.image_height, sensor.image_width)
+    return to_bytes(values.reshape(*shape, 3)), indentation.reshape(shape)
+
+
+def _by_opengl(
+    vertices: np.ndarray, faces: np.ndarray, sensor: Sensor, poses: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Images of poses by pyrender in a process of its own, and CPU seconds of one, the first left out."""
+    renderer = ReferenceRenderer(sensor)
+    surface = Surface(vertices, faces)
+    try:
+        list(renderer.render_held(surface, poses[:1]))
+        start = time.process_time()
+        images = np.stack([image for image, _ in renderer.render_held(surface, poses)])
+        spent = (time.process_time() - start) / len(poses)
+    finally:
+        renderer.close()
+    return images, spent

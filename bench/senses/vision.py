@@ -1,0 +1,386 @@
+"""Sight: seconds against error, and bytes, of VisionNet, Cycles, the paper's network and lit textures.
+
+    python -m bench.senses.vision --objects CATALOGUE.csv --only ID ID ID --cache FOLDER
+
+The catalogue has a row for each object (id, material) and beside it a folder `id` with its `model.obj`. All
+renderers answer the same held-out cameras and lights and are compared with the same truth. Views, fitted
+networks and finished rows are kept in FOLDER and not made again, and the result is of all rows there: delete
+``*.row.json`` to measure again, and ``*.visionnet.safetensors`` too to fit again.
+"""
+
+import argparse
+import csv
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.record import REPOSITORY, versions
+from bench.rivals.vision.scattering_function import ScatteringFunction
+from bench.rivals.vision.scattering_training import fit_scattering_function
+from bench.rivals.vision.textures import SHADINGS, TexturedSurface
+from bench.senses.vision_outcome import conclude
+from objectfolder.audio.materials import read_materials
+from objectfolder.errors import QueryError
+from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
+from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.compositing import composite_on_white, on_white
+from objectfolder.vision.rendering.backends import BACKENDS
+from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
+from objectfolder.vision.truth.views import simulate_views
+from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
+
+SIZES = (128, 256)
+SUB_RAYS = (1, 4, 16, 64)
+CYCLES_SAMPLES = (1, 4, 16, 64, 256)
+TRAINING_SAMPLES, TRUTH_SAMPLES = 32, 512
+# Rays on which the paper's network is judged: whole images would take minutes each. One image of the smallest
+# size is timed whole.
+NETWORK_RAYS = 3072
+# Seeds of the views are below 2^30; this bit makes those of Cycles as a rival of its own truth.
+OWN_SEED = 1 << 29
+
+Answer = Callable[[int], np.ndarray]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="sight: seconds, error and bytes")
+    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
+    parser.add_argument("--only", nargs="+", required=True, help="ids of the objects to measure")
+    parser.add_argument("--cache", type=Path, required=True, help="where views, networks and rows are kept")
+    parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES), help="pixels a side")
+    parser.add_argument(
+        "--training-views", type=int, nargs="+", default=[100], help="for each size, or one for all"
+    )
+    parser.add_argument("--held-out-views", type=int, default=6)
+    parser.add_argument("--backends", nargs="+", default=list(BACKENDS), help="ways to render VisionNet")
+    parser.add_argument(
+        "--cycles-samples", type=int, nargs="+", default=list(CYCLES_SAMPLES), help="of Cycles as a rival"
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="renders of each view by each way")
+    parser.add_argument("--network-cpu-s", type=float, default=120.0, help="training of the paper's network")
+    parser.add_argument("--network-steps", type=int, help="its length instead; 200000 as published")
+    parser.add_argument("--network-rays", type=int, default=32, help="rays a step; 1024 as published by NeRF")
+    parser.add_argument("--network-objects", type=int, default=1, help="for how many of the objects")
+    parser.add_argument("--network-device", default="cpu")
+    parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
+    given = parser.parse_args()
+    if not given.objects.is_file():
+        print(f"skipped: no catalogue of objects at {given.objects}")
+        return
+    counts = given.training_views * (len(given.sizes) if len(given.training_views) == 1 else 1)
+    given.training_views = dict(zip(given.sizes, counts, strict=True))
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    import torch
+
+    torch.set_num_threads(1)
+    given.cache.mkdir(parents=True, exist_ok=True)
+    with given.objects.open(newline="", encoding="utf-8") as file:
+        materials = {row["id"]: row["material"] for row in csv.DictReader(file)}
+    for size in given.sizes:
+        for index, name in enumerate(given.only):
+            path = given.cache / f"{name}_{size}.row.json"
+            if not path.exists():
+                case = Case(given, name, materials[name], size)
+                row = case.measure(with_network=index < given.network_objects)
+                path.write_text(json.dumps(row), encoding="utf-8")
+            print(name, size, "measured", flush=True)
+    # Of earlier runs too, so that sizes and objects can be measured in parts.
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(given.cache.glob("*.row.json"))]
+    conclude(rows, settings(given, rows))
+
+
+def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    views = {str(row["size"]): f"{row['training_views']} views at {TRAINING_SAMPLES} samples" for row in rows}
+    return {
+        "objects": sorted({row["object"] for row in rows}),
+        "sizes": sorted({row["size"] for row in rows}),
+        "training": views,
+        "held_out": f"{given.held_out_views} views at {TRUTH_SAMPLES} samples, cameras and lights unseen",
+        "times": "CPU seconds of one view, one thread, medians over views and rounds, ways interleaved",
+        "cycles_times": "within its process after the first view, the scene kept; and with the process, "
+        "the scene's set-up and Blender's start, as a view asked for alone costs",
+        "rounds": given.rounds,
+        "paper_network": {
+            "training": f"{given.network_steps} steps"
+            if given.network_steps
+            else f"{given.network_cpu_s} CPU s",
+            "rays_a_step": given.network_rays,
+            "device": given.network_device,
+            "views": f"those of {min(given.sizes)} pixels a side, at every size",
+            "time": f"of one whole image of {min(given.sizes)} pixels a side; at other sizes of "
+            f"{NETWORK_RAYS} rays spread over the held-out views, scaled to a whole image",
+            "error": "of those pixels, squared errors pooled; no SSIM",
+        },
+        "published_on_their_data_256": {
+            "ObjectFolder 1.0": {"psnr_db": 35.7, "ssim": 0.97, "gpu_s": 3.699},
+            "ObjectFolder 2.0": {"psnr_db": 36.3, "ssim": 0.98, "gpu_s": 0.062},
+        },
+        "bytes": "VisionNet: its tensors and the compressed surface; paper's network: single precision; "
+        "Cycles and textures: the source mesh and texture as files",
+    }
+
+
+@dataclass
+class CyclesRenders:
+    """Images at one sample count, and CPU seconds of views in a running process and of processes for one."""
+
+    images: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    kept: list[float] = field(default_factory=list)
+    alone: list[float] = field(default_factory=list)
+
+
+def cpu_s(before: os.times_result, after: os.times_result) -> float:
+    """CPU seconds of this process and of those it has ended between two readings."""
+    return sum(after[:4]) - sum(before[:4])
+
+
+class Case:
+    """One object at one size."""
+
+    def __init__(self, given: argparse.Namespace, name: str, material: str, size: int) -> None:
+        self.given, self.name, self.size = given, name, size
+        folder = given.objects.parent / name
+        self.mesh: TexturedMesh = textured_mesh_of(ingest_object(folder / "model.obj", None, None, name))
+        found = read_materials(given.materials)[material]
+        self.appearance = Appearance(found.roughness, found.metallic)
+        self.source_bytes = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
+        self.views, self.views_cpu_s = self._views(size)
+        held_out = self.views["held_out"]
+        self.cameras = self.views["camera_to_world"][held_out]
+        self.lights = self.views["light_position"][held_out]
+        self.rgba = self.views["rgba"][held_out].astype(np.float32)
+        self.field_of_view_deg = float(self.views.attributes["field_of_view_deg"])
+        self.frame = UnitFrame.from_dict(self.views.attributes["frame"])
+
+    def _views(self, size: int) -> tuple[Product, float | None]:
+        """Return views and the CPU seconds they took, None where that is not known."""
+        given = self.given
+        path = given.cache / (
+            f"{self.name}_{size}_{given.training_views[size]}x{TRAINING_SAMPLES}_"
+            f"{given.held_out_views}x{TRUTH_SAMPLES}.views.zarr.zip"
+        )
+        spent = Path(f"{path}.cpu_s")
+        if not path.exists():
+            before = os.times()
+            views = simulate_views(
+                self.mesh,
+                self.appearance,
+                resolution=size,
+                training_views=given.training_views[size],
+                training_samples=TRAINING_SAMPLES,
+                held_out_views=given.held_out_views,
+                held_out_samples=TRUTH_SAMPLES,
+                seed=0,
+            )
+            spent.write_text(str(cpu_s(before, os.times())), encoding="utf-8")
+            write_product(path, views)
+        return read_product(path), float(spent.read_text(encoding="utf-8")) if spent.exists() else None
+
+    def measure(self, with_network: bool) -> dict[str, Any]:
+        """Return the case's row."""
+        net, net_bytes, fit_cpu_s = self._visionnet()
+        answers: dict[tuple[str, int | None], Answer] = {}
+        for backend in self.given.backends:
+            try:
+                way = net.on("cpu", backend)
+            except QueryError as error:
+                print(f"VisionNet, {backend}: left out, {error}")
+                continue
+            for count in SUB_RAYS:
+                answers[f"VisionNet, {backend}", count] = self._answer(way.render, sub_rays=count)
+        for shading in SHADINGS:
+            power = float(self.views.attributes["light_power_w"])
+            textured = TexturedSurface(self.mesh, self.frame, shading, power)
+            answers[f"{shading} texture", None] = self._answer(textured.render)
+        images, seconds, ways = self._timed(answers)
+        for (way_name, setting), found in images.items():
+            ours = way_name.startswith("VisionNet")
+            ways.append(
+                {
+                    "way": way_name,
+                    "setting": setting,
+                    **self._error(on_white(found)),
+                    "cpu_s": float(np.median(seconds[way_name, setting])),
+                    "bytes": net_bytes if ours else self.source_bytes,
+                }
+            )
+        ways.append(
+            {"way": "mean colour", "setting": None, **self._error(trivial_answer(self.views)), "bytes": 12}
+        )
+        if with_network:
+            ways.append(self._paper_network())
+        attributes = self.views.attributes
+        return {
+            "object": self.name,
+            "size": self.size,
+            "commit": versions()["commit"],
+            "roughness": self.appearance.roughness,
+            "metallic": self.appearance.metallic,
+            "training_views": self.given.training_views[self.size],
+            "rounds": self.given.rounds,
+            "covered_share": float((self.rgba[..., 3] > 0).mean()),
+            "truth_noise_floor_db": attributes["noise_floor_db"],
+            "truth_noise_floor_foreground_db": attributes["noise_floor_foreground_db"],
+            "views_cpu_s_held_out_included": self.views_cpu_s,
+            "visionnet_fit_cpu_s": fit_cpu_s,
+            "ways": ways,
+        }
+
+    def _visionnet(self) -> tuple[VisionNet, int, float]:
+        encoded = encode_surface(self.mesh.surface)
+        surface = decode_surface(encoded)
+        path = self.given.cache / f"{self.name}_{self.size}.visionnet.safetensors"
+        if not path.exists():
+            start = time.process_time()
+            fitted = fit_visionnet(surface, self.frame, self.views)
+            spent = time.process_time() - start
+            metadata = {"visionnet": fitted.metadata(), "cpu_s": spent}
+            write_tensor_file(path, TensorFile(fitted.tensors(), metadata))
+        content = read_tensor_file(path)
+        metadata = json.loads(content.metadata["visionnet"])
+        net = VisionNet.from_tensors(content.tensors, metadata, surface, self.frame)
+        stored = [*content.tensors.values(), *encoded.values()]
+        return net, sum(array.nbytes for array in stored), float(content.metadata["cpu_s"])
+
+    def _answer(self, render: Callable[..., Any], **more: int) -> Answer:
+        def answer(view: int) -> np.ndarray:
+            image: np.ndarray = render(
+                self.cameras[view], self.lights[view], self.size, self.field_of_view_deg, **more
+            )
+            return image[0]
+
+        return answer
+
+    def _timed(
+        self, answers: dict[tuple[str, int | None], Answer]
+    ) -> tuple[
+        dict[tuple[str, int | None], np.ndarray],
+        dict[tuple[str, int | None], list[float]],
+        list[dict[str, Any]],
+    ]:
+        """Render every view in every way, the ways in an order that turns; the first render warms up.
+
+        Cycles' processes, one a sample count, take their turn after each round of the others.
+        """
+        cycles = {samples: CyclesRenders() for samples in self.given.cycles_samples}
+        images = {key: np.zeros(self.rgba.shape, dtype=np.float32) for key in answers}
+        seconds: dict[tuple[str, int | None], list[float]] = {key: [] for key in answers}
+        keys = list(answers)
+        for key in keys:
+            answers[key](0)
+        for turn in range(self.given.rounds):
+            for view in range(len(self.cameras)):
+                shift = (turn * len(self.cameras) + view) % len(keys)
+                for key in keys[shift:] + keys[:shift]:
+                    start = time.process_time()
+                    images[key][view] = answers[key](view)
+                    seconds[key].append(time.process_time() - start)
+            for samples, found in cycles.items():
+                self._render_by_cycles(samples, turn, found)
+        rows = [
+            {
+                "way": "Cycles",
+                "setting": samples,
+                **self._error(on_white(found.images)),
+                "cpu_s": float(np.median(found.kept)),
+                "cpu_s_alone": float(np.median(found.alone)),
+                "bytes": self.source_bytes,
+            }
+            for samples, found in cycles.items()
+        ]
+        return images, seconds, rows
+
+    def _error(self, answer: np.ndarray) -> dict[str, Any]:
+        found = measure_sight(on_white(self.rgba), self.rgba[..., 3] >= FOREGROUND_ALPHA, answer)
+        return {key: found[key] for key in ("psnr_db", "psnr_foreground_db", "ssim")}
+
+    def _render_by_cycles(self, samples: int, turn: int, found: "CyclesRenders") -> None:
+        """Render one view alone, then all in one process, and add the seconds to `found`."""
+        seeds = self.views["seed"][self.views["held_out"]] ^ OWN_SEED
+        one = turn % len(self.cameras)
+        for views in (slice(one, one + 1), slice(None)):
+            shots = Shots(
+                self.cameras[views], self.lights[views], seeds[views], samples, self.size, self.size,
+                self.field_of_view_deg, float(self.views.attributes["light_power_w"]),
+            )  # fmt: skip
+            images, within, whole = self._in_child(shots)
+            if views == slice(None):
+                found.images = images
+                found.kept.extend(within[1:])
+            else:
+                found.alone.append(whole)
+
+    def _in_child(self, shots: Shots) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return images, CPU seconds of each view, and those of the whole process."""
+        with tempfile.TemporaryDirectory(prefix="bench-vision-") as folder:
+            request, result = Path(folder, "request.npz"), Path(folder, "result.npz")
+            save_request(request, unit_scene(self.mesh, self.appearance, self.frame), shots)
+            before = os.times()
+            subprocess.run(
+                [sys.executable, "-m", "bench.rivals.vision.cycles", str(request), str(result)],
+                cwd=REPOSITORY,
+                check=True,
+            )
+            after = os.times()
+            with np.load(result) as found:
+                return found["images"], found["cpu_s"], cpu_s(before, after)
+
+    def _paper_network(self) -> dict[str, Any]:
+        given = self.given
+        size = min(given.sizes)
+        fitted: ScatteringFunction = fit_scattering_function(
+            self._views(size)[0],
+            steps=given.network_steps,
+            budget_cpu_s=None if given.network_steps else given.network_cpu_s,
+            batch_rays=given.network_rays,
+            device=given.network_device,
+            checkpoint=given.cache / f"{self.name}_{size}.rival.safetensors",
+        )
+        generator = np.random.default_rng(0)
+        errors, covered, seconds = [], [], []
+        for camera, light, truth in zip(self.cameras, self.lights, self.rgba, strict=True):
+            count = NETWORK_RAYS // len(self.cameras)
+            pixels = generator.choice(self.size**2, count, replace=False)
+            start = time.process_time()
+            answer = fitted.pixels(camera, light, pixels, self.size, self.field_of_view_deg)
+            seconds.append((time.process_time() - start) / count * self.size**2)
+            chosen = truth.reshape(-1, 4)[pixels]
+            errors.append((composite_on_white(chosen) - composite_on_white(answer)) ** 2)
+            covered.append(chosen[:, 3] >= FOREGROUND_ALPHA)
+        if self.size == size:
+            start = time.process_time()
+            every = np.arange(self.size**2)
+            fitted.pixels(self.cameras[0], self.lights[0], every, self.size, self.field_of_view_deg)
+            seconds = [time.process_time() - start]
+        squares, foreground = np.concatenate(errors), np.concatenate(covered)
+        assert fitted.training is not None
+        return {
+            "way": "ObjectFolder 1.0 network",
+            "setting": None,
+            "psnr_db": float(-10 * np.log10(squares.mean())),
+            "psnr_foreground_db": float(-10 * np.log10(squares[foreground].mean())),
+            "ssim": None,
+            "cpu_s": float(np.median(seconds)),
+            "bytes": fitted.bytes,
+            "steps": fitted.training.steps,
+            "training_cpu_s": fitted.training.cpu_s,
+        }
+
+
+if __name__ == "__main__":
+    main()
