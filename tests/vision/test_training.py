@@ -12,8 +12,8 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, srgb_encode
-from objectfolder.vision.network.incidence import UnitSurface
-from objectfolder.vision.network.reflectance import Reflectance, highlight
+from objectfolder.vision.network.incidence import Incidence, UnitSurface
+from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, highlight
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 from objectfolder.vision.visionnet.training import (
     LEAST_ALPHA,
@@ -185,11 +185,41 @@ def reflected(alpha: float, camera_deg: float) -> float:
     camera = np.array([np.sin(np.deg2rad(camera_deg)), 0.0, np.cos(np.deg2rad(camera_deg))])
     half = directions + camera
     half /= np.linalg.norm(half, axis=1, keepdims=True)
-    angles = np.zeros((len(directions), 12), dtype=np.float32)
+    angles = np.zeros((len(directions), 13), dtype=np.float32)
     angles[:, 3], angles[:, 5], angles[:, 11] = directions[:, 2], camera[2], half[:, 2]
+    angles[:, 12] = half[:, 0] ** 2 + half[:, 1] ** 2
     lobe = highlight(torch.from_numpy(angles), torch.tensor(np.log(alpha), dtype=torch.float32))
     # The lobe leaves out pi; the hemisphere measures 2 pi.
     return 2 * float((lobe[:, 0].numpy() * directions[:, 2]).mean())
+
+
+def test_the_narrowest_highlight_keeps_its_digits_in_single_precision():
+    """Against float64; the cosine form, which the textbooks have, loses a percent beside it."""
+    random = np.random.default_rng(1)
+    tilt, turn = LEAST_ALPHA * random.random(20_000), 2 * np.pi * random.random(20_000)
+    normal = uniform_on_sphere(20_000, 1.0, random)
+    side = np.cross(normal, uniform_on_sphere(20_000, 1.0, random))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    half = np.cos(tilt)[:, None] * normal + np.sin(tilt)[:, None] * side
+    across = np.cross(half, side)
+    across = np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * np.cross(half, across)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    to_light, to_camera = 0.8 * half + 0.6 * across, 0.8 * half - 0.6 * across
+    nothing = np.zeros(20_000)
+    angles = angle_inputs(Incidence(normal, normal, to_camera, to_light, nothing, nothing))
+    lobe = highlight(torch.from_numpy(angles), torch.tensor(np.log(LEAST_ALPHA), dtype=torch.float32))
+    light, camera = (np.einsum("ij,ij->i", normal, at) for at in (to_light, to_camera))
+    alpha2 = LEAST_ALPHA**2
+    masked = light * np.sqrt(camera**2 * (1 - alpha2) + alpha2) + camera * np.sqrt(
+        light**2 * (1 - alpha2) + alpha2
+    )
+    exact = alpha2 / (2 * (alpha2 * np.cos(tilt) ** 2 + np.sin(tilt) ** 2) ** 2 * masked)
+    assert np.abs(lobe[:, 0].numpy() / exact - 1).max() < 1e-4
+    middle = angles[:, 11]
+    cancelled = np.float32(alpha2) / (
+        2 * (middle**2 * np.float32(alpha2 - 1) + 1) ** 2 * masked.astype(np.float32)
+    )
+    assert np.abs(cancelled / exact - 1).max() > 0.01
 
 
 @pytest.mark.parametrize("camera_deg", [0.0, 50.0])

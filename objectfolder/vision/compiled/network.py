@@ -242,6 +242,7 @@ def _radiance(
     direct_in = np.zeros((direct[0].shape[1], BLOCK), np.float32)
     bounced_in = np.zeros((bounced[0].shape[1], BLOCK), np.float32)
     albedo_in = np.zeros((albedo[0].shape[1], BLOCK), np.float32)
+    sine2 = np.empty(BLOCK, np.float32)
     first = np.empty((direct[0].shape[0], BLOCK), np.float32)
     second = np.empty((direct[2].shape[0], BLOCK), np.float32)
     direct_out = np.empty((6, BLOCK), np.float32)
@@ -294,6 +295,9 @@ def _radiance(
             direct_in[a + 7, s], direct_in[a + 8, s] = fresnel2 * fresnel2 * fresnel, grazing
             direct_in[a + 9, s], direct_in[a + 10, s] = middle4, middle16 * middle16
             direct_in[a + 11, s] = middle
+            # Of normal and half vector: of a cosine near 1 rounding leaves no sine.
+            qx, qy, qz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
+            sine2[s] = qx * qx + qy * qy + qz * qz if middle > zero else one
             albedo_in[a, s], albedo_in[a + 1, s], albedo_in[a + 2, s] = nx, ny, nz
             mx, my, mz = (
                 2 * at_camera * nx - cx, 2 * at_camera * ny - cy, 2 * at_camera * nz - cz
@@ -324,7 +328,7 @@ def _radiance(
             at_light = max(direct_in[a + 3, s], least_cosine)
             at_camera = max(direct_in[a + 5, s], least_cosine)
             middle = direct_in[a + 11, s]
-            width = middle * middle * (alpha2 - one) + one
+            width = alpha2 * middle * middle + sine2[s]
             masked = at_light * math.sqrt(at_camera * at_camera * (one - alpha2) + alpha2)
             shadowed = at_camera * math.sqrt(at_light * at_light * (one - alpha2) + alpha2)
             lobe = alpha2 / (2 * width * width * (masked + shadowed))

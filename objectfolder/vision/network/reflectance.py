@@ -57,15 +57,20 @@ def interpolate(table: Tensor, rows: np.ndarray, weights: np.ndarray) -> Tensor:
 
 
 def angle_inputs(points: Incidence) -> np.ndarray:
-    """Return (n, 12) float32: the normal, and cosines of light, camera and half vector in useful powers."""
+    """Return (n, 13) float32: the `ANGLES` that the network sees, and what its highlight needs beside them.
+
+    These are the normal, and cosines of light, camera and half vector in useful powers. The last column is
+    the squared sine between normal and half vector: of a cosine near 1 rounding leaves no sine.
+    """
     half = points.to_light + points.to_camera
     half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
     light = np.einsum("ij,ij->i", points.normal, points.to_light)
     camera = np.einsum("ij,ij->i", points.normal, points.to_camera)
     middle = np.clip(np.einsum("ij,ij->i", points.normal, half), 0.0, 1.0)
+    sine2 = np.where(middle > 0, (np.cross(points.normal, half) ** 2).sum(axis=1), 1.0)
     grazing = np.clip(np.einsum("ij,ij->i", points.to_light, half), 0.0, 1.0)
     powers = [light, light**2, camera, np.clip(1 - camera, 0, 1) ** 3, (1 - grazing) ** 5, grazing]
-    lobes = [middle**4, middle**32, middle]
+    lobes = [middle**4, middle**32, middle, sine2]
     return np.concatenate([points.normal, np.stack([*powers, *lobes], axis=1)], axis=1).astype(np.float32)
 
 
@@ -96,14 +101,15 @@ def highlight(angles: Tensor, log_alpha: Tensor) -> Tensor:
     """Return (n, 1) D V of a GGX surface over its diffuse counterpart, from `angle_inputs`.
 
     Trowbridge-Reitz distribution and height-correlated Smith visibility (Heitz 2014), pi left out; cosines
-    below `LEAST_COSINE` are taken as that.
+    below `LEAST_COSINE` are taken as that. The distribution is over alpha^2 cos^2 + sin^2 of the half vector:
+    the equal cos^2 (alpha^2 - 1) + 1 cancels, by 2 % of a mirror's highlight in float32.
     """
     alpha2 = torch.exp(2 * log_alpha)
-    light, camera, middle = (angles[:, column : column + 1] for column in (3, 5, 11))
+    light, camera, cosine, sine2 = (angles[:, column : column + 1] for column in (3, 5, 11, 12))
     light, camera = light.clamp(min=LEAST_COSINE), camera.clamp(min=LEAST_COSINE)
     masked = light * torch.sqrt(camera**2 * (1 - alpha2) + alpha2)
     shadowed = camera * torch.sqrt(light**2 * (1 - alpha2) + alpha2)
-    return alpha2 / (2 * (middle * middle * (alpha2 - 1) + 1) ** 2 * (masked + shadowed))
+    return alpha2 / (2 * (alpha2 * cosine**2 + sine2) ** 2 * (masked + shadowed))
 
 
 @dataclass(frozen=True)
@@ -203,9 +209,13 @@ class Reflectance(nn.Module):
         facing = torch.sigmoid(self.facing(features))
         return facing + (1 - facing) * grazing
 
+    def _directly(self, features: Tensor, angles: Tensor) -> Tensor:
+        answer: Tensor = self.direct(torch.cat([features, angles[:, :ANGLES]], dim=1))
+        return answer
+
     def reflectance(self, features: Tensor, albedo: Tensor, angles: Tensor, log_alpha: Tensor) -> Tensor:
         """Return (n, 3) pi times the reflectance, its highlight of a given width."""
-        out = self.direct(torch.cat([features, angles], dim=1))
+        out = self._directly(features, angles)
         lobe = highlight(angles, log_alpha)
         if self.mirrors:
             gloss = self.fresnel(features, angles[:, 7:8]) * 2 * torch.sigmoid(out[:, 3:])
@@ -263,6 +273,6 @@ class Reflectance(nn.Module):
         Mean squared difference of what `direct` answers; a penalty on it makes places that no light has
         reached reflect as the others do. `angles` need not be those at which the points were seen.
         """
-        alike = self.direct(torch.cat([torch.zeros_like(features), angles], dim=1))
-        difference: Tensor = self.direct(torch.cat([features, angles], dim=1)) - alike
+        alike = self._directly(torch.zeros_like(features), angles)
+        difference = self._directly(features, angles) - alike
         return (difference**2).mean()
