@@ -170,9 +170,9 @@ def test_rays_are_asked_in_metres(bar: ObjectFile) -> None:
     np.testing.assert_allclose(seen, unit, atol=1e-6)
 
 
-def test_device_and_way_are_those_asked_for(bar: ObjectFile) -> None:
-    plain = bar.on("cpu", "reference")
-    assert (plain.vision.device, plain.vision.backend) == ("cpu", "reference")
+def test_the_device_is_that_asked_for(bar: ObjectFile) -> None:
+    plain = bar.on("cpu")
+    assert plain.vision.device == "cpu"
     assert plain.description == bar.description
     with pytest.raises(QueryError, match="device: 'abacus'"):
         bar.on("abacus")

@@ -29,7 +29,6 @@ from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
 from bench.senses.vision_outcome import conclude
 from objectfolder.audio.materials import read_materials
-from objectfolder.errors import QueryError
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
@@ -39,7 +38,6 @@ from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.compositing import composite_on_white, on_white
-from objectfolder.vision.rendering.backends import BACKENDS
 from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
 from objectfolder.vision.truth.views import simulate_views
 from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
@@ -67,7 +65,6 @@ def main() -> None:
         "--training-views", type=int, nargs="+", default=[100], help="for each size, or one for all"
     )
     parser.add_argument("--held-out-views", type=int, default=6)
-    parser.add_argument("--backends", nargs="+", default=list(BACKENDS), help="ways to render VisionNet")
     parser.add_argument(
         "--cycles-samples", type=int, nargs="+", default=list(CYCLES_SAMPLES), help="of Cycles as a rival"
     )
@@ -195,14 +192,8 @@ class Case:
         """Return the case's row."""
         net, net_bytes, fit_cpu_s = self._visionnet()
         answers: dict[tuple[str, int | None], Answer] = {}
-        for backend in self.given.backends:
-            try:
-                way = net.on("cpu", backend)
-            except QueryError as error:
-                print(f"VisionNet, {backend}: left out, {error}")
-                continue
-            for count in SUB_RAYS:
-                answers[f"VisionNet, {backend}", count] = self._answer(way.render, sub_rays=count)
+        for count in SUB_RAYS:
+            answers["VisionNet, compiled", count] = self._answer(net.render, sub_rays=count)
         for shading in SHADINGS:
             power = float(self.views.attributes["light_power_w"])
             textured = TexturedSurface(self.mesh, self.frame, shading, power)

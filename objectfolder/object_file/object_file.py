@@ -170,17 +170,15 @@ class ObjectFile(SightQueries, SoundQueries):
             self.surface, self.frame, self.vision, self.modes, self.touch, described, self._tensors
         )
 
-    def on(self, device: str = "cpu", backend: str | None = None) -> "ObjectFile":
-        """Return the same object, rendered on another device or in another way; see `VisionNet.on`.
-
-        `file.vision.device` and `file.vision.backend` say which are in use.
+    def on(self, device: str = "cpu") -> "ObjectFile":
+        """Return the same object, rendered on another device, `file.vision.device`; see `VisionNet.on`.
 
         Raises
         ------
         QueryError
-            A device or a way that is not at hand.
+            A device that is not at hand.
         """
-        seen = self.vision.on(device, backend)
+        seen = self.vision.on(device)
         return ObjectFile(
             self.surface, self.frame, seen, self.modes, self.touch, self.description, self._tensors
         )

@@ -8,19 +8,33 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.network.reflectance import Reflectance
 from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
+from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
+WAYS = ("compiled", "torch")
 # Radiance in single precision, of values near 1.
 ROUNDING = 2e-6
 
 
-def assert_alike(answer: np.ndarray, expected: np.ndarray, backend: str) -> None:
+def rendered_by(net: VisionNet, way: str) -> VisionNet:
+    """Return the same VisionNet, rendered on the CPU by kernels or by torch."""
+    other = net.on("cpu")
+    if way == "torch":
+        other._renderer = TorchRenderer(net._surface, net._grid, net._weights, net.radiance_scale)
+    return other
+
+
+def way_of(net: VisionNet) -> str:
+    return "torch" if isinstance(net._renderer, TorchRenderer) else "compiled"
+
+
+def assert_alike(answer: np.ndarray, expected: np.ndarray, way: str) -> None:
     """Answers (..., 4) to the same rays in different company: equal, or for torch's way apart by rounding.
 
     Torch multiplies matrices by libraries that may round a row by its place among others. One pixel may
     differ by more: one whose few rays differ by just as much as makes it uneven.
     """
-    if backend == "compiled":
+    if way == "compiled":
         np.testing.assert_array_equal(answer, expected)
         return
     assert answer.shape == expected.shape

@@ -10,7 +10,7 @@ from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compiled import CompiledRenderer
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.rendering.reference_renderer import ReferenceRenderer
+from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 
 WHITE = np.ones((1, 3))
 # Radiance of the two routes at equal rays: single precision sums of 64 terms in another order.
@@ -18,10 +18,10 @@ TOLERANCE = 2e-3
 CACHE: dict[str, tuple] = {}
 
 
-def both(shape: str) -> tuple[CompiledRenderer, ReferenceRenderer]:
+def both(shape: str) -> tuple[CompiledRenderer, TorchRenderer]:
     if shape not in CACHE:
         parts = network(SHAPES[shape]())
-        CACHE[shape] = (CompiledRenderer(*parts, 1.0), ReferenceRenderer(*parts, 1.0))
+        CACHE[shape] = (CompiledRenderer(*parts, 1.0), TorchRenderer(*parts, 1.0))
     return CACHE[shape]
 
 

@@ -14,7 +14,7 @@ from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, un
 from objectfolder.vision.compiled import CompiledRenderer
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.network.incidence import Incidence, UnitSurface
-from objectfolder.vision.rendering.reference_renderer import ReferenceRenderer
+from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 from objectfolder.vision.visionnet.training import rays_to_meet, shows_itself
 from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
@@ -70,7 +70,7 @@ def test_a_ball_does_not_see_itself():
 @pytest.mark.parametrize("shape", ["mug", "furniture"])
 def test_both_ways_show_the_surface_in_itself(shape):
     surface, grid, weights = network(SHAPES[shape](), mirrors=True)
-    slow = ReferenceRenderer(surface, grid, weights, 1.0)
+    slow = TorchRenderer(surface, grid, weights, 1.0)
     fast = CompiledRenderer(surface, grid, weights, 1.0)
     lights = np.array([[0.3, 0.2, 0.9], [-0.5, -0.7, 0.4]])
     origins, directions = rays((0.8, -1.2, 1.9))
@@ -81,13 +81,13 @@ def test_both_ways_show_the_surface_in_itself(shape):
     assert off.mean() < 2e-3
     # Without what is seen in the mirror it would be another image.
     no_mirrors = weights | {"facing.bias": np.full(3, -60.0), "facing.weight": 0 * weights["facing.weight"]}
-    without = ReferenceRenderer(surface, grid, no_mirrors, 1.0).radiance(origins, directions, lights, colours)
+    without = TorchRenderer(surface, grid, no_mirrors, 1.0).radiance(origins, directions, lights, colours)
     assert np.abs(without - expected).max() > 0.05
     pose = look_at(np.array([[0.8, -1.2, 1.9]]))[0]
     image = fast.render(pose, lights, colours, (24, 24), 39.6, 64)
     truth = slow.render(pose, lights, colours, (24, 24), 39.6, 256)
     assert np.sqrt(((image - truth) ** 2).mean()) < 0.02
-    for backend, way, sub_rays in (("compiled", fast, 64), ("reference", slow, 8)):
+    for backend, way, sub_rays in (("compiled", fast, 64), ("torch", slow, 8)):
         query = pose, lights, colours, (24, 24), 39.6, sub_rays
         part = way.render(*query, (7, 5, 11, 13))
         whole = image if way is fast else slow.render(*query)

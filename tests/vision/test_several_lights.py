@@ -8,28 +8,27 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_visionnets import assert_alike, drawn_visionnet
+from small_visionnets import WAYS, assert_alike, drawn_visionnet, rendered_by, way_of
 from vision_shapes import cube
 
 from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
 from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, surrounding_inputs
 from objectfolder.vision.rendering import shading as shading_module
-from objectfolder.vision.rendering.backends import BACKENDS
 from objectfolder.vision.rendering.shading import Shading
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 CAMERA = look_at(np.array([[1.5, -1.7, 1.0]]))
 
 
-@pytest.fixture(scope="module", params=BACKENDS)
+@pytest.fixture(scope="module", params=WAYS)
 def net(request: pytest.FixtureRequest) -> VisionNet:
-    return drawn_visionnet(cube()).on(backend=request.param)
+    return rendered_by(drawn_visionnet(cube()), request.param)
 
 
 @pytest.fixture(scope="module")
 def torch_net() -> VisionNet:
-    return drawn_visionnet(cube()).on(backend="reference")
+    return rendered_by(drawn_visionnet(cube()), "torch")
 
 
 def rays_at_the_object(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +84,7 @@ def test_one_white_light_is_the_call_without_a_colour(net: VisionNet) -> None:
         (np.stack([light, [0.0, 0.0, 0.0]])[None], np.array([[1.0, 1, 1], [0, 0, 0]])),
     ):
         image = net.render(CAMERA, position, 40, 39.6, 16, light_colour=colour)
-        assert_alike(image, plain, net.backend)
+        assert_alike(image, plain, way_of(net))
 
 
 def test_views_with_lights_of_their_own_equal_each_alone(net: VisionNet) -> None:
@@ -98,9 +97,9 @@ def test_views_with_lights_of_their_own_equal_each_alone(net: VisionNet) -> None
         alone = net.render(
             cameras[view], lights[view : view + 1], (20, 28), 39.6, 16, light_colour=colours[view]
         )
-        assert_alike(alone[0], batch[view], net.backend)
+        assert_alike(alone[0], batch[view], way_of(net))
     shared = net.render(cameras, lights[:1], (20, 28), 39.6, 16, light_colour=colours[:1])
-    assert_alike(shared[0], batch[0], net.backend)
+    assert_alike(shared[0], batch[0], way_of(net))
     assert not np.array_equal(shared[1], batch[1])
 
 
@@ -122,7 +121,7 @@ def test_a_ray_s_answer_does_not_depend_on_its_company(net: VisionNet, count: in
     lights = np.array([[0.0, 0.0, 1.0], [-0.8, 0.6, 0.0]])
     some = slice(start, start + count)
     whole = net.radiance(origins, directions, lights)
-    assert_alike(net.radiance(origins[some], directions[some], lights), whole[some], net.backend)
+    assert_alike(net.radiance(origins[some], directions[some], lights), whole[some], way_of(net))
 
 
 def test_the_length_of_a_direction_plays_no_part(net: VisionNet) -> None:
@@ -132,7 +131,7 @@ def test_the_length_of_a_direction_plays_no_part(net: VisionNet) -> None:
         net.radiance(origins, 7 * directions, light), net.radiance(origins, directions, light), atol=1e-6
     )
     one = net.radiance(origins[0], directions, light)
-    assert_alike(one, net.radiance(np.repeat(origins[:1], 50, axis=0), directions, light), net.backend)
+    assert_alike(one, net.radiance(np.repeat(origins[:1], 50, axis=0), directions, light), way_of(net))
     assert net.radiance(np.zeros((0, 3)), np.zeros((0, 3)), light).shape == (0, 4)
 
 
@@ -224,7 +223,7 @@ def test_a_gpu_answers_as_the_cpu_does(torch_net: VisionNet) -> None:
     random = np.random.default_rng(12)
     cameras, lights = look_at(uniform_on_sphere(2, 2.5, random)), uniform_on_sphere(2, 1.0, random)
     gpu = torch_net.on("cuda")
-    assert (gpu.device, gpu.backend) == ("cuda", "reference")
+    assert (gpu.device, gpu.BK) == ("cuda", "torch")
     origins, directions = rays_at_the_object(40000, 13)
     np.testing.assert_allclose(
         gpu.radiance(origins, directions, lights),
@@ -235,25 +234,16 @@ def test_a_gpu_answers_as_the_cpu_does(torch_net: VisionNet) -> None:
     np.testing.assert_array_equal(gpu.render(cameras[1], lights[1], 48, 39.6, 16)[0], batch[1])
 
 
-def test_a_device_or_a_way_that_is_not_there_is_refused(
-    net: VisionNet, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_device_that_is_not_there_is_refused(net: VisionNet, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(QueryError, match=r"device: 'tpu'. Use 'cpu' or 'cuda'"):
         net.on("tpu")
-    with pytest.raises(QueryError, match="backend: 'guess'"):
-        net.on(backend="guess")
-    with pytest.raises(QueryError, match="'compiled' renders on the CPU, not on cuda"):
-        net.on("cuda", "compiled")
     with monkeypatch.context() as without:
         without.setattr(importlib.util, "find_spec", lambda name: None)
-        assert net.on().backend == "reference"
-        with pytest.raises(QueryError, match="needs numba"):
-            net.on(backend="compiled")
+        with pytest.raises(QueryError, match="'cuda' needs torch"):
+            net.on("cuda")
     monkeypatch.setattr(shading_module.torch.cuda, "is_available", lambda: False)
     with pytest.raises(QueryError, match=r"no CUDA device here\. Use 'cpu'"):
         net.on("cuda")
-    assert net.on("cpu", "reference").backend == "reference"
-    assert net.on().backend == "compiled"
 
 
 @pytest.mark.parametrize(("lights", "colours", "word"), [

@@ -4,20 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_visionnets import assert_alike, drawn_visionnet
+from small_visionnets import WAYS, assert_alike, drawn_visionnet, rendered_by, way_of
 from vision_shapes import cube, sphere
 
 from objectfolder.vision.cameras import look_at, pixel_rays
-from objectfolder.vision.rendering.backends import BACKENDS
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 LIGHT = np.array([0.36, 0.48, 0.8])
 SIZE = (30, 44)
 
 
-@pytest.fixture(scope="module", params=BACKENDS)
+@pytest.fixture(scope="module", params=WAYS)
 def cubic(request: pytest.FixtureRequest) -> VisionNet:
-    return drawn_visionnet(cube()).on(backend=request.param)
+    return rendered_by(drawn_visionnet(cube()), request.param)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +83,7 @@ def test_a_crop_is_that_part_of_the_image(cubic: VisionNet, data: st.DataObject,
     for name in every:
         expected = whole[name][:, top : top + height, left : left + width]
         if name == "rgba":
-            assert_alike(part[name], expected, cubic.backend)
+            assert_alike(part[name], expected, way_of(cubic))
         else:
             np.testing.assert_array_equal(part[name], expected, err_msg=name)
 
@@ -96,11 +95,11 @@ def test_rows_and_columns_one_at_a_time_make_up_the_image(cubic: VisionNet) -> N
     rows = [
         cubic.render(camera, LIGHT, SIZE, 39.6, 16, crop=(row, 0, 1, SIZE[1]))[0] for row in range(SIZE[0])
     ]
-    assert_alike(np.concatenate(rows), whole, cubic.backend)
+    assert_alike(np.concatenate(rows), whole, way_of(cubic))
     columns = [
         cubic.render(camera, LIGHT, SIZE, 39.6, 16, crop=(0, left, SIZE[0], 1))[0] for left in range(SIZE[1])
     ]
-    assert_alike(np.concatenate(columns, axis=1), whole, cubic.backend)
+    assert_alike(np.concatenate(columns, axis=1), whole, way_of(cubic))
 
 
 def test_a_crop_of_a_vast_image_costs_no_more_than_itself(cubic: VisionNet) -> None:

@@ -72,12 +72,9 @@ class Shading:
     ------
     FormatError
         Weights that do not fit the network.
-    QueryError
-        A device that torch does not have.
     """
 
     def __init__(self, grid: SparseGrid, weights: Mapping[str, np.ndarray], device: str = "cpu") -> None:
-        require_device(device)
         network = Reflectance(grid.sizes, mirrors=has_mirrors(weights.keys()))
         state = {name: torch.from_numpy(value.astype(np.float32)) for name, value in weights.items()}
         try:
@@ -219,15 +216,13 @@ class Shading:
         return [torch.cat(column) for column in zip(*parts, strict=True)]
 
 
-def require_device(device: str) -> None:
-    """Refuse a device that is not there.
+def require_cuda() -> None:
+    """Refuse CUDA where torch finds none.
 
     Raises
     ------
     QueryError
-        Neither ``"cpu"`` nor ``"cuda"``, or CUDA where torch finds none.
+        No device.
     """
-    if device not in BLOCK:
-        raise QueryError("device", f"{device!r}", "Use 'cpu' or 'cuda'.")
-    if device == "cuda" and not torch.cuda.is_available():
+    if not torch.cuda.is_available():
         raise QueryError("device", "torch finds no CUDA device here", "Use 'cpu'.")

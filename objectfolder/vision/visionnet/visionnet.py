@@ -1,9 +1,10 @@
 """VisionNet: an object's appearance under any point light, from any camera."""
 
 import copy
+import importlib.util
 import reprlib
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors, weight_shapes
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid, covering_points
-from objectfolder.vision.rendering.backends import Renderer, choose_backend, make_renderer
 from objectfolder.vision.rendering.pixel_centres import cast_pixel_centres
 from objectfolder.vision.rendering.view_query import (
     image_query,
@@ -29,7 +29,12 @@ from objectfolder.vision.rendering.view_query import (
     view_query,
 )
 
+if TYPE_CHECKING:
+    from objectfolder.vision.compiled import CompiledRenderer
+    from objectfolder.vision.rendering.torch_renderer import TorchRenderer
+
 PREFIX = "vision."
+DEVICES = ("cpu", "cuda")
 SUB_RAYS = 64
 MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
 BAND_PIXELS = 1 << 21  # rendered at once: working memory does not grow with the image
@@ -68,8 +73,8 @@ class VisionNet:
     ----------
     radiance_scale, camera_radius, sub_rays
         As given.
-    device, backend
-        Where and how it is rendered; `on` changes them.
+    device
+        Where it is rendered; `on` changes it.
     """
 
     def __init__(
@@ -90,8 +95,7 @@ class VisionNet:
         self._weights = dict(weights)
         self.radiance_scale = radiance_scale
         self.device = "cpu"
-        self.backend = choose_backend(None, self.device)
-        self._renderer: Renderer | None = None
+        self._renderer: CompiledRenderer | TorchRenderer | None = None
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays of an Object File, names beginning with ``vision.``."""
@@ -147,37 +151,44 @@ class VisionNet:
             sub_rays=whole_number("vision.sub_rays", metadata["sub_rays"], 1, MOST_SUB_RAYS),
         )
 
-    def on(self, device: str = "cpu", backend: str | None = None) -> "VisionNet":
-        """Return the same VisionNet, rendered on another device or in another way.
+    def on(self, device: str = "cpu") -> "VisionNet":
+        """Return the same VisionNet, rendered on another device.
 
         Parameters
         ----------
         device
-            ``"cpu"``, or ``"cuda"`` for the network and its features; their answers agree to 1e-3 in linear
-            radiance.
-        backend
-            One of `backends.BACKENDS`; if None, see `backends.choose_backend`.
+            ``"cpu"``, by compiled kernels; or ``"cuda"``, where torch has the network and its features. Their
+            answers agree to 1e-3 in linear radiance.
 
         Raises
         ------
         QueryError
-            A device or a way that is not at hand.
+            A device that is not at hand, or CUDA without torch.
         """
-        other = copy.copy(self)
-        other.backend, other.device = choose_backend(backend, device), device
-        other._renderer = None
-        if device != "cpu":
-            from objectfolder.vision.rendering.shading import require_device
+        if device not in DEVICES:
+            raise QueryError("device", f"{device!r}", "Use 'cpu' or 'cuda'.")
+        if device == "cuda":
+            if importlib.util.find_spec("torch") is None:
+                raise QueryError("device", "'cuda' needs torch", "Install it, or use 'cpu'.")
+            from objectfolder.vision.rendering.shading import require_cuda
 
-            require_device(device)
+            require_cuda()
+        other = copy.copy(self)
+        other.device, other._renderer = device, None
         return other
 
-    def _rendering(self) -> Renderer:
-        """Make the renderer at the first query: importing torch is slow."""
+    def _rendering(self) -> "CompiledRenderer | TorchRenderer":
+        """Make the renderer at the first query: importing numba or torch is slow."""
         if self._renderer is None:
-            self._renderer = make_renderer(
-                self.backend, self._surface, self._grid, self._weights, self.radiance_scale, self.device
-            )
+            parts = self._surface, self._grid, self._weights, self.radiance_scale
+            if self.device == "cpu":
+                from objectfolder.vision.compiled import CompiledRenderer
+
+                self._renderer = CompiledRenderer(*parts)
+            else:
+                from objectfolder.vision.rendering.torch_renderer import TorchRenderer
+
+                self._renderer = TorchRenderer(*parts, self.device)
         return self._renderer
 
     @overload

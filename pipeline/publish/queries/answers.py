@@ -40,7 +40,7 @@ def sample_queries(path: Path, views: int, contacts: int, seed: int, output: Pat
 
 def render_views(path: Path, wanted: Rendering, output: Path) -> str:
     """Render views to PNG, further passes to PNG and .npy."""
-    file = objectfolder.load(path).on(wanted.device, wanted.backend)
+    file = objectfolder.load(path).on(wanted.device)
     lights = _lights(wanted, file.vision.radiance_scale)
     columns = (6,) if lights is None else (3, 6)
     views = _read_numbers(wanted.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
@@ -65,7 +65,7 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> str:
     shown = "" if lights is None else f", {len(lights)} light{'s' * (len(lights) != 1)}"
     _, _, height, width = wanted.crop or (0, 0, wanted.resolution, wanted.resolution)
     more = f" with {', '.join(wanted.passes)}" if wanted.passes else ""
-    return f"{output}: {len(views)} images of {height} x {width} pixels{more}{shown} ({file.vision.backend})"
+    return f"{output}: {len(views)} images of {height} x {width} pixels{more}{shown} ({file.vision.device})"
 
 
 def strike_points(

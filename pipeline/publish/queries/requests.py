@@ -36,9 +36,7 @@ class Rendering:
         depth (0000_depth.npy, metres along the camera's axis), normal (0000_normal.npy, object frame) or
         mask (0000_mask.png); may be given several times
     device
-        where VisionNet runs
-    backend
-        way to render (default: compiled where numba is installed and the device is the CPU)
+        where VisionNet runs: on the CPU by compiled kernels, by CUDA with torch
     """
 
     views: Path
@@ -52,7 +50,6 @@ class Rendering:
     crop: tuple[int, int, int, int] | None = None
     passes: tuple[Literal["depth", "normal", "mask"], ...] = ()
     device: Literal["cpu", "cuda"] = "cpu"
-    backend: Literal["compiled", "reference"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

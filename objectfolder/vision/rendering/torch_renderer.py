@@ -1,4 +1,4 @@
-"""Views of a stored surface by numpy and torch: the reference of any faster way."""
+"""Views of a stored surface by numpy and torch: on a GPU, and for tests of the compiled renderer."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -14,7 +14,7 @@ from objectfolder.vision.rendering.shading import Described, Shading
 POINTS = 1 << 14
 
 
-class ReferenceRenderer:
+class TorchRenderer:
     """First hits, traced light and the network, in the unit frame.
 
     Parameters
