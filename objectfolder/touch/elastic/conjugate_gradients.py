@@ -26,8 +26,6 @@ def minimise(
 
     Parameters
     ----------
-    compliance
-        Of the grid.
     gap_m
         (rows, columns) at indentation 0, +inf where there is no object.
     start_pa
@@ -36,8 +34,6 @@ def minimise(
         One of them: the indentation, or the sum of the pressures.
     tolerance
         Largest violation of gap = 0 in contact and gap >= 0, over the largest penetration.
-    maximum_iterations
-        Iterations after which to give up.
 
     Raises
     ------
@@ -45,10 +41,7 @@ def minimise(
         No convergence, or influence coefficients that are not positive definite.
     """
     nearest = float(gap_m.min())
-    touching = start_pa > 0
-    displacement = compliance.displacement(start_pa)
-    factor = _multiple(start_pa[touching], displacement[touching], gap_m[touching], indentation_m, total_pa)
-    pressure, displacement = start_pa * factor, displacement * factor
+    pressure, displacement = _scaled(compliance, start_pa, gap_m, indentation_m, total_pa)
     direction = np.zeros_like(pressure)
     before, conjugate = 1.0, False
     for iteration in range(maximum_iterations + 1):
@@ -81,11 +74,8 @@ def minimise(
         if conjugate and float(moved.min()) >= 0:
             pressure, displacement = moved, displacement - step * change
             continue
-        pressure = np.maximum(moved, 0.0)
-        displacement = compliance.displacement(pressure)
-        loaded = pressure > 0
-        factor = _multiple(pressure[loaded], displacement[loaded], gap_m[loaded], indentation_m, total_pa)
-        pressure, displacement = pressure * factor, displacement * factor
+        moved = np.maximum(moved, 0.0)
+        pressure, displacement = _scaled(compliance, moved, gap_m, indentation_m, total_pa)
     raise SimulationError(
         "elastic contact",
         f"gaps wrong by {violation:.3g} m after {maximum_iterations} iterations, {allowed:.3g} m wanted",
@@ -93,15 +83,18 @@ def minimise(
     )
 
 
-def _multiple(
+def _scaled(
+    compliance: Compliance,
     pressure: np.ndarray,
-    displacement: np.ndarray,
     gap: np.ndarray,
     indentation: float | None,
     total: float | None,
-) -> float:
-    """Multiple of a pressure that has the wanted sum, or else the least energy."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Multiple of a pressure that has the wanted sum, or else the least energy, and its displacement."""
+    displacement, loaded = compliance.displacement(pressure), pressure > 0
     if total is not None:
-        return total / float(pressure.sum())
-    work = float(((indentation or 0.0) - gap) @ pressure)
-    return work / float(displacement @ pressure)
+        factor = total / float(pressure[loaded].sum())
+    else:
+        work = float(((indentation or 0.0) - gap[loaded]) @ pressure[loaded])
+        factor = work / float(displacement[loaded] @ pressure[loaded])
+    return pressure * factor, displacement * factor

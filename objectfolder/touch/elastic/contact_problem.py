@@ -118,17 +118,9 @@ def solve_contact(
         No convergence.
     """
     gap, pitch = _checked(gap_m, pitch_m)
-    if (indentation_m is None) == (force_n is None):
-        raise InputError("indentation_m, force_n", "both or neither given", "Give one of them.")
-    if initial_pressure_pa is not None and np.shape(initial_pressure_pa) != gap.shape:
-        raise InputError("initial_pressure_pa", f"shape {np.shape(initial_pressure_pa)}", "Use the gap's.")
-    for name, value in (("indentation_m", indentation_m), ("force_n", force_n)):
-        if value is not None and not np.isfinite(value):
-            raise InputError(name, f"{value}", "It must be a number.")
+    _check_load(gap, indentation_m, force_n, initial_pressure_pa)
     nearest = float(gap.min())
     if force_n is not None:
-        if force_n < 0 or (force_n > 0 and not np.isfinite(nearest)):
-            raise InputError("force_n", f"{force_n} N cannot be carried", "Nothing pulls, or is in reach.")
         reach = nearest if force_n == 0 else _indentation_estimate(gap, pitch, elastomer, force_n)
         fixed = nearest if force_n == 0 else None
     else:
@@ -137,36 +129,9 @@ def solve_contact(
         nothing = np.zeros(gap.shape)
         return Contact(nothing, nothing.copy(), gap - fixed, fixed, pitch, 0.0, 0)
     start = _start(gap, reach, initial_pressure_pa)
-    wanted = (gap < reach) | (start > 0)
     total = None if force_n is None else force_n / (pitch[0] * pitch[1])
-    whole = compliance(elastomer, gap.shape, pitch, gap.shape)
-    iterations = 0
-    while True:
-        box = _box(wanted)
-        part = compliance(elastomer, gap.shape, pitch, gap[box].shape)
-        pressure, reached, spent = minimise(
-            part,
-            gap[box],
-            start[box],
-            indentation_m=fixed,
-            total_pa=total,
-            tolerance=tolerance,
-            maximum_iterations=maximum_iterations - iterations,
-        )
-        iterations += spent
-        start = np.zeros(gap.shape)
-        start[box] = pressure
-        displacement = whole.displacement(start)
-        left = displacement + gap - reached
-        scale = reached - nearest
-        missed = left < -tolerance * scale
-        missed[box] = False
-        if not missed.any():
-            break
-        wanted = wanted | missed
-    touching = start > 0
-    residual = max(float(np.abs(left[touching]).max()), -float(left.min())) / scale
-    return Contact(start, displacement, left, float(reached), pitch, residual, iterations)
+    wanted = (gap < reach) | (start > 0)
+    return _solved(gap, pitch, elastomer, start, wanted, fixed, total, tolerance, maximum_iterations)
 
 
 def force_depth_curve(
@@ -209,6 +174,66 @@ def _checked(
     if not (np.isfinite(pitch).all() and (pitch > 0).all()):
         raise InputError("pitch_m", f"{pitch_m}", "It must be positive.")
     return gap, (float(pitch[0]), float(pitch[1]))
+
+
+def _check_load(
+    gap: np.ndarray,
+    indentation_m: float | None,
+    force_n: float | None,
+    initial_pressure_pa: np.ndarray | None,
+) -> None:
+    if (indentation_m is None) == (force_n is None):
+        raise InputError("indentation_m, force_n", "both or neither given", "Give one of them.")
+    if initial_pressure_pa is not None and np.shape(initial_pressure_pa) != gap.shape:
+        raise InputError("initial_pressure_pa", f"shape {np.shape(initial_pressure_pa)}", "Use the gap's.")
+    for name, value in (("indentation_m", indentation_m), ("force_n", force_n)):
+        if value is not None and not np.isfinite(value):
+            raise InputError(name, f"{value}", "It must be a number.")
+    if force_n is not None and (force_n < 0 or (force_n > 0 and not np.isfinite(gap).any())):
+        raise InputError("force_n", f"{force_n} N cannot be carried", "Nothing pulls, or is in reach.")
+
+
+def _solved(
+    gap: np.ndarray,
+    pitch: tuple[float, float],
+    elastomer: Elastomer,
+    start: np.ndarray,
+    wanted: np.ndarray,
+    indentation: float | None,
+    total: float | None,
+    tolerance: float,
+    maximum_iterations: int,
+) -> Contact:
+    """Solve on a box of the grid round the cells wanted; grow it until none beyond is in contact."""
+    nearest = float(gap.min())
+    whole = compliance(elastomer, gap.shape, pitch, gap.shape)
+    iterations = 0
+    while True:
+        box = _box(wanted)
+        part = compliance(elastomer, gap.shape, pitch, gap[box].shape)
+        pressure, reached, spent = minimise(
+            part,
+            gap[box],
+            start[box],
+            indentation_m=indentation,
+            total_pa=total,
+            tolerance=tolerance,
+            maximum_iterations=maximum_iterations - iterations,
+        )
+        iterations += spent
+        start = np.zeros(gap.shape)
+        start[box] = pressure
+        displacement = whole.displacement(start)
+        left = displacement + gap - reached
+        scale = reached - nearest
+        missed = left < -tolerance * scale
+        missed[box] = False
+        if not missed.any():
+            break
+        wanted = wanted | missed
+    touching = start > 0
+    residual = max(float(np.abs(left[touching]).max()), -float(left.min())) / scale
+    return Contact(start, displacement, left, float(reached), pitch, residual, iterations)
 
 
 def _indentation_estimate(

@@ -10,7 +10,7 @@ behind the camera. In a row of rays these are linear in u: each face covers an i
 
 import numpy as np
 
-from objectfolder.jit import kernel, relaxed_kernel
+from objectfolder.jit import kernel
 
 # Columns and rows of rays; keeps rays that pass along an edge in the faces on both of its sides.
 SLACK = 1e-7
@@ -110,6 +110,48 @@ def _nearer(best, owner, u, face, constant, slope, limit):
 
 
 @kernel
+def _covered(triangles, bounds, camera, u, shift, v, near):
+    """Rows and columns of rays that each face covers.
+
+    Returns the planes' normals and inverse determinants as `rasterise` does; first and last column (rows, 2)
+    that any face covers; first and last row (m, 2) of each face, and where in the last two arrays its first
+    and last column in each of these rows begin (m,).
+    """
+    count = len(triangles)
+    edges, inverse = np.empty((count, 3, 3)), np.zeros(count)
+    extent = np.empty((len(v), 2), np.int64)
+    extent[:, 0], extent[:, 1] = len(u), -1
+    rows, starts = np.empty((count, 2), np.int64), np.empty(count, np.int64)
+    lows, highs = np.empty(8 * len(v)), np.empty(8 * len(v))
+    used = 0
+    for face in range(count):
+        rows[face, 0], rows[face, 1] = 0, -1
+        if not bounds[face] > 0:
+            continue
+        determinant = _edges(triangles[face], camera, edges[face])
+        if determinant == 0 or not np.isfinite(1 / determinant):
+            continue
+        inverse[face] = 1 / determinant
+        first, last = _rows(triangles[face], camera, v, near)
+        if first > last:
+            continue
+        rows[face, 0], rows[face, 1], starts[face] = first, last, used
+        end = used + last - first + 1
+        if end > len(lows):
+            lows, highs = _grown(lows, end), _grown(highs, end)
+        sign = 1.0 if determinant > 0 else -1.0
+        part = slice(first, last + 1)
+        _columns(edges[face], sign, u, shift[part], v[part], lows[used:end], highs[used:end])
+        for row in range(first, last + 1):
+            low, high = int(lows[used + row - first]), int(highs[used + row - first])
+            if low <= high:
+                extent[row, 0] = min(extent[row, 0], low)
+                extent[row, 1] = max(extent[row, 1], high)
+        used = end
+    return edges, inverse, extent, rows, starts, lows, highs
+
+
+@kernel
 def rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays):
     """Find the nearest face before the gel along each ray.
 
@@ -144,36 +186,7 @@ def rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays):
         (m,) one over the determinant of each triangle's corners from the camera.
     """
     count = len(triangles)
-    edges, inverse = np.empty((count, 3, 3)), np.zeros(count)
-    extent = np.empty((len(v), 2), np.int64)
-    extent[:, 0], extent[:, 1] = len(u), -1
-    rows, starts = np.empty((count, 2), np.int64), np.empty(count, np.int64)
-    lows, highs = np.empty(8 * len(v)), np.empty(8 * len(v))
-    used = 0
-    for face in range(count):
-        rows[face, 0], rows[face, 1] = 0, -1
-        if not bounds[face] > 0:
-            continue
-        determinant = _edges(triangles[face], camera, edges[face])
-        if determinant == 0 or not np.isfinite(1 / determinant):
-            continue
-        inverse[face] = 1 / determinant
-        first, last = _rows(triangles[face], camera, v, near)
-        if first > last:
-            continue
-        rows[face, 0], rows[face, 1], starts[face] = first, last, used
-        end = used + last - first + 1
-        if end > len(lows):
-            lows, highs = _grown(lows, end), _grown(highs, end)
-        sign = 1.0 if determinant > 0 else -1.0
-        part = slice(first, last + 1)
-        _columns(edges[face], sign, u, shift[part], v[part], lows[used:end], highs[used:end])
-        for row in range(first, last + 1):
-            low, high = int(lows[used + row - first]), int(highs[used + row - first])
-            if low <= high:
-                extent[row, 0] = min(extent[row, 0], low)
-                extent[row, 1] = max(extent[row, 1], high)
-        used = end
+    edges, inverse, extent, rows, starts, lows, highs = _covered(triangles, bounds, camera, u, shift, v, near)
     best, owner = np.empty((len(v), len(u))), np.empty((len(v), len(u)), np.int32)
     for start in range(0, len(v), rays):
         first, last = extent[start : start + rays, 0].min(), extent[start : start + rays, 1].max()
@@ -195,108 +208,3 @@ def rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays):
                 constant = (along + down * v[row]) * scale + slope * shift[row]
                 _nearer(best[row][part], owner[row][part], u[part], face, constant, slope, limit)
     return owner, best, extent, edges, inverse
-
-
-@kernel
-def _normal_map(edges, normals, pose, taken):
-    """Write what takes a ray (1, u, v) to the normal of a face (3, 3); return twice the face's area.
-
-    Normals are linear in the ray: the sum of the corner normals, each times the distance of the ray from the
-    opposite edge. Towards the camera, whichever side is seen: a shell turned inside out looks as the shell.
-    """
-    x = edges[0, 0] + edges[1, 0] + edges[2, 0]
-    y = edges[0, 1] + edges[1, 1] + edges[2, 1]
-    z = edges[0, 2] + edges[1, 2] + edges[2, 2]
-    length = np.sqrt(x * x + y * y + z * z)
-    for axis in range(3):
-        taken[axis] = 0.0
-        for corner in range(3):
-            n = normals[corner]
-            along = n[0] * pose[0, axis] + n[1] * pose[1, axis] + n[2] * pose[2, axis]
-            for k in range(3):
-                taken[axis, k] -= along * edges[corner, k] / length
-    return length
-
-
-@relaxed_kernel
-def gather_samples(
-    owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v, rays
-):
-    """Points and normals to shade: one for each face in each pixel, amid the rays that see it there.
-
-    Parameters
-    ----------
-    owner, nearness, extent, edges, inverse
-        As `rasterise` returns them; `owner` is changed: to -2 less the column of the results of each ray, or
-        -1 for the gel.
-    corner_normals, faces
-        (F, 3, 3) in the object frame, and which of the faces the triangles are (m,).
-    pose
-        sensor_to_object (4, 4).
-    camera, gel
-        (3,) and as of `gel.gel_constants`.
-    u, shift, v
-        Slopes of the rays.
-    rays
-        Of a pixel, each in a row of its own.
-
-    Returns
-    -------
-    count
-        How many there are, n. The following have room for more.
-    positions, normals
-        (3, >= n) float32 sensor frame; the normals, towards the camera, of any length.
-    depth
-        (>= n,) metres in the undeformed gel.
-    area
-        Square metres of surface for each unit of du dv, summed over the rays.
-    """
-    most = 0
-    for row in range(len(v)):
-        most += max(extent[row, 1] - extent[row, 0] + 1, 0)
-    maps, doubled_area = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
-    positions, normals = np.empty((3, most), np.float32), np.empty((3, most), np.float32)
-    depth = np.empty(most)
-    px, py, pz = positions[0], positions[1], positions[2]
-    nx, ny, nz = normals[0], normals[1], normals[2]
-    camera_x, apex_y, apex_z, radius, stretch = camera[0], gel[1], gel[2], gel[5], gel[6]
-    gel_x, gel_y, gel_z = gel[0] - camera_x, camera[1] - apex_y, camera[2] - apex_z
-    area, seen, one, step = 0.0, np.uint64(0), np.uint64(1), np.uint64(rays)
-    for top in range(np.uint64(0), np.uint64(len(v)), step):
-        # Indices that cannot be negative are not tested for it.
-        for column in range(np.uint64(extent[top, 0]), np.uint64(extent[top, 1] + 1)):
-            for first in range(top, top + step):
-                face = owner[first, column]
-                if face < 0:
-                    continue
-                members, near, across, up = 0, 0.0, 0.0, 0.0
-                mark = np.int32(-2) - np.int32(seen)
-                for row in range(first, top + step):
-                    if owner[row, column] == face:
-                        members += 1
-                        near += nearness[row, column]
-                        across += shift[row]
-                        up += v[row]
-                        owner[row, column] = mark
-                share = 1 / members
-                across, up = u[column] + across * share, up * share
-                # One over the depth is linear over a face.
-                distance = members / near
-                if doubled_area[face] == 0:
-                    normals_here = corner_normals[faces[face]]
-                    doubled_area[face] = _normal_map(edges[face], normals_here, pose, maps[face])
-                m = maps[face]
-                nx[seen] = m[0, 0] + m[0, 1] * across + m[0, 2] * up
-                ny[seen] = m[1, 0] + m[1, 1] * across + m[1, 2] * up
-                nz[seen] = m[2, 0] + m[2, 1] * across + m[2, 2] * up
-                lateral, vertical = gel_y + distance * across, gel_z + distance * up
-                px[seen], py[seen], pz[seen] = camera_x + distance, lateral + apex_y, vertical + apex_z
-                squared = radius * radius - (lateral * lateral + vertical * vertical)
-                squared = squared if squared > 0 else 0.0
-                deep = gel_x - distance - stretch * (radius - np.sqrt(squared))
-                depth[seen] = deep if deep > 0 else 0.0
-                # A ray's surface is d^2 du dv over the cosine between ray and normal.
-                size = doubled_area[face] * abs(inverse[face])
-                area += distance * distance * distance * size * members
-                seen += one
-    return int(seen), positions, normals, depth, area

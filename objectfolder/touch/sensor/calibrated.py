@@ -41,6 +41,9 @@ def calibrated(rgb: np.ndarray, no_contact: np.ndarray, background: np.ndarray, 
     QueryError
         A background of another size or type than the images.
     """
+    # Here: an Object File opens without SciPy.
+    from scipy.ndimage import correlate1d
+
     background = np.asarray(background)
     if background.shape != no_contact.shape or background.dtype != np.uint8:
         raise QueryError(
@@ -53,7 +56,10 @@ def calibrated(rgb: np.ndarray, no_contact: np.ndarray, background: np.ndarray, 
     laid = np.empty_like(images)
     for index, image in enumerate(images):
         difference = (image.astype(np.float64) - no_contact) * sensor.background_gain
-        laid[index] = np.clip(_blurred(difference, kernel) + background, 0, 255)
+        for axis in (0, 1):
+            # Mirrored at the borders without repeating them.
+            difference = correlate1d(difference, kernel, axis, mode="mirror")
+        laid[index] = np.clip(difference + background, 0, 255)
     return laid.reshape(rgb.shape)
 
 
@@ -64,19 +70,6 @@ def blur_kernel(size: int) -> np.ndarray:
     deviation = 0.3 * ((size - 1) / 2 - 1) + 0.8
     weights = np.exp(-((np.arange(size) - size // 2) ** 2) / (2 * deviation**2))
     return np.asarray(weights / weights.sum())
-
-
-def _blurred(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """Blur rows and columns of (height, width, 3), mirrored at the borders without repeating them."""
-    reach = len(kernel) // 2
-    for axis in (0, 1):
-        pad = [(0, 0), (0, 0), (0, 0)]
-        pad[axis] = (reach, reach)
-        wide = np.pad(image, pad, mode="reflect")
-        length = image.shape[axis]
-        parts = [np.take(wide, range(k, k + length), axis=axis) * kernel[k] for k in range(len(kernel))]
-        image = np.sum(parts, axis=0)
-    return image
 
 
 def synthetic_background(sensor: Sensor, seed: int, samples: int = 2) -> np.ndarray:

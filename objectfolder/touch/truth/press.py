@@ -1,5 +1,7 @@
 """Press a sensor against a surface: pose, image, indentation, and what is true of the touch."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from objectfolder.errors import QueryError
@@ -101,7 +103,7 @@ def _press_one(
         not obstructed and offset <= depth + TOLERANCE_M and not simulator.meets_housing(pose)
     )
     if obstructed:
-        near.bounds[:] = -np.inf
+        near = replace(near, bounds=np.full_like(near.bounds, -np.inf))
     image = simulator.see(pose, near)
     touches.rgb[index], touches.depth[index], touches.mask[index] = image.rgb, image.depth, image.mask
     touches.contact_area_m2[index] = image.contact_area_m2

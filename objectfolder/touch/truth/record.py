@@ -65,35 +65,21 @@ def simulate_touches(
     held_out_seed = int(np.random.SeedSequence([seed, HELD_OUT_STREAM]).generate_state(1)[0])
     points = np.concatenate([training, surface.sample(held_out_touches, held_out_seed).points])
     held_out = np.arange(len(points)) >= len(training)
-    queries = np.concatenate(
-        [
-            _queries(len(training), depth_m, tilt_deg, seed),
-            _queries(held_out_touches, depth_m, tilt_deg, held_out_seed),
-        ]
-    )
+    drawn = ((len(training), seed), (held_out_touches, held_out_seed))
+    queries = np.concatenate([_queries(count, depth_m, tilt_deg, stream) for count, stream in drawn])
     depth, tilt, azimuth = queries.T
     asked = Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=samples, contact=contact)
     pressed = press(surface, sensor, points, asked)
-    reachable = float(pressed.reachable.mean()) if len(points) else 0.0
-    return Product(
-        {
-            **_touch_arrays(pressed),
-            "depth_m": Array(depth, ("touch",), "m", "depth asked for, from first contact", False),
-            "tilt_deg": Array(tilt, ("touch",), "degree", "lean of the sensor from the normal", False),
-            "azimuth_deg": Array(azimuth, ("touch",), "degree", "direction of the lean", False),
-            "held_out": Array(held_out, ("touch",), "1", "kept from training", False),
-            "no_contact": Array(
-                no_contact_image(sensor, samples), ("y", "x", "channel"), "1", "untouched gel", False
-            ),
-        },
-        {
-            "sensor": sensor.to_dict(),
-            "contact": contact,
-            "samples": samples,
-            "seed": seed,
-            "reachable_fraction": reachable,
-        },
-    )
+    attributes = {
+        "sensor": sensor.to_dict(),
+        "contact": contact,
+        "samples": samples,
+        "seed": seed,
+        "reachable_fraction": float(pressed.reachable.mean()) if len(points) else 0.0,
+    }
+    untouched = Array(no_contact_image(sensor, samples), ("y", "x", "channel"), "1", "untouched gel", False)
+    arrays = {**_touch_arrays(pressed), **_asked_arrays(queries, held_out), "no_contact": untouched}
+    return Product(arrays, attributes)
 
 
 def _vertices(surface: Surface, count: int, seed: int) -> np.ndarray:
@@ -133,4 +119,14 @@ def _touch_arrays(pressed: Touches) -> dict[str, Array]:
             pressed.force_n, ("touch",), "N", "force along the axis; NaN: the rigid model has none", False
         ),
         "saturated": Array(pressed.saturated, ("touch",), "1", "the gel is pressed as far as it goes", False),
+    }
+
+
+def _asked_arrays(queries: np.ndarray, held_out: np.ndarray) -> dict[str, Array]:
+    depth, tilt, azimuth = queries.T
+    return {
+        "depth_m": Array(depth, ("touch",), "m", "depth asked for, from first contact", False),
+        "tilt_deg": Array(tilt, ("touch",), "degree", "lean of the sensor from the normal", False),
+        "azimuth_deg": Array(azimuth, ("touch",), "degree", "direction of the lean", False),
+        "held_out": Array(held_out, ("touch",), "1", "kept from training", False),
     }

@@ -1,0 +1,107 @@
+"""What to shade: one point for each face in each pixel, amid the rays that see it there."""
+
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
+import numpy as np
+
+from objectfolder.jit import kernel, relaxed_kernel
+
+
+@kernel
+def _normal_map(edges, normals, pose, taken):
+    """Write what takes a ray (1, u, v) to the normal of a face (3, 3); return twice the face's area.
+
+    Normals are linear in the ray: the sum of the corner normals, each times the distance of the ray from the
+    opposite edge. Towards the camera, whichever side is seen: a shell turned inside out looks as the shell.
+    """
+    x = edges[0, 0] + edges[1, 0] + edges[2, 0]
+    y = edges[0, 1] + edges[1, 1] + edges[2, 1]
+    z = edges[0, 2] + edges[1, 2] + edges[2, 2]
+    length = np.sqrt(x * x + y * y + z * z)
+    for axis in range(3):
+        taken[axis] = 0.0
+        for corner in range(3):
+            n = normals[corner]
+            along = n[0] * pose[0, axis] + n[1] * pose[1, axis] + n[2] * pose[2, axis]
+            for k in range(3):
+                taken[axis, k] -= along * edges[corner, k] / length
+    return length
+
+
+@relaxed_kernel
+def gather_samples(
+    owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v, rays
+):
+    """Points and normals to shade: one for each face in each pixel, amid the rays that see it there.
+
+    Parameters
+    ----------
+    owner, nearness, extent, edges, inverse
+        As `rasterise.rasterise` returns them; `owner` is changed: to -2 less the column of the results of
+        each ray, or -1 for the gel.
+    corner_normals, faces
+        (F, 3, 3) in the object frame, and which of the faces the triangles are (m,).
+    pose, gel
+        sensor_to_object (4, 4), and as of `gel.gel_constants`; the others are as for `rasterise.rasterise`.
+
+    Returns
+    -------
+    count
+        How many there are, n. The following have room for more.
+    positions, normals
+        (3, >= n) float32 sensor frame; the normals, towards the camera, of any length.
+    depth
+        (>= n,) metres in the undeformed gel.
+    area
+        Square metres of surface for each unit of du dv, summed over the rays.
+    """
+    most = 0
+    for row in range(len(v)):
+        most += max(extent[row, 1] - extent[row, 0] + 1, 0)
+    maps, doubled_area = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
+    positions, normals = np.empty((3, most), np.float32), np.empty((3, most), np.float32)
+    depth = np.empty(most)
+    px, py, pz = positions[0], positions[1], positions[2]
+    nx, ny, nz = normals[0], normals[1], normals[2]
+    camera_x, apex_y, apex_z, radius, stretch = camera[0], gel[1], gel[2], gel[5], gel[6]
+    gel_x, gel_y, gel_z = gel[0] - camera_x, camera[1] - apex_y, camera[2] - apex_z
+    area, seen, one, step = 0.0, np.uint64(0), np.uint64(1), np.uint64(rays)
+    for top in range(np.uint64(0), np.uint64(len(v)), step):
+        # Indices that cannot be negative are not tested for it.
+        for column in range(np.uint64(extent[top, 0]), np.uint64(extent[top, 1] + 1)):
+            for first in range(top, top + step):
+                face = owner[first, column]
+                if face < 0:
+                    continue
+                members, near, across, up = 0, 0.0, 0.0, 0.0
+                mark = np.int32(-2) - np.int32(seen)
+                for row in range(first, top + step):
+                    if owner[row, column] == face:
+                        members += 1
+                        near += nearness[row, column]
+                        across += shift[row]
+                        up += v[row]
+                        owner[row, column] = mark
+                share = 1 / members
+                across, up = u[column] + across * share, up * share
+                # One over the depth is linear over a face.
+                distance = members / near
+                if doubled_area[face] == 0:
+                    normals_here = corner_normals[faces[face]]
+                    doubled_area[face] = _normal_map(edges[face], normals_here, pose, maps[face])
+                m = maps[face]
+                nx[seen] = m[0, 0] + m[0, 1] * across + m[0, 2] * up
+                ny[seen] = m[1, 0] + m[1, 1] * across + m[1, 2] * up
+                nz[seen] = m[2, 0] + m[2, 1] * across + m[2, 2] * up
+                lateral, vertical = gel_y + distance * across, gel_z + distance * up
+                px[seen], py[seen], pz[seen] = camera_x + distance, lateral + apex_y, vertical + apex_z
+                squared = radius * radius - (lateral * lateral + vertical * vertical)
+                squared = squared if squared > 0 else 0.0
+                deep = gel_x - distance - stretch * (radius - np.sqrt(squared))
+                depth[seen] = deep if deep > 0 else 0.0
+                # A ray's surface is d^2 du dv over the cosine between ray and normal.
+                size = doubled_area[face] * abs(inverse[face])
+                area += distance * distance * distance * size * members
+                seen += one
+    return int(seen), positions, normals, depth, area
