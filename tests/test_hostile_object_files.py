@@ -14,9 +14,9 @@ import pytest
 from objectfolder.audio.audionet import audionet
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.object_file import ObjectFile
+from objectfolder.products.integer_coding import LZMA_FILTERS
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.products.unpacking import unpack_deflate, unpack_lzma
-from objectfolder.surface import codec as surface_codec
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
 
@@ -206,8 +206,8 @@ def test_nesting_in_the_header_and_in_the_metadata(changed, small_file):
     ("unpack", "pack"),
     [
         (
-            lambda data, size: unpack_lzma(data, surface_codec.LZMA_FILTERS, size),
-            lambda data: lzma.compress(data, lzma.FORMAT_RAW, filters=surface_codec.LZMA_FILTERS),
+            lambda data, size: unpack_lzma(data, LZMA_FILTERS, size),
+            lambda data: lzma.compress(data, lzma.FORMAT_RAW, filters=LZMA_FILTERS),
         ),
         (unpack_deflate, lambda data: zlib.compress(data, 9)),
     ],

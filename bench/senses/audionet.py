@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from bench.record import RESULTS, write
-from objectfolder.audio.audionet.audionet import AudioNet, fit_audionet
+from objectfolder.audio.audionet.audionet import AudioNet
+from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.materials import read_materials
 from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis import mode_bank

@@ -30,7 +30,7 @@ from bench.rivals.audio.spectrogram import SAMPLE_RATE_HZ, SAMPLES
 from bench.rivals.audio.spectrogram_network import fit_spectrogram_network
 from bench.rivals.audio.vertex_mean import nearest_vertex_mean
 from bench.rivals.audio.voxels import VoxelModes, voxel_modes
-from objectfolder.audio.audionet.audionet import fit_audionet
+from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis import mode_bank

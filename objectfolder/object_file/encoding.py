@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from objectfolder.audio.audionet.audionet import fit_audionet
+from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface

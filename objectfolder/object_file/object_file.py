@@ -28,7 +28,7 @@ from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 FORMAT = "objectfolder"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 SURFACE_TOLERANCE_M = 1e-3
 REQUIRED = (
     "object",

@@ -6,19 +6,15 @@ parallelogram of the face it was reached from (Touma and Gotsman 1998). LZMA tak
 is left.
 """
 
-import lzma
-
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.products.unpacking import unpack_lzma
+from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 from objectfolder.surface.surface import Surface
 
 QUANTISATION_STEP_M = 1e-6
 STEPS_ALONG_LONGEST_SIDE = 1 << 14
-LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 1, "pb": 0}]
 LARGEST_COUNT = 1 << 22  # of vertices or faces; a larger number in a file is no reason to set memory aside
-LARGEST_PLANES = 8
 LARGEST_COORDINATE_M = 1e6
 
 
@@ -71,8 +67,8 @@ def encode_surface(surface: Surface, step: float | None = None) -> dict[str, np.
         "surface.origin": origin.astype(np.float64),
         "surface.step": np.array([step]),
         "surface.counts": np.array([len(sequence), len(faces)], dtype=np.int64),
-        "surface.connectivity": _pack(age.reshape(-1, 3).T.ravel()),
-        "surface.positions": _pack(_zigzag(offsets).T.ravel()),
+        "surface.connectivity": pack_integers(age.reshape(-1, 3).T.ravel()),
+        "surface.positions": pack_integers(zigzag(offsets).T.ravel()),
     }
 
 
@@ -89,8 +85,8 @@ def decode_surface(tensors: dict[str, np.ndarray]) -> Surface:
         vertex_count, face_count = (int(value) for value in tensors["surface.counts"])
         if not (0 < vertex_count <= LARGEST_COUNT and 0 < face_count <= LARGEST_COUNT):
             raise ValueError(f"{vertex_count} vertices and {face_count} faces")
-        age = _unpack(tensors["surface.connectivity"], 3 * face_count).reshape(3, -1).T.ravel()
-        offsets = _unzigzag(_unpack(tensors["surface.positions"], 3 * vertex_count).reshape(3, -1).T)
+        age = unpack_integers(tensors["surface.connectivity"], 3 * face_count).reshape(3, -1).T.ravel()
+        offsets = unzigzag(unpack_integers(tensors["surface.positions"], 3 * vertex_count).reshape(3, -1).T)
         is_new = age == 0
         corners = np.cumsum(is_new) - np.where(is_new, 1, age)
         if is_new.sum() != vertex_count or corners.min() < 0:
@@ -180,29 +176,3 @@ def _integrate(corners: np.ndarray, is_new: np.ndarray, offsets: np.ndarray) -> 
             ys.append(ys[u] + ys[v] - ys[w] + y)
             zs.append(zs[u] + zs[v] - zs[w] + z)
     return np.stack([xs, ys, zs], axis=1)
-
-
-def _zigzag(values: np.ndarray) -> np.ndarray:
-    return np.where(values < 0, -2 * values - 1, 2 * values)
-
-
-def _unzigzag(values: np.ndarray) -> np.ndarray:
-    return np.where(values & 1, -(values + 1) // 2, values // 2)
-
-
-def _pack(values: np.ndarray) -> np.ndarray:
-    """Byte planes of non-negative integers, low plane first, behind their number, compressed."""
-    planes = max(1, (int(values.max(initial=0)).bit_length() + 7) // 8)
-    raw = np.stack([(values >> (8 * plane)) & 255 for plane in range(planes)]).astype(np.uint8)
-    payload = lzma.compress(raw.tobytes(), format=lzma.FORMAT_RAW, filters=LZMA_FILTERS)
-    return np.frombuffer(bytes([planes]) + payload, dtype=np.uint8)
-
-
-def _unpack(stream: np.ndarray, count: int) -> np.ndarray:
-    data = stream.tobytes()
-    planes = data[0]
-    if planes > LARGEST_PLANES:
-        raise ValueError(f"numbers of {planes} bytes")
-    raw = unpack_lzma(data[1:], LZMA_FILTERS, planes * count)
-    parts = np.frombuffer(raw, dtype=np.uint8).reshape(planes, count).astype(np.int64)
-    return np.sum(parts << (8 * np.arange(planes))[:, None], axis=0)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from rounding import assert_equal_but_for_rounding
 
-from objectfolder.audio.audionet.audionet import AudioNet, decode_detours, encode_detours, fit_audionet
+from objectfolder.audio.audionet.audionet import AudioNet, decode_detours, encode_detours
+from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.errors import FormatError
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.surface import Surface

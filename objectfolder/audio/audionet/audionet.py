@@ -2,12 +2,11 @@
 
 A mode answers a force at x by the projection of the force on its shape there: the three branches of the
 papers, one for each direction of a unit force, are the three components of one vector field per mode. The
-fields are coefficients of smooth functions on the stored surface (`smoothness_transform`) for a covariance
-that knows walls and gaps (`surface_kernel`), rounded with one step for all modes and coded without loss
-(`entropy_coding`). Everything a query needs is numpy.
+fields are coefficients of smooth functions on the stored surface for a covariance that knows walls and gaps
+(`surface_kernel`), rounded with one step for all modes and coded without loss. Everything a query needs is
+numpy.
 """
 
-import lzma
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cached_property
@@ -16,13 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.audionet.entropy_coding import decode_integers
-from objectfolder.audio.audionet.smoothness_transform import solve_triangular, triangular_factor
-from objectfolder.audio.audionet.surface_kernel import KernelParameters, SurfaceKernel
+from objectfolder.audio.audionet.surface_kernel import (
+    KernelParameters,
+    SurfaceKernel,
+    solve_triangular,
+    triangular_factor,
+)
 from objectfolder.errors import FormatError
-from objectfolder.products.store import Product
+from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 from objectfolder.products.stored_values import number, whole_number
-from objectfolder.products.unpacking import unpack_lzma
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -34,7 +35,6 @@ MODE_TENSORS = ("eigenvalues", "dampings_per_s", "radiation_weights")
 # Rows of one matrix product. A row's answer must not depend on how many others there are, and the order in
 # which a product adds up may depend on its shape: every product has this one.
 ROWS = 16
-LZMA_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9}]
 # Several times what any object has needed; a larger number in a file is no reason to set memory aside.
 LARGEST_DIMENSIONS = 16
 LARGEST_POINTS = 1 << 12
@@ -95,44 +95,8 @@ class AudioNet:
             A tensor that is missing, of another shape or kind than the number of modes and control points
             says, with values that cannot be, or damaged.
         """
-        try:
-            points = whole_number("audio.control_points", metadata["control_points"], 0, LARGEST_POINTS)
-            modes = whole_number(
-                "audio.modes", metadata["modes"], 0, LARGEST_COEFFICIENTS // max(1, 3 * points)
-            )
-            dimensions = whole_number(
-                "audio.detour_dimensions", metadata["detour_dimensions"], 0, LARGEST_DIMENSIONS
-            )
-            kernel = asdict(KernelParameters(**metadata["kernel"]))
-            for name, value in kernel.items():
-                number(f"audio.kernel.{name}", value, *KERNEL_RANGES[name])
-        except (KeyError, TypeError, ValueError) as error:
-            raise FormatError(
-                "Object File", f"audio metadata: {type(error).__name__} {error}", "Make it again."
-            ) from error
-        expected: dict[str, tuple[tuple[int | None, ...], type]] = {
-            "control_faces": ((points,), np.int32),
-            "control_barycentric": ((points, 2), np.uint8),
-            "detours": ((None,), np.uint8),
-            "coefficients": ((None,), np.uint8),
-            "step": ((1,), np.float64),
-            **{name: ((modes,), np.float64) for name in MODE_TENSORS},
-        }
-        known: dict[str, np.ndarray] = {}
-        for name, (shape, kind) in expected.items():
-            tensor = tensors.get(f"audio.{name}")
-            if tensor is None:
-                raise FormatError("Object File", f"no tensor audio.{name}", "Make it again.")
-            fits = len(shape) == tensor.ndim and all(
-                size in (None, found) for size, found in zip(shape, tensor.shape, strict=True)
-            )
-            if not fits or tensor.dtype != kind:
-                raise FormatError(
-                    "Object File",
-                    f"tensor audio.{name} is {tensor.dtype} {tensor.shape}, not {np.dtype(kind)} {shape}",
-                    "Make it again.",
-                )
-            known[f"audio.{name}"] = tensor
+        points, modes, dimensions = _counts(metadata)
+        known = _tensors_of(tensors, points, modes)
         for name in (*MODE_TENSORS, "step"):
             values = known[f"audio.{name}"]
             if not ((values >= 0) & (values <= LARGEST_VALUE)).all():
@@ -190,10 +154,8 @@ class AudioNet:
 
     @cached_property
     def _quantised(self) -> Integers:
-        columns = 3 * len(self.eigenvalues)
-        return decode_integers(
-            self._tensors["audio.coefficients"], int(self._metadata["control_points"]), columns
-        )
+        shape = (int(self._metadata["control_points"]), 3 * len(self.eigenvalues))
+        return _decoded("audio.coefficients", self._tensors["audio.coefficients"], shape)
 
     @cached_property
     def _prepared(self) -> tuple[Floats, Floats]:
@@ -205,6 +167,51 @@ class AudioNet:
         factor = triangular_factor(self._kernel.covariance(centres, centres), self._kernel.parameters.ridge)
         coefficients = self._quantised * float(self._tensors["audio.step"][0])
         return centres, solve_triangular(factor, coefficients)
+
+
+def _counts(metadata: Mapping[str, Any]) -> tuple[int, int, int]:
+    """Control points, modes and detour dimensions that metadata say, with a kernel in its ranges."""
+    try:
+        points = whole_number("audio.control_points", metadata["control_points"], 0, LARGEST_POINTS)
+        modes = whole_number("audio.modes", metadata["modes"], 0, LARGEST_COEFFICIENTS // max(1, 3 * points))
+        dimensions = whole_number(
+            "audio.detour_dimensions", metadata["detour_dimensions"], 0, LARGEST_DIMENSIONS
+        )
+        for name, value in asdict(KernelParameters(**metadata["kernel"])).items():
+            number(f"audio.kernel.{name}", value, *KERNEL_RANGES[name])
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(
+            "Object File", f"audio metadata: {type(error).__name__} {error}", "Make it again."
+        ) from error
+    return points, modes, dimensions
+
+
+def _tensors_of(tensors: Mapping[str, np.ndarray], points: int, modes: int) -> dict[str, np.ndarray]:
+    """The tensors ``audio.*``, each of its shape and type."""
+    expected: dict[str, tuple[tuple[int | None, ...], type]] = {
+        "control_faces": ((points,), np.int32),
+        "control_barycentric": ((points, 2), np.uint8),
+        "detours": ((None,), np.uint8),
+        "coefficients": ((None,), np.uint8),
+        "step": ((1,), np.float64),
+        **{name: ((modes,), np.float64) for name in MODE_TENSORS},
+    }
+    known: dict[str, np.ndarray] = {}
+    for name, (shape, kind) in expected.items():
+        tensor = tensors.get(f"audio.{name}")
+        if tensor is None:
+            raise FormatError("Object File", f"no tensor audio.{name}", "Make it again.")
+        fits = len(shape) == tensor.ndim and all(
+            size in (None, found) for size, found in zip(shape, tensor.shape, strict=True)
+        )
+        if not fits or tensor.dtype != kind:
+            raise FormatError(
+                "Object File",
+                f"tensor audio.{name} is {tensor.dtype} {tensor.shape}, not {np.dtype(kind)} {shape}",
+                "Make it again.",
+            )
+        known[f"audio.{name}"] = tensor
+    return known
 
 
 def size_of(surface: Surface) -> float:
@@ -221,12 +228,7 @@ def control_barycentric(stored: np.ndarray) -> Floats:
 def encode_detours(detours: Floats, size: float) -> NDArray[np.uint8]:
     """Detour coordinates (vertices, dimensions) metres as bytes, to `DETOUR_STEP` of the object's size."""
     steps = np.rint(detours / (DETOUR_STEP * size)).astype(np.int64)
-    if np.abs(steps).max(initial=0) >= 1 << 14:
-        raise ValueError("detours are longer than twice the object")
-    change = np.diff(steps, axis=0, prepend=0).astype("<i2").T
-    high_and_low = np.ascontiguousarray(change).view(np.uint8).reshape(-1, 2).T
-    packed = lzma.compress(high_and_low.tobytes(), lzma.FORMAT_RAW, filters=LZMA_FILTERS)
-    return np.frombuffer(packed, dtype=np.uint8).copy()
+    return pack_integers(zigzag(np.diff(steps, axis=0, prepend=0).T))
 
 
 def decode_detours(stream: np.ndarray, vertices: int, dimensions: int, size: float) -> Floats:
@@ -237,58 +239,12 @@ def decode_detours(stream: np.ndarray, vertices: int, dimensions: int, size: flo
     FormatError
         A stream that is damaged or of another length.
     """
+    change = _decoded("audio.detours", stream, (dimensions, vertices))
+    return np.cumsum(change.T, axis=0) * (DETOUR_STEP * size)
+
+
+def _decoded(name: str, stream: np.ndarray, shape: tuple[int, int]) -> Integers:
     try:
-        unpacked = unpack_lzma(stream.tobytes(), LZMA_FILTERS, 2 * dimensions * vertices)
-        high_and_low = np.frombuffer(unpacked, dtype=np.uint8).reshape(2, -1).T
-        change = np.ascontiguousarray(high_and_low).view("<i2").reshape(dimensions, vertices).T
+        return unzigzag(unpack_integers(stream, shape[0] * shape[1])).reshape(shape)
     except ValueError as error:
-        raise FormatError("Object File", f"audio.detours: damaged ({error})", "Make it again.") from error
-    return np.cumsum(change.astype(np.int64), axis=0) * (DETOUR_STEP * size)
-
-
-def fit_audionet(
-    surface: Surface,
-    modes: Product,
-    *,
-    goal_db: float = -42.0,
-    most_bytes: int = 300_000,
-) -> AudioNet:
-    """Fit the fields of gains to the training points of solved modes.
-
-    Parameters
-    ----------
-    surface
-        As it is stored in the Object File.
-    modes
-        Product of `simulate_modes`; held-out points are not read.
-    goal_db
-        Relative rms error of gains over points, directions and modes, 20 log10, at training points that are
-        left out for it.
-    most_bytes
-        Bound of all audio tensors; where it binds, the rounding step grows until they fit.
-
-    Raises
-    ------
-    ValueError
-        Bytes that do not hold even the frequencies.
-    """
-    from objectfolder.audio.audionet.fitting import fit_fields
-
-    count = len(modes["eigenvalues"])
-    fields = fit_fields(surface, modes, goal_db=goal_db, most_bytes=most_bytes - 3 * 8 * count - 8)
-    tensors = {
-        **{f"audio.{name}": tensor for name, tensor in fields.tensors.items()},
-        **{f"audio.{name}": np.array(modes[name], dtype=np.float64) for name in MODE_TENSORS},
-    }
-    metadata = {
-        "audible": count > 0,
-        "modes": count,
-        "control_points": len(fields.tensors["control_faces"]),
-        "detour_dimensions": fields.detour_dimensions,
-        "kernel": asdict(fields.kernel),
-        "training_points": int((~modes["held_out"]).sum()),
-        "validation_error_db": fields.validation_error_db,
-        "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
-        "amplitude": "impulse N s -> rms surface velocity along the normal, m/s",
-    }
-    return AudioNet(tensors, metadata, surface)
+        raise FormatError("Object File", f"{name}: damaged ({error})", "Make it again.") from error

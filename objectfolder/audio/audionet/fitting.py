@@ -1,26 +1,35 @@
 """Fitting AudioNet: where control points go, how many there are, how finely coefficients are rounded.
 
-Every eighth training point checks the fits; the last fit is to all of them.
+Of sixteen training points two choose among fits and one judges the choice; the last fit is to all of them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrmm
 from scipy.spatial import cKDTree
 
 from objectfolder.audio.audionet.audionet import (
     BARYCENTRIC_STEPS,
     DETOUR_STEP,
-    control_barycentric,
+    MODE_TENSORS,
+    AudioNet,
     encode_detours,
     size_of,
 )
-from objectfolder.audio.audionet.detours import detour_coordinates, farthest_points
-from objectfolder.audio.audionet.entropy_coding import encode_integers
-from objectfolder.audio.audionet.smoothness_transform import solve_triangular, triangular_factor
+from objectfolder.audio.audionet.geodesic_embedding import farthest_points, geodesic_embedding
+from objectfolder.audio.audionet.least_squares import (
+    Controls,
+    Data,
+    Equations,
+    equations,
+    predict,
+    relative_error,
+    solve,
+)
 from objectfolder.audio.audionet.surface_kernel import KernelParameters, SurfaceKernel
+from objectfolder.products.integer_coding import pack_integers, zigzag
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 
@@ -38,10 +47,10 @@ NEIGHBOURS = 8
 # Control points for which kernels are compared.
 COMPARED = 320
 POINTS_COMPARED = 3000
-# More control points than a quarter of the training points fit the points rather than the field between;
-# more than six points a control add next to nothing.
-LEAST_POINTS_A_CONTROL, MOST_POINTS_A_CONTROL = 4, 6
-CHECK_EVERY = 8
+# More control points than a quarter of the training points fit the points rather than the field between.
+LEAST_POINTS_A_CONTROL = 4
+GROUP = 16
+CHECKED, JUDGED = (7, 15), 3  # of a group of training points
 DETOUR_DIMENSIONS = 5
 # Detours narrower than this share of the object's size part nothing.
 NARROW_DETOUR = 0.01
@@ -55,132 +64,175 @@ ROUND_UP_FROM = 0.6
 ROUNDING_SHARE = 0.5
 # Where the goal is not met, the rounding may be this share of the error, which makes it 3 % larger.
 ROUNDING_SHARE_SHORT = 0.25
-# Variance of what training values have beyond the kernel's fields, of a kernel of variance 1: it holds
-# functions that hardly any point has seen.
-NOISE = 1e-5
 
 
-@dataclass(frozen=True)
-class Fields:
-    """What is stored of the fields: tensors without prefix, kernel, and the error at the checked points."""
+def fit_audionet(
+    surface: Surface,
+    modes: Product,
+    *,
+    goal_db: float = -42.0,
+    most_bytes: int = 320_000,
+) -> AudioNet:
+    """Fit the fields of gains to the training points of solved modes.
 
-    tensors: dict[str, np.ndarray]
-    kernel: KernelParameters
-    detour_dimensions: int
-    validation_error_db: float | None
+    Parameters
+    ----------
+    surface
+        As it is stored in the Object File.
+    modes
+        Product of `simulate_modes`; held-out points are not read.
+    goal_db
+        Relative rms error of gains over points, directions and modes, 20 log10, at training points that are
+        left out for it.
+    most_bytes
+        Bound of all audio tensors; where it binds, the rounding step grows until they fit.
 
+    Returns
+    -------
+    AudioNet
+        Its metadata state ``validation_error_db``, measured at training points that chose nothing, before
+        the last fit, which has them too.
 
-@dataclass(frozen=True)
-class Data:
-    """Training points on the stored surface: face (n,), barycentric (n, 3), values (n, columns)."""
-
-    face: Integers
-    barycentric: Floats
-    values: Floats
-
-    def part(self, chosen: Flags | Integers) -> "Data":
-        """Some of the points."""
-        return Data(self.face[chosen], self.barycentric[chosen], self.values[chosen])
-
-
-def fit_fields(surface: Surface, modes: Product, *, goal_db: float, most_bytes: int) -> Fields:
-    """Fit all mode shapes; parameters as for `fit_audionet`."""
+    Raises
+    ------
+    ValueError
+        Bytes that do not hold even the frequencies.
+    """
     training = ~modes["held_out"]
     values = modes["mode_shapes"][training].astype(np.float64).reshape(int(training.sum()), -1)
-    if values.size == 0:
-        return _nothing()
-    nearest = surface.closest_points(modes["points"][training])
-    data = Data(nearest.face, nearest.barycentric, values)
-    checked = np.arange(len(values)) % CHECK_EVERY == CHECK_EVERY - 1
-    most = max(1, len(values) // LEAST_POINTS_A_CONTROL)
-    detours, kernel = _choose_kernel(surface, data, checked, min(COMPARED, most))
-    stream = encode_detours(detours, size_of(surface))
+    own = {name: np.array(modes[name], dtype=np.float64) for name in MODE_TENSORS}
+    room = most_bytes - sum(tensor.nbytes for tensor in own.values()) - 8
+    if values.size:
+        nearest = surface.closest_points(modes["points"][training])
+        data = Data(nearest.face, nearest.barycentric, values)
+        tensors, described = _fit_fields(surface, data, 10 ** (goal_db / 20), room)
+    else:
+        tensors, described = _nothing(), {"kernel": asdict(KernelParameters()), "detour_dimensions": 0}
+    metadata = {
+        "audible": len(modes["eigenvalues"]) > 0,
+        "modes": len(modes["eigenvalues"]),
+        "control_points": len(tensors["control_faces"]),
+        "training_points": len(values),
+        "validation_error_db": None,
+        "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
+        "amplitude": "impulse N s -> rms surface velocity along the normal, m/s",
+        **described,
+    }
+    stored = {f"audio.{name}": tensor for name, tensor in {**tensors, **own}.items()}
+    return AudioNet(stored, metadata, surface)
 
-    goal = 10 ** (goal_db / 20)
-    counts = sorted({min(count, most) for count in CONTROL_POINTS})
-    tested, fitted = data.part(checked), data.part(~checked)
+
+def _fit_fields(
+    surface: Surface, data: Data, goal: float, room: int
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Tensors of the fields without prefix, and kernel, dimensions and error as metadata."""
+    place = np.arange(len(data.values)) % GROUP
+    checks = np.isin(place, CHECKED)
+    tested, judged = data.part(checks), data.part(place == JUDGED)
+    fitted = data.part(~checks & (place != JUDGED))
+    most = max(1, len(data.values) // LEAST_POINTS_A_CONTROL)
+    detours, kernel = _choose_kernel(surface, fitted, tested, min(COMPARED, most))
+    stream = encode_detours(detours, size_of(surface))
+    room -= len(stream)
+    controls, system, fit, error = _add_controls(kernel, fitted, tested, most, goal, room)
+    more = equations(kernel, controls, tested.joined(judged))
+    coefficients = solve(system[0] + more[0], system[1] + more[1], system[2])
+    allowed = max(np.sqrt(max(goal**2 - error**2, 0.0)), ROUNDING_SHARE_SHORT * error)
+    room -= 6 * len(controls[0])
+    quantised, step = _rounded_on_surface(kernel, controls, coefficients, tested, allowed, room)
+    described: dict[str, Any] = {
+        "kernel": asdict(kernel.parameters),
+        "detour_dimensions": detours.shape[1],
+    }
+    if len(judged.values):
+        change = quantised * step - coefficients
+        reached = np.hypot(
+            relative_error(kernel, controls, fit, judged),
+            np.linalg.norm(predict(kernel, controls, change, judged)) / np.linalg.norm(judged.values),
+        )
+        described["validation_error_db"] = float(20 * np.log10(max(reached, 1e-12)))
+    tensors: dict[str, np.ndarray] = {
+        "control_faces": controls[0].astype(np.int32),
+        "control_barycentric": controls[1],
+        "detours": stream,
+        "coefficients": pack_integers(zigzag(quantised)),
+        "step": np.array([step]),
+    }
+    return tensors, described
+
+
+def _add_controls(
+    kernel: SurfaceKernel, fitted: Data, tested: Data, most: int, goal: float, room: int
+) -> tuple[Controls, Equations, Floats, float]:
+    """Control points until the goal is met at the points tested, with their equations, fit and error."""
+    counts = sorted({min(count, most, len(fitted.values)) for count in CONTROL_POINTS})
     place = _places(kernel, fitted)
-    every = farthest_points(place, min(SPREAD, counts[-1], len(place)))
+    every = farthest_points(place, min(SPREAD, counts[-1]))
     squared_misfit = np.ones(len(place))
-    error = None
+    error = 0.0
     for count in counts:
         if count > len(every):
             every = _more_where_worst(place, every, squared_misfit, count)
         controls = _stored(fitted, every[:count])
-        equations = _equations(kernel, controls, fitted)
-        fit = _solve(*equations)
+        system = equations(kernel, controls, fitted)
+        fit = solve(*system)
         if len(tested.values):
-            residual = _predict(kernel, controls, fit, tested) - tested.values
-            error = float(np.linalg.norm(residual) / np.linalg.norm(tested.values))
+            error = relative_error(kernel, controls, fit, tested)
             if error <= goal * np.sqrt(1 - ROUNDING_SHARE):
                 break
-            if count >= MANY and _bytes_used(fit, ROUNDING_SHARE * error) > ROOM_USED * most_bytes:
+            if count >= MANY and _bytes_used(fit, ROUNDING_SHARE * error) > ROOM_USED * room:
                 break
         if count >= len(every) and count < counts[-1]:
-            misfit = _predict(kernel, controls, fit, fitted) - fitted.values
+            misfit = predict(kernel, controls, fit, fitted) - fitted.values
             squared_misfit = np.sum(misfit**2, axis=1)
-    more = _equations(kernel, controls, tested)
-    coefficients = _solve(equations[0] + more[0], equations[1] + more[1], equations[2])
-    room = most_bytes - len(stream) - 6 * count
-    allowed = max(np.sqrt(max(goal**2 - (error or 0.0) ** 2, 0.0)), ROUNDING_SHARE_SHORT * (error or 0.0))
-    tested = tested if len(tested.values) else data
-    # Control points are not spread by area alone: what a coefficient's error is on the surface is tried.
-    factor = 1.0
-    for _ in range(2):
-        quantised, step = _quantise(coefficients, allowed / factor, room)
-        change = quantised * step - coefficients
-        rounding = np.linalg.norm(_predict(kernel, controls, change, tested)) / np.linalg.norm(tested.values)
-        factor = max(float(rounding * np.linalg.norm(coefficients) / np.linalg.norm(change)), 0.1)
-    reached = None if error is None else float(20 * np.log10(max(np.hypot(error, rounding), 1e-12)))
-    face, two = controls
-    tensors: dict[str, np.ndarray] = {
-        "control_faces": face.astype(np.int32),
-        "control_barycentric": two,
-        "detours": stream,
-        "coefficients": encode_integers(quantised),
-        "step": np.array([step]),
-    }
-    return Fields(tensors, kernel.parameters, detours.shape[1], reached)
+    return controls, system, fit, error
 
 
-def _nothing() -> Fields:
-    tensors: dict[str, np.ndarray] = {
+def _rounded_on_surface(
+    kernel: SurfaceKernel, controls: Controls, coefficients: Floats, tested: Data, allowed: float, room: int
+) -> tuple[Integers, float]:
+    """Whole numbers and their step, for a relative error allowed at the points tested.
+
+    Control points are not spread by area alone: what a coefficient's error is on the surface is tried.
+    """
+    quantised, step = _quantise(coefficients, allowed, room)
+    if not len(tested.values):
+        return quantised, step
+    change = quantised * step - coefficients
+    rounding = np.linalg.norm(predict(kernel, controls, change, tested)) / np.linalg.norm(tested.values)
+    factor = max(float(rounding * np.linalg.norm(coefficients) / np.linalg.norm(change)), 0.1)
+    return _quantise(coefficients, allowed / factor, room)
+
+
+def _nothing() -> dict[str, np.ndarray]:
+    return {
         "control_faces": np.zeros(0, dtype=np.int32),
         "control_barycentric": np.zeros((0, 2), dtype=np.uint8),
         "detours": encode_detours(np.zeros((0, 0)), 1.0),
-        "coefficients": np.zeros(0, dtype=np.uint8),
+        "coefficients": pack_integers(np.zeros(0, dtype=np.int64)),
         "step": np.ones(1),
     }
-    return Fields(tensors, KernelParameters(), 0, None)
 
 
-def _choose_kernel(surface: Surface, data: Data, checked: Flags, count: int) -> tuple[Floats, SurfaceKernel]:
-    """The kernel that checks best with few control points, with detours or without."""
+def _choose_kernel(surface: Surface, fitted: Data, tested: Data, count: int) -> tuple[Floats, SurfaceKernel]:
+    """The kernel that tests best with few control points, with detours or without."""
     size = size_of(surface)
-    coordinates, spread = detour_coordinates(surface, DETOUR_DIMENSIONS)
+    coordinates, spread = geodesic_embedding(surface, DETOUR_DIMENSIONS)
     wide = spread > max(NARROW_DETOUR * size, SHARE_OF_WIDEST * spread[0])
     coordinates = np.rint(coordinates[:, wide] / (DETOUR_STEP * size)) * (DETOUR_STEP * size)
     plain = np.zeros((len(surface.vertices), 0))
-    candidates = [(plain, KernelParameters())]
-    if wide.any():
-        candidates.append((coordinates, replace(KernelParameters(), detour_weight=0.5)))
-    every = max(1, len(data.values) // POINTS_COMPARED)
-    few = np.arange(len(data.values)) // CHECK_EVERY % every == 0
-    best: tuple[Floats, SurfaceKernel] | None = None
-    least = np.inf
-    for detours, parameters in candidates:
-        kernel = SurfaceKernel(surface, detours, parameters)
-        if len(candidates) == 1 or not (checked & few).any():
-            return detours, kernel
-        controls = _stored(data, farthest_points(_places(kernel, data), count))
-        coefficients = _solve(*_equations(kernel, controls, data.part(few & ~checked)))
-        tested = data.part(few & checked)
-        error = np.linalg.norm(_predict(kernel, controls, coefficients, tested) - tested.values)
-        # Detours cost bytes: they must be worth it.
-        if error < 0.8 * least:
-            best, least = (detours, kernel), float(error)
-    assert best is not None
-    return best
+    best = plain, SurfaceKernel(surface, plain, KernelParameters())
+    if not wide.any() or not len(tested.values):
+        return best
+    with_detours = SurfaceKernel(surface, coordinates, replace(KernelParameters(), detour_weight=0.5))
+    few = fitted.part(slice(None, None, max(1, len(fitted.values) // POINTS_COMPARED)))
+    errors = []
+    for kernel in (best[1], with_detours):
+        controls = _stored(fitted, farthest_points(_places(kernel, fitted), min(count, len(fitted.values))))
+        coefficients = solve(*equations(kernel, controls, few))
+        errors.append(relative_error(kernel, controls, coefficients, tested))
+    # Detours cost bytes: they must be worth it.
+    return (coordinates, with_detours) if errors[1] < 0.8 * errors[0] else best
 
 
 def _places(kernel: SurfaceKernel, data: Data) -> Floats:
@@ -204,62 +256,9 @@ def _stored(data: Data, chosen: Integers) -> tuple[Integers, NDArray[np.uint8]]:
     return data.face[chosen], two
 
 
-def _functions(kernel: SurfaceKernel, controls: tuple[Integers, NDArray[np.uint8]]) -> tuple[Floats, Floats]:
-    """Features of the control points and the triangular factor of their covariance."""
-    centres = kernel.features(controls[0], control_barycentric(controls[1]))
-    return centres, triangular_factor(kernel.covariance(centres, centres), kernel.parameters.ridge)
-
-
-def _equations(
-    kernel: SurfaceKernel, controls: tuple[Integers, NDArray[np.uint8]], data: Data
-) -> tuple[Floats, Floats, Floats]:
-    """Normal matrix (controls, controls) and right side (controls, columns) of least squares, and its prior.
-
-    The functions are orthonormal but for the sampling: single precision is more than enough for them.
-    """
-    centres, factor = _functions(kernel, controls)
-    count = len(centres)
-    data = data.part(
-        np.arange(0, len(data.values), max(1, len(data.values) // (MOST_POINTS_A_CONTROL * count)))
-    )
-    inverse = solve_triangular(factor, np.eye(count))
-    normal = np.zeros((count, count))
-    right = np.zeros((count, data.values.shape[1]))
-    for start in range(0, len(data.values), 2048):
-        part = data.part(np.arange(start, min(start + 2048, len(data.values))))
-        covariance = kernel.covariance(kernel.features(part.face, part.barycentric), centres)
-        # covariance @ inverse, at half of the work: the inverse is upper triangular.
-        rows = dtrmm(1.0, inverse.T, covariance.T, lower=1, overwrite_b=1).T
-        single = rows.astype(np.float32)
-        normal += single.T @ single
-        right += rows.T @ part.values
-    return normal, right, NOISE * inverse.T @ kernel.covariance(centres, centres) @ inverse
-
-
-def _solve(normal: Floats, right: Floats, prior: Floats) -> Floats:
-    """Coefficients (controls, columns)."""
-    return np.asarray(np.linalg.solve(normal + prior, right))
-
-
-def _predict(
-    kernel: SurfaceKernel,
-    controls: tuple[Integers, NDArray[np.uint8]],
-    coefficients: Floats,
-    data: Data,
-) -> Floats:
-    centres, factor = _functions(kernel, controls)
-    weights = solve_triangular(factor, coefficients)
-    result = np.empty((len(data.face), coefficients.shape[1]))
-    for start in range(0, len(result), 4096):
-        stop = start + 4096
-        features = kernel.features(data.face[start:stop], data.barycentric[start:stop])
-        result[start:stop] = kernel.covariance(features, centres) @ weights
-    return result
-
-
 def _bytes_used(coefficients: Floats, allowed: float) -> int:
     """Bytes of coefficients (controls, columns) rounded to the relative error allowed."""
-    return len(encode_integers(_rounded(coefficients, _step(coefficients, allowed))))
+    return len(pack_integers(zigzag(_rounded(coefficients, _step(coefficients, allowed)))))
 
 
 def _step(coefficients: Floats, allowed: float) -> float:
@@ -277,20 +276,17 @@ def _step(coefficients: Floats, allowed: float) -> float:
 
 def _quantise(coefficients: Floats, allowed: float, room: int) -> tuple[Integers, float]:
     """Whole numbers (controls, columns) and their step: the relative error allowed, or more to fit."""
-    step = _step(coefficients, allowed)
-    if len(encode_integers(_rounded(coefficients, step))) <= room:
-        return _rounded(coefficients, step), step
-    low, high = step, step
-    while len(encode_integers(_rounded(coefficients, high))) > room:
+    low = high = step = _step(coefficients, allowed)
+    while len(pack_integers(zigzag(_rounded(coefficients, high)))) > room:
         if high > 4 * np.abs(coefficients).max():
             raise ValueError(f"{room} bytes are too few for {coefficients.shape[1]} columns of coefficients")
         low, high = high, 2 * high
-    for _ in range(5):
-        step = np.sqrt(low * high)
-        if len(encode_integers(_rounded(coefficients, step))) <= room:
-            high = step
+    for _ in range(5 if high > step else 0):
+        middle = np.sqrt(low * high)
+        if len(pack_integers(zigzag(_rounded(coefficients, middle)))) <= room:
+            high = middle
         else:
-            low = step
+            low = middle
     return _rounded(coefficients, high), float(high)
 
 

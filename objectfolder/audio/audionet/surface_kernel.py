@@ -2,14 +2,20 @@
 
     k(x, y) = matern_7/2(sqrt(|x - y|^2 + w^2 |e(x) - e(y)|^2) / l) (1 + g n(x) . n(y))
 
-of position x, detour coordinates e (see `detours`) and normal n. Detours part what is near in space and far
-apart in the body. The last factor lets the two sides of a wall move by a common part plus a part that turns
-with the normal, as the cross-section of a bent wall does; positions alone would need points closer together
-than the wall is thick.
+of position x, detour coordinates e (`geodesic_embedding`) and normal n. Detours part what is
+near in space and far apart in the body. The last factor lets the two sides of a wall move by a common part
+plus a part that turns with the normal, as the cross-section of a bent wall does; positions alone would need
+points closer together than the wall is thick.
 
 The normal is the mean of all faces around a vertex, by angle, and linear across each face. It is continuous
 across creases, as the detours are: a point on an edge or a vertex has one answer, whichever of its
 faces it is taken to lie on.
+
+Fields are coefficients of functions that are orthonormal and ordered from smooth to fine. The space is
+spanned by the covariances with the control points, in an order in which every leading part of them is spread
+out. Orthonormalised in that order over the control points (covariance matrix G = Q R, values V = G a = Q c),
+the first functions are the smoothest. Errors of the coefficients c are errors of the field of the same size,
+wherever they are: they may be rounded with one step. A field is recovered by a = R^-1 c; Q is never needed.
 """
 
 from dataclasses import asdict, dataclass
@@ -125,3 +131,20 @@ def vertex_normals(surface: Surface) -> Floats:
             )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.divide(total, length, out=np.zeros_like(total), where=length > 1e-9)
+
+
+def triangular_factor(covariance: Floats, ridge: float) -> Floats:
+    """R (k, k) of the covariance of control points plus ridge, with a positive diagonal: it is unique."""
+    regular = covariance + ridge * np.eye(len(covariance))
+    factor = np.linalg.qr(regular, mode="r")
+    return np.asarray(factor * np.where(np.diag(factor) < 0, -1.0, 1.0)[:, None])
+
+
+def solve_triangular(factor: Floats, right: Floats) -> Floats:
+    """R^-1 right for upper triangular R (k, k), by halves: products do nearly all of the work."""
+    if len(factor) <= 96:
+        return np.asarray(np.linalg.solve(factor, right))
+    half = len(factor) // 2
+    lower = solve_triangular(factor[half:, half:], right[half:])
+    upper = solve_triangular(factor[:half, :half], right[:half] - factor[:half, half:] @ lower)
+    return np.concatenate([upper, lower])

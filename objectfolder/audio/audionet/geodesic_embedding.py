@@ -1,10 +1,10 @@
-"""How much farther it is within the body than through the air, as coordinates.
+"""Geodesic embedding by landmark MDS: how much longer ways within the body are than through the air.
 
 The tines of a fork and the ribs of a spatula are near to one another in space and far apart in the body:
 they move independently. The detour between two points is what their distance within the body has more than
-the straight line, d_body^2 - |x - y|^2; classical scaling of its matrix over landmarks (de Silva and
-Tenenbaum, "Sparse multidimensional scaling using landmark points", 2004) gives coordinates e with
-|e(x) - e(y)|^2 near the detour, zero on a convex body.
+the straight line, d_body^2 - |x - y|^2; classical multidimensional scaling of its matrix over landmarks
+(de Silva and Tenenbaum, "Sparse multidimensional scaling using landmark points", 2004) gives coordinates e
+with |e(x) - e(y)|^2 near the detour, zero on a convex body.
 """
 
 import numpy as np
@@ -21,10 +21,10 @@ Integers = NDArray[np.int64]
 LANDMARKS = 100
 LONGEST_EDGE = 1 / 24  # of the object's size
 MOST_VERTICES = 20_000
-STRAIGHTENING = 0.85  # paths along edges zigzag by so much
+STRAIGHTENING = 0.85  # a straight way over its path along edges
 
 
-def detour_coordinates(surface: Surface, dimensions: int) -> tuple[Floats, Floats]:
+def geodesic_embedding(surface: Surface, dimensions: int) -> tuple[Floats, Floats]:
     """Embed the vertices so that distances are detours.
 
     Parameters
