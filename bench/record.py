@@ -1,14 +1,18 @@
 """Results of a comparison as a file: the figures, how they were taken, and by which code."""
 
+import argparse
 import json
 import platform
 import subprocess
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REPOSITORY = Path(__file__).parents[1]
 RESULTS = REPOSITORY / "bench" / "results"
@@ -57,6 +61,30 @@ def write(
     path = folder / f"{name}.json"
     path.write_text(text + "\n", encoding="utf-8")
     return path
+
+
+def arguments(description: str | None) -> argparse.ArgumentParser:
+    """Return a parser whose help keeps the lines of `description`, the module's docstring or a phrase."""
+    kept = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(description=description, formatter_class=kept)
+
+
+def subplots(rows: int = 1, columns: int = 1, **settings: Any) -> tuple["Figure", Any]:
+    """Return a figure that needs no screen, and its axes; `settings` are those of `pyplot.subplots`."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot.subplots(rows, columns, **{"layout": "constrained", **settings})
+
+
+def save(figure: "Figure", name: str) -> None:
+    """Write ``NAME.png`` beside the figures and close it."""
+    from matplotlib import pyplot
+
+    figure.savefig(RESULTS / f"{name}.png", dpi=110)
+    pyplot.close(figure)
 
 
 def versions() -> dict[str, Any]:

@@ -9,7 +9,6 @@ the mesh's longest side by more than 3 %. Then faults are put into our own rows,
 found are counted. Writes ``bench/results/annotation.json``.
 """
 
-import argparse
 import csv
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.factory.annotation_faults import injected, scaled
-from bench.record import REPOSITORY, write
+from bench.record import REPOSITORY, arguments, write
 from objectfolder.audio.materials import read_materials
 from pipeline.intake.check.entry import NOTE, Entry
 from pipeline.intake.check.mesh_rules import LENGTH, MASS, SAME, WALLS, is_close
@@ -32,7 +31,7 @@ OURS = ("notes", "accepted", "roughness", "metallic", "wall_m", "shell_m")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="errors of the published annotation that a check finds")
+    parser = arguments("errors of the published annotation that a check finds")
     parser.add_argument("scans", type=Path, nargs="?", help="folder of meshes by id (default: those fetched)")
     scans = parser.parse_args().scans
     with TABLE.open(newline="", encoding="utf-8") as file:

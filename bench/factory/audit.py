@@ -7,7 +7,6 @@ own without any cache of attributes; the files are in the system's cache of disk
 is measured.
 """
 
-import argparse
 import hashlib
 import json
 import os
@@ -22,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from bench.record import REPOSITORY, RESULTS, write
+from bench.record import REPOSITORY, arguments, save, subplots, write
 from objectfolder.products.provenance import fingerprint
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, to_bytes
 from pipeline.audit.reasons import BESIDE
@@ -211,7 +210,7 @@ def measure(root: Path, base: str, other: str, rounds: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--products", type=Path, default=Path("data"), help="data of a finished data set")
     parser.add_argument("--objects", type=int, default=1000)
     parser.add_argument("--rounds", type=int, default=3)
@@ -237,12 +236,7 @@ def main() -> None:
 
 def plot(rows: list[dict[str, Any]], nothing: list[float]) -> None:
     """Draw CPU seconds against objects changed."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    figure, axes = subplots(figsize=(6, 4))
     names = ["0", *(str(row["changed"]) for row in rows)]
     near = [nothing[len(nothing) // 2], *(row["text_cpu_s"][len(row["text_cpu_s"]) // 2] for row in rows)]
     axes.plot(names, near, "o-", label="from the cache")
@@ -253,7 +247,7 @@ def plot(rows: list[dict[str, Any]], nothing: list[float]) -> None:
     axes.axhline(5.0, color="grey", linestyle="--", linewidth=1, label="bar")
     axes.set(xlabel="objects changed, of 1,000", ylabel="CPU seconds", ylim=(0, None))
     axes.legend()
-    figure.savefig(RESULTS / "audit.png", dpi=150)
+    save(figure, "audit")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ carry the new id), so every page is made, each with a player. ``python -m bench.
 from the root.
 """
 
-import argparse
 import csv
 import json
 import os
@@ -18,7 +17,7 @@ from typing import Any
 
 from bench.factory.dashboard_browser import behaviour
 from bench.factory.dashboard_plot import plot
-from bench.record import write
+from bench.record import arguments, write
 from pipeline.publish.report.writing import write_report
 
 OBJECTS = 1000
@@ -28,7 +27,7 @@ SUFFIXES = (".zarr.zip", ".safetensors")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("data_set", type=Path, help="root of a data set with fidelity products")
     parser.add_argument("--objects", type=int, default=OBJECTS)
     parser.add_argument("--pairs", type=int, nargs="+", default=PAIRS)

@@ -3,19 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
-from bench.record import RESULTS
+from bench.record import save, subplots
 
 TARGET_CPU_S = 60.0
 TARGET_MS = 100.0
 
 
 def plot(figures: Mapping[str, Any]) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    left, right = (figure := plt.figure(figsize=(9, 3.2), layout="constrained")).subplots(1, 2)
+    figure, (left, right) = subplots(1, 2, figsize=(9, 3.2))
     rows = {f"all pages, {pairs} queries a sense": each["cpu_s"] for pairs, each in figures["whole"].items()}
     rows |= {
         "one object changed": figures["one_changed"]["cpu_s"],
@@ -28,7 +23,7 @@ def plot(figures: Mapping[str, Any]) -> None:
         if name.endswith("_ms") and name not in ("loaded_ms", "first_contentful_paint_ms")
     }
     bars(right, times, TARGET_MS, "milliseconds to the next paint, median", "{:.0f}")
-    figure.savefig(RESULTS / "dashboard.png", dpi=150)
+    save(figure, "dashboard")
 
 
 def bars(axes: Any, rows: Mapping[str, float], target: float, label: str, form: str) -> None:

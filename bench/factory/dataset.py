@@ -13,10 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
-from bench.record import RESULTS, write
+from bench.record import arguments, save, subplots, write
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.products.store import read_product
@@ -28,7 +27,7 @@ NAIVE = {"vision": ("views", ("rgba",)), "touch": ("touches", ("rgb", "depth", "
 
 def main() -> None:
     """Measure, print, write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("root", type=Path)
     parser.add_argument("--samples", type=int, default=300)
     parser.add_argument("--naive-samples", type=int, default=20)
@@ -102,7 +101,7 @@ def agree(samples: ObjectFolderDataset, root: Path, sense: str, indices: list[in
 
 def draw(rows: list[dict[str, Any]]) -> None:
     """Write the plot."""
-    figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
+    figure, axes = subplots(figsize=(6, 3))
     places = np.arange(len(rows))
     for offset, way, label in ((-0.2, "ours", "ObjectFolderDataset"), (0.2, "naive", "whole arrays")):
         bars = axes.bar(places + offset, [row[way] for row in rows], 0.38, label=label)
@@ -112,7 +111,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
     axes.set_ylabel("samples a CPU-second")
     axes.margins(y=0.4)
     axes.legend()
-    figure.savefig(RESULTS / "dataset.png", dpi=120)
+    save(figure, "dataset")
 
 
 if __name__ == "__main__":

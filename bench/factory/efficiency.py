@@ -4,7 +4,6 @@ Run as ``python -m bench.factory.efficiency`` on a machine with nothing else to 
 data set twice from nothing, with one worker and with two, in turn; nothing is remembered in between.
 """
 
-import argparse
 import csv
 import os
 import resource
@@ -19,7 +18,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from bench.record import REPOSITORY, RESULTS, write
+from bench.record import REPOSITORY, arguments, save, subplots, write
 
 ROUNDS = 3
 WORKERS = (1, 2)
@@ -98,14 +97,9 @@ def summarise(rounds: list[dict[int, dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
-def plot(figures: dict[str, Any], path: Path) -> None:
+def plot(figures: dict[str, Any]) -> None:
     """Draw the wall seconds of every round."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
+    figure, axes = subplots(figsize=(6, 3.6))
     for offset, workers in zip((-0.2, 0.2), WORKERS, strict=True):
         seconds = [
             done["wall_s"] for rounds in figures["rounds"] for done in rounds if done["workers"] == workers
@@ -117,12 +111,11 @@ def plot(figures: dict[str, Any], path: Path) -> None:
     axes.set_ylabel("wall seconds of the whole set")
     axes.set_title(f"Two workers: {figures['speed_up_median']:.2f} times as fast (median)")
     axes.legend()
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    save(figure, "efficiency")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     options = parser.parse_args()
     rounds = []
@@ -141,7 +134,7 @@ def main() -> None:
         "wall seconds with one worker over those with two, median of the rounds"
     )
     write("efficiency", figures, settings, compared)
-    plot(figures, RESULTS / "efficiency.png")
+    plot(figures)
 
 
 if __name__ == "__main__":

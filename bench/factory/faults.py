@@ -7,7 +7,6 @@ go on, or runs again, until all is made; a few rounds do so with the stages `obj
 starter objects. A child that runs again what its kill cut short is spared: a second kill is a failure.
 """
 
-import argparse
 import json
 import random
 import re
@@ -19,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.record import REPOSITORY, RESULTS, versions, write
+from bench.record import REPOSITORY, RESULTS, arguments, save, subplots, versions, write
 
 # What disturbs runs serves the tests as well; tests are no package, so their folder is put on the path first.
 sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
@@ -136,14 +135,9 @@ def summary(rounds: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     return found
 
 
-def plot(found: dict[str, Any], path: Path) -> None:
+def plot(found: dict[str, Any]) -> None:
     """Executions of each kind of round: needed, again because cut short, again without need."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(9, 4.5))
+    figure, axes = subplots(figsize=(9, 4.5))
     names = list(found)
     needed = [found[name]["works"] for name in names]
     wasted = [found[name]["done_twice_without_need"] for name in names]
@@ -160,21 +154,18 @@ def plot(found: dict[str, Any], path: Path) -> None:
     axes.invert_yaxis()
     axes.set_xlabel("executions of tasks")
     axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.15), ncol=3)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    save(figure, "faults")
 
 
 def record(rounds: dict[str, list[dict[str, Any]]]) -> None:
     found = summary(rounds)
     settings = {"objects": len(CONTENTS), "stages": 3, "products": 4, "workers": 2, "task_ms": [50, 200]}
     write("faults", {"summary": found, "rounds": rounds}, settings, COMPARED)
-    plot(found, RESULTS / "faults.png")
+    plot(found)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--only", nargs="+", default=list(PLAN), choices=list(PLAN), metavar="KIND")
     parser.add_argument("--fresh", action="store_true", help="forget the rounds recorded so far")
     parser.add_argument("--keep", action="store_true", help="keep the folders of rounds that went wrong")

@@ -7,7 +7,6 @@ report's table of objects beside them, ``hundred_per_object.csv``. Seconds are t
 on a busy machine CPU seconds are too many.
 """
 
-import argparse
 import csv
 import shutil
 import statistics
@@ -15,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.record import RESULTS, write
+from bench.record import RESULTS, arguments, save, subplots, write
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
@@ -41,7 +40,7 @@ PLOTTED = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_conta
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="what a data set is worth and what it cost")
+    parser = arguments("what a data set is worth and what it cost")
     parser.add_argument("root", type=Path, help="a data set with its report")
     root = parser.parse_args().root
     table = root / "reports" / "per_object.csv"
@@ -75,7 +74,7 @@ def main() -> None:
         write("hundred", figures, settings, "Object Files against held-out truth; CPU seconds of every task.")
     )
     shutil.copyfile(table, RESULTS / "hundred_per_object.csv")
-    plot(rows, RESULTS / "hundred.png")
+    plot(rows)
 
 
 def number(row: Mapping[str, str], name: str) -> float | None:
@@ -119,14 +118,9 @@ def stage_cost(root: Path, stage: str) -> dict[str, Any]:
     }
 
 
-def plot(rows: Sequence[Mapping[str, str]], path: Path) -> None:
+def plot(rows: Sequence[Mapping[str, str]]) -> None:
     """Draw the distributions of the headline figures and the CPU seconds of each object by stage."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 4, figsize=(16, 3.6), width_ratios=(1, 1, 1, 2), layout="constrained")
+    figure, axes = subplots(1, 4, figsize=(16, 3.6), width_ratios=(1, 1, 1, 2))
     for name, axis in zip(PLOTTED, axes, strict=False):
         axis.hist([value for row in rows if (value := number(row, name)) is not None], bins=20)
         axis.set(xlabel=name, ylabel="objects")
@@ -139,7 +133,7 @@ def plot(rows: Sequence[Mapping[str, str]], path: Path) -> None:
         below = [low + height for low, height in zip(below, heights, strict=True)]
     axes[-1].set(xlabel="objects, by cost", ylabel="CPU s")
     axes[-1].legend(fontsize="small")
-    figure.savefig(path, dpi=110)
+    save(figure, "hundred")
 
 
 if __name__ == "__main__":

@@ -6,10 +6,10 @@ Each ROOT is a data set made at the default size. Wall seconds are those of the 
 in them; CPU seconds show it less.
 """
 
-import argparse
 import csv
 from pathlib import Path
 
+from bench.record import arguments
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
@@ -20,7 +20,7 @@ COLUMNS = ("object", "stage", "load", "cpu_seconds", "wall_seconds", "peak_memor
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="costs of data sets, for the package")
+    parser = arguments("costs of data sets, for the package")
     parser.add_argument("roots", type=Path, nargs="+", help="data sets")
     rows = {}
     for root in parser.parse_args().roots:

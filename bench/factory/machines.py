@@ -10,7 +10,6 @@ processor.
 ``data/``, with those of this repository. Products in FOLDER are kept by a second run.
 """
 
-import argparse
 import json
 import math
 import os
@@ -24,8 +23,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from matplotlib import colormaps
+from matplotlib.patches import Rectangle
 
-from bench.record import REPOSITORY, RESULTS, write
+from bench.record import REPOSITORY, arguments, save, subplots, write
 from objectfolder.mesh.starter.write import write_starter_set
 from pipeline.audit.reproducibility import ATTRIBUTE, EQUAL, compare
 from pipeline.dataset.stages import STAGES
@@ -212,15 +213,10 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def plot(figures: Mapping[str, Any], path: Path) -> None:
+def plot(figures: Mapping[str, Any]) -> None:
     """Largest difference of an array, as a share of its range, by condition and stage."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     keys, stages = list(figures), list(STAGES)
-    figure, axes = pyplot.subplots(figsize=(9, 1.2 + 0.3 * len(keys)))
+    figure, axes = subplots(figsize=(9, 1.2 + 0.3 * len(keys)))
     for row, key in enumerate(keys):
         for column, stage in enumerate(stages):
             if stage not in figures[key]:
@@ -232,9 +228,7 @@ def plot(figures: Mapping[str, Any], path: Path) -> None:
             worst = max((1.0 if value is None else value for value in arrays), default=0.0)
             text = f"{worst:.0e}" if worst else ("same arrays" if apart else "same bytes")
             shade = 0.0 if not worst else min(1.0, max(0.1, 1 + math.log10(worst) / 16))
-            axes.add_patch(
-                pyplot.Rectangle((column, row), 1, 1, color=pyplot.get_cmap("Oranges")(shade * 0.8))
-            )
+            axes.add_patch(Rectangle((column, row), 1, 1, color=colormaps["Oranges"](shade * 0.8)))
             axes.text(column + 0.5, row + 0.5, text, ha="center", va="center", fontsize=8)
     axes.set_xlim(0, len(stages))
     axes.set_ylim(len(keys), 0)
@@ -242,8 +236,7 @@ def plot(figures: Mapping[str, Any], path: Path) -> None:
     axes.set_yticks(np.arange(len(keys)) + 0.5, keys, fontsize=8)
     axes.xaxis.tick_top()
     axes.set_title("worst array of a stage: rms of its differences as a share of its range", fontsize=10)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    save(figure, "machines")
 
 
 def parameters(size: str) -> dict[str, Any]:
@@ -259,9 +252,7 @@ def parameters(size: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--work", type=Path, required=True, help="folder for products")
     parser.add_argument("--objects", nargs="+", default=["die", "fork"])
     parser.add_argument("--size", default="smallest", choices=("smallest", "default"))
@@ -296,7 +287,7 @@ def main() -> None:
         "code, against the usual ones: arrays and attributes that are not the same bytes, with "
         "the largest and rms difference as a share of the range of the array",
     )
-    plot(figures, RESULTS / "machines.png")
+    plot(figures)
 
 
 def _processor() -> str:

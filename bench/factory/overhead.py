@@ -5,7 +5,6 @@ trivial (`bench.factory.overhead_repository`). The rival has a DVC stage for eve
 child processes; on a busy machine they grow, and so does the measure beside them, importing numpy.
 """
 
-import argparse
 import json
 import resource
 import shutil
@@ -19,7 +18,7 @@ from typing import Any
 import yaml
 
 from bench.factory.overhead_repository import REPOSITORY, OverheadRepository, stage_per_object
-from bench.record import RESULTS, write
+from bench.record import arguments, save, subplots, write
 
 BARS = {"nothing to do": 3.0, "one object changed": 5.0, "status": 2.0}
 Act = Callable[[], object]
@@ -118,27 +117,21 @@ def summary(ours: dict[str, Any], rival: dict[str, Any], start: float) -> dict[s
     }
 
 
-def plot(figures: dict[str, Any], path: Path) -> None:
+def plot(figures: dict[str, Any]) -> None:
     """Draw CPU seconds against the bars."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     names = list(BARS)
-    figure, axes = pyplot.subplots(figsize=(8, 4))
+    figure, axes = subplots(figsize=(8, 4))
     axes.barh(names, [figures["median_cpu_s"][name] for name in names], color="tab:blue", height=0.5)
     for row, name in enumerate(names):
         axes.plot([BARS[name]] * 2, [row - 0.4, row + 0.4], color="tab:red", label="bar" if not row else None)
     axes.set_xlabel(f"CPU seconds, {figures['objects']} objects, {figures['stages']} stages")
     axes.legend()
-    figure.tight_layout()
-    figure.savefig(path, dpi=100, metadata={"Software": None})
+    save(figure, "overhead")
 
 
 def main() -> None:
     """Measure, write the results and say them."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--objects", type=int, default=1000)
     parser.add_argument("--rival-objects", type=int, default=50)
     parser.add_argument("--rounds", type=int, default=3)
@@ -158,7 +151,7 @@ def main() -> None:
         "CPU seconds, child processes included, of `dvc repro` and `objectfolder status` over trivial "
         "tasks; the rival is one DVC stage per object, one product of six, carried on in proportion.",
     )
-    plot(figures, RESULTS / "overhead.png")
+    plot(figures)
     print(
         json.dumps({key: figures[key] for key in ("median_cpu_s", "meets_bar", "rival_extrapolated_cpu_s")})
     )

@@ -11,7 +11,6 @@ Empty tasks show the CPU seconds and the memory that driver and scheduler take. 
 sleeps stands in place of a task's child process.
 """
 
-import argparse
 import os
 import tempfile
 import time
@@ -24,7 +23,7 @@ from unittest import mock
 
 import psutil
 
-from bench.record import REPOSITORY, write
+from bench.record import REPOSITORY, arguments, save, subplots, write
 from pipeline.cluster import dask_runner
 from pipeline.cluster.cluster import settings
 from pipeline.cluster.places import Place
@@ -44,7 +43,7 @@ Costs = Mapping[tuple[str, str], Estimate]  # by object and stage
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="order of tasks, and their cost beside their work")
+    parser = arguments("order of tasks, and their cost beside their work")
     parser.add_argument("--tasks", type=int, default=10_000, help="empty tasks")
     parser.add_argument("--seconds", type=float, default=45.0, help="that the lower bound is scaled to")
     given = parser.parse_args()
@@ -62,18 +61,13 @@ def main() -> None:
                     row = {"knowledge": knowledge, "workers": workers, "threads_of_each": threads, **row}
                     figures["makespans"].append(row)
                     print(row, flush=True)
-    path = write("scale", figures, {"processors": os.cpu_count(), "load": os.getloadavg()[0]}, COMPARED)
-    plot(figures["makespans"], path.with_suffix(".png"))
+    write("scale", figures, {"processors": os.cpu_count(), "load": os.getloadavg()[0]}, COMPARED)
+    plot(figures["makespans"])
 
 
-def plot(rows: list[dict[str, Any]], path: Path) -> None:
+def plot(rows: list[dict[str, Any]]) -> None:
     """Draw wall time over the bound, by cluster and by what was known."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(6, 3), layout="constrained")
+    figure, axes = subplots(figsize=(6, 3))
     for place, knowledge in enumerate(("known", "first")):
         chosen = [row for row in rows if row["knowledge"] == knowledge]
         positions = [index + 0.4 * place for index in range(len(chosen))]
@@ -83,7 +77,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     axes.set_xticks([index + 0.2 for index in range(len(names))], names)
     axes.set(xlabel="workers x threads", ylabel="wall time / lower bound", ylim=(0.9, None))
     axes.legend(title="seconds of tasks")
-    figure.savefig(path, dpi=120)
+    save(figure, "scale")
 
 
 def sleep(call: Call, *rest: Any) -> Answer:

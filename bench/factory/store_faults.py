@@ -6,7 +6,6 @@ which nothing answers; on some runs local writes find the disk full. Trials done
 of this that was interrupted goes on; several may share the work (``--seeds``).
 """
 
-import argparse
 import json
 import sys
 import tempfile
@@ -14,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from bench.record import REPOSITORY, RESULTS, write
+from bench.record import REPOSITORY, arguments, save, subplots, write
 
 TRIALS = 100
 OBJECTS = {"ball": "1.0", "cup": "2.0", "dish": "3.0"}
@@ -87,14 +86,9 @@ def figures_of(outcomes: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def plot(outcomes: list[dict[str, Any]], path: Path) -> None:
+def plot(outcomes: list[dict[str, Any]]) -> None:
     """Products there after the disturbed run, against what happened to it."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(8, 5))
+    figure, axes = subplots(figsize=(8, 5))
     products = 4 * len(OBJECTS)
 
     def share(outcome: dict[str, Any]) -> float:
@@ -120,14 +114,11 @@ def plot(outcomes: list[dict[str, Any]], path: Path) -> None:
     )
     axes.set_title(title, fontsize=9)
     axes.legend(fontsize=8)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    save(figure, "store_faults")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, TRIALS), metavar=("FIRST", "END"))
     parser.add_argument("--done", type=Path, default=Path(tempfile.gettempdir()) / "store_faults.jsonl")
     options = parser.parse_args()
@@ -155,7 +146,7 @@ def main() -> None:
         "undisturbed run's, no object or file torn at any time, no finished task executed again, and an "
         "error that names the store or folder where a run did not finish",
     )
-    plot(outcomes, RESULTS / "store_faults.png")
+    plot(outcomes)
 
 
 if __name__ == "__main__":

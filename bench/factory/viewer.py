@@ -3,7 +3,6 @@
 ``python -m bench.factory.viewer FOLDER`` takes every Object File of a folder, by a headless Chromium.
 """
 
-import argparse
 import os
 import re
 import shutil
@@ -15,12 +14,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import psutil
 
 import objectfolder
-from bench import record
+from bench.record import arguments, save, subplots, write
 from objectfolder.object_file import ObjectFile
 from pipeline.publish.viewer.static import write_player, write_player_assets
 
@@ -59,7 +57,7 @@ AMPLITUDES = f"""([faces, weights, forces]) => faces.map(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("folder", type=Path, help="of Object Files")
     files = sorted(parser.parse_args().folder.glob("*.safetensors"))
     from playwright.sync_api import sync_playwright
@@ -90,7 +88,7 @@ def main() -> None:
         "picking, modes, synthesis of 2 s, transfer, buffer; the device's own output latency is not in it",
         "static_bake": "CPU seconds to open the file and write its script; cached: its digest was known",
     }
-    record.write(
+    write(
         "viewer",
         figures,
         settings,
@@ -230,7 +228,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def draw(rows: list[dict[str, Any]]) -> None:
     """Draw waits object by object."""
-    figure, axes = plt.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
+    figure, axes = subplots(1, 2, figsize=(10, 3.6))
     at = np.arange(len(rows))
     image = (("image_cpu_ms", "CPU of the server"), ("image_wall_ms_median", "wall"))
     sound = (("strike_ms_median", "live"), ("static_strike_ms_median", "static"))
@@ -245,8 +243,7 @@ def draw(rows: list[dict[str, Any]]) -> None:
         axis.set(xticks=at, ylabel="ms", title=title)
         axis.set_xticklabels([row["object"] for row in rows], rotation=30, ha="right")
         axis.legend(fontsize=8)
-    figure.savefig(record.RESULTS / "viewer.png", dpi=110)
-    plt.close(figure)
+    save(figure, "viewer")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import RESULTS, write
+from bench.record import arguments, save, subplots, write
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.materials import read_materials
@@ -66,7 +66,7 @@ PUBLISHED = {"stft": 0.19e-5, "envelope": 1.29e-4}
 
 def main() -> None:
     """Measure the objects that are there, and write the table and the picture."""
-    parser = argparse.ArgumentParser(description="AudioNet on real objects")
+    parser = arguments("AudioNet on real objects")
     parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
     parser.add_argument("--modes", type=Path, required=True, help="folder of solved modes, ID.zarr.zip")
     parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
@@ -196,14 +196,9 @@ def _truth(given: argparse.Namespace, row: dict[str, str]) -> tuple[Surface, Pro
 
 
 def _draw(table: dict[str, dict[str, Any]]) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     names = sorted(table, key=lambda name: table[name]["gain_error_db"])
     place = np.arange(len(names))
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 0.32 * len(names) + 1.6), sharey=True)
+    figure, (left, right) = subplots(1, 2, figsize=(11, 0.32 * len(names) + 1.6), sharey=True)
     left.barh(place, [table[name]["gain_error_db"] for name in names], color="#4477aa", label="all modes")
     left.plot(
         [table[name]["gain_error_worst_mode_db"] for name in names], place, "k|", ms=9, label="worst mode"
@@ -216,9 +211,7 @@ def _draw(table: dict[str, dict[str, Any]]) -> None:
     right.axvline(300, color="0.4", lw=1, ls="--")
     right.set(xlabel="stored, kB")
     figure.suptitle("AudioNet on real objects (modes)", fontsize=10)
-    figure.tight_layout()
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    figure.savefig(RESULTS / "audionet.png", dpi=110)
+    save(figure, "audionet")
 
 
 if __name__ == "__main__":

@@ -4,13 +4,12 @@ Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes
 and ``sound.png`` into docs/. Views are the best lit of each object, touches those with the largest contact.
 """
 
-import argparse
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 
-from bench.record import REPOSITORY
+from bench.record import REPOSITORY, arguments
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.products.store import Product, read_product
 
@@ -92,20 +91,20 @@ def _frames(sound: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Draw the three pictures."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument(
         "--data", type=Path, default=REPOSITORY / "data", help="folder of a finished data set"
     )
     parser.add_argument("--strike", default="mug", help="object whose sound is drawn")
-    arguments = parser.parse_args()
+    given = parser.parse_args()
     products = {
         path.name.partition(".")[0]: read_product(path)
-        for path in sorted((arguments.data / "fidelity").glob("*.zarr.zip"))
+        for path in sorted((given.data / "fidelity").glob("*.zarr.zip"))
     }
     folder = REPOSITORY / "docs"
     pyplot.imsave(folder / "sight.png", sight(list(products.values())))
     pyplot.imsave(folder / "touch.png", touch(list(products.values())))
-    draw_strike(folder / "sound.png", products[arguments.strike], arguments.strike)
+    draw_strike(folder / "sound.png", products[given.strike], given.strike)
 
 
 if __name__ == "__main__":

@@ -4,15 +4,13 @@ Run as ``python -m bench.senses.revolution``. The solver sees only a closed tria
 is an axisymmetric solution of the true body (`bench.references`), which shares no code with it.
 """
 
-import argparse
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.discretisation_ours import ours
 from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Stopwatch, compare
-from bench.record import REPOSITORY, RESULTS, write
+from bench.record import REPOSITORY, arguments, save, subplots, write
 from bench.references.bodies import BODIES
 from bench.references.spectrum import ReferenceSpectrum
 from objectfolder.audio.materials import Material, read_materials
@@ -58,14 +56,9 @@ def nearest_to_limit(truth: ReferenceSpectrum, material: Material) -> float:
     return float(1200 * np.log2(MAX_FREQUENCY_HZ / truth.frequencies_hz(material)[-1]))
 
 
-def plot(figures: dict[str, Any], path: Path) -> None:
+def plot(figures: dict[str, Any]) -> None:
     """Error of every mode by its place in the spectrum."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(9, 6))
+    figure, axes = subplots(figsize=(9, 6))
     for mark, (name, found) in zip("os^Dv", figures.items(), strict=False):
         share = (np.arange(len(found["cents"])) + 0.5) / len(found["cents"])
         label = f"{name}: {found['modes']} of {found['modes_of_reference']} modes, "
@@ -76,14 +69,11 @@ def plot(figures: dict[str, Any], path: Path) -> None:
     axes.set_xlabel("place among the audible modes")
     axes.set_ylabel("frequency error, cents")
     axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncol=2)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    save(figure, "revolution")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--bodies", nargs="+", default=list(BODIES), choices=list(BODIES))
     parser.add_argument(
         "--edge-m", type=float, help="edge of the surface's triangles, by default each body's"
@@ -106,7 +96,7 @@ def main() -> None:
         "undamped eigenfrequencies of a filled triangle surface against an axisymmetric Fourier p-FEM of the "
         "true body, all modes below the limit, matched in ascending order; CPU seconds, children included",
     )
-    plot(figures, RESULTS / "revolution.png")
+    plot(figures)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ rows there writes the result. Solved modes are kept as ``modes/ID.zarr.zip`` for
 `bench.senses.audionet`.
 """
 
-import argparse
 import csv
 import json
 import os
@@ -16,10 +15,9 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-from bench.record import RESULTS, write
+from bench.record import arguments, save, subplots, write
 from bench.senses.audionet import HELD_OUT_POINTS, OBJECTS, TRAINING_POINTS
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.audio.modes.modes import modes_of_solid
@@ -29,12 +27,11 @@ from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import write_product
 from objectfolder.solid.filling import fill
 
-matplotlib.use("Agg")
 MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 128
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="modes of every scan of a catalogue")
+    parser = arguments("modes of every scan of a catalogue")
     parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
     parser.add_argument("--folder", type=Path, required=True, help="where rows and modes are kept")
     parser.add_argument("--part", default="1/1", help="which share of the objects, as 1/2")
@@ -155,10 +152,8 @@ def median(rows: list[dict[str, Any]], key: str) -> float:
 
 
 def draw(table: dict[str, dict[str, Any]]) -> None:
-    import matplotlib.pyplot as plt
-
     shown = [row for row in table.values() if row["failure"] is None and row["modes"]]
-    picture, axes = plt.subplots(figsize=(7, 4.5))
+    picture, axes = subplots(figsize=(7, 4.5))
     seconds = [row["cpu_s"] for row in shown]
     axes.scatter(seconds, [row["error_median_cents"] for row in shown], s=18, label="median of its modes")
     axes.scatter(seconds, [row["error_worst_cents"] for row in shown], s=18, marker="x", label="worst mode")
@@ -168,8 +163,7 @@ def draw(table: dict[str, dict[str, Any]]) -> None:
     )
     axes.legend()
     axes.set_title("Scans: estimated error of the first 50 audible modes")
-    picture.tight_layout()
-    picture.savefig(RESULTS / "scans.png", dpi=130)
+    save(picture, "scans")
 
 
 def cpu_seconds() -> float:

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, RESULTS, write
+from bench.record import REPOSITORY, arguments, save, subplots, write
 from bench.rivals.audio.gains_network import fit_gains_network
 from bench.rivals.audio.spectrogram import SAMPLE_RATE_HZ, SAMPLES
 from bench.rivals.audio.spectrogram_network import fit_spectrogram_network
@@ -317,15 +317,10 @@ PANELS = (
 )
 
 
-def plot(figures: dict[str, Any], path: Path) -> None:
+def plot(figures: dict[str, Any]) -> None:
     """Draw every measure, a row a way, a mark an object."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     names = list(next(iter(figures.values()))["ways"])
-    figure, axes = pyplot.subplots(2, 3, figsize=(15, 6.5), sharey=True)
+    figure, axes = subplots(2, 3, figsize=(15, 6.5), sharey=True)
     for panel, (key, title, logarithmic) in zip(axes.ravel(), PANELS, strict=True):
         for mark, (object_id, found) in zip("os^Dv", figures.items(), strict=False):
             placed = [(found["ways"][name].get(key), row) for row, name in enumerate(names)]
@@ -338,14 +333,11 @@ def plot(figures: dict[str, Any], path: Path) -> None:
             panel.set_xscale("log")
     axes[0, 0].invert_yaxis()
     axes[0, 0].legend(fontsize=8)
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    save(figure, "sound_rivals")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     default = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))
     parser.add_argument("--scans", type=Path, default=default, help="folder of scans with catalogue.csv")
     parser.add_argument("--objects", nargs="+", default=OBJECTS)
@@ -379,7 +371,7 @@ def main() -> None:
         "points: relative error of gains in dB, STFT and ENV distance of 2 s of sound by "
         "objectfolder.fidelity.sounds from modes up to 0.45 of the rate, stored bytes, and CPU seconds",
     )
-    plot(figures, RESULTS / "sound_rivals.png")
+    plot(figures)
 
 
 if __name__ == "__main__":

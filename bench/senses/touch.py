@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bench.record import versions, write
+from bench.record import arguments, versions, write
 from bench.senses.touch_objects import OBJECTS, names, surface_of
 
 # A smooth body, a tool with a head and a handle, a figure with thin parts.
@@ -37,7 +37,7 @@ COMPARED = (
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="touch: seconds, error and bytes")
+    parser = arguments("touch: seconds, error and bytes")
     parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
     parser.add_argument("--cache", type=Path, required=True, help="where meshes and rows are kept")
     parser.add_argument("--speed-objects", nargs="+", default=list(SPEED_OBJECTS))

@@ -2,13 +2,9 @@
 
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-from bench.record import RESULTS
-
-matplotlib.use("Agg")
-from matplotlib import pyplot
+from bench.record import save, subplots
 
 SHOWN_PAIRS = 6
 COLOURS = {"vertex": "tab:blue", "crease": "tab:orange", "vertex, ours crease": "tab:red"}
@@ -20,8 +16,7 @@ def draw_tacto(
     pictures: list[tuple[float, np.ndarray, np.ndarray]],
 ) -> None:
     """Error over samples, its spread over poses, and the worst images beside TACTO's."""
-    figure = pyplot.figure(figsize=(13, 4.2), layout="constrained")
-    by_samples, by_pose, shown = figure.subplots(1, 3, width_ratios=(1, 1, 1.3))
+    figure, (by_samples, by_pose, shown) = subplots(1, 3, figsize=(13, 4.2), width_ratios=(1, 1, 1.3))
     for normals, found in summary.items():
         samples = [int(key) for key in found]
         for measure, line in (("mean", "o-"), ("worst", "v--")):
@@ -52,8 +47,7 @@ def draw_tacto(
         shown.imshow(np.concatenate(columns, axis=1))
         shown.set_title("worst: TACTO, ours, difference x 8", fontsize=9)
     shown.axis("off")
-    figure.savefig(RESULTS / "touch_tacto.png", dpi=110)
-    pyplot.close(figure)
+    save(figure, "touch_tacto")
 
 
 def difference(truth: np.ndarray, answer: np.ndarray, gain: float = 8.0) -> np.ndarray:
@@ -64,8 +58,7 @@ def difference(truth: np.ndarray, answer: np.ndarray, gain: float = 8.0) -> np.n
 
 def draw_touch(summary: dict[str, Any], encoded: list[dict[str, Any]]) -> None:
     """Error against seconds; rates over the size of images; bytes and reach of stored surfaces."""
-    figure = pyplot.figure(figsize=(15, 4.8), layout="constrained")
-    by_time, by_size, by_object = figure.subplots(1, 3, width_ratios=(1.5, 1, 1.3))
+    figure, (by_time, by_size, by_object) = subplots(1, 3, figsize=(15, 4.8), width_ratios=(1.5, 1, 1.3))
     ways = summary["ways"]
     for name in dict.fromkeys(way["way"] for way in ways):
         found = [way for way in ways if way["way"] == name]
@@ -109,5 +102,4 @@ def draw_touch(summary: dict[str, Any], encoded: list[dict[str, Any]]) -> None:
     share.set_xlabel("% of the area out of reach (dots)")
     for axis in (by_time, by_size, by_object):
         axis.grid(alpha=0.3)
-    figure.savefig(RESULTS / "touch.png", dpi=110)
-    pyplot.close(figure)
+    save(figure, "touch")

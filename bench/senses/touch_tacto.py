@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, write
+from bench.record import REPOSITORY, arguments, write
 from bench.senses.touch_objects import OBJECTS, surface_of
 from bench.senses.touch_outcome import draw_tacto
 from bench.senses.touch_tacto_measure import ONE_LEVEL, edge_share, over_poses, psnr_db
@@ -65,7 +65,7 @@ class VertexShaded(Surface):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="touch against TACTO 0.0.3")
+    parser = arguments("touch against TACTO 0.0.3")
     parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
     parser.add_argument("--python", type=Path, required=True, help="of the environment that has TACTO")
     parser.add_argument("--cache", type=Path, required=True, help="where TACTO's images are kept")

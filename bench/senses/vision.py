@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, versions
+from bench.record import REPOSITORY, arguments, versions
 from bench.rivals.vision.scattering_function import ScatteringFunction
 from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
@@ -56,7 +56,7 @@ Answer = Callable[[int], np.ndarray]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="sight: seconds, error and bytes")
+    parser = arguments("sight: seconds, error and bytes")
     parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
     parser.add_argument("--only", nargs="+", required=True, help="ids of the objects to measure")
     parser.add_argument("--cache", type=Path, required=True, help="where views, networks and rows are kept")

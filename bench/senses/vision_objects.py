@@ -8,7 +8,6 @@ made again, so that a run can be stopped, taken up and shared between processes;
 to fit again without rendering. The result is written from the rows at hand and names those that are missing.
 """
 
-import argparse
 import csv
 import json
 import os
@@ -17,10 +16,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-from bench.record import RESULTS, write
+from bench.record import arguments, save, subplots, write
 from bench.senses.vision_lights import BEHIND_DEG, GRAZING_DEG, LIGHTS, light_positions
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
@@ -37,8 +35,6 @@ from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.render_request import Shots, unit_scene
 from objectfolder.vision.truth.views import simulate_views
 from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
-
-matplotlib.use("Agg")
 
 # Seven materials; metals: mug, spoon, bell, scissors, hammer; gloss: teapot, marble; thin: spoon, scissors;
 # self-shadowing: stool, bell, mug.
@@ -106,7 +102,7 @@ CASES = ("within_120", "finer", "lights", "metal", "gloss", "glaze", "within_600
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="VisionNet on ten scans")
+    parser = arguments("VisionNet on ten scans")
     parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
     parser.add_argument("--folder", type=Path, required=True, help="where views, networks and rows are kept")
     parser.add_argument("--part", default="1/1", help="which share of the objects, as 1/2")
@@ -360,9 +356,7 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def draw(rows: Mapping[str, Mapping[str, Any]]) -> None:
-    import matplotlib.pyplot as plt
-
-    picture, axes = plt.subplots(figsize=(8, 4.5))
+    picture, axes = subplots(figsize=(8, 4.5))
     for offset, (key, label) in enumerate(
         (("psnr_db", "VisionNet"), ("psnr_foreground_db", "VisionNet, foreground"))
     ):
@@ -376,8 +370,7 @@ def draw(rows: Mapping[str, Mapping[str, Any]]) -> None:
     axes.set(xlabel="PSNR on white, dB", title="Held-out cameras and lights, 128 x 128")
     axes.invert_yaxis()
     axes.legend(fontsize=8)
-    picture.tight_layout()
-    picture.savefig(RESULTS / "vision_objects.png", dpi=130)
+    save(picture, "vision_objects")
 
 
 def cpu_seconds() -> float:

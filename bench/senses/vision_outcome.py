@@ -1,11 +1,10 @@
 """What `bench.senses.vision` measured, as means over objects, equal-error comparisons and a picture."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.record import RESULTS, write
+from bench.record import save, subplots, write
 
 COMPARED = (
     "VisionNet over its knob, Cycles over samples, ObjectFolder 1.0's network, textures unlit, lit and "
@@ -46,7 +45,7 @@ def conclude(rows: list[dict[str, Any]], settings: dict[str, Any]) -> None:
         size: float(np.mean([row["truth_noise_floor_db"] for row in rows if row["size"] == size]))
         for size in sizes
     }
-    draw(means, floors, RESULTS / "vision.png")
+    draw(means, floors)
     for size, found in means.items():
         print(f"\n{size} x {size}")
         for way in found:
@@ -141,14 +140,11 @@ def label(way: dict[str, Any], most_objects: int) -> str:
     return f"{way['way']}{trained}{objects}"
 
 
-def draw(means: dict[int, list[dict[str, Any]]], floors: dict[int, float], path: Path) -> None:
+def draw(means: dict[int, list[dict[str, Any]]], floors: dict[int, float]) -> None:
     """PSNR against seconds and against bytes, a row a size."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(len(means), 2, figsize=(12, 4.4 * len(means)), squeeze=False, sharey="row")
+    figure, axes = subplots(
+        len(means), 2, figsize=(12, 4.4 * len(means)), squeeze=False, sharey="row", layout=None
+    )
     for (size, found), (by_time, by_size) in zip(means.items(), axes, strict=True):
         objects = max(way["objects"] for way in found)
         for name in dict.fromkeys(way["way"] for way in found):
@@ -185,4 +181,4 @@ def draw(means: dict[int, list[dict[str, Any]]], floors: dict[int, float], path:
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8)
     figure.tight_layout(rect=(0, 0.5 / figure.get_figheight(), 1, 1))
-    figure.savefig(path, dpi=120)
+    save(figure, "vision")
