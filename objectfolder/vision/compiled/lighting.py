@@ -52,13 +52,16 @@ class LitSurface:
         )
         return Points(face, barycentric, direction, position, normal, side)
 
-    def unhindered(self, points: Points, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return irradiance (n,) but for shadow, and where shadow rays start (n, 3)."""
+    def light_from(
+        self, points: Points, light: np.ndarray, asked: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return irradiance (n,) but for shadow, and which (n,) of the lit points asked are in shadow."""
         irradiance, start = unhindered(
             points.face, points.barycentric, points.position, points.normal, points.side, light,
             self._triangles, self._corner_normals, self.facets, TERMINATOR_COSINE, SELF_OFFSET,
         )  # fmt: skip
-        return irradiance, start
+        wanted = irradiance > 0 if asked is None else asked & (irradiance > 0)
+        return irradiance, self.volumes.occluded(start, light, wanted)
 
     def mirrored(self, points: Points) -> tuple[np.ndarray, Points]:
         """Return which of the points (m,) see the surface in their mirror rays, and what they see there."""
@@ -67,10 +70,6 @@ class LitSurface:
         face, barycentric = self.volumes.first_hits(start, direction)
         row = np.flatnonzero(face >= 0)
         return row, self.points(face[row], barycentric[row], direction[row])
-
-    def blocked(self, start: np.ndarray, light: np.ndarray, asked: np.ndarray) -> np.ndarray:
-        """Whether (n,) the light is hidden from (n, 3) starts of shadow rays, where asked (n,)."""
-        return self.volumes.occluded(start, light, asked)
 
 
 @kernel

@@ -206,8 +206,8 @@ class CompiledRenderer:
         points = self._surface.points(face[hit], barycentric[hit], directions[hit])
         colour = np.zeros((len(hit), 3))
         for light, factor in _lights(light_position, light_colour):
-            irradiance, start = self._surface.unhindered(points, light)
-            irradiance[self._surface.blocked(start, light, irradiance > 0)] = 0.0
+            irradiance, hidden = self._surface.light_from(points, light)
+            irradiance[hidden] = 0.0
             colour += factor * self._colour(points, irradiance, light)
         rgba[hit, :3] = colour
         rgba[hit, 3] = 1.0
@@ -241,8 +241,8 @@ class CompiledRenderer:
     def _in_mirrors(self, points: Points, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the points (m,) whose mirror rays meet a lit part of the surface, and its colour (m, 3)."""
         row, met = self._surface.mirrored(points)
-        arriving, start = self._surface.unhindered(met, light)
-        arriving[self._surface.blocked(start, light, arriving > 0)] = 0.0
+        arriving, hidden = self._surface.light_from(met, light)
+        arriving[hidden] = 0.0
         lit = np.flatnonzero(arriving)
         row = row[lit]
         camera = -np.einsum("ij,ij->i", points.normal[row], points.direction[row])
@@ -275,9 +275,8 @@ class CompiledRenderer:
         state
             (p, 2 * GROUPS) 1 lit, 2 in shadow, 0 not asked.
         """
-        irradiance, start = self._surface.unhindered(probes.points, light)
-        asked = irradiance > 0
-        answer = np.where(asked, 1 + self._surface.blocked(start, light, asked), 0)
+        irradiance, hidden = self._surface.light_from(probes.points, light)
+        answer = np.where(irradiance > 0, 1 + hidden, 0)
         state = np.zeros((len(view.rows), 2 * GROUPS), dtype=np.int64)
         state[probes.pixel, probes.group] = answer
         split = mixed(view.slots, probes.pixel, answer)
@@ -288,9 +287,8 @@ class CompiledRenderer:
             inside = np.flatnonzero(split[samples.pixels])
             pixel, sample = samples_to_ask(label, inside, rays, GROUPS)
             points = self._points(view, *view.places(samples, pixel, sample))
-            irradiance, start = self._surface.unhindered(points, light)
-            blocked = self._surface.blocked(start, light, irradiance > 0)
-            split_groups(label, pixel, sample, blocked, samples.offsets_x, samples.offsets_y, GROUPS)
+            _, hidden = self._surface.light_from(points, light)
+            split_groups(label, pixel, sample, hidden, samples.offsets_x, samples.offsets_y, GROUPS)
             labels.append(label)
         return labels, state
 
@@ -299,10 +297,9 @@ class CompiledRenderer:
     ) -> np.ndarray:
         """Return the colour (p, 3) of the pixels from `wanted` (p,) points of each of their groups."""
         chosen = self._chosen(view, labels, wanted)
-        irradiance, start = self._surface.unhindered(chosen.points, light)
         known = state[chosen.pixel, chosen.group]
-        unknown = (irradiance > 0) & (known == 0)
-        irradiance[self._surface.blocked(start, light, unknown) | (known == 2)] = 0.0
+        irradiance, hidden = self._surface.light_from(chosen.points, light, known == 0)
+        irradiance[hidden | (known == 2)] = 0.0
         colour = self._colour(chosen.points, irradiance, light)
         total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(wanted))
         return total

@@ -111,14 +111,6 @@ def box_in_view(
     return rows, columns
 
 
-def pixels_in_view(
-    corners: np.ndarray, camera_to_world: np.ndarray, size: tuple[int, int], field_of_view_deg: float
-) -> np.ndarray:
-    """Return the flat indices of the pixels in the box around the image of (n, 3) points."""
-    rows, columns = box_in_view(corners, camera_to_world, size, field_of_view_deg)
-    return (rows[:, None] * size[1] + columns).ravel()
-
-
 def _outline(alpha: np.ndarray) -> np.ndarray:
     """Mark pixels whose alpha differs from a neighbour's, (h, w) bool."""
     marked = np.zeros(alpha.shape, dtype=bool)
