@@ -3,12 +3,13 @@
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from objectfolder.audio.synthesis.struck_body import BodyStream, Pulse
+from objectfolder.audio.synthesis.struck_body import Pulse, StruckBody, along
+from objectfolder.audio.synthesis.voices import Voices
 
-ContactQuery = Callable[
-    [np.ndarray, np.ndarray, np.ndarray | None], tuple[np.ndarray, np.ndarray, np.ndarray | None]
-]
+Floats = NDArray[np.float64]
+ContactQuery = Callable[[Floats, Floats, Floats | None], tuple[Floats, Floats, Floats | None]]
 
 
 class ObjectStream:
@@ -16,42 +17,57 @@ class ObjectStream:
 
     Parameters
     ----------
+    body
+        The struck object.
     contacts
         Checks points and forces, and brings the points onto the surface.
-    stream
-        The struck body, silent.
-
-    Attributes
-    ----------
-    now : samples given so far, the index of the next one
-    silent : whether nothing sounds and nothing waits
+    sample_rate_hz
+        Of the sound.
+    listeners
+        (channels, 3) metres, or None for the surface velocity, which is one channel.
     """
 
-    def __init__(self, contacts: ContactQuery, stream: BodyStream) -> None:
+    def __init__(
+        self, body: StruckBody, contacts: ContactQuery, sample_rate_hz: float, listeners: Floats | None
+    ) -> None:
+        self._body = body
         self._contacts = contacts
-        self._stream = stream
+        self._rate = sample_rate_hz
+        self._channels = [
+            [
+                (
+                    source,
+                    Voices(
+                        source.oscillators,
+                        source.weights,
+                        columns=source.columns,
+                        all_modes=len(body.eigenvalues) if source.gains is None else 1,
+                    ),
+                )
+                for source in sources
+            ]
+            for sources in body.channels(sample_rate_hz, listeners)
+        ]
 
     @property
     def now(self) -> int:
-        """Samples given so far."""
-        return self._stream.now
+        """Samples given so far, the index of the next one."""
+        return self._channels[0][0][1].now
 
     @property
     def silent(self) -> bool:
         """Whether nothing sounds and nothing waits."""
-        return self._stream.silent
+        return all(voices.silent for sources in self._channels for _, voices in sources)
 
-    def strike(
-        self, point: np.ndarray, force: np.ndarray, *, at: float | None = None, pulse: Pulse = None
-    ) -> None:
-        """Let a contact begin.
+    def strike(self, point: Floats, force: Floats, *, at: float | None = None, pulse: Pulse = None) -> None:
+        """Let a contact begin; each listener hears it later by the way from the object.
 
         Parameters
         ----------
         point
             (3,) metres, within the tolerance of the surface.
         force
-            (3,) newton seconds, or (k, 3) newtons at the samples.
+            (3,) newton seconds, or (k, 3) newtons at the samples (then `at` and the way are whole samples).
         at
             Sample at which it begins, `now` or later.
         pulse
@@ -62,11 +78,20 @@ class ObjectStream:
         QueryError
             As for `ObjectFile.strike`; a sample that has passed.
         """
+        at = self.now if at is None else at
         pushed = np.asarray(force, dtype=np.float64)
         given = pushed[None] if pushed.ndim == 2 else pushed
-        contacts, pushes, _ = self._contacts(np.reshape(point, (1, 3)), given, None)
-        self._stream.strike(contacts[0], pushes[0], at, pulse)
+        points, forces, _ = self._contacts(np.reshape(point, (1, 3)), given, None)
+        pulses = self._body.pulses(points, forces, pulse)
+        pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
+        gains = self._body.modal_gains(points)
+        for source, voices in (pair for sources in self._channels for pair in sources):
+            field = source.field(gains)
+            if forces.ndim == 3:
+                voices.push(field[0], forces[0], at=round(at) + source.delay_samples)
+            else:
+                voices.strike(along(forces, field)[0], at=at + source.delay_s * self._rate, pulse_s=pulse_s)
 
-    def block(self, samples: int) -> np.ndarray:
+    def block(self, samples: int) -> Floats:
         """Return the next samples (channels, samples) float64, in the unit `ObjectFile.strike` answers in."""
-        return self._stream.block(samples)
+        return np.stack([sum(voices.block(samples) for _, voices in sources) for sources in self._channels])

@@ -123,7 +123,7 @@ class SoundQueries(ABC):
             As for `strike`.
         """
         ears = None if listener is None else point_rows(listener, "listener")
-        return ObjectStream(self._sound_query, self._struck_body(None).stream(sample_rate, ears))
+        return ObjectStream(self._struck_body(None), self._sound_query, sample_rate, ears)
 
     def _sound_query(
         self, points: np.ndarray, forces: np.ndarray, listener: np.ndarray | None

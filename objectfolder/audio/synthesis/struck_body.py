@@ -11,7 +11,6 @@ from objectfolder.audio.synthesis.bank import FLOOR_DB, ring, samples_of
 from objectfolder.audio.synthesis.force import drive
 from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.oscillators import Oscillators
-from objectfolder.audio.synthesis.voices import Voices
 from objectfolder.errors import QueryError
 
 Floats = NDArray[np.float64]
@@ -109,10 +108,6 @@ class StruckBody:
                     total += part
                 sound[:, channel] = total
             yield rows, sound
-
-    def stream(self, sample_rate_hz: float, listeners: Floats | None = None) -> "BodyStream":
-        """Return a silent stream with a channel a listener; see `ObjectFile.stream`."""
-        return BodyStream(self, sample_rate_hz, listeners)
 
     def modal_gains(self, points: Floats) -> Floats:
         """Return gains (n, 3, modes) times the radiation weights."""
@@ -221,70 +216,6 @@ class Source:
             delay_s=self.delay_s,
             floor_db=floor_db,
         )
-
-
-class BodyStream:
-    """A struck object as a stream of blocks.
-
-    Attributes
-    ----------
-    now : samples given so far
-    """
-
-    def __init__(self, body: StruckBody, sample_rate_hz: float, listeners: Floats | None) -> None:
-        self._body = body
-        self._rate = sample_rate_hz
-        self._channels = [
-            [
-                (
-                    source,
-                    Voices(
-                        source.oscillators,
-                        source.weights,
-                        columns=source.columns,
-                        all_modes=len(body.eigenvalues) if source.gains is None else 1,
-                    ),
-                )
-                for source in sources
-            ]
-            for sources in body.channels(sample_rate_hz, listeners)
-        ]
-
-    @property
-    def now(self) -> int:
-        """Samples given so far, the index of the next one."""
-        return self._channels[0][0][1].now
-
-    @property
-    def silent(self) -> bool:
-        """Whether nothing sounds and nothing waits."""
-        return all(voices.silent for sources in self._channels for _, voices in sources)
-
-    def strike(self, point: Floats, force: Floats, at: float | None = None, pulse: Pulse = None) -> None:
-        """Let a contact begin at a sample, `now` if None, plus the way to each listener.
-
-        Parameters
-        ----------
-        point
-            (3,) on the surface.
-        force
-            (3,) newton seconds, or (k, 3) newtons at the samples (then `at` and the way are whole samples).
-        """
-        at = self.now if at is None else at
-        points, forces = point[None], force[None]
-        pulses = self._body.pulses(points, forces, pulse)
-        pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
-        gains = self._body.modal_gains(points)
-        for source, voices in (pair for sources in self._channels for pair in sources):
-            field = source.field(gains)
-            if forces.ndim == 3:
-                voices.push(field[0], force, at=round(at) + source.delay_samples)
-            else:
-                voices.strike(along(forces, field)[0], at=at + source.delay_s * self._rate, pulse_s=pulse_s)
-
-    def block(self, samples: int) -> Floats:
-        """Return the next samples (channels, samples) float64: m/s, or Pa at listeners."""
-        return np.stack([sum(voices.block(samples) for _, voices in sources) for sources in self._channels])
 
 
 def along(forces: Floats, gains: Floats) -> Floats:
