@@ -1,10 +1,15 @@
-"""The solid inside a surface, as few long tetrahedra: whatever the surface is like.
+"""The solid inside a surface, as few tetrahedra with functions of high order: whatever the surface is like.
 
-The surface is brought to one size, place and order; simplified; filled by fTetWild within an envelope (Hu,
-Schneider, Wang, Zorin and Panozzo, "Fast Tetrahedral Meshing in the Wild", 2020), which takes holes, overlaps
-and several pieces: inside is where the generalised winding number is large; drawn onto the surface again; and
-coarsened. What comes out is compared with the surface. Where fTetWild takes too long or what it gives is
-wrong, a wider envelope around a simpler surface is next, and then a lattice cut by the signed distance.
+The surface is brought to one size, place and order; simplified within a share of its wall; and filled by
+fTetWild within an envelope (Hu, Schneider, Wang, Zorin and Panozzo, "Fast Tetrahedral Meshing in the Wild",
+2020), which takes holes, overlaps and several pieces: inside is where the generalised winding number is
+large. What comes out is compared with the surface. Where fTetWild takes too long or what it gives is wrong, a
+wider envelope around a simpler surface is next, and then the closed surface a little below the given one, by
+marching cubes on its signed distance.
+
+Simplification decides how many elements there are. Collapsing edges of the tetrahedra afterwards, taking flat
+ones off the boundary and drawing its vertices onto the surface bought less than 1.2 times in elements and
+nothing in accuracy: on a bowl, a cup, a plate and scans the median error without them is the same or less.
 """
 
 from collections.abc import Iterator
@@ -18,21 +23,17 @@ from scipy.sparse.csgraph import connected_components
 
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.mesh.orientation import outward_orientation
-from objectfolder.solid.coarsening import BoundaryFit, coarsen
-from objectfolder.solid.element_shape import heights_and_edges, shape
-from objectfolder.solid.lattice_filling import fill_with_lattice
 from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
 from objectfolder.solid.normal_form import NormalForm, normal_form
-from objectfolder.solid.peeling import flat_on_boundary, peel
 from objectfolder.solid.shell import hollow
-from objectfolder.solid.snapping import snap
 from objectfolder.solid.solid import LOCAL_FACES as LOCAL_FACES
-from objectfolder.solid.solid import SMALLEST_SHARE, Solid, boundary_of
+from objectfolder.solid.solid import SMALLEST_SHARE, Solid
 from objectfolder.solid.solid import clean as clean
 from objectfolder.solid.solid import volumes as volumes
 from objectfolder.solid.tetwild import Envelope, run_tetwild
 from objectfolder.solid.thickening import thicken
 from objectfolder.surface.edges import edge_table
+from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
@@ -53,34 +54,26 @@ class Filling:
 
     Attributes
     ----------
-    edge_length : longest edge; up to twice that for a bulky solid, where `bulk_elements` equal tetrahedra
+    edge_length : of the elements; up to twice that for a bulky solid, where `bulk_elements` equal tetrahedra
         fill the volume
     bulk_elements : see `edge_length`
-    surface_per_thickness, surface_error : how far the boundary may come to lie from the surface: so much of
-        the local thickness, but not more than `surface_error`
-    least_shape : no element is made flatter than this, see `element_shape.shape`
     epsilon_per_wall : envelope of fTetWild over the wall thickness
     simplification_per_wall : rms distance that simplification may move the surface, likewise
     target_faces : faces the surface is simplified to, more where that distance demands it
     most_faces : from here on 2.5 times that distance will do
     stop_energy : conformal AMIPS energy at which fTetWild stops improving elements (regular: 3), for compact
         ones; more for elements as flat as the wall is thin
-    time_limit_s : CPU time of both runs of fTetWild together
-    lattice_nodes : of the last resort
+    time_limit_s : CPU time of the first two runs of fTetWild together; a third has as long as the first
     """
 
     edge_length: float = 0.1
     bulk_elements: int = 500
-    surface_per_thickness: float = 0.1
-    surface_error: float = 0.001
-    least_shape: float = 0.2
     epsilon_per_wall: float = 0.08
     simplification_per_wall: float = 0.08
     target_faces: int = 800
     most_faces: int = 1600
     stop_energy: float = 40.0
     time_limit_s: float = 100.0
-    lattice_nodes: int = 40_000
 
 
 @dataclass(frozen=True)
@@ -132,10 +125,10 @@ def fill(
     -------
     Solid
         Its `report` has, besides the numbers of `filling`: `way` (``envelope``, ``wide envelope`` or
-        ``lattice``) and `tried`, what was wrong with the ways before; `doubts`, what is still wrong;
+        ``remeshed``) and `tried`, what was wrong with the ways before; `doubts`, what is still wrong;
         `volume_error` against the volume enclosed; `surface_error_rms_m` and `surface_error_max_m`, the
         distance between boundary and surface both ways; `wall_median_ratio` of the solid's wall to the
-        surface's; `least_shape`, `least_height_m`, `flat_on_boundary` of the elements; `bodies`. Its `target`
+        surface's; `bodies`. Its `target`
         is `surface`, faces outward, or what `wall_m` or `shell_m` made of it.
 
     Raises
@@ -158,16 +151,17 @@ def fill(
         doubts = _doubts(measured, fine)
         tried.append({"way": way, **done, "doubts": doubts})
         if best is None or len(doubts) < best[0]:
-            best = len(doubts), replace(fine, report={"way": way, **done, "doubts": doubts})
+            best = len(doubts), replace(fine, report={**fine.report, "way": way, **done, "doubts": doubts})
         if not doubts:
             break
     if best is None:
+        reasons = dict.fromkeys(str(entry.get("failed", "it encloses no volume")) for entry in tried)
         raise SimulationError(
             name,
-            "no solid came of filling it: it encloses no volume",
-            "Check that the surface is closed or nearly so, or state shell_m or wall_m",
+            f"no solid came of filling it: {', '.join(reasons)}",
+            "Check that the surface is closed or nearly so; state shell_m, wall_m or a longer time_limit_s",
         )
-    return _finished(best[1], measured, filling, target, {"tried": tried, **walls}, name)
+    return _finished(best[1], measured, filling, target, {"tried": tried, **walls})
 
 
 def _target(
@@ -244,8 +238,12 @@ def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, 
         time_limit_s=0.4 * filling.time_limit_s,
     )
     scale = measured.form.diagonal_m
-    for way, envelope in (("envelope", first), ("wide envelope", second)):
-        raw = run_tetwild(measured.form.surface, envelope)
+    last = replace(second, time_limit_s=first.time_limit_s)
+    for way, envelope in (("envelope", first), ("wide envelope", second), ("remeshed", last)):
+        surface: Surface | None = measured.form.surface
+        if way == "remeshed":
+            surface = surface_at_depth(measured.form.surface, epsilon / 4)
+        raw = run_tetwild(surface, envelope) if surface is not None else "nothing is inside"
         if isinstance(raw, str):
             yield way, np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), {"failed": raw}
             continue
@@ -255,8 +253,6 @@ def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, 
             "simplification_moved_rms_m": float(raw["moved"]) * scale,
         }
         yield way, raw["vertices"], raw["tetrahedra"].astype(np.int64), done
-    vertices, tetrahedra = fill_with_lattice(measured.form.surface, filling.lattice_nodes)
-    yield "lattice", vertices, tetrahedra, {"epsilon_m": 0.0}
 
 
 def _edge(measured: _Measured, filling: Filling) -> float:
@@ -327,60 +323,31 @@ def _largest_distance(surface: Surface, points: Floats) -> float:
 
 
 def _finished(
-    fine: Solid, measured: _Measured, filling: Filling, target: Surface, done: dict[str, Any], name: str
+    solid: Solid, measured: _Measured, filling: Filling, target: Surface, done: dict[str, Any]
 ) -> Solid:
-    """Snap, coarsen, measure, and bring back to metres."""
+    """The solid in metres, with a report of how far it is from its surface."""
     scale = measured.form.diagonal_m
-    local, shapes = measured.local, filling.least_shape
-    surface = measured.form.surface
-    limit = np.minimum(filling.surface_per_thickness * local.least, filling.surface_error)
-    reach = float(fine.report["epsilon_m"]) / scale + 2e-3
-
-    thickness = local.at(fine.vertices)
-    vertices = snap(fine.vertices, fine.tetrahedra, surface, thickness, reach=reach, least_shape=shapes)
-    tolerance = np.minimum(filling.surface_per_thickness * thickness, filling.surface_error)
-    faces, _, _ = boundary_of(fine.tetrahedra)
-    _, distance, nearest = Surface(vertices, faces).sampled_distance.nearest(local.points)
-    edge = _edge(measured, filling)
-    fit = BoundaryFit(local.points, limit, distance, faces[nearest])
-    tetrahedra = coarsen(vertices, fine.tetrahedra, fit, tolerance, thickness, edge, least_shape=shapes)
-    tetrahedra = peel(vertices, tetrahedra, tolerance)
-    vertices = snap(vertices, tetrahedra, surface, thickness, reach=reach, least_shape=shapes)
-    coarse = clean(vertices, tetrahedra, {}, name=name)
-
-    boundary = Surface(coarse.vertices, coarse.boundary()[0])
-    there = boundary.sampled_distance.nearest(local.points)[1]
-    back = surface.sampled_distance.nearest(boundary.sample(len(local.points), 1).points)[1]
+    points, surface = measured.local.points, measured.form.surface
+    boundary = Surface(solid.vertices, solid.boundary()[0])
+    there = boundary.sampled_distance.nearest(points)[1]
+    back = surface.sampled_distance.nearest(boundary.sample(len(points), 1).points)[1]
     away = np.concatenate([there, back]) * scale
     largest = max(
-        _largest_distance(boundary, np.concatenate([local.points, _along_edges(surface)])),
+        _largest_distance(boundary, np.concatenate([points, _along_edges(surface)])),
         _largest_distance(surface, _along_edges(boundary)),
-    )
-    height, longest = heights_and_edges(coarse.vertices[coarse.tetrahedra])
-    shaped, _ = shape(
-        coarse.vertices[coarse.tetrahedra], local.at(coarse.vertices)[coarse.tetrahedra].min(axis=1)
     )
     report = {
         "filling": asdict(filling),
-        **fine.report,
+        **solid.report,
         **done,
         "wall_thin_m": measured.thin * scale,
         "wall_median_m": measured.median * scale,
-        "filled_elements": len(fine.tetrahedra),
-        "edge_m": edge * scale,
-        "longest_edge_m": float(longest.max()) * scale,
-        "least_height_m": float(height.min()) * scale,
-        "least_shape": float(shaped.min()),
-        "flat_on_boundary": flat_on_boundary(coarse.vertices, coarse.tetrahedra),
-        "volume_error": coarse.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
-        "filled_volume_error": fine.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
+        "edge_m": _edge(measured, filling) * scale,
+        "volume_error": solid.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
         "volume_uncertainty": measured.volume_uncertainty / measured.volume if measured.volume > 0 else None,
-        "wall_median_ratio": _wall_ratio(measured, coarse),
+        "wall_median_ratio": _wall_ratio(measured, solid),
         "surface_error_rms_m": float(np.sqrt(np.mean(away**2))),
         "surface_error_max_m": largest * scale,
         "smallest_body_share": SMALLEST_SHARE,
-        **coarse.report,
     }
-    return Solid(
-        measured.form.to_metres(coarse.vertices), coarse.tetrahedra, coarse.component, report, target
-    )
+    return Solid(measured.form.to_metres(solid.vertices), solid.tetrahedra, solid.component, report, target)

@@ -28,10 +28,6 @@ class LocalThickness:
     across: Floats
     least: Floats
 
-    def at(self, places: Floats) -> Floats:
-        """Thickness `least` at the sample nearest to each of (n, 3) places."""
-        return np.asarray(self.least[cKDTree(self.points).query(places)[1]], dtype=np.float64)
-
 
 def local_thickness(surface: Surface, *, samples: int = 4000, seed: int = 0) -> LocalThickness:
     """Measure the thickness of a surface with outward faces at points drawn uniformly by area."""

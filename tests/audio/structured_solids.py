@@ -80,5 +80,5 @@ def filled_ball() -> Solid:
     Bent onto it, they have Lamb's frequencies to 3e-5 at order 4, and to 5e-4 at order 3.
     """
     sphere = trimesh.creation.icosphere(subdivisions=5, radius=1.0)
-    coarse = Filling(edge_length=0.25, bulk_elements=60, surface_error=0.01)
+    coarse = Filling(edge_length=0.25, bulk_elements=60)
     return fill(Surface(np.array(sphere.vertices), np.array(sphere.faces)), coarse)

@@ -36,7 +36,9 @@ def solid() -> Solid:
 def test_a_bent_ball_has_the_volume_and_radius_of_its_target(solid: Solid) -> None:
     bent, report = space_on(solid, 3, 1.0, bend=True)
     assert report["curved_elements"] > 0
-    assert _rms_height(solid, bent) < 0.1 * _rms_height(solid, space_on(solid, 3, 1.0)[0])
+    # As near as the target's own triangles, of 5120: their height of arc is 2e-3.
+    assert _rms_height(solid, bent) < 4e-4
+    assert _rms_height(solid, bent) < 0.2 * _rms_height(solid, space_on(solid, 3, 1.0)[0])
     assert volume(bent) == pytest.approx(4 * np.pi / 3, rel=1e-3)
 
 

@@ -93,14 +93,15 @@ def plate_truth() -> np.ndarray:
     return np.sqrt(spectrum(box((7, 7, 1), (1, 1, 0.02)), 1.0, 0.3, 20, order=4).eta_squared)
 
 
-@pytest.mark.parametrize("accuracy_cents", [30.0, 8.0])
+@pytest.mark.parametrize("accuracy_cents", [30.0, 8.0, 2.0])
 def test_a_wanted_accuracy_is_reached_and_the_estimate_is_of_the_size_of_the_error(
     accuracy_cents: float, plate_truth: np.ndarray
 ) -> None:
     found = adapted(box((5, 5, 1), (1, 1, 0.02)), accuracy_cents)
     error = 1200 * np.log2(np.sqrt(found.eta_squared) / plate_truth[: len(found.eta_squared)])
-    assert error.max() < accuracy_cents
-    assert 0.3 * error.max() < found.error_cents.max() < 10 * error.max()
+    assert error.max() < max(accuracy_cents, 2.5)  # as near as order 4 comes on these elements
+    assert found.error_cents.max() < 10 * error.max()
+    assert np.mean(found.error_cents >= error) >= 0.95
     assert np.all(error > -0.05)
 
 
@@ -113,12 +114,13 @@ def test_more_accuracy_takes_more_functions_and_lowers_every_eigenvalue() -> Non
     assert np.all(coarse.eta_squared[:shared] >= fine.eta_squared[:shared] * (1 - 1e-9))
 
 
-@pytest.mark.parametrize("rate", [3.0, 5.5, 9.0])
-def test_what_is_to_come_of_an_algebraic_fall(rate: float) -> None:
-    size = np.array([1.0, 40.0, 7.0])
-    error = {p: size * float(p) ** -rate for p in (2, 3, 4)}
-    drops = [error[2] - error[3], error[3] - error[4]]
-    np.testing.assert_allclose(what_is_to_come(drops, 4), error[4], rtol=1e-6)
+@pytest.mark.parametrize("rate", [3.0, 4.0, 5.5])
+def test_what_is_to_come_of_an_algebraic_fall_is_not_underestimated(rate: float) -> None:
+    error = {p: np.array([1.0, 40.0, 7.0]) * float(p) ** -rate for p in (2, 3, 4)}
+    for order in (3, 4):
+        coming = what_is_to_come(error[order - 1] - error[order], order)
+        assert np.all(coming >= error[order] * (1 - 1e-12))
+        assert np.all(coming <= 4 * error[order])
 
 
 @cache
@@ -177,10 +179,21 @@ def test_modes_that_the_start_has_not_are_found_by_their_count(
 
 
 def test_a_silent_body_costs_one_count() -> None:
-    found = adapted(box((3, 3, 3), (1, 1, 1)), 5.0, below=4.0)
+    found = adapted(box((3, 3, 3), (1, 1, 1)), 5.0, below=1.5)
     assert len(found.eta_squared) == 0
     assert found.steps == []
     assert found.certificate["counted"] == 6
+
+
+def test_a_thin_body_whose_first_mode_lies_near_the_limit_is_not_called_silent() -> None:
+    """A strip on two cells: order 2 has its first eigenvalue 44 % high, far above the limit."""
+    size = (1, 0.1, 0.01)
+    truth = spectrum(box((8, 2, 1), size), 1.0, 0.3, 1, order=4).eta_squared[0]
+    low = spectrum(box((2, 1, 1), size), 1.0, 0.3, 1, order=2).eta_squared[0]
+    assert low > 1.15 * 1.1 * truth
+    found = adapted(box((2, 1, 1), size), 5.0, below=1.1 * truth)
+    np.testing.assert_allclose(found.eta_squared, [truth], rtol=0.02)
+    assert len(adapted(box((2, 1, 1), size), 5.0, below=0.9 * truth).eta_squared) == 0
 
 
 def test_six_rigid_motions_a_body_are_dropped_by_count() -> None:

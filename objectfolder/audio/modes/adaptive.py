@@ -3,10 +3,12 @@
 From the modes of order 2 the gain of each function left out is estimated, elements where they matter are
 raised to order 3, and so on upwards. The estimates leave out how functions act together; what a step gained
 in truth over what was foretold sets that right for the next.
+
+On a bowl order 3 everywhere takes 3.8 CPU-s for a worst error of 30 cents, this choice 9.2 for 3.4; on a
+plate order 3 misses 3 of 82 modes.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,8 @@ from objectfolder.audio.modes.eigen import count_below, improve, lowest_elastic,
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-# Of the modes wanted, so many lead the choice and have their error estimated.
-ESTIMATED_MODES = 50
+# Number of the lowest modes that lead the choice and have their error estimated.
+ESTIMATED_MODES = 100
 # What a group of functions gains together over the sum of what each would gain alone, before it is measured.
 TOGETHER = 2.5
 CENTS_PER_RELATIVE_EIGENVALUE = 600 / np.log(2)
@@ -30,11 +32,14 @@ CENTS_PER_RELATIVE_EIGENVALUE = 600 / np.log(2)
 GUARD_MODES, GUARD_SHARE, GUARD_BAND, START_BAND = 16, 0.1, 2.0, 1.3
 # Modes of order 2, for a start only, need not be found more sharply than this (see `lowest_elastic`).
 START_TOLERANCE = 1e-3
-# Compact solids may have no mode below such a limit of eta^2 (a cube's first has 8.2) and are counted first;
-# no order brings a mode of order 2 from above so many times the limit to below it.
-SMALL, HEARD_BAND = 9.0, 1.15
-# Bounds of the exponent with which the error falls with the order.
-SLOWEST_RATE, FASTEST_RATE = 2.0, 12.0
+# Compact solids may have no mode below such a limit of eta^2 (a cube's first has 8.2) and are counted first.
+# In the thinnest walls that one layer of elements carries, frequencies of order 2 were up to 50 % high,
+# eigenvalues 2.25 times. Bodies without a mode of order 2 below twice that times the limit are silent. Those
+# that have one there, but none below the limit, are solved in all functions: locking hides from the estimate
+# what higher orders gain.
+SMALL, HEARD_BAND = 9.0, 4.5
+# Exponent with which the error falls with the order at least: plates and bodies of revolution fall faster.
+RATE = 3.0
 # Share of the wanted error left to the functions of one order that are not taken.
 SHARE_LEFT = 0.5
 # Elements beside those of lower order gain less than among their like: seen on plates and scans.
@@ -70,7 +75,6 @@ class Choice:
         where nothing was solved
     expected : relative amount by which the functions added are expected to lower the eigenvalues
     left_cents : (k,) estimated gain of the functions that were weighed and left out
-    together : what functions gain together over the sum of what each gains
     """
 
     matrices: ElementMatrices
@@ -79,7 +83,6 @@ class Choice:
     start: tuple[Floats, Floats] | None
     expected: float
     left_cents: Floats
-    together: float
 
 
 def choose(
@@ -113,67 +116,85 @@ def choose(
     matrices = ElementMatrices(_up_to(space, order), poisson_ratio)
     chosen = matrices.space.orders <= 2
     chosen |= np.any(matrices.space.geometry != 0, axis=1)  # else rotations would cost energy
-    if below < SMALL and _is_silent(matrices, of_function, chosen, below):
-        return Choice(matrices, chosen, [], None, 0.0, np.zeros(0), TOGETHER)
+    if below < SMALL:
+        stiffness, mass = assemble(matrices.space, poisson_ratio, chosen, matrices)
+        rigid = 6 * (int(of_function.max()) + 1)
+        if count_below(stiffness, mass, below) == rigid:
+            if count_below(stiffness, mass, HEARD_BAND * below) > rigid:
+                matrices = ElementMatrices(_largest(space, max_unknowns // 3), poisson_ratio)
+                chosen = np.ones(matrices.space.size, dtype=bool)
+            return Choice(matrices, chosen, [], None, 0.0, np.zeros(0))
     steps: list[Step] = []
     together = TOGETHER
-    foretold: Floats | None = None
+    richer: _Richer | None = None
     left = np.zeros(0)
     vectors: Floats | None = None
     while True:
-        values, vectors = _solve(
-            matrices,
-            of_function,
-            chosen,
-            below=below,
-            max_modes=max_modes,
-            seed=seed,
-            start=vectors,
+        found, vectors = _solve(
+            matrices, of_function, chosen, below=below, max_modes=max_modes, seed=seed, start=vectors
         )
-        found = values
-        inside = int(np.count_nonzero(values < below))
-        values = values[: min(max(inside, 1), wanted)]
-        first = vectors[:, :, : len(values)]
-        steps.append(Step(order, int(chosen.sum()), values))
-        if foretold is not None:
-            both = min(len(values), len(foretold))
-            gained = 1 - values[:both] / steps[-2].eta_squared[:both]
-            together = float(np.clip(np.median(gained) / max(np.median(foretold[:both]), 1e-300), 1.0, 10.0))
-        foretold = None
+        values = found[: min(max(int(np.count_nonzero(found < below)), 1), wanted)]
+        steps.append(Step(order, int(chosen.sum()), found[:wanted]))
+        if richer is not None:
+            together = _measured_together(richer.foretold, steps[-2].eta_squared, values)
+        richer = None
         if order == space.order or len(values) == 0:
             break
         upper = ElementMatrices(_up_to(space, order + 1), poisson_ratio)
         used = _continued(chosen, upper.space)
-        gains = gains_of_more_functions(upper, used, _continued(first, upper.space), values) / values
-        # A mode above the limit matters only as far as it may come below.
-        heard = values * (1 - np.minimum(together * gains.sum(axis=0), 0.9)) < below
-        if not heard.any():
-            left = CENTS_PER_RELATIVE_EIGENVALUE * together * gains.sum(axis=0)
-            break
+        first = _continued(vectors[:, :, : len(values)], upper.space)
+        gains = gains_of_more_functions(upper, used, first, values) / values
         allowed = SHARE_LEFT * accuracy_cents / (CENTS_PER_RELATIVE_EIGENVALUE * together * BESIDE_LOWER)
-        room = max_unknowns // 3 - int(chosen.sum())
-        taken = _most_useful(upper.space, gains[:, heard], used, allowed, room)
-        foretold = gains[taken].sum(axis=0)
-        left = CENTS_PER_RELATIVE_EIGENVALUE * together * BESIDE_LOWER * (gains.sum(axis=0) - foretold)
-        if len(taken) == 0:
+        heard = values * (1 - np.minimum(together * gains.sum(axis=0), 0.9)) < below
+        richer = _enrich(upper.space, used, gains, heard, allowed, max_unknowns // 3)
+        left = CENTS_PER_RELATIVE_EIGENVALUE * together * BESIDE_LOWER * richer.left
+        if not richer.added:
             break
-        chosen = used
-        chosen[taken] = True
-        matrices, order = upper, order + 1
+        matrices, chosen, order = upper, richer.chosen, order + 1
         vectors = _continued(vectors, matrices.space)
         if order == space.order:
             break
-    expected = 0.0 if foretold is None else min(together * float(np.median(foretold)), 0.5)
-    return Choice(matrices, chosen, steps, (found, vectors), expected, left, together)
+    expected = 0.0 if richer is None else min(together * float(np.median(richer.foretold)), 0.5)
+    return Choice(matrices, chosen, steps, (found, vectors), expected, left)
 
 
-def _is_silent(
-    matrices: ElementMatrices, of_function: Integers, chosen: NDArray[np.bool_], below: float
-) -> bool:
-    """Whether no mode of the chosen functions lies below a limit or a little above, by one factorisation."""
-    stiffness, mass = assemble(matrices.space, matrices.poisson_ratio, chosen, matrices)
-    rigid = 6 * (int(of_function.max()) + 1)
-    return count_below(stiffness, mass, HEARD_BAND * below) == rigid
+@dataclass(frozen=True)
+class _Richer:
+    """Functions in use and those of the next order: (function,) bool, how many are new, and relative gains
+    (k,) of the new ones and of those left out, each for itself."""
+
+    chosen: NDArray[np.bool_]
+    added: int
+    foretold: Floats
+    left: Floats
+
+
+def _enrich(
+    space: Space, used: NDArray[np.bool_], gains: Floats, heard: NDArray[np.bool_], allowed: float, most: int
+) -> _Richer:
+    """Add the functions that modes `heard` need for `allowed`, up to `most` in all."""
+    none = np.zeros(0, dtype=np.int64)
+    room = most - int(used.sum())
+    taken = _most_useful(space, gains[:, heard], used, allowed, room) if heard.any() else none
+    foretold = gains[taken].sum(axis=0)
+    chosen = used.copy()
+    chosen[taken] = True
+    return _Richer(chosen, len(taken), foretold, gains.sum(axis=0) - foretold)
+
+
+def _measured_together(foretold: Floats, before: Floats, after: Floats) -> float:
+    """What functions gained together over the sum of what each was to gain alone."""
+    both = min(len(after), len(foretold))
+    gained = 1 - after[:both] / before[:both]
+    return float(np.clip(np.median(gained) / max(np.median(foretold[:both]), 1e-300), 1.0, 10.0))
+
+
+def _largest(space: Space, functions: int) -> Space:
+    """All functions of the highest order that has at most a number of them; of order 2 at least."""
+    order = space.order
+    while order > GEOMETRY_ORDER and int(np.count_nonzero(space.orders <= order)) > functions:
+        order -= 1
+    return _up_to(space, order)
 
 
 def _solve(
@@ -275,47 +296,29 @@ def remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
     """Estimated frequency error of the first modes, cents, (k,).
 
     What was weighed and left out, and what higher orders would bring. The error falls as p^-s with the order
-    p where edges are sharp (I. Babuska and M. Suri, SIAM Review 36, 1994), and s follows from the falls
-    between orders: see `what_is_to_come`. In smooth bodies it falls faster and is overestimated.
+    p where edges are sharp (I. Babuska and M. Suri, SIAM Review 36, 1994); s is taken as `RATE`, so that at
+    least 95 % of the errors of plates and bodies of revolution are below what is stated here with the
+    geometry's. In smooth bodies it falls faster and is overestimated.
     """
     ladder = [step.eta_squared for step in choice.steps] + [eta_squared]
     count = min(len(values) for values in ladder)
     if count == 0 or len(ladder) == 1:
         return np.zeros(0)
-    relative = [values[:count] / eta_squared[:count] for values in ladder]
-    drops = [np.maximum(a - b, 0) for a, b in pairwise(relative)]
+    relative = [values[:count] / eta_squared[:count] for values in ladder[-2:]]
+    drop = np.maximum(relative[-2] - relative[-1], 0)
     last = choice.steps[-1].order + 1
-    left = choice.left_cents[:count] if len(choice.left_cents) >= count else np.zeros(count)
-    return left + CENTS_PER_RELATIVE_EIGENVALUE * what_is_to_come(drops, last)
+    left = np.full(count, choice.left_cents.max(initial=0.0))
+    weighed = min(count, len(choice.left_cents))
+    left[:weighed] = choice.left_cents[:weighed]
+    return left + CENTS_PER_RELATIVE_EIGENVALUE * what_is_to_come(drop, last)
 
 
-def what_is_to_come(drops: list[Floats], order: int) -> Floats:
-    """How far quantities that fell by `drops` from order to order, up to `order`, are still from their limit.
+def what_is_to_come(drop: Floats, order: int) -> Floats:
+    """How far quantities (k,) that fell by `drop` from `order` - 1 to `order` are still from their limit.
 
-    With an error C p^-s the drop to order p is C ((p - 1)^-s - p^-s), and C p^-s is to come. s is that of the
-    last two drops, over all quantities together as single ones may change places; 4 where there is but one.
-
-    Parameters
-    ----------
-    drops
-        (k,) each, the last one between `order` - 1 and `order`.
+    With an error C p^-s the drop to order p is C ((p - 1)^-s - p^-s), and C p^-s is to come.
     """
-
-    def fall(p: int, s: float) -> float:
-        return float((p - 1.0) ** -s - float(p) ** -s)
-
-    rate = SLOWEST_RATE
-    if len(drops) > 1 and order > 2:
-        before, after = float(drops[-2].sum()), float(drops[-1].sum())
-        slow, fast = SLOWEST_RATE, FASTEST_RATE
-        for _ in range(50):
-            rate = (slow + fast) / 2
-            slow, fast = (
-                (rate, fast) if fall(order - 1, rate) * after < before * fall(order, rate) else (slow, rate)
-            )
-    elif len(drops) == 1:
-        rate = 4.0
-    return np.asarray(drops[-1] * float(order) ** -rate / fall(order, rate))
+    return np.asarray(drop / ((order / (order - 1)) ** RATE - 1))
 
 
 def summary(choice: Choice) -> list[dict[str, Any]]:

@@ -5,7 +5,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.blended_places import blended_places
 from objectfolder.solid.solid import LOCAL_FACES, Solid
 from objectfolder.surface.surface import Surface
 
@@ -13,9 +12,6 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 # A bent face is drawn with so many triangles along each side.
 DIVISIONS = 4
-# Of the length of the object: points so near are on the boundary.
-TOUCHING = 1e-9
-PLACES_AT_ONCE = 4096
 
 
 class Boundary:
@@ -45,10 +41,9 @@ class Boundary:
     def evaluate(self, vectors: Floats, points: Floats, epsilon_m: float) -> tuple[Floats, Floats]:
         """Fields (n, ...) at points and how far each was moved to where it was read, (n,) metres.
 
-        A point is read at the nearest point of the boundary and the field continued linearly to it, or by
-        twice `epsilon_m` where it is farther. Beyond `epsilon_m` it follows all the boundary that is nearly
-        as near (`blended_places`), so that neighbours agree wherever their nearest points jump. One that is
-        inside by more than twice `epsilon_m` (a face of one part hidden in another) is read where it lies.
+        A point is read at the nearest point of the boundary, and the field continued linearly to it, or by
+        twice `epsilon_m` where it is farther. A point that is inside by more than twice `epsilon_m` (a face
+        of one part hidden in another) is read where it lies.
 
         Parameters
         ----------
@@ -70,31 +65,13 @@ class Boundary:
             distance[deep[found]] = 0.0
             outside[deep[found]] = False
         reached = np.minimum(2 * epsilon_m / np.maximum(distance, 1e-300), 1.0)
-        one = max(epsilon_m, TOUCHING * self._length)
-        at = np.flatnonzero(outside & (distance <= one))
-        result[at] = self._continued(
-            vectors, nearest.face[at], nearest.barycentric[at], points[at], reached[at]
-        )
-        beside = np.flatnonzero(outside & (distance > one))
-        row, face, barycentric, share = blended_places(self.surface, points[beside], distance[beside], one)
-        result[beside] = 0.0
-        for start in range(0, len(row), PLACES_AT_ONCE):
-            part = slice(start, start + PLACES_AT_ONCE)
-            point = beside[row[part]]
-            fields = self._continued(vectors, face[part], barycentric[part], points[point], reached[point])
-            fields *= share[part].reshape(-1, *(1,) * (fields.ndim - 1))
-            first = np.flatnonzero(np.diff(point, prepend=-1))
-            result[point[first]] += np.add.reduceat(fields, first, axis=0)
+        at = np.flatnonzero(outside)
+        element = self._element[nearest.face[at]]
+        corners = self._barycentric[self.surface.faces[nearest.face[at]]]
+        place = np.einsum("nc,ncb->nb", nearest.barycentric[at], corners)
+        offset = points[at] / self._length - self._space.values(self._space.geometry, element, place)
+        result[at] = self._space.values(vectors, element, place, offset * reached[at, None])
         return result, distance
-
-    def _continued(
-        self, vectors: Floats, face: Integers, barycentric: Floats, points: Floats, share: Floats
-    ) -> Floats:
-        """Fields (n, ...) at places on triangles, continued linearly by a share (n,) of the way to points."""
-        element = self._element[face]
-        place = np.einsum("nc,ncb->nb", barycentric, self._barycentric[self.surface.faces[face]])
-        offset = points / self._length - self._space.values(self._space.geometry, element, place)
-        return self._space.values(vectors, element, place, offset * share[:, None])
 
     def at(self, vectors: Floats, face: Integers, barycentric: Floats) -> Floats:
         """Fields (n, ...) of `vectors` (function, ...) at (n, 3) coordinates in faces (n,) of the surface."""

@@ -98,7 +98,7 @@ def orthonormalise(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floa
     try:
         return _twice(block, mass)
     except np.linalg.LinAlgError:
-        better, first = _cholesky_qr(block, mass, 11 * block.size * np.finfo(np.float64).eps)
+        better, first = _cholesky_qr(block, mass, 11 * block.size * float(np.finfo(np.float64).eps))
         basis, rest = _twice(better, mass)
         return basis, rest @ first
 

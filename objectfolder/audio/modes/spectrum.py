@@ -21,7 +21,7 @@ from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-# A cut between two modes is looked for among the last so many of the modes wanted.
+# Number of modes, the last of those wanted, among which a cut is looked for.
 CUT_CHOICES = 16
 # Eigenvalues have settled when a round of inverse iteration changes none by more. What is left is a fiftieth
 # of that, about a thousandth of a cent.
@@ -47,7 +47,7 @@ class Spectrum:
     rigid_eta_squared : largest |u^T K u| of the rigid motions, zero but for rounding
     volume : of the elements, units of L^3
     unknowns : three times the number of functions in use
-    error_cents : (at most 50,) estimated errors of the first frequencies; empty where nothing is known
+    error_cents : (at most 100,) estimated errors of the first frequencies; empty where nothing is known
     steps : what was solved on the way, JSON-able
     seconds : CPU seconds by step
     """
@@ -108,7 +108,7 @@ def adapt_spectrum(
     component
         (v,) body of each vertex.
     accuracy_cents
-        Wanted largest error of the first 50 frequencies. What was reached stands in `error_cents`.
+        Wanted largest error of the first 100 frequencies. What was reached stands in `error_cents`.
     max_modes, seed
         As for `solve_spectrum`.
     max_unknowns
@@ -180,7 +180,7 @@ def solve_spectrum(
         Count the modes by inertia, and refuse an incomplete set.
     cut
         Where more than `max_modes` modes are wanted, end in the widest gap among the last few of them,
-        rather than at exactly so many.
+        rather than at exactly that number.
     matrices
         Elements of the space, where a caller has them.
     start
