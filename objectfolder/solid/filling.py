@@ -7,9 +7,9 @@ large. What comes out is compared with the surface. Where fTetWild takes too lon
 wider envelope around a simpler surface is next, and then the closed surface a little below the given one, by
 marching cubes on its signed distance.
 
-Simplification decides how many elements there are. Collapsing edges of the tetrahedra afterwards, taking flat
-ones off the boundary and drawing its vertices onto the surface bought less than 1.2 times in elements and
-nothing in accuracy: on a bowl, a cup, a plate and scans the median error without them is the same or less.
+Simplification decides how many elements there are. Collapsing edges of the tetrahedra afterwards would leave
+1.0 to 1.2 times fewer on a bowl, a cup, a plate and scans, and 1.4 times fewer on a small fork and a spatula.
+Without it the median error is 1.4 cents instead of 1.2 on a bowl, 1.3 instead of 1.5 on a plate.
 """
 
 from collections.abc import Iterator
