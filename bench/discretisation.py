@@ -30,7 +30,7 @@ from bench.record import RESULTS, write
 from bench.references.bodies import BODIES
 from bench.rivals.audio import calculix as rivals_calculix
 from bench.rivals.audio import lobpcg as rivals_lobpcg
-from bench.rivals.audio import ngsolve as rivals_ngsolve
+from bench.rivals.audio import ngsolve_solver as rivals_ngsolve
 from bench.rivals.audio.uniform import of_order
 from bench.rivals.audio.voxels import voxel_modes
 from objectfolder.audio.elements.hierarchic import EDGES

@@ -72,7 +72,7 @@ def measure(root: Path, objects: int, rounds: int) -> dict[str, Any]:
 
 def populate(root: Path) -> tuple[str, ...]:
     """Return the command that makes all products."""
-    script = REPOSITORY / "bench" / "overhead_populate.py"
+    script = REPOSITORY / "bench" / "factory" / "overhead_populate.py"
     return "env", f"PYTHONPATH={root}", "python", str(script)
 
 
