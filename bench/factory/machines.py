@@ -30,11 +30,11 @@ from bench.record import REPOSITORY, arguments, save, subplots, write
 from objectfolder.mesh.starter.write import write_starter_set
 from pipeline.audit.reproducibility import ATTRIBUTE, EQUAL, compare
 from pipeline.dataset.stages import STAGES
-from pipeline.sandbox import instructions
+from pipeline.sandbox.isolation import instruction_settings
 
 # As in children of the factory (`pipeline.sandbox.isolation`).
 USUAL = {
-    **instructions.settings(),
+    **instruction_settings(),
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",

@@ -87,8 +87,7 @@ def check(
         look at the table only, at once (a mesh takes a second)
     """
     from pipeline.intake.check.entry import ERROR, WARNING
-    from pipeline.intake.check.listing import as_json, text
-    from pipeline.intake.check.table_check import check_table
+    from pipeline.intake.check.table_check import as_json, check_table, text
 
     with status_line() as show:
         found = check_table(

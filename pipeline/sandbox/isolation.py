@@ -1,13 +1,16 @@
 """Running calls in a child process that may crash, hang or grow without harm to anything else."""
 
 import contextlib
+import functools
 import os
+import platform
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from pathlib import Path
@@ -15,10 +18,35 @@ from types import TracebackType
 from typing import Any
 
 from pipeline.dataset.task import Call, Failure, Outcome
-from pipeline.sandbox import host_memory, instructions, scratch
+from pipeline.sandbox import host_memory, scratch
 from pipeline.sandbox.child import STALE
 from pipeline.sandbox.memory_watch import MemoryWatch, resident_bytes
 from pipeline.sandbox.process_tree import descendants, end_with_variable
+
+# Libraries take other paths on newer processors, whose sums differ in the last bits; a fit amplifies them.
+# With these settings a processor with AVX-512 makes the bytes of one with AVX2 of the same vendor. What
+# differs between vendors is in docs/reproducibility.md. numba's target is set in `objectfolder.jit`.
+AVX2: Mapping[str, str] = {
+    "ATEN_CPU_CAPABILITY": "avx2",
+    "MKL_CBWR": "AVX2",
+    "MKL_ENABLE_INSTRUCTIONS": "AVX2",
+    "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL",
+    "ONEDNN_MAX_CPU_ISA": "AVX2",
+    "OPENBLAS_CORETYPE": "Haswell",
+}
+
+
+@functools.cache
+def instruction_settings() -> Mapping[str, str]:
+    """Return the environment of a task's process; nothing where the processor has no AVX2."""
+    if platform.machine() not in ("x86_64", "AMD64"):
+        return {}
+    try:
+        flags = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\nflags")[2].partition("\n")[0]
+    except OSError:
+        return {}
+    return AVX2 if {"avx2", "fma", "bmi2"} <= set(flags.split()) else {}
+
 
 # One thread a task: with as many tasks as cores, more threads only wait for one another.
 THREADS = (
@@ -201,7 +229,7 @@ class Child:
             environment = {
                 **os.environ,
                 **GLIBC,  # Dask sets its workers' allocator to return memory at once; tasks reuse theirs
-                **instructions.settings(),
+                **instruction_settings(),
                 "OMP_WAIT_POLICY": "PASSIVE",
                 "PYTHONHASHSEED": "0",
                 "PYTHONPATH": path,  # that processes of a task find the same code as the task

@@ -11,9 +11,16 @@ from PIL import Image
 from objectfolder.catalogue import check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.readers.load import load_mesh
-from pipeline.intake.add.naming import object_id_of, safe_name
-from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
-from pipeline.intake.add.units import check_unit, length_doubts, possible_lengths
+from pipeline.intake.add.addition import check_unit, length_doubts, possible_lengths
+from pipeline.intake.add.source_copy import (
+    Layout,
+    copy_files,
+    digest_of,
+    folder_digest,
+    layout_of,
+    object_id_of,
+    safe_name,
+)
 
 CUBE = trimesh.creation.box((0.1, 0.06, 0.04))
 

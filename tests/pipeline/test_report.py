@@ -17,7 +17,9 @@ from objectfolder.errors import InputError
 from objectfolder.products.store import Product, write_product
 from pipeline.dataset.measures import HEADLINE, Measure, number_at
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
-from pipeline.publish.report.formats import (
+from pipeline.publish.report.sounds import sound_pair
+from pipeline.publish.report.summary import MeasureSummary
+from pipeline.publish.report.templates import (
     MINUS,
     NOTHING,
     TIMES,
@@ -28,8 +30,6 @@ from pipeline.publish.report.formats import (
     seconds,
     web_link,
 )
-from pipeline.publish.report.sounds import sound_pair
-from pipeline.publish.report.summary import MeasureSummary
 from pipeline.publish.report.writing import write_report
 
 HOSTILE = "<script>alert('x')</script> & \"mug\""

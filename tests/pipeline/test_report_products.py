@@ -21,9 +21,8 @@ from pipeline.publish.report.contacts import (
     gel_corners,
     side_showing,
 )
-from pipeline.publish.report.modal_table import modal_table
 from pipeline.publish.report.object_products import ObjectProducts
-from pipeline.publish.report.queries import queries
+from pipeline.publish.report.queries import modal_table, queries
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import math
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.length import LONGEST_M, SHORTEST_M, UNUSUAL_M
 from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls.findings import WallFinding, wall_findings
@@ -18,12 +19,55 @@ from objectfolder.mesh.walls.measures import WallMeasures
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
-from pipeline.intake.add.naming import object_id_of, words_of
-from pipeline.intake.add.source_copy import Layout, copy_files, digest_of, folder_digest, layout_of
+from pipeline.intake.add.source_copy import (
+    Layout,
+    copy_files,
+    digest_of,
+    folder_digest,
+    layout_of,
+    object_id_of,
+    words_of,
+)
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
-from pipeline.intake.add.units import check_unit, length_doubts
 from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.check.spdx import likely_spdx, spdx
+
+UNITS_M = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
+PLAUSIBLE_M = (0.01, 2.5)
+"""Longest sides of things that are held, struck and looked at."""
+
+NORMALISED = (1.0, 2.0)
+HEAVIEST_KG = 500.0
+
+
+def possible_lengths(side: float) -> dict[str, float]:
+    """Longest side in metres by the unit that a number could be in, of those that make it plausible."""
+    least, most = PLAUSIBLE_M
+    return {name: side * unit for name, unit in UNITS_M.items() if least <= side * unit <= most}
+
+
+def check_unit(where: str, side: float) -> None:
+    """Raise `InputError` for a longest side that is hardly in metres, with what to write for each unit."""
+    if SHORTEST_M <= side <= UNUSUAL_M:
+        return
+    lengths = possible_lengths(side) if side >= SHORTEST_M else {}
+    remedy = "; ".join(f"if it is in {name}: --length {length:.6g}" for name, length in lengths.items())
+    remedy = remedy[:1].upper() + remedy[1:] or "State the longest side in metres with --length"
+    if side <= LONGEST_M:
+        remedy += f"; if it really is {side:.6g} m long: --length {side:.6g}"
+    finding = f"its longest side is {side:.6g}, which is hardly in metres, and no unit is stated"
+    raise InputError(where, finding, remedy)
+
+
+def length_doubts(side: float, mass_kg: float) -> Iterable[str]:
+    """Sentences about a longest side that was taken to be in metres, and the mass that follows from it."""
+    if mass_kg > HEAVIEST_KG:
+        lengths = possible_lengths(side)
+        units = "; ".join(f"in {name} it is --length {length:.6g}" for name, length in lengths.items())
+        yield f"it would have {mass_kg:.0f} kg: is it in metres?" + (f" If {units}" if units else "")
+    if any(abs(side - number) <= 1e-6 * number for number in NORMALISED):
+        yield f"its longest side is exactly {side:.0f}: was the mesh normalised? State --length if so"
+
 
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
 """Licences that do not ask for the author to be named."""

@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from pipeline.publish.report import formats
 from pipeline.publish.report.summary import MeasureSummary
+from pipeline.publish.report.templates import megabytes, number, seconds
 
 # Placeholders for colours of the page's style while matplotlib draws.
 COLOURS = {
@@ -76,7 +76,7 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
     medians = [row for row in setting_medians(rows) if _drawable(row, column)]
     if len({row[column] for row in medians}) < 2:
         return None
-    text = formats.seconds if column == "seconds_per_query" else formats.megabytes
+    text = seconds if column == "seconds_per_query" else megabytes
     x_label = "seconds a query" if column == "seconds_per_query" else "bytes"
     y_label = known[0]["error_unit"]
     objects = dict.fromkeys(row["object"] for row in known)
@@ -115,9 +115,9 @@ def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
         The drawing, and whether the target lies within it.
     """
     measure, values = summary.measure, [value for value, _ in summary.values]
-    text = partial(formats.number, decimals=measure.decimals)
+    text = partial(number, decimals=measure.decimals)
     if measure.unit == "bytes":
-        text = partial(formats.megabytes)
+        text = partial(megabytes)
     within = measure.target is not None and min(values) <= measure.target <= max(values)
 
     def draw(axes: Axes) -> None:

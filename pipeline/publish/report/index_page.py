@@ -9,7 +9,6 @@ from markupsafe import Markup
 
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import RANKING, SENSES, number_at
-from pipeline.publish.report import formats
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
 from pipeline.publish.report.object_page import OBJECTS, SENSE_NAMES, page_name
@@ -22,7 +21,7 @@ from pipeline.publish.report.summary import (
     summaries,
 )
 from pipeline.publish.report.tables import speed_error_rows
-from pipeline.publish.report.templates import security_policy, template_environment
+from pipeline.publish.report.templates import security_policy, template_environment, web_link
 
 SCRIPTS = ("theme.js", "index.js")
 MOST_SOURCES = 60  # others are found only by the search
@@ -138,7 +137,7 @@ def _number(one: MeasuredObject, column: Column) -> float | None:
 
 def _source_group(source: Any) -> str:
     """Return what objects are filtered by: the host of an address, else the words of the source."""
-    address = formats.web_link(source)
+    address = web_link(source)
     if address is None:
         return str(source or "").strip()
     try:

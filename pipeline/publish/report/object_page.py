@@ -18,7 +18,6 @@ from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, number_at
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.measured_objects import MeasuredObject
-from pipeline.publish.report.modal_table import ModeRow, modal_table
 from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
 from pipeline.publish.report.pictures import thumbnail
 from pipeline.publish.report.summary import definitions_of, split
@@ -96,10 +95,10 @@ class ObjectPage:
             What was left out, beside what cannot be read here.
         """
         subject, products, environment = self.subject, self.products, _environment()
-        fidelity, modes = Product({}), list[ModeRow]()
+        fidelity, modes = Product({}), []
         with products.reading("fidelity"):
             fidelity = products.arrays("fidelity")
-        from pipeline.publish.report.queries import queries
+        from pipeline.publish.report.queries import modal_table, queries  # matplotlib takes half a second
 
         shown = queries(fidelity, products, self.pairs)
         with products.reading("modal table"):

@@ -6,21 +6,78 @@ styles, footer and scripts. Everything from outside is escaped.
 
 import base64
 import hashlib
+import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
-from pipeline.publish.report import formats
+from pipeline.publish.cards.licences import Licence
 
 TEMPLATES = Path(__file__).parent / "template"
+NOTHING = "\N{EN DASH}"
+MINUS = "\N{MINUS SIGN}"
+TIMES = "\N{MULTIPLICATION SIGN}"
+
+
+def number(value: Any, decimals: int = 1) -> str:
+    """Return a number with a fixed count of decimals and a true minus sign; a dash for None."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    text = f"{float(value):,.{decimals}f}".replace(",", "\u202f")
+    return text.replace("-", MINUS) if float(f"{value:.{decimals}f}") else text.lstrip("-")
+
+
+def digits(value: Any, count: int = 3) -> str:
+    """Return a number to a count of significant digits."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value and not 1e-4 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{count - 1}e}".split("e")
+        superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+        return f"{mantissa} {TIMES} 10{str(int(exponent)).translate(superscripts)}".replace("-", MINUS)
+    decimals = max(0, count - 1 - math.floor(math.log10(abs(value)))) if value else 0
+    return number(value, decimals)
+
+
+def megabytes(size: Any) -> str:
+    """Return bytes in MB (a million bytes), in whole kB below one."""
+    if size is None:
+        return NOTHING
+    return f"{number(size / 1e3, 0)} kB" if size < 999_500 else f"{number(size / 1e6, 2)} MB"
+
+
+def seconds(value: float) -> str:
+    """Return seconds with a unit that keeps the number short."""
+    for size, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
+        if value >= size * 0.9999:
+            return f"{value / size:.3g} {unit}"
+    return f"{value * 1e9:.3g} ns"
+
+
+def percent(share: Any) -> str:
+    """Return a share of one in percent."""
+    return NOTHING if share is None else f"{number(100 * share, 1 if share < 0.1 else 0)} %"
+
+
+def licence_link(licence: Any) -> str | None:
+    """Return the address of a known licence's text, or the address that `licence` itself is."""
+    return web_link(Licence.of(str(licence or "")).url)
+
+
+def web_link(text: Any) -> str | None:
+    """Return `text` where it is a web address and nothing else, else None."""
+    address = str(text or "").strip()
+    return address if re.fullmatch(r"https?://[^\s\"'<>]+", address) else None
 
 
 def template_environment(*folders: Path) -> jinja2.Environment:
     """Return an environment that finds templates in `folders`, then those of the report.
 
-    It escapes, is strict about names that are not given, and has the functions of `formats` as filters and
+    It escapes, is strict about names that are not given, and has the functions above as filters and
     ``script(name)``, which puts a script of these folders into the page.
     """
     environment = jinja2.Environment(
@@ -30,8 +87,8 @@ def template_environment(*folders: Path) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    printers = (formats.number, formats.digits, formats.megabytes, formats.percent, formats.seconds)
-    links = (formats.licence_link, formats.web_link)
+    printers = (number, digits, megabytes, percent, seconds)
+    links = (licence_link, web_link)
     environment.filters |= {function.__name__: function for function in (*printers, *links)}
     environment.globals["script"] = lambda name: Markup(f"<script>{_source(environment, name)}</script>")
     return environment
