@@ -202,11 +202,7 @@ class Comparison:
 
 
 def _renamed(contents: Contents, old: Version, new: Version) -> dict[str, str]:
-    """Return former id to later id of objects that were renamed.
-
-    Objects that went and objects that came are paired where they were read from the same files; of several
-    with the same files, those with the same material first, then those with the same name.
-    """
+    """Return former id to later id of objects read from the same files, those of one material first."""
     gone, came = sorted(old.listed - new.listed), sorted(new.listed - old.listed)
     if not gone or not came:
         return {}

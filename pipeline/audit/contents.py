@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import BinaryIO, cast
 
 import diskcache
 
@@ -83,11 +83,6 @@ class Contents(Stores):
             self._cached.close()
         self.repository.close()
 
-    @property
-    def state(self) -> Any:
-        """What DVC knows of files of the work tree by size, time and inode."""
-        return self.repository.state
-
     def place(self, content: Content, target: Path) -> None:
         """Put a content at `target`: a link where it is local, else fetched and checked.
 
@@ -104,7 +99,7 @@ class Contents(Stores):
 
     def size(self, content: Content) -> int | None:
         """Return the bytes of a local content; None where it is not local."""
-        path = content.path or self._near(content.md5)
+        path = content.path or self.path(content.md5)
         try:
             return os.stat(path).st_size if path is not None else None
         except OSError:
@@ -140,18 +135,16 @@ class Contents(Stores):
         near = self._describe_near(content)
         if near is not None:
             return near
-        self._read_far([content])
-        far = self._far[content.md5]
+        self.describe_all([content])
+        far = self._far.get(content.md5) or self._describe_far(content)
         if isinstance(far, ObjectFolderError):
             raise far
         return far
 
     def describe_all(self, wanted: Iterable[Content]) -> None:
         """Read the descriptions of many remote products in parallel; one by one would take minutes."""
-        self._read_far(one for one in wanted if one.path is None and self._near(one.md5) is None)
-
-    def _read_far(self, wanted: Iterable[Content]) -> None:
-        missing = {one.md5: one for one in wanted if one.md5 not in self._far}
+        far = [one for one in wanted if one.path is None and one.md5 not in self._far]
+        missing = {one.md5: one for one in far if self.path(one.md5) is None}
         with contextlib.suppress(*_CACHE_ERRORS):
             for md5 in [md5 for md5 in missing if md5 in self._cached]:
                 attributes, listing = self._cached[md5]
@@ -168,7 +161,7 @@ class Contents(Stores):
                         self._cached[md5] = found.attributes, found.listing.decode("latin-1")
 
     def _read_near(self, content: Content) -> Description | None:
-        path = content.path or self._near(content.md5)
+        path = content.path or self.path(content.md5)
         if path is None:
             return None
         try:

@@ -68,8 +68,11 @@ class Stores:
 
     def path(self, md5: str) -> Path | None:
         """Return the file of the cache that should have this content."""
-        found = self._near(md5)
-        return Path(found) if found is not None else None
+        for folder in self._folders:
+            found = f"{folder}{os.sep}{md5[:2]}{os.sep}{md5[2:]}"
+            if os.path.isfile(found):
+                return Path(found)
+        return None
 
     def folder(self, md5: str, where: str) -> dict[str, str]:
         """Return the files of a folder, path inside it to MD5.
@@ -147,13 +150,6 @@ class Stores:
         yield from (("the cache", odb) for odb in self._caches)
         if self.remote is not None:
             yield f"the remote {self.remote.path}", self.remote
-
-    def _near(self, md5: str) -> str | None:
-        for folder in self._folders:
-            found = f"{folder}{os.sep}{md5[:2]}{os.sep}{md5[2:]}"
-            if os.path.isfile(found):
-                return found
-        return None
 
     def _missing(self, md5: str, where: str, problems: list[str]) -> NotHere:
         if problems:

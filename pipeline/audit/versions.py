@@ -221,7 +221,7 @@ def _lying(contents: Contents, kind: ProductKind) -> Folder:
         path = kind.path(contents.root, object_id)
         where = path.relative_to(contents.root).as_posix()
         try:
-            _, digest = hash_file(str(path), localfs, "md5", state=contents.state)
+            _, digest = hash_file(str(path), localfs, "md5", state=contents.repository.state)
         except OSError as error:
             return Folder(problem=FormatError(where, f"cannot be read ({error.strerror})", "See its access."))
         products[object_id] = Content(str(digest.value), kind.suffix, where, path)

@@ -139,9 +139,7 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
         scratch.sweep()
         own = dict(place.dask)
         if place.starts in HERE:
-            dask_files = scratch.Scratch("dask")
-            stack.callback(dask_files.close)
-            own.setdefault("temporary-directory", str(dask_files.path))
+            own.setdefault("temporary-directory", stack.enter_context(scratch.Scratch("dask")))
         stack.enter_context(settings(own))
         security = tls.security(place, root)
         cluster = None

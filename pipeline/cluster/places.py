@@ -25,13 +25,7 @@ HERE = (LOCAL, CUDA)  # classes whose workers run this installation
 
 
 class Adapt(BaseModel):
-    """How many workers a cluster keeps: between the two numbers, as there is work.
-
-    Parameters
-    ----------
-    minimum, maximum
-        Number of workers.
-    """
+    """How many workers a cluster keeps: between the two numbers, as there is work."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -120,7 +120,7 @@ class Child:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-        self._scratch.close()
+        self._scratch.cleanup()
 
     def run(self, call: Call, expected_bytes: int = 0) -> Outcome:
         """Run a call; a child that dies fails this call and no other.
@@ -170,10 +170,7 @@ class Child:
             process.send_signal(signal.SIGTERM)
 
     def _answer(self, call: Call, expected_bytes: int) -> tuple[Any, int]:
-        """Return what a child answers, a `Failure` where it was too slow or too large, None where it died.
-
-        Beside it, the peak memory that was seen.
-        """
+        """Return the child's outcome, why it must end, or None where it died; and the peak memory seen."""
         self._interrupted.clear()
         process = self._started()
         self._log.seek(0)
@@ -181,8 +178,8 @@ class Child:
         watch = MemoryWatch(process.pid, self._settings.memory_limit_bytes, expected_bytes)
         try:
             self._calls.send(call)
-            answer = self._watched(watch, call.request.object_id) or self._received()
-        except BrokenPipeError:
+            answer = self._watched(watch, call.request.object_id) or self._answers.recv()
+        except (EOFError, OSError):  # it ended before the whole was sent
             answer = None
         except BaseException:
             self.close()
@@ -191,13 +188,6 @@ class Child:
             self.close()
             raise Interrupted(call.request.object_id)
         return answer, watch.peak_bytes
-
-    def _received(self) -> Any:
-        """Return the answer of a child; None where it ended before the whole was sent."""
-        try:
-            return self._answers.recv()
-        except (EOFError, OSError):
-            return None
 
     def _watched(self, watch: MemoryWatch, object_id: str) -> Failure | None:
         """Wait until a child answers or ends; return why it must end before."""
@@ -224,7 +214,7 @@ class Child:
         if self._process is None or self._process.poll() is not None:
             self.close()
             self._served = 0
-            folder = str(self._scratch.path)
+            folder = self._scratch.name
             path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
             environment = {
                 **os.environ,
@@ -258,10 +248,8 @@ class Child:
         if code == -signal.SIGKILL and not out_of_memory:
             raise ProcessKilled("its process was killed (SIGKILL)")
         if code == -signal.SIGKILL:
-            finding, remedy = (
-                "its process was killed by the system, which had run out of memory",
-                FEWER_WORKERS,
-            )
+            finding = "its process was killed by the system, which had run out of memory"
+            remedy = FEWER_WORKERS
         elif code < 0:
             finding, remedy = f"its process crashed ({signal.Signals(-code).name})", DEFECT
         else:
@@ -282,7 +270,7 @@ class Child:
         if process.poll() is None:
             process.kill()
         if process.wait() == -signal.SIGKILL:
-            end_with_variable("TMPDIR", str(self._scratch.path))
+            end_with_variable("TMPDIR", self._scratch.name)
         self._calls.close()
         self._answers.close()
 

@@ -8,7 +8,6 @@ import os
 import shutil
 import socket
 import tempfile
-import weakref
 from pathlib import Path
 
 from pipeline.sandbox.process_tree import end_with_variable
@@ -17,23 +16,12 @@ from pipeline.store.storage import own_folder
 SEPARATOR = "~"
 
 
-class Scratch:
-    """A folder that is removed with this object, or when the process ends.
-
-    Parameters
-    ----------
-    kind
-        A word of the name, for people who look.
-    """
+class Scratch(tempfile.TemporaryDirectory[str]):
+    """A folder that is removed with this object, or when the process ends; its name has a word in it."""
 
     def __init__(self, kind: str = "task") -> None:
         owner = (socket.gethostname(), str(os.getpid()), _start_of(os.getpid()), f"{kind}-")
-        self.path = Path(tempfile.mkdtemp(prefix=SEPARATOR.join(owner), dir=home()))
-        self._remove = weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
-
-    def close(self) -> None:
-        """Remove the folder and all in it."""
-        self._remove()
+        super().__init__(prefix=SEPARATOR.join(owner), dir=home(), ignore_cleanup_errors=True)
 
 
 def home() -> Path:

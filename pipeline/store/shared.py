@@ -69,7 +69,7 @@ def share(state: Path, name: str, path: Path) -> None:
     with contextlib.suppress(OSError), atomic_write(note) as file:
         file.write(f"{name}\n{path}".encode())
     with contextlib.suppress(InputError):
-        if cache.attempt(lambda store: _put(store, name, path), False):
+        if cache.attempt(functools.partial(_put, name=name, path=path), False):
             note.unlink(missing_ok=True)
 
 

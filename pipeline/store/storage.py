@@ -163,13 +163,7 @@ class Store:
 
     @contextlib.contextmanager
     def _errors(self, local: Path | None = None) -> Iterator[None]:
-        """Raise the project's errors, and FileNotFoundError where a file is not there.
-
-        Parameters
-        ----------
-        local
-            The folder that is written into.
-        """
+        """Raise the project's errors, and FileNotFoundError; `local` is the folder that is written into."""
         from obstore.exceptions import BaseError
 
         try:

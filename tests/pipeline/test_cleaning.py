@@ -80,7 +80,7 @@ def used(tmp_path, monkeypatch):
             sys.executable,
             "-c",
             "from pipeline.sandbox.scratch import Scratch; import os; it = Scratch(); "
-            "(it.path / 'big').write_bytes(bytes(10**6)); print(it.path, flush=True); os._exit(0)",
+            "open(it.name + '/big', 'wb').write(bytes(10**6)); print(it.name, flush=True); os._exit(0)",
         ],
         env={**os.environ, "TMPDIR": str(temporary), "PYTHONPATH": str(Path(__file__).parents[2])},
         capture_output=True,
@@ -130,8 +130,8 @@ def test_what_is_left_over_goes_and_all_else_stays(used, capsys):
         "reports/.odd.partial",
     }  # the oldest record is an output of DVC's in this set
     assert not dead.exists()
-    assert living.path.exists()
-    living.close()
+    assert Path(living.name).exists()
+    living.cleanup()
     capsys.readouterr()
     assert run(root, "--yes") == 0
     assert "nothing to remove" in capsys.readouterr().out

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import psutil
 import pytest
@@ -135,7 +136,7 @@ def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monk
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     script = (
         "import os, subprocess; from pipeline.sandbox.scratch import Scratch; mine = Scratch(); "
-        "left = subprocess.Popen(['sleep', '300'], env={**os.environ, 'TMPDIR': str(mine.path)}, "
+        "left = subprocess.Popen(['sleep', '300'], env={**os.environ, 'TMPDIR': mine.name}, "
         "start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL); "
         "print(left.pid, flush=True); os._exit(0)"
     )
@@ -180,7 +181,7 @@ def test_tasks_work_in_a_scratch_folder_that_goes(toys):
     with Child(toys.root, ChildSettings()) as child:
         (call,) = calls_of(toys, ["litter"], poison)
         assert "ZeroDivisionError" in child.run(call).failure.error
-        folder = child._scratch.path
+        folder = Path(child._scratch.name)
         assert folder.parent == scratch.home()
         assert (folder / "left_behind").exists()
     assert not folder.exists()
@@ -202,7 +203,7 @@ def test_hung_task_is_ended_with_what_it_started(toys):
 
 def _when_all_run(child):
     """Return a task's processes once the orphan is among them."""
-    orphan = child._scratch.path / "orphan"
+    orphan = Path(child._scratch.name, "orphan")
     wait_for(lambda: orphan.exists() and orphan.read_text().strip(), "the orphan has started")
     pid = int(orphan.read_text())
     return {
@@ -231,7 +232,7 @@ def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
         f"toys = Toys(Path.cwd(), {toys.package!r})\n"
         "(call,) = calls_of(toys, ['hang'], {'hang': HANG})\n"
         "child = Child(Path.cwd(), ChildSettings())\n"
-        "print(child._scratch.path, flush=True)\n"
+        "print(child._scratch.name, flush=True)\n"
         "child.run(call)\n"
     )
     starter = subprocess.Popen(
@@ -262,7 +263,7 @@ def test_folders_of_dead_owners_are_swept_and_others_left(toys, tmp_path, monkey
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     script = (
         "import os; from pipeline.sandbox.scratch import Scratch; "
-        "mine = Scratch(); print(mine.path, flush=True); os._exit(0)"
+        "mine = Scratch(); print(mine.name, flush=True); os._exit(0)"
     )
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     done = subprocess.run(
@@ -277,11 +278,11 @@ def test_folders_of_dead_owners_are_swept_and_others_left(toys, tmp_path, monkey
     assert scratch.abandoned() == [left]
     Child(toys.root, ChildSettings()).__exit__(None, None, None)
     assert not left.exists()
-    assert mine.path.exists()
+    assert Path(mine.name).exists()
     assert foreign.exists()
     assert other.exists()
-    mine.close()
-    assert not mine.path.exists()
+    mine.cleanup()
+    assert not Path(mine.name).exists()
 
 
 def test_children_are_replaced_after_some_tasks(toys):

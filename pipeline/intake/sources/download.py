@@ -262,13 +262,7 @@ class Downloader:
 
 
 def _total(response: requests.Response, count: int, expected: Expected) -> int | None:
-    """Return the bytes of the whole file, of which `count` are there; None where the last chunk will tell.
-
-    Raises
-    ------
-    InputError
-        Nothing tells where the file ends.
-    """
+    """Return the bytes of the whole file, of which `count` are there; None where the last chunk will tell."""
     if response.headers.get("Transfer-Encoding", "").lower() == "chunked":
         return None
     length = response.headers.get("Content-Length", "")

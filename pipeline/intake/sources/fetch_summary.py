@@ -10,10 +10,6 @@ from pathlib import Path
 from objectfolder.catalogue import AS_IN_FILE
 from pipeline.intake.sources.fetching import Fetched
 
-COLUMNS = (
-    "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "source_id",
-)  # fmt: skip
-
 
 def lines_of(fetched: Fetched) -> str:
     """Return what an object is, and where its files are."""
@@ -49,21 +45,20 @@ def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
     folder
         Of the table, which paths are relative to.
     """
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
-    writer.writeheader()
+    rows = []
     for fetched in objects:
         source, name = fetched.asked.source, fetched.asked.name
         mesh, texture = (
             Path(os.path.relpath(path, folder)).as_posix() if path else ""
             for path in (fetched.mesh, fetched.texture)
         )
-        writer.writerow(
+        rows.append(
             {
                 "id": re.sub(r"[^A-Za-z0-9_.-]", "_", name).lstrip(".")[:100],
                 "name": re.sub(r"^\d+(-\w)? ", "", name.replace("_", " ")),
                 "mesh": mesh,
                 "texture": texture,
+                "material": "",
                 "length_m": AS_IN_FILE,
                 "source": source.title,
                 "licence": source.licence,
@@ -71,4 +66,8 @@ def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
                 "source_id": fetched.asked.id,
             }
         )
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
     return text.getvalue()

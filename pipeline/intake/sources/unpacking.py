@@ -33,10 +33,6 @@ DAMAGE = (
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
-class BadArchiveError(ValueError):
-    """An archive with members that no source's archive should have; the text names them."""
-
-
 class _Member(NamedTuple):
     """A file or folder in an archive; `extract` writes it under another name in a folder."""
 
@@ -94,7 +90,7 @@ def unpack(
 
 
 def _checked(members: Iterable[_Member], limit_bytes: int) -> Iterator[tuple[str, _Member]]:
-    """Yield files and their plain paths; BadArchiveError for a member that is refused, or for no file."""
+    """Yield files and their plain paths; ValueError for a member that is refused, or for no file."""
     # By names as a file system sees them that tells neither case nor composed letters apart; a file's
     # number differs from that of any other member, and all folders have 0.
     known: dict[str, tuple[PurePosixPath, int]] = {}
@@ -102,33 +98,33 @@ def _checked(members: Iterable[_Member], limit_bytes: int) -> Iterator[tuple[str
     for count, member in enumerate(members, start=1):
         total += member.size
         if count > LIMIT_FILES:
-            raise BadArchiveError(f"it has more than {LIMIT_FILES} members")
+            raise ValueError(f"it has more than {LIMIT_FILES} members")
         if member.size < 0 or total > limit_bytes:
-            raise BadArchiveError(f"it unpacks to more than {limit_bytes} bytes")
+            raise ValueError(f"it unpacks to more than {limit_bytes} bytes")
         path = _plain_path(member.name)
         if not path.parts and not member.is_folder:
-            raise BadArchiveError(f"{member.name!r} is no name of a file")
+            raise ValueError(f"{member.name!r} is no name of a file")
         number = 0 if member.is_folder else count
         for place in ((path, number), *((parent, 0) for parent in path.parents)):
             key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", str(place[0])).casefold())
             if known.setdefault(key, place) != place:
-                raise BadArchiveError(f"{str(path)!r} is there twice where case is not told apart")
+                raise ValueError(f"{str(path)!r} is there twice where case is not told apart")
         if not member.is_folder:
             files += 1
             yield str(path), member
     if not files:
-        raise BadArchiveError("it holds no file")
+        raise ValueError("it holds no file")
 
 
 def _plain_path(name: str) -> PurePosixPath:
-    """Return a member's path below its archive's folder; BadArchiveError for one that leads elsewhere."""
+    """Return a member's path below its archive's folder; ValueError for one that leads elsewhere."""
     path = PurePosixPath(name)
     if path.is_absolute():
-        raise BadArchiveError(f"{name!r} is an absolute path")
+        raise ValueError(f"{name!r} is an absolute path")
     if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
-        raise BadArchiveError(f"{name!r} has control characters, or is not UTF-8")
+        raise ValueError(f"{name!r} has control characters, or is not UTF-8")
     if "\\" in name or any(part == ".." or _DRIVE.match(part) for part in path.parts):
-        raise BadArchiveError(f"{name!r} leads out of its folder, on this machine or on others")
+        raise ValueError(f"{name!r} leads out of its folder, on this machine or on others")
     return path
 
 
@@ -160,9 +156,9 @@ def _members(archive: Path) -> Iterator[_Member]:
         with _Bounded(gzip.GzipFile(archive), BUFFER) as content:
             yield from _tar_members(content)
     elif start.startswith(b"<"):
-        raise BadArchiveError("a page of the web, and no archive")
+        raise ValueError("a page of the web, and no archive")
     else:
-        raise BadArchiveError("no archive: neither zip nor tar.gz")
+        raise ValueError("no archive: neither zip nor tar.gz")
 
 
 def _zip_members(file: _Bounded, archive: zipfile.ZipFile) -> Iterator[_Member]:
@@ -175,17 +171,17 @@ def _zip_members(file: _Bounded, archive: zipfile.ZipFile) -> Iterator[_Member]:
     file.seek(-12 - len(archive.comment), io.SEEK_END)
     (count,) = struct.unpack("<H", file.read(2))
     if len(entries) != count and count != 0xFFFF:
-        raise BadArchiveError(f"its directory has {len(entries)} entries and tells of {count}")
+        raise ValueError(f"its directory has {len(entries)} entries and tells of {count}")
     for entry in entries:
         name = entry.orig_filename  # `filename` ends at a zero byte
         kind = stat.S_IFMT(entry.external_attr >> 16)
         if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-            raise BadArchiveError(f"{name!r} is a link or device")
+            raise ValueError(f"{name!r} is a link or device")
         if entry.flag_bits & 0x1:
-            raise BadArchiveError(f"{name!r} is encrypted")
+            raise ValueError(f"{name!r} is encrypted")
         # Others, such as LZMA, may ask for gigabytes of memory to be unpacked.
         if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise BadArchiveError(f"{name!r} is compressed by method {entry.compress_type}, not 0 or 8")
+            raise ValueError(f"{name!r} is compressed by method {entry.compress_type}, not 0 or 8")
         yield _Member(name, entry.file_size, name.endswith("/"), partial(extract, entry))
 
 
@@ -196,12 +192,12 @@ def _tar_members(file: _Bounded) -> Iterator[_Member]:
     with tarfile.open(fileobj=file, mode="r:") as archive:
         while (entry := archive.next()) is not None:
             if not (entry.isreg() or entry.isdir()) or entry.issparse():
-                raise BadArchiveError(f"{entry.name!r} is a link, device or file with holes")
+                raise ValueError(f"{entry.name!r} is a link, device or file with holes")
             yield _Member(entry.name, entry.size, entry.isdir(), partial(extract, entry))
         # The reader takes anything that it does not understand for the end.
         file.seek(archive.offset)
         if file.read(tarfile.BLOCKSIZE) != bytes(tarfile.BLOCKSIZE):
-            raise BadArchiveError(f"it is cut or damaged after {archive.offset} bytes")
+            raise ValueError(f"it is cut or damaged after {archive.offset} bytes")
         # The checksum of gzip stands after what fills up the tar's last record.
         if len(file.read(LARGEST_READ)) == LARGEST_READ:
-            raise BadArchiveError("something follows its end")
+            raise ValueError("something follows its end")

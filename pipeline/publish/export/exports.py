@@ -45,11 +45,14 @@ def _write_views(found: FoundProducts, wanted: Exporting, output: Path) -> str:
         if wanted.format == "nerf":
             said["cameras"] = write_transforms(folder, views, found.credit(), exr=wanted.exr)
         else:
+            surface = found.source_mesh().surface if found.objects is not None else None
+            if surface is None and found.object_file is not None:
+                surface = objectfolder.load(found.object_file).surface
             said["points"] = write_colmap(
                 folder,
                 views,
                 found.credit(),
-                found.rendered_surface(),
+                surface,
                 points=wanted.points,
                 seed=wanted.seed,
                 exr=wanted.exr,

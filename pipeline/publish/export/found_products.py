@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import objectfolder
 from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata
-from objectfolder.surface.surface import Surface
 from objectfolder.vision.export.credit import Credit
 from objectfolder.vision.export.folder import MANIFEST, write_json
 from pipeline.dataset.records import RECORDS, read_records
@@ -60,12 +58,6 @@ class FoundProducts:
             return clean(load_mesh(self.mesh), str(self.mesh))[0]
         remedy = "Name it by id with --root, or give a product of objects; or export the stored surface."
         raise InputError(self.object_id, "its source mesh is not here", remedy)
-
-    def rendered_surface(self) -> Surface | None:
-        """Return the surface that the views show: the mesh that was rendered, else its stored form."""
-        if self.objects is not None:
-            return self.source_mesh().surface
-        return None if self.object_file is None else objectfolder.load(self.object_file).surface
 
 
 def find_products(name: str, root: Path) -> FoundProducts:

@@ -2,8 +2,6 @@
 
 import io
 import re
-import statistics
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import Any
 
 import matplotlib.style
 import numpy as np
+import pandas
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -138,33 +137,24 @@ def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     of modes differs between objects where a share of them does not.
     """
     medians: list[dict[str, Any]] = []
-    for setting, step in _steps(rows):
-        row = {"label": _label(setting, step), "error_unit": step[0]["error_unit"]}
-        for column in ("error", "seconds_per_query", "bytes"):
-            known = [each[column] for each in step if each[column] is not None]
-            row[column] = statistics.median(known) if known else None
-        medians.append(row)
+    for step in _steps(rows):
+        columns = step[["error", "seconds_per_query", "bytes"]].median()
+        label, low, high = step["setting"].iloc[0].replace("_", " "), step["value"].min(), step["value"].max()
+        if pandas.notna(low):
+            label += f" {low:g}" + (f" to {high:g}" if high > low else "")
+        numbers = columns.astype(object).where(columns.notna(), None).to_dict()
+        medians.append({"label": label, "error_unit": step["error_unit"].iloc[0]} | numbers)
     return medians
 
 
-def _steps(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[Mapping[str, Any]]]]:
+def _steps(rows: Sequence[Mapping[str, Any]]) -> list[pandas.DataFrame]:
     """Return the rows of all objects by setting and by place among the object's rows of that setting."""
-    found: dict[str, dict[int, list[Mapping[str, Any]]]] = {}
-    counts: Counter[tuple[str, str]] = Counter()
-    for row in rows:
-        own = (row["object"], row["setting"])
-        found.setdefault(row["setting"], {}).setdefault(counts[own], []).append(row)
-        counts[own] += 1
-    return [(setting, step) for setting, steps in found.items() for _, step in sorted(steps.items())]
-
-
-def _label(setting: str, step: Sequence[Mapping[str, Any]]) -> str:
-    name = setting.replace("_", " ")
-    values = [row["value"] for row in step if row["value"] is not None]
-    if not values:
-        return name
-    low, high = min(values), max(values)
-    return f"{name} {low:g}" + (f" to {high:g}" if high > low else "")
+    if not rows:
+        return []
+    numbers = ("value", "error", "seconds_per_query", "bytes")
+    table = pandas.DataFrame(rows).astype(dict.fromkeys(numbers, float))
+    place = table.groupby(["object", "setting"]).cumcount()
+    return [step for _, own in table.groupby("setting", sort=False) for _, step in own.groupby(place)]
 
 
 def _drawable(row: Mapping[str, Any], column: str) -> bool:
@@ -173,8 +163,5 @@ def _drawable(row: Mapping[str, Any], column: str) -> bool:
 
 def _band(rows: Sequence[Mapping[str, Any]], column: str) -> np.ndarray:
     """Return (3, settings) median place, low and high error of each setting."""
-    found = []
-    for _, step in _steps(rows):
-        errors = np.quantile([row["error"] for row in step], BAND)
-        found.append((np.median([row[column] for row in step]), *errors))
+    found = [(step[column].median(), *step["error"].quantile(BAND)) for step in _steps(rows)]
     return np.array(sorted(found)).T

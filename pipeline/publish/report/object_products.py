@@ -18,8 +18,8 @@ from objectfolder.errors import FormatError
 from objectfolder.products.provenance import canonical_json, file_digest
 from objectfolder.products.store import Array, Product
 from objectfolder.products.tensor_file import read_metadata, read_tensor_file
-from pipeline.dataset.archives import END, REMEDY, UNREADABLE, read_attributes, read_entries
-from pipeline.dataset.products import ZARR
+from pipeline.dataset.archives import END, REMEDY, UNREADABLE, read_entries
+from pipeline.dataset.products import read_description
 from pipeline.dataset.stages import ENCODED, OBJECT_FILES, STAGES
 
 SUFFIXES = {kind.name: kind.suffix for stage in STAGES.values() for kind in stage.products}
@@ -88,9 +88,7 @@ class ObjectProducts:
     def attributes(self, kind: str) -> dict[str, Any]:
         """Return the attributes of a product, empty where it cannot be read."""
         with self.reading(kind):
-            if SUFFIXES[kind] == ZARR:
-                return read_attributes(self.path(kind))
-            return dict(read_metadata(self.path(kind)))
+            return read_description(self.path(kind))
         return {}
 
     def object_file_tensors(self) -> dict[str, np.ndarray]:
@@ -129,10 +127,7 @@ def _digest(read: Callable[[Path], str], path: Path) -> str:
 
 
 def _directory_digest(path: Path) -> str:
-    """Return a hash of the directory of an archive, with the checksum of every entry.
-
-    A thousand archives take a fifth of a second.
-    """
+    """Return a hash of the directory of an archive, which has the checksum of every entry."""
     with path.open("rb") as file:
         file.seek(-END.size, os.SEEK_END)
         *_, size, start, _ = END.unpack(file.read())

@@ -57,17 +57,14 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
     length = max(int(heard[-1]) + 1 if heard.size else 0, shortest)
     energy = float(np.sum(np.square(pair[0], dtype=np.float64)))
     error = float(np.sum(np.square(pair[1] - pair[0], dtype=np.float64)))
-    truth_uri, answer_uri = (wave_uri(sound[:length]) for sound in levels)
+    uris = []
+    for sound in levels:
+        buffer = io.BytesIO()
+        wavfile.write(buffer, round(SAMPLE_RATE_HZ), sound[:length])
+        uris.append("data:audio/wav;base64," + base64.b64encode(buffer.getvalue()).decode("ascii"))
     pictures = [indexed_uri(picture, PALETTE) for picture in spectrograms(sounds)]
     difference_db = 10 * float(np.log10(error / energy)) if energy > 0 and error > 0 else None
-    return SoundPair(factor, length / SAMPLE_RATE_HZ, truth_uri, answer_uri, pictures, difference_db)
-
-
-def wave_uri(levels: np.ndarray) -> str:
-    """Return (samples,) int16 as a mono WAV data URI."""
-    buffer = io.BytesIO()
-    wavfile.write(buffer, round(SAMPLE_RATE_HZ), levels)
-    return "data:audio/wav;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return SoundPair(factor, length / SAMPLE_RATE_HZ, uris[0], uris[1], pictures, difference_db)
 
 
 def spectrograms(sounds: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from objectfolder.errors import ObjectFolderError
-from objectfolder.products.atomic import PARTIAL, atomic_write
+from objectfolder.products.atomic import atomic_write
 from objectfolder.products.provenance import canonical_json
 from pipeline.dataset.archives import REMEDY
 from pipeline.dataset.failures import FailedObject
@@ -95,13 +95,7 @@ def write_report(
 def _write_pages(
     pages: Iterable[ObjectPage], folder: Path, cache: Path
 ) -> tuple[frozenset[str], list[FailedObject]]:
-    """Write pages, thumbnails and players into `folder`, and remove other files from it.
-
-    Returns
-    -------
-    tuple
-        Ids of the objects that have a page, and why the others have none.
-    """
+    """Write the files of pages, and remove others; return ids with a page, and why others have none."""
     paged, damaged = set(), []
     wanted: set[str] = set()
     for page in pages:
@@ -144,8 +138,9 @@ def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
             player = ""
             findings = [f"player: {_unexpected(error)[0]}"]
     text, small = page.render(fingerprint, player, findings)
-    _write(path.with_suffix(".webp"), small)
-    _write(path, text.encode())
+    for target, content in ((path.with_suffix(".webp"), small), (path, text.encode())):
+        with atomic_write(target) as file:
+            file.write(content)
     return files
 
 
@@ -154,11 +149,3 @@ def _unexpected(error: Exception) -> tuple[str, str]:
     if isinstance(error, ObjectFolderError):
         return error.finding, error.remedy
     return f"not what a report can show ({type(error).__name__}: {error})", REMEDY
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all, without waiting for the disk: it can be made again."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}{PARTIAL}")
-    partial.write_bytes(content)
-    partial.replace(path)
