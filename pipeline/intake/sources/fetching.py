@@ -12,8 +12,16 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.download import Downloader
 from pipeline.intake.sources.http_client import AbsentError, RefusedError, UnreachableError
-from pipeline.intake.sources.object_record import RECORD, Form, read_forms, write_forms
-from pipeline.intake.sources.recorded_hashes import ChangedError, content_of, read_hashes, record_hashes
+from pipeline.intake.sources.recorded_hashes import (
+    RECORD,
+    ChangedError,
+    Form,
+    content_of,
+    read_forms,
+    read_hashes,
+    record_hashes,
+    write_forms,
+)
 from pipeline.intake.sources.registry import Resolutions
 from pipeline.intake.sources.source import Download, Source, SourceObject
 from pipeline.intake.sources.unpacking import unpack

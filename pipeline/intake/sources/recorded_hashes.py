@@ -1,19 +1,23 @@
-"""Hashes of the files of sources: a table under version control, added to and compared with.
+"""Records of fetched files: a table of hashes under version control, and `source.json` of each object.
 
 Archives are not in it, for mirrors and sources pack the same files again: what is in them is.
 """
 
 import csv
 import io
+import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from pydantic import TypeAdapter
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import atomic_write
 from objectfolder.products.provenance import file_digest
 from pipeline.intake.disk import locked, writing
+from pipeline.intake.sources.source import SourceObject
 
 COLUMNS = ("source_id", "file", "bytes", "sha256")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -114,3 +118,53 @@ def record_hashes(
             with atomic_write(path) as file:
                 file.write(text.getvalue().encode())
     return len(new)
+
+
+RECORD = "source.json"
+
+
+@dataclass(frozen=True)
+class Form:
+    """An object as it was fetched at one resolution.
+
+    Parameters
+    ----------
+    mesh, texture
+        Paths in the object's folder; a texture of None is named by the mesh.
+    addresses
+        Of all that was fetched for it.
+    files
+        Paths in the object's folder; `recorded_hashes` has their contents.
+    """
+
+    mesh: str
+    texture: str | None
+    addresses: tuple[str, ...]
+    files: tuple[str, ...]
+
+
+def write_forms(folder: Path, asked: SourceObject, forms: Mapping[str, Form]) -> None:
+    """Write `source.json` of an object's folder; its mesh and texture are those that were asked for."""
+    source, form = asked.source, forms[asked.resolution]
+    said = {
+        "source_id": asked.id,
+        "source": source.title,
+        "address": source.object_page(asked.name),
+        "licence": source.licence,
+        "attribution": source.attribution,
+        "mesh": form.mesh,
+        "texture": form.texture,
+        "resolution": asked.resolution,
+        "resolutions": {key: asdict(value) for key, value in sorted(forms.items())},
+    }
+    with atomic_write(folder / RECORD) as file:
+        file.write((json.dumps(said, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def read_forms(folder: Path) -> dict[str, Form]:
+    """Return the forms by resolution of `source.json`; none where it is absent or no such record."""
+    try:
+        said = json.loads((folder / RECORD).read_bytes())
+        return TypeAdapter(dict[str, Form]).validate_python(said["resolutions"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}

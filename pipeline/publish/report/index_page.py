@@ -16,11 +16,11 @@ from pipeline.publish.report.summary import (
     cost_summary,
     definitions_of,
     mean,
+    speed_error_rows,
     split,
     stage_rows,
     summaries,
 )
-from pipeline.publish.report.tables import speed_error_rows
 from pipeline.publish.report.templates import security_policy, template_environment, web_link
 
 SCRIPTS = ("theme.js", "index.js")

@@ -24,8 +24,7 @@ from pipeline.publish.report.object_page import (
     shown_fingerprint,
 )
 from pipeline.publish.report.object_products import UNEXPECTED
-from pipeline.publish.report.summary import summaries
-from pipeline.publish.report.tables import metrics_text, object_table, speed_error_table
+from pipeline.publish.report.summary import metrics_text, object_table, speed_error_table, summaries
 from pipeline.run.costs import read_costs
 
 # Pairs that a page shows of each sense, at most: as many as a verification stores.
