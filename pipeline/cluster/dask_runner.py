@@ -1,6 +1,5 @@
 """Running jobs on the workers of a Dask scheduler, which decides what runs where and when."""
 
-import contextlib
 import hashlib
 import itertools
 import math
@@ -127,14 +126,22 @@ class DaskRunner:
             if self._workers.look():
                 yield from self._review()
             on_workers(min(len(self._tasks), self._workers.threads), self._workers.threads)
-            with contextlib.suppress(queue.Empty):
-                task, step, then = self._ended.get(timeout=LOOK_S)
+            for task, step, then in self._waited():
                 if task.step is step and (ended := then(task)) is not None:
                     yield ended
 
     def largest_bytes(self) -> int:
         """Return the memory that tasks may take on the largest worker."""
         return self._workers.largest_bytes(())
+
+    def _waited(self) -> Iterator[tuple[_Task, Any, Callable[[_Task], Finished | None]]]:
+        """Yield the steps that ended; wait for a first one until it is time to look at the workers."""
+        try:
+            yield self._ended.get(timeout=LOOK_S)
+            while True:
+                yield self._ended.get_nowait()
+        except queue.Empty:
+            return
 
     def _begin(self, task: _Task) -> None:
         self._tasks.add(task)

@@ -37,7 +37,8 @@ def execute(call: Call) -> Outcome:
     """Run a task body, write its products with their provenance, and say what it cost."""
     begin, cpu = time.perf_counter(), _cpu_seconds()
     offspring = _largest_offspring_bytes()
-    _reset_peak()
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # the peak is that of this task
     failure = None
     query_seconds: Mapping[str, float] = {}
     try:
@@ -92,7 +93,8 @@ def serve(guard: int, scratch: str) -> NoReturn:
         if code.serves(call):  # a shipment runs itself: what it imports is not needed by every child
             answer = execute(call) if type(call) is Call else call.run(execute)
         sys.stdout.flush()
-        _return_free_memory()
+        with contextlib.suppress(OSError, AttributeError):  # other C libraries than glibc do so by themselves
+            ctypes.CDLL(None).malloc_trim(0)
         answers.send(answer)
     os._exit(0)  # native libraries may crash while they are unloaded, which no longer matters
 
@@ -136,12 +138,6 @@ class _LoadedCode:
         return found == wanted and all(self._digests[name] == digest for name, digest in wanted.items())
 
 
-def _return_free_memory() -> None:
-    """Return what is free to the system; other C libraries than glibc do so by themselves or not at all."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
-
-
 def _cpu_seconds() -> float:
     used = (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
@@ -150,11 +146,6 @@ def _cpu_seconds() -> float:
 def _largest_offspring_bytes() -> int:
     """Return the peak of the largest process this one ever started and waited for."""
     return 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-
-
-def _reset_peak() -> None:
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
 
 
 def _peak_bytes() -> int:

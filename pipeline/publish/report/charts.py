@@ -1,6 +1,7 @@
 """Charts of the first page, drawn by matplotlib as SVG in the colours of the page, light or dark."""
 
 import io
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -69,7 +70,7 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
     Parameters
     ----------
     rows
-        Rows of one sense, as `tables.speed_error_rows` gives them.
+        Rows of one sense, as `summary.speed_error_rows` gives them.
     """
     known = [row for row in rows if _drawable(row, column)]
     medians = [row for row in setting_medians(rows) if _drawable(row, column)]
@@ -138,12 +139,14 @@ def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     medians: list[dict[str, Any]] = []
     for step in _steps(rows):
-        columns = step[["error", "seconds_per_query", "bytes"]].median()
         label, low, high = step["setting"].iloc[0].replace("_", " "), step["value"].min(), step["value"].max()
-        if pandas.notna(low):
+        if not math.isnan(low):
             label += f" {low:g}" + (f" to {high:g}" if high > low else "")
-        numbers = columns.astype(object).where(columns.notna(), None).to_dict()
-        medians.append({"label": label, "error_unit": step["error_unit"].iloc[0]} | numbers)
+        row = {"label": label, "error_unit": step["error_unit"].iloc[0]}
+        for column in ("error", "seconds_per_query", "bytes"):
+            median = float(step[column].median())
+            row[column] = None if math.isnan(median) else median
+        medians.append(row)
     return medians
 
 

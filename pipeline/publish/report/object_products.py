@@ -17,7 +17,7 @@ from zarr.storage import MemoryStore
 from objectfolder.errors import FormatError
 from objectfolder.products.provenance import canonical_json, file_digest
 from objectfolder.products.store import Array, Product
-from objectfolder.products.tensor_file import read_metadata, read_tensor_file
+from objectfolder.products.tensor_file import read_metadata
 from pipeline.dataset.archives import END, REMEDY, UNREADABLE, read_entries
 from pipeline.dataset.products import read_description
 from pipeline.dataset.stages import ENCODED, OBJECT_FILES, STAGES
@@ -89,12 +89,6 @@ class ObjectProducts:
         """Return the attributes of a product, empty where it cannot be read."""
         with self.reading(kind):
             return read_description(self.path(kind))
-        return {}
-
-    def object_file_tensors(self) -> dict[str, np.ndarray]:
-        """Return the arrays of the Object File; none where it is absent or unreadable."""
-        with self.reading(OBJECT_FILES.name):
-            return dict(read_tensor_file(self.path(OBJECT_FILES.name)).tensors)
         return {}
 
     @contextlib.contextmanager

@@ -9,7 +9,9 @@ import numpy as np
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.fidelity.sounds import cents
 from objectfolder.products.store import Product
+from objectfolder.products.tensor_file import read_tensor_file
 from pipeline.dataset.measures import number_at
+from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.contacts import Contact, contacts
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
@@ -174,7 +176,9 @@ def modal_table(products: ObjectProducts, attributes: Mapping[str, Any]) -> list
         np.array([number_at(mode, name) for mode in truth], dtype=np.float64)
         for name in ("frequency_hz", "damping_per_s", "t60_s")
     )
-    tensors = products.object_file_tensors()
+    tensors: Mapping[str, np.ndarray] = {}
+    with products.reading(OBJECT_FILES.name):
+        tensors = read_tensor_file(products.path(OBJECT_FILES.name)).tensors
     eigenvalues = _of_length(len(truth), tensors.get("audio.eigenvalues"))
     dampings = _of_length(len(truth), tensors.get("audio.dampings_per_s"))
     frequencies = np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * math.pi)
