@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import RESULTS, arguments, save, subplots, write
+from pipeline.dataset.failures import read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
 from pipeline.run.forecast.estimates import last_taken
-from pipeline.run.run_log import read_failures
 
 # Column of the table, and whether a larger value is the better one.
 MEASURES = {
@@ -58,9 +58,8 @@ def main() -> None:
         "objects_listed": len(listed.rows) + len(listed.refused),
         "object_files": len(rows),
         "failures": [
-            {"stage": name, "object": failure.object_id, "error": failure.error, "remedy": failure.remedy}
-            for name in STAGES
-            for failure in read_failures(root, name)
+            {"stage": one.stage, "object": one.object, "error": one.error, "remedy": one.remedy}
+            for one in read_failures(root)
         ],
         "fidelity": {name: summary(rows, name, larger) for name, larger in MEASURES.items()},
         "without_audible_mode": sum(not number(row, "audio.modes") for row in rows),

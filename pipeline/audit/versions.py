@@ -10,12 +10,12 @@ from typing import Any
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
+from pipeline.dataset.failures import read_failures
 from pipeline.dataset.lock_file import LOCK, Lock, read_lock
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, RECORDS, Records, parse_records
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.task import Failure
-from pipeline.run.run_log import read_failures
 
 WORK_TREE = "work tree"
 PER_OBJECT = "reports/per_object.csv"
@@ -181,9 +181,7 @@ def _work_tree(contents: Contents, stages: Sequence[Stage]) -> Version:
         finding = f"there is no {LOCK} and no product"
         raise InputError(WORK_TREE, finding, "Run `dvc repro` or `make dataset`.")
     reported = {
-        (stage.name, failure.object_id): failure
-        for stage in stages
-        for failure in read_failures(root, stage.name)
+        (one.stage, one.object): Failure(one.object, one.error, one.remedy) for one in read_failures(root)
     }
     return Version(None, lock, texts, folders, reported, damage)
 

@@ -1,6 +1,7 @@
-"""``data/failures.json``: which objects of the data set failed, in which stage, and why.
+"""``data/failures.json``: which objects of the data set failed, in which stages, and why.
 
 It is part of the data set and under version control: the report and the last stage of ``dvc.yaml`` go by it.
+Details, such as a traceback, are in the record of the run (`pipeline.run.run_record`).
 """
 
 import json
@@ -10,25 +11,26 @@ from pathlib import Path
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import atomic_write
+from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
 
 FAILURES = Path("data/failures.json")
-ORDER = {name: number for number, name in enumerate(STAGES)}
 
 
 @dataclass(frozen=True)
 class FailedObject:
-    """The first stage in which an object failed, why, and what to do."""
+    """An object and a stage that failed, why, what to do, and the fingerprint that was wanted, if known."""
 
     object: str
     stage: str
     error: str
     remedy: str
+    fingerprint: str = ""
 
 
 def read_failures(root: Path) -> list[FailedObject]:
-    """Return the objects that failed, in the order of their ids; none where nothing was ever made.
+    """Return what failed, by object and stage in their order; nothing where nothing was ever made.
 
     Raises
     ------
@@ -46,35 +48,38 @@ def read_failures(root: Path) -> list[FailedObject]:
 
 
 def write_failures(
-    root: Path,
-    found: Iterable[tuple[str, Failure]],
-    stages: Collection[str],
-    others: Collection[str] = (),
+    root: Path, found: Iterable[FailedObject], stages: Sequence[Stage], others: Collection[str] = ()
 ) -> None:
-    """Write the failures of a run, and keep those of objects and stages that it did not look at.
+    """Write the failures of a run that no earlier failure explains; keep those that it did not look at.
 
     Parameters
     ----------
     root
         Root of the data set; its path is left out of errors.
     found
-        Stage and failure of this run.
+        Failures of this run.
     stages
         Stages of this run: their earlier failures are forgotten.
     others
         Listed objects that were left out of this run: their earlier failures are kept.
     """
-    kept = [one for one in _readable(root) if one.object in others or one.stage not in stages]
-    new = [
-        FailedObject(failure.object_id, stage, failure.error.replace(f"{root}/", ""), failure.remedy)
-        for stage, failure in found
+    try:
+        earlier = read_failures(root)
+    except InputError:
+        earlier = []
+    now = {stage.name: stage for stage in stages}
+    known = {**STAGES, **now}
+    every = [*(one for one in earlier if one.object in others or one.stage not in now), *found]
+    failed = {(one.object, one.stage) for one in every}
+    order = list(known | dict.fromkeys(one.stage for one in every))
+    entries = [
+        asdict(one) | {"error": one.error.replace(f"{root}/", "")}
+        for one in sorted(every, key=lambda one: (one.object, order.index(one.stage)))
+        if one.stage not in known
+        or not any((one.object, before) in failed for before in known[one.stage].follows)
     ]
-    first: dict[str, FailedObject] = {}
-    for one in sorted([*kept, *new], key=lambda one: (one.object, ORDER.get(one.stage, len(ORDER)))):
-        first.setdefault(one.object, one)
-    text = json.dumps([asdict(one) for one in first.values()], indent=1, ensure_ascii=False)
     with atomic_write(root / FAILURES) as file:
-        file.write(f"{text}\n".encode())
+        file.write((json.dumps(entries, indent=1, ensure_ascii=False) + "\n").encode())
 
 
 def failure_table(failures: Sequence[Failure], width: int | None = None) -> str:
@@ -92,10 +97,3 @@ def failure_table(failures: Sequence[Failure], width: int | None = None) -> str:
     with console.capture() as shown:
         console.print(table)
     return "\n".join(line.rstrip() for line in shown.get().splitlines())
-
-
-def _readable(root: Path) -> Sequence[FailedObject]:
-    try:
-        return read_failures(root)
-    except InputError:
-        return []

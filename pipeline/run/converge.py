@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.dataset.failures import failure_table
+from pipeline.dataset.failures import FailedObject, failure_table, write_failures
 from pipeline.dataset.job import Job, Runner
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Row, Stage
@@ -22,7 +22,6 @@ from pipeline.dataset.verified import Verified
 from pipeline.run.costs import Costs
 from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
-from pipeline.run.run_log import write_failures
 from pipeline.run.run_record import RunRecord
 from pipeline.store import memo
 
@@ -84,7 +83,7 @@ def converge(
     Returns
     -------
     list of Summary
-        What happened, a stage each; also logged under ``runs/``.
+        What happened, a stage each; also logged under ``runs/`` and in ``data/failures.json``.
 
     Raises
     ------
@@ -117,8 +116,8 @@ def converge(
         summaries = [_summary(stage.name, flow, removed[stage.name]) for stage in stages]
         if refused:
             summaries[0] = replace(summaries[0], failures=(*refused, *summaries[0].failures))
+        write_failures(root, _failed(summaries, flow), stages, others)
         for summary in summaries:
-            write_failures(root, summary.stage, summary.failures, flow.fingerprints(summary.stage))
             record.stage(
                 summary.stage,
                 summary.removed,
@@ -176,6 +175,16 @@ def _summary(stage: str, flow: Flow, removed: tuple[str, ...]) -> Summary:
         for outcome in (KEPT, RESTORED, COMPUTED)
     )
     return Summary(stage, kept, restored, tuple(sorted(computed)), removed, tuple(flow.failures(stage)))
+
+
+def _failed(summaries: Sequence[Summary], flow: Flow) -> list[FailedObject]:
+    found = []
+    for summary in summaries:
+        wanted = flow.fingerprints(summary.stage)
+        for one in summary.failures:
+            fingerprint = wanted.get(one.object_id, "")
+            found.append(FailedObject(one.object_id, summary.stage, one.error, one.remedy, fingerprint))
+    return found
 
 
 def _first_failures(summaries: Sequence[Summary]) -> list[Failure]:

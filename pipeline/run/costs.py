@@ -7,6 +7,7 @@ timings). Once it has grown large, it keeps the last rows of each object and sta
 import contextlib
 import csv
 import io
+import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
@@ -14,10 +15,9 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from objectfolder.errors import InputError
+from objectfolder.errors import InputError, SimulationError
 from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.task import Outcome
-from pipeline.run.run_log import is_cut, unwritable
 
 COLUMNS = (
     "object", "stage", "fingerprint", "cpu_seconds", "wall_seconds", "peak_memory_mb", "key",
@@ -187,6 +187,22 @@ def number(text: str | None) -> float | None:
     except ValueError:
         return None
     return value if 0 <= value < LARGEST else None
+
+
+def unwritable(path: Path, error: OSError) -> SimulationError:
+    """Return the error for a record of a run that cannot be written."""
+    finding = f"cannot be written ({error.strerror or error})"
+    return SimulationError(str(path), finding, "Make room, and run again: nothing finished is lost.")
+
+
+def is_cut(path: Path) -> bool:
+    """Return whether a kill cut the last line of a file short; False where there is no file."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"\n"
+    except OSError:  # no file, or an empty one
+        return False
 
 
 def _text(rows: Sequence[Sequence[object]]) -> str:

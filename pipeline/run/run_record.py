@@ -25,8 +25,7 @@ from typing import Any
 
 from pipeline.dataset.run_id import run_id
 from pipeline.dataset.task import Outcome
-from pipeline.run.costs import compact
-from pipeline.run.run_log import is_cut, unwritable
+from pipeline.run.costs import compact, is_cut, unwritable
 
 PATTERN = "[0-9]*T[0-9]*Z-*.jsonl"
 MOST_RUNS = 200

@@ -77,9 +77,8 @@ def show_failures(root: Path) -> int:
 
 
 def _converge(root: Path, names: Sequence[str]) -> int:
-    """Converge stages over the selected objects, and write what failed."""
+    """Converge stages over the selected objects."""
     from pipeline.cluster.places import read_place
-    from pipeline.dataset.failures import write_failures
     from pipeline.dataset.parameters import PARAMETERS, read_parameters
     from pipeline.dataset.records import read_records, read_table, write_records
     from pipeline.dataset.stages import STAGES
@@ -108,8 +107,6 @@ def _converge(root: Path, names: Sequence[str]) -> int:
 
     refused = selected.refused if "objects" in names else ()
     summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others)
-    found = [(summary.stage, failure) for summary in summaries for failure in summary.failures]
-    write_failures(root, found, names, others)
     _say_what_was_removed(summaries, records, parameters.objects.table)
     return max(summary.exit_code(parameters.allow_failures) for summary in summaries)
 

@@ -15,6 +15,7 @@ from typing import Any
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.provenance import canonical_json, fingerprint
 from pipeline.dataset.differences import Difference, differences
+from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.products import read_description
 from pipeline.dataset.records import read_table
@@ -22,7 +23,6 @@ from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import OBJECTS, STAGES
 from pipeline.dataset.verified import FINGERPRINT, Verified
 from pipeline.run.exclusive import owner
-from pipeline.run.run_log import read_failures
 
 CURRENT, STALE, MISSING, FAILED, WAITING, UNLISTED = (
     "current", "stale", "missing", "failed", "waiting", "unlisted",
@@ -83,7 +83,7 @@ def status(
     Raises
     ------
     InputError
-        ``params.yaml`` or the table of objects cannot be used.
+        ``params.yaml``, the table of objects or ``data/failures.json`` cannot be used.
     """
     parameters = parameters or read_parameters(root / "params.yaml")
     refused: dict[str, str] = {}
@@ -95,15 +95,12 @@ def status(
         rows = records.rows
         refused = {failure.object_id: failure.error for failure in records.refused}
     verified = Verified(root)
-    failures: dict[str, dict[str, tuple[str, str]]] = {stage.name: {} for stage in stages}
-    for stage in stages:
-        for failure, wanted in read_failures(root, stage.name).items():
-            failures[stage.name][failure.object_id] = wanted, failure.error
+    failures = {(failure.object, failure.stage): failure for failure in read_failures(root)}
     found = [Status(object_id, stages[0].name, FAILED, (error,)) for object_id, error in refused.items()]
     for object_id, row in rows.items():
         behind: set[str] = set()  # stages of this object that are not current
         for stage in stages:
-            one = _of(stage, root, parameters, object_id, row, verified, behind, failures[stage.name])
+            one = _of(stage, root, parameters, object_id, row, verified, behind, failures)
             if one.state != CURRENT:
                 behind.add(stage.name)
             found.append(one)
@@ -123,7 +120,7 @@ def _of(
     row: Row,
     verified: Verified,
     behind: set[str],
-    failures: Mapping[str, tuple[str, str]],
+    failures: Mapping[tuple[str, str], FailedObject],
 ) -> Status:
     awaited = tuple(f"waits for {name}" for name in sorted(stage.follows & behind))
     try:
@@ -142,9 +139,9 @@ def _of(
         except FileNotFoundError:
             if awaited:
                 return Status(object_id, stage.name, WAITING, awaited)
-            failed, error_text = failures.get(object_id, ("", ""))
-            if failed == wanted:
-                return say(FAILED, (error_text,))
+            failure = failures.get((object_id, stage.name))
+            if failure and failure.fingerprint == wanted:
+                return say(FAILED, (failure.error,))
             return say(MISSING)
         except FormatError as error:
             return say(STALE, (f"unreadable: {error.finding}",))

@@ -55,7 +55,7 @@ def used(tmp_path, monkeypatch):
         "runs/20260101T000000Z-aa.jsonl",
         "runs/20260102T000000Z-aa.jsonl",
         "runs/20260103T000000Z-aa.jsonl",
-        "runs/views-failures.json",
+        "runs/notes.json",
         "reports/index.html",
         "reports/.odd.partial",
         "reports/.kept.partial",

@@ -8,6 +8,7 @@ from toys import FILES, INGESTED, QUALITY, TUNED, Here
 
 from objectfolder.products.store import read_attributes
 from objectfolder.products.tensor_file import read_metadata
+from pipeline.dataset.failures import read_failures
 from pipeline.dataset.products import read_fingerprint
 
 ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))
@@ -145,7 +146,10 @@ def test_failure_is_data_and_only_what_is_left_is_done_after_mending(toys):
     assert "input missing: ingest failed" in encoded.failures[0].error
     assert (ingested.exit_code(allow_failures=False), ingested.exit_code(allow_failures=True)) == (1, 0)
     assert len(toys.executed()) == 7
-    assert "no cup" in (toys.root / "runs" / "ingest-failures.json").read_text()
+    (failed,) = read_failures(toys.root)  # those behind it are its results
+    assert (failed.object, failed.stage) == ("cup", "ingest")
+    assert "no cup" in failed.error
+    assert failed.fingerprint
     toys.add("cup", "2.5")
     assert all(not summary.failures for summary in toys.converge())
     assert toys.executed() == ["encode cup", "ingest cup", "tune cup"]

@@ -1,10 +1,11 @@
 """A task that crashes, hangs or eats all memory among thirty: it fails alone, with its reason."""
 
-import json
 from pathlib import Path
 
 import pytest
 from ground import Ground, wait_for
+
+from pipeline.dataset.failures import read_failures
 
 OBJECTS = 30
 ENDING = {
@@ -54,8 +55,10 @@ def run(root: Path, poison: dict[str, str], **settings: object) -> dict[str, str
         wait_for(lambda: not ground.processes(), "all processes of the run are gone")
     finally:
         ground.end()
-    failures = json.loads((root / "runs" / "ingest-failures.json").read_text())
-    assert sorted(failure["object_id"] for failure in failures) == sorted(poison)
+    failures = read_failures(root)
+    assert [(failure.object, failure.stage) for failure in failures] == [
+        (name, "ingest") for name in sorted(poison)
+    ]
     counts = ground.counts()
     good = set(ground.toys.rows) - set(poison)
     assert len(good) + len(poison) == OBJECTS
@@ -67,7 +70,7 @@ def run(root: Path, poison: dict[str, str], **settings: object) -> dict[str, str
         for stage in (ground.toys.ingest, ground.toys.tune):
             assert ground.stands((stage.name, name)) is (name in good)
     assert ground.litter() == []
-    return {failure["object_id"]: failure["error"] for failure in failures}
+    return {failure.object: failure.error for failure in failures}
 
 
 @pytest.mark.slow

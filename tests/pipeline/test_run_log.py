@@ -3,19 +3,21 @@
 import csv
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from objectfolder.errors import SimulationError
+from objectfolder.errors import InputError, SimulationError
+from pipeline.dataset.failures import FAILURES, FailedObject, read_failures, write_failures
 from pipeline.dataset.run_id import RUN_ID, new_run_id
+from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure, Outcome
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
 from pipeline.run.costs import COLUMNS, KEPT_ROWS, QUERY, Costs, compact, costs_path, known_costs
 from pipeline.run.forecast.estimates import last_taken
-from pipeline.run.run_log import read_failures, write_failures
 from pipeline.run.run_record import RunRecord, read_record, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
@@ -194,13 +196,25 @@ def test_records_are_capped_in_number_and_in_size(tmp_path, monkeypatch):
     assert (tmp_path / "runs" / "views.jsonl").exists()
 
 
-def test_failures_of_the_last_run_are_read_back(tmp_path):
-    failures = [Failure("cup", "no faces", "Export it again."), Failure("dish", "input missing")]
-    write_failures(tmp_path, "views", failures, {"cup": FINGERPRINTS[3]})
-    assert read_failures(tmp_path, "views") == {failures[0]: FINGERPRINTS[3], failures[1]: ""}
-    assert read_failures(tmp_path, "modes") == {}
-    (tmp_path / "runs" / "views-failures.json").write_text('[{"object_id": "cu')
-    assert read_failures(tmp_path, "views") == {}
+def test_failures_stay_until_their_stage_runs_again_and_results_of_others_are_left_out(tmp_path):
+    def failed(stage, fingerprint=""):
+        return FailedObject("cup", stage, f"{tmp_path}/mesh.obj: no faces", "Export it again.", fingerprint)
+
+    def stages():
+        return [one.stage for one in read_failures(tmp_path)]
+
+    write_failures(tmp_path, [failed("views", "ab"), failed("modes"), failed("encode")], [*STAGES.values()])
+    assert stages() == ["views", "modes"]
+    assert read_failures(tmp_path)[0] == replace(failed("views", "ab"), error="mesh.obj: no faces")
+    write_failures(tmp_path, [], [STAGES["views"]], others={"cup"})
+    assert stages() == ["views", "modes"]
+    write_failures(tmp_path, [failed("encode")], [STAGES["views"], STAGES["encode"]])
+    assert stages() == ["modes"]
+    (tmp_path / FAILURES).write_text('[{"object": "cu')
+    with pytest.raises(InputError, match="dvc repro"):
+        read_failures(tmp_path)
+    write_failures(tmp_path, [], [])
+    assert stages() == []
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
@@ -210,5 +224,3 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
         RunRecord(tmp_path, ["views"])
     with pytest.raises(SimulationError, match="nothing finished is lost"):
         Costs(tmp_path).add("views", outcome("mug"))
-    with pytest.raises(SimulationError, match="cannot be written"):
-        write_failures(tmp_path, "views", [], {})

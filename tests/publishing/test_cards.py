@@ -14,9 +14,8 @@ from objectfolder.errors import InputError
 from objectfolder.products.provenance import file_digest
 from objectfolder.products.splits import OBJECT_SPLITS, object_split
 from pipeline.cli import main
-from pipeline.dataset.failures import write_failures
+from pipeline.dataset.failures import FailedObject, write_failures
 from pipeline.dataset.stages import STAGES
-from pipeline.dataset.task import Failure
 from pipeline.publish.data_set import write_cards
 
 CARDS = ("croissant.json", "data_card.md", "CITATION.cff")
@@ -134,8 +133,8 @@ def test_equal_data_sets_give_equal_bytes(folder, tmp_path, tmp_path_factory):
 
 def test_failures_and_statements_that_are_missing_are_said(tmp_path):
     rows = {"cup": row("Cup", "", "", ""), "fork": row("Fork"), "gone": row("Gone")}
-    failure = Failure("gone", f"{tmp_path}/data/x.obj: <b>no</b>\nfaces")
-    write_failures(tmp_path, [("modes", failure)], STAGES)
+    failure = FailedObject("gone", "modes", f"{tmp_path}/data/x.obj: <b>no</b>\nfaces", "")
+    write_failures(tmp_path, [failure], tuple(STAGES.values()))
     refused = [("odd", "objects.csv row 4: length_m is -1")]
     folder = write_data_set(tmp_path, rows, made={"cup", "fork"}, refused=refused)
     write_cards(tmp_path, folder)
