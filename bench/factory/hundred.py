@@ -20,7 +20,7 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
-from pipeline.run.forecast.estimates import last_taken
+from pipeline.run.forecast.estimates import last_costs
 
 # Column of the table, and whether a larger value is the better one.
 MEASURES = {
@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("root", type=Path, help="a data set with its report")
     root = parser.parse_args().root
     table = root / "reports" / "per_object.csv"
-    finished = {cost.stage for cost in last_taken(known_costs(root))}
+    finished = {stage for _, stage in last_costs(known_costs(root))}
     if unfinished := [name for name in STAGES if name not in finished]:
         parser.error(
             f"{root}: nothing is known of the costs of {', '.join(unfinished)}: make the data set first"
@@ -101,9 +101,11 @@ def summary(rows: Sequence[Mapping[str, str]], name: str, larger_is_better: bool
 
 def stage_cost(root: Path, stage: str) -> dict[str, Any]:
     """Return CPU seconds, largest peak of memory and bytes of the products of a stage."""
-    costs = [cost for cost in last_taken(known_costs(root)) if cost.stage == stage]
-    cpu = sorted(cost.cpu_s for cost in costs)
-    paths = [path for cost in costs for path in STAGES[stage].targets(root, cost.object_id)]
+    costs = {
+        name: cost for (name, made_by), cost in last_costs(known_costs(root)).items() if made_by == stage
+    }
+    cpu = sorted(cost.cpu_s for cost in costs.values())
+    paths = [path for name in costs for path in STAGES[stage].targets(root, name)]
     return {
         "tasks": len(cpu),
         "cpu_s": {
@@ -112,7 +114,7 @@ def stage_cost(root: Path, stage: str) -> dict[str, Any]:
             "p90": cpu[len(cpu) * 9 // 10],
             "most": cpu[-1],
         },
-        "peak_memory_bytes": max(cost.memory_bytes for cost in costs),
+        "peak_memory_bytes": max(cost.memory_bytes for cost in costs.values()),
         "product_bytes": sum(path.stat().st_size for path in paths if path.is_file()),
     }
 

@@ -14,7 +14,7 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
-from pipeline.run.forecast.estimates import PACKAGED, Estimates, last_taken
+from pipeline.run.forecast.estimates import PACKAGED, Estimates, last_costs
 
 COLUMNS = ("object", "stage", "load", "cpu_seconds", "wall_seconds", "peak_memory_mb", "product_bytes")
 
@@ -26,13 +26,13 @@ def main() -> None:
     for root in parser.parse_args().roots:
         listed = read_table(root, read_parameters(root / "params.yaml").objects).rows
         estimates = Estimates(root)
-        for one in last_taken(known_costs(root)):
-            if one.object_id in listed and one.stage in STAGES:
-                load = estimates.load(one.stage, one.object_id)
-                targets = STAGES[one.stage].targets(root, one.object_id)
-                rows[one.stage, one.object_id] = {
-                    "object": one.object_id,
-                    "stage": one.stage,
+        for (object_id, stage), one in last_costs(known_costs(root)).items():
+            if object_id in listed and stage in STAGES:
+                load = estimates.load(stage, object_id)
+                targets = STAGES[stage].targets(root, object_id)
+                rows[stage, object_id] = {
+                    "object": object_id,
+                    "stage": stage,
                     "load": "" if load is None else f"{load:.6g}",
                     "cpu_seconds": round(one.cpu_s, 2),
                     "wall_seconds": round(one.wall_s, 2),

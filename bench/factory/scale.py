@@ -51,8 +51,7 @@ def main() -> None:
     with mock.patch.object(dask_runner, "run_task", sleep):
         figures: dict[str, Any] = {"empty_tasks": empty_tasks(given.tasks)}
         print(figures["empty_tasks"], flush=True)
-        known = {(one.object_id, one.stage): one for one in packaged_costs()}
-        taken = {key: Estimate(one.wall_s, one.cpu_s, one.memory_bytes, 0) for key, one in known.items()}
+        taken = packaged_costs()
         figures["makespans"] = []
         for workers, threads in CLUSTERS:
             with cluster(workers, threads) as (runner, _):
@@ -90,10 +89,10 @@ def foretold() -> Costs:
     """Return what the costs of all other objects foretell for each."""
     tasks = packaged_costs()
     return {
-        (one.object_id, one.stage): fit(
-            [other for other in tasks if other.stage == one.stage and other.object_id != one.object_id]
+        (object_id, stage): fit(
+            [other for (name, made_by), other in tasks.items() if made_by == stage and name != object_id]
         ).at(one.load)
-        for one in tasks
+        for (object_id, stage), one in tasks.items()
     }
 
 

@@ -18,8 +18,8 @@ from pipeline.run.costs import COLUMNS, Costs, costs_path
 from pipeline.run.forecast.estimates import (
     HIGH_QUANTILE,
     MEMORY_MARGIN,
+    Estimate,
     Estimates,
-    Taken,
     fit,
     packaged_costs,
 )
@@ -81,7 +81,7 @@ def test_seconds_and_memory_follow_the_load_and_memory_stays_above_nearly_all():
     rng = np.random.default_rng(2)
     loads = rng.lognormal(5, 1, 200)
     peaks = 1e8 * loads**0.5 * rng.lognormal(0, 0.3, 200)
-    rows = [Taken("o", "modes", peak, peak, int(peak), load) for load, peak in zip(loads, peaks, strict=True)]
+    rows = [Estimate(peak, peak, int(peak), load=load) for load, peak in zip(loads, peaks, strict=True)]
     model = fit(rows)
     above = sum(row.memory_bytes > model.at(row.load).memory_bytes for row in rows)
     assert above <= (1 - HIGH_QUANTILE) * len(rows)
@@ -120,14 +120,14 @@ def test_packaged_costs_follow_the_parameters(tmp_path):
 def test_memory_of_unseen_objects_is_rarely_above_its_estimate(tmp_path):
     """Half of the packaged objects estimate the other half."""
     for stage in STAGES:
-        rows = [cost for cost in packaged_costs() if cost.stage == stage]
+        rows = [(name, cost) for (name, made_by), cost in packaged_costs().items() if made_by == stage]
         if len(rows) < 40:
             continue
         root = tmp_path / stage
-        for cost in rows[::2]:
-            note(root, stage, cost.object_id, cost.wall_s, cost.memory_bytes)
+        for name, cost in rows[::2]:
+            note(root, stage, name, cost.wall_s, cost.memory_bytes)
         allowed = Estimates(root).of(stage, "new").memory_bytes
-        above = sum(cost.memory_bytes > allowed for cost in rows[1::2])
+        above = sum(cost.memory_bytes > allowed for _, cost in rows[1::2])
         assert above <= (1 - HIGH_QUANTILE) * len(rows[1::2]) + 2, stage
 
 

@@ -17,7 +17,7 @@ from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
 from pipeline.run.costs import COLUMNS, KEPT_ROWS, QUERY, Costs, compact, costs_path, known_costs
-from pipeline.run.forecast.estimates import last_taken
+from pipeline.run.forecast.estimates import last_costs
 from pipeline.run.run_record import RunRecord, read_record, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
@@ -28,7 +28,7 @@ def outcome(name, seconds=1.0, fingerprint=FINGERPRINTS[0], megabytes=100, queri
 
 
 def last_seconds(root):
-    return {(one.object_id, one.stage): one.wall_s for one in last_taken(known_costs(root))}
+    return {key: one.wall_s for key, one in last_costs(known_costs(root)).items()}
 
 
 def test_costs_are_known_by_fingerprint_and_kept_for_the_next_run(tmp_path):
@@ -71,13 +71,13 @@ def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
             fidelity.add("fidelity", outcome(name, index + 0.5, fingerprint))  # the same again
     with costs_path(tmp_path).open("a") as file:
         file.write("dish,fidelity,00ab,1.")
-    before, estimates = costs_path(tmp_path).stat().st_size, last_taken(known_costs(tmp_path))
+    before, estimates = costs_path(tmp_path).stat().st_size, last_costs(known_costs(tmp_path))
     compact(tmp_path)
     assert costs_path(tmp_path).stat().st_size == before  # small enough as it is
     monkeypatch.setattr(table_of_costs, "COMPACT_ABOVE_BYTES", 1000)
     compact(tmp_path)
     assert costs_path(tmp_path).stat().st_size < before / 2
-    assert last_taken(known_costs(tmp_path)) == estimates
+    assert last_costs(known_costs(tmp_path)) == estimates
     known, rows_left = Costs(tmp_path), [cost for cost in known_costs(tmp_path) if cost.object_id == "mug"]
     for fingerprint in FINGERPRINTS[-KEPT_ROWS:]:
         index = FINGERPRINTS.index(fingerprint)

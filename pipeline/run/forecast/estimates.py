@@ -50,12 +50,13 @@ PACKAGED_FREQUENCY_HZ = 20_000.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """The expected cost of a task: seconds on one core, highest peak of its process, bytes that it makes."""
+    """The cost of a task, expected or measured: seconds on one core, highest peak, bytes made."""
 
     wall_s: float
     cpu_s: float
     memory_bytes: int
-    product_bytes: int
+    product_bytes: int = 0
+    load: float | None = None  # what the cost grows with
     error_s: float = 0.0  # standard error of the wall seconds; none where they were measured here
 
     @property
@@ -63,52 +64,33 @@ class Estimate:
         """Wall seconds that few tasks like it exceed."""
         return self.wall_s + LATE_ERRORS * self.error_s
 
-
-@dataclass(frozen=True)
-class Taken:
-    """The cost of one task: seconds, peak in bytes, load, bytes of its products."""
-
-    object_id: str
-    stage: str
-    wall_s: float
-    cpu_s: float
-    memory_bytes: int
-    load: float | None = None
-    product_bytes: int = 0
-
-
-@dataclass(frozen=True)
-class PowerLaw:
-    """``level (load / usual_load) ** exponent``; the level where there is no load."""
-
-    level: float
-    usual_load: float = 1.0
-    exponent: float = 0.0
-
-    def at(self, load: float | None) -> float:
-        """Return the value at a load."""
-        return self.level * (load / self.usual_load) ** self.exponent if load else self.level
-
-    def times(self, factor: float) -> "PowerLaw":
-        """Return the law that gives `factor` times its values."""
-        return replace(self, level=self.level * factor)
+    def times(self, seconds: float, memory: float = 1.0, size: float = 1.0) -> "Estimate":
+        """Return it with seconds, memory and bytes multiplied."""
+        return replace(
+            self,
+            wall_s=self.wall_s * seconds,
+            cpu_s=self.cpu_s * seconds,
+            memory_bytes=int(self.memory_bytes * memory),
+            product_bytes=int(self.product_bytes * size),
+            error_s=self.error_s * seconds,
+        )
 
 
 @dataclass(frozen=True)
 class Model:
-    """The cost of tasks of a stage by their load: mean seconds, and bytes of memory that few exceed."""
+    """The cost of tasks of a stage: mean seconds, and memory that few exceed, each by a power of the load."""
 
-    wall: PowerLaw
-    cpu_share: float  # CPU seconds a wall second
-    memory: PowerLaw
-    product_bytes: int = 0
-    error_share: float = 0.0  # standard error, of the wall seconds in the middle
+    usual: Estimate  # at the usual load, and without any
+    seconds_exponent: float
+    memory_exponent: float
 
     def at(self, load: float | None) -> Estimate:
         """Return the expected cost of a task with this load."""
-        wall_s = self.wall.at(load)
-        cpu_s, error_s = wall_s * self.cpu_share, self.wall.level * self.error_share
-        return Estimate(wall_s, cpu_s, int(self.memory.at(load)), self.product_bytes, error_s)
+        if not load or not self.usual.load:
+            return self.usual
+        ratio = load / self.usual.load
+        at_load = self.usual.times(ratio**self.seconds_exponent, ratio**self.memory_exponent)
+        return replace(at_load, error_s=self.usual.error_s)
 
 
 class Estimates:
@@ -125,7 +107,7 @@ class Estimates:
     def __init__(self, root: Path, parameters: Parameters | None = None) -> None:
         self._root, self._parameters = root, parameters
         self._materials: dict[str, Mapping[str, float]] | None = None
-        self._own = {(one.object_id, one.stage): one for one in last_taken(known_costs(root))}
+        self._own = last_costs(known_costs(root))
         self._models: dict[str, Model | None] = {}
 
     def of(self, stage: str, object_id: str, size_bytes: int | None = None) -> Estimate:
@@ -152,8 +134,8 @@ class Estimates:
         memory = int(own.memory_bytes * MEMORY_MARGIN)
         if stage == RENDERING:
             # Cycles is a process of its own, whose peak is noted only if it is a worker's first.
-            memory = max(memory, int(model.memory.level))
-        return Estimate(own.wall_s, own.cpu_s, memory, model.product_bytes)
+            memory = max(memory, model.usual.memory_bytes)
+        return Estimate(own.wall_s, own.cpu_s, memory, model.usual.product_bytes)
 
     def load(self, stage: str, object_id: str) -> float | None:
         """Return the load of a task; None for other stages than modes, and for an object not measured yet."""
@@ -177,94 +159,88 @@ class Estimates:
         These are objects of this data set if there are enough, else the packaged ones, whose CPU seconds
         stand for wall seconds.
         """
-        own = _complete(self._own.values())
+        own = _complete(self._own)
         if len(own) >= ENOUGH_ROWS:
             return {name: {stage: self.of(stage, name) for stage in STAGES} for name in own}
         return {
-            name: {stage: self._scaled(one) for stage, one in by_stage.items()}
+            name: {stage: self._scaled(stage, one, MEMORY_MARGIN) for stage, one in by_stage.items()}
             for name, by_stage in _complete(packaged_costs()).items()
         }
 
-    def _scaled(self, one: Taken) -> Estimate:
-        """Return the cost of a packaged object with this data set's parameters."""
-        seconds, size = scales(one.stage, self._parameters)
-        cpu_s, memory = one.cpu_s * seconds, int(one.memory_bytes * MEMORY_MARGIN)
-        return Estimate(cpu_s, cpu_s, memory, int(one.product_bytes * size))
+    def _scaled(self, stage: str, one: Estimate, memory: float = 1.0) -> Estimate:
+        """Return a cost at the default size as it is with this data set's parameters."""
+        seconds, size = scales(stage, self._parameters)
+        return one.times(seconds, memory, size)
 
     def _model(self, stage: str) -> Model | None:
-        sample = [one for one in self._own.values() if one.stage == stage][-MOST_ROWS:]
-        own = [replace(one, load=self.load(stage, one.object_id)) for one in sample]
-        packaged = [one for one in packaged_costs() if one.stage == stage]
+        sample = [(name, one) for (name, made_by), one in self._own.items() if made_by == stage][-MOST_ROWS:]
+        own = [replace(one, load=self.load(stage, name)) for name, one in sample]
+        packaged = [one for (_, made_by), one in packaged_costs().items() if made_by == stage]
         if not packaged:
             return fit(own) if own else None
         model = fit(packaged)
-        seconds, size = scales(stage, self._parameters)
-        model = replace(model, wall=model.wall.times(seconds), product_bytes=int(model.product_bytes * size))
+        model = replace(model, usual=self._scaled(stage, model.usual))
         if not own:
             return model
-        peaks = [one.memory_bytes * MEMORY_MARGIN / model.memory.at(one.load) for one in own]
-        pace = float(np.median([one.wall_s / model.wall.at(one.load) for one in own]))
-        memory = model.memory.times(max(1.0, _high(peaks)))
-        return replace(model, wall=model.wall.times(pace), cpu_share=_cpu_share(own), memory=memory)
+        foretold = [model.at(one.load) for one in own]
+        pairs = list(zip(own, foretold, strict=True))
+        pace = float(np.median([one.wall_s / expected.wall_s for one, expected in pairs]))
+        peak = _high([one.memory_bytes * MEMORY_MARGIN / expected.memory_bytes for one, expected in pairs])
+        usual = model.usual.times(pace, max(1.0, peak))
+        return replace(model, usual=replace(usual, cpu_s=usual.wall_s * _cpu_share(own)))
 
 
-def last_taken(costs: Iterable[Cost]) -> list[Taken]:
+def last_costs(costs: Iterable[Cost]) -> dict[tuple[str, str], Estimate]:
     """Return what the last task of each object and stage took, with the largest peak of all of them.
 
     The largest counts, because a peak of child processes is noted only where it exceeds those of earlier
     tasks in the same process.
     """
-    found: dict[tuple[str, str], Taken] = {}
+    found: dict[tuple[str, str], Estimate] = {}
     for cost in costs:
         if cost.stage == QUERY or cost.wall_s is None or cost.cpu_s is None or cost.peak_memory_mb is None:
             continue
-        before = found.get((cost.object_id, cost.stage))
-        found[cost.object_id, cost.stage] = Taken(
-            cost.object_id,
-            cost.stage,
-            cost.wall_s,
-            cost.cpu_s,
-            max(int(cost.peak_memory_mb * 1e6), before.memory_bytes if before else 0),
-            cost.load,
-            int(cost.product_bytes or 0),
-        )
-    return list(found.values())
+        key = cost.object_id, cost.stage
+        peak = max(int(cost.peak_memory_mb * 1e6), found[key].memory_bytes if key in found else 0)
+        found[key] = Estimate(cost.wall_s, cost.cpu_s, peak, int(cost.product_bytes or 0), cost.load)
+    return found
 
 
-def _complete(tasks: Iterable[Taken]) -> dict[str, dict[str, Taken]]:
+def _complete(tasks: Mapping[tuple[str, str], Estimate]) -> dict[str, dict[str, Estimate]]:
     """Return the tasks by object and stage, of the objects that have one in every stage."""
-    found: dict[str, dict[str, Taken]] = {}
-    for one in tasks:
-        if one.stage in STAGES:
-            found.setdefault(one.object_id, {})[one.stage] = one
+    found: dict[str, dict[str, Estimate]] = {}
+    for (object_id, stage), one in tasks.items():
+        if stage in STAGES:
+            found.setdefault(object_id, {})[stage] = one
     return {name: by_stage for name, by_stage in found.items() if len(by_stage) == len(STAGES)}
 
 
 @cache
-def packaged_costs() -> tuple[Taken, ...]:
-    """Return the packaged costs of the scans."""
+def packaged_costs() -> Mapping[tuple[str, str], Estimate]:
+    """Return the packaged costs of the scans, by object and stage."""
     # With one thread and a core of its own, a task's wall seconds are its CPU seconds.
-    return tuple(replace(one, wall_s=one.cpu_s) for one in last_taken(read_costs(PACKAGED)))
+    return {key: replace(one, wall_s=one.cpu_s) for key, one in last_costs(read_costs(PACKAGED)).items()}
 
 
-def fit(tasks: Sequence[Taken]) -> Model:
+def fit(tasks: Sequence[Estimate]) -> Model:
     """Return the model of the tasks of a stage; at least one is needed."""
     loads = [one.load for one in tasks]
-    peaks = [float(one.memory_bytes) for one in tasks]
-    memory = _law(loads, peaks)
-    over = [peak / memory.at(load) for load, peak in zip(loads, peaks, strict=True)]
-    wall_s = [one.wall_s for one in tasks]
-    wall = _law(loads, wall_s)
-    mean = np.mean([seconds / wall.at(load) for load, seconds in zip(loads, wall_s, strict=True)])
-    wall = wall.times(float(mean))
-    errors = [seconds - wall.at(load) for load, seconds in zip(loads, wall_s, strict=True)]
-    return Model(
-        wall,
-        _cpu_share(tasks),
-        memory.times(MEMORY_MARGIN * _high(over)),
+    usual_load, wall_s, seconds_exponent = _law(loads, [one.wall_s for one in tasks])
+    _, _, memory_exponent = _law(loads, [float(one.memory_bytes) for one in tasks])
+    ratios = [load / usual_load if load and usual_load else 1.0 for load in loads]
+    shape = np.array([ratio**seconds_exponent for ratio in ratios])
+    taken = np.array([one.wall_s for one in tasks])
+    wall_s *= float(np.mean(taken / (wall_s * shape)))
+    peaks = [one.memory_bytes / ratio**memory_exponent for one, ratio in zip(tasks, ratios, strict=True)]
+    usual = Estimate(
+        wall_s,
+        wall_s * _cpu_share(tasks),
+        int(MEMORY_MARGIN * _high(peaks)),
         int(np.mean([one.product_bytes for one in tasks])),
-        float(np.std(errors)) / wall.level,
+        usual_load,
+        float(np.std(taken - wall_s * shape)),
     )
+    return Model(usual, seconds_exponent, memory_exponent)
 
 
 def scales(stage: str, parameters: Parameters | None) -> tuple[float, float]:
@@ -286,7 +262,7 @@ def scales(stage: str, parameters: Parameters | None) -> tuple[float, float]:
     return 1.0, 1.0
 
 
-def _cpu_share(tasks: Sequence[Taken]) -> float:
+def _cpu_share(tasks: Sequence[Estimate]) -> float:
     return sum(one.cpu_s for one in tasks) / max(sum(one.wall_s for one in tasks), 1e-9)
 
 
@@ -294,15 +270,18 @@ def _high(values: Sequence[float]) -> float:
     return float(np.quantile(values, HIGH_QUANTILE, method="higher"))
 
 
-def _law(loads: Sequence[float | None], values: Sequence[float]) -> PowerLaw:
-    """Return the law that half of the values lie above, with the Theil-Sen slope of the logarithms."""
+def _law(loads: Sequence[float | None], values: Sequence[float]) -> tuple[float | None, float, float]:
+    """Return load, value and exponent of the law that half of the values lie above.
+
+    The exponent is the Theil-Sen slope of the logarithms. Without enough loads it is 0, the load None.
+    """
     positive = [max(value, 1e-3) for value in values]
     loaded = [(load, value) for load, value in zip(loads, positive, strict=True) if load]
     if len(loaded) < ENOUGH_ROWS:
-        return PowerLaw(float(np.median(positive)))
+        return None, float(np.median(positive)), 0.0
     x, y = np.log(loaded).T
     run, rise = (values[:, None] - values for values in (x, y))
     # As `scipy.stats.theilslopes`, whose import takes longer than a run with nothing else to do.
     exponent = float(np.median(rise[run > 0] / run[run > 0])) if np.ptp(x) else 0.0
     usual = float(np.median(x))
-    return PowerLaw(math.exp(float(np.median(y - exponent * (x - usual)))), math.exp(usual), exponent)
+    return math.exp(usual), math.exp(float(np.median(y - exponent * (x - usual)))), exponent
