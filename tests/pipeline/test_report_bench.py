@@ -7,7 +7,7 @@ import pytest
 from fidelity_products import write_costs
 from report_data_sets import write_object
 
-from bench import dashboard
+from bench.factory import dashboard
 
 
 def test_unchanged_pages_are_timed_with_as_many_queries_as_they_show(
