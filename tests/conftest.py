@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest import mock
 
 # Before numpy is there: tests run beside each other, and a task of the pipeline has one thread, too.
 os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
@@ -31,6 +32,8 @@ COLLECTED = pytest.StashKey[list[str]]()
 
 # The same code draws the same examples; to look for others, `HYPOTHESIS_PROFILE=search`.
 settings.register_profile("same", derandomize=True)
+# Hypothesis also draws constants of the modules that a process has loaded, which hangs on the order of tests.
+mock.patch("hypothesis.internal.conjecture.providers.is_local_module_file", return_value=False).start()
 settings.register_profile("search", derandomize=False)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
