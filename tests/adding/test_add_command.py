@@ -145,6 +145,7 @@ def test_a_normalised_mesh_is_asked_about(tmp_path, capsys):
     assert "normalised" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_walls_that_cannot_be_are_said_with_the_option(tmp_path, capsys):
     box = trimesh.creation.cylinder(0.05, 0.14, sections=64)
     box.export(tmp_path / "jar.stl")

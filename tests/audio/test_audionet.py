@@ -240,6 +240,7 @@ def test_what_is_stored_answers_alike_and_damage_is_named(
             AudioNet.from_tensors(tensors, changed, surface)
 
 
+@pytest.mark.slow
 def test_bytes_are_bounded_and_more_of_them_buy_a_smaller_error(plate: tuple[Surface, Product]) -> None:
     surface, modes = plate
     errors = []

@@ -216,12 +216,14 @@ def test_a_closed_ball_with_a_shell_is_a_hollow_sphere() -> None:
     assert solid.volume_m3 == pytest.approx(truth, rel=0.06)
 
 
+@pytest.mark.slow
 def test_out_of_time_no_solid_is_made_up() -> None:
     vertices, faces = trimesh.creation.icosphere(5, 0.1).vertices, trimesh.creation.icosphere(5).faces
     with pytest.raises(SimulationError, match="fTetWild took more than 1 CPU-s"):
         fill(Surface(np.asarray(vertices), np.asarray(faces)), Filling(time_limit_s=1, target_faces=20_000))
 
 
+@pytest.mark.slow
 def test_where_an_envelope_fails_the_surface_is_remeshed(monkeypatch: pytest.MonkeyPatch) -> None:
     run, limits = filling.run_tetwild, []
 
@@ -240,6 +242,7 @@ def test_where_an_envelope_fails_the_surface_is_remeshed(monkeypatch: pytest.Mon
     assert limits == [60, 40, 60]
 
 
+@pytest.mark.slow
 def test_a_sheet_is_refused_by_name() -> None:
     sheet = Surface(
         np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])

@@ -81,7 +81,7 @@ def undamped_bar(scale: float = 1.0) -> Product:
     return bar_modes(scale, rayleigh_alpha_per_s=0.0, rayleigh_beta_s=0.0)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
+@pytest.mark.parametrize("scale", [pytest.param(1e-3, marks=pytest.mark.slow), 1e3])
 def test_size_scales_frequencies_and_loses_no_mode(scale: float) -> None:
     bar, other = undamped_bar(), undamped_bar(scale)
     assert len(other["frequencies_hz"]) == len(bar["frequencies_hz"])

@@ -111,7 +111,7 @@ def even_plate(cells: int, thickness: float) -> Solid:
         (plate, 0.1, DEFAULT, 1.1e-3),
         pytest.param(plate, 0.05, DEFAULT, 1e-3, marks=pytest.mark.slow),
         pytest.param(plate, 0.01, DEFAULT, 1.3e-3, marks=pytest.mark.slow),
-        (even_plate, 0.002, DEFAULT, 4e-2),
+        pytest.param(even_plate, 0.002, DEFAULT, 4e-2, marks=pytest.mark.slow),
         pytest.param(plate, 0.1, FINEST, 1e-4, marks=pytest.mark.slow),
         pytest.param(plate, 0.002, FINEST, 2.5e-4, marks=pytest.mark.slow),
     ],
@@ -250,6 +250,7 @@ def test_needles_and_non_manifold_edges_leave_the_spectrum() -> None:
     np.testing.assert_allclose(found["frequencies_hz"], bar_rings()["frequencies_hz"], rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_without_damping_nothing_decays_and_nothing_is_nan() -> None:
     found = bar_rings()
     np.testing.assert_array_equal(found["dampings_per_s"], 0)

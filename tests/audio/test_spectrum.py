@@ -136,6 +136,7 @@ def modes_of_plate(max_modes: int) -> Spectrum:
     return solve_spectrum(space, solid.component, 0.3, below=25.0, max_modes=max_modes, seed=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_modes", [12, 60])
 def test_modes_from_a_start_are_those_found_from_scratch(max_modes: int) -> None:
     """Inverse iteration at the limit from modes of fewer functions against Lanczos; some are repeated."""
@@ -185,6 +186,7 @@ def test_a_silent_body_costs_one_count() -> None:
     assert found.certificate["counted"] == 6
 
 
+@pytest.mark.slow
 def test_a_thin_body_whose_first_mode_lies_near_the_limit_is_not_called_silent() -> None:
     """A strip on two cells: order 2 has its first eigenvalue 44 % high, far above the limit."""
     size = (1, 0.1, 0.01)
