@@ -1,10 +1,17 @@
-"""Results of a comparison as a file: the figures, how they were taken, and by which code."""
+"""Results of a comparison as files: the figures, how they were taken, by which code, and their picture.
+
+``python -m bench.record [NAME ...]`` draws the pictures again from the stored figures.
+"""
 
 import argparse
 import json
+import os
 import platform
 import subprocess
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +24,31 @@ if TYPE_CHECKING:
 REPOSITORY = Path(__file__).parents[1]
 RESULTS = REPOSITORY / "bench" / "results"
 PACKAGES = ("numpy", "scipy", "torch")
+
+
+def conclude(
+    name: str,
+    figures: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    compared: str,
+    draw: Callable[[dict[str, Any]], None],
+) -> None:
+    """Write ``NAME.json`` as `write` does, and draw the figures as they are stored there."""
+    path = write(name, figures, settings, compared)
+    draw(stored(name)["figures"])
+    print(path)
+
+
+def stored(name: str) -> dict[str, Any]:
+    """Return the content of ``NAME.json``."""
+    content: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+    return content
+
+
+def redraw(name: str) -> None:
+    """Draw the stored figures of a comparison by the function `draw` of its module."""
+    folder = "senses" if (REPOSITORY / "bench" / "senses" / f"{name}.py").exists() else "factory"
+    import_module(f"bench.{folder}.{name}").draw(stored(name)["figures"])
 
 
 def write(
@@ -87,6 +119,38 @@ def save(figure: "Figure", name: str) -> None:
     pyplot.close(figure)
 
 
+def kept(path: Path, measure: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what `measure` finds, or what it found before and is kept as JSON in a file; delete that to
+    measure again."""
+    if not path.exists():
+        row = {**measure(), "commit": versions()["commit"]}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(row, default=_plain), encoding="utf-8")
+        print(path.stem, "measured", flush=True)
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def cpu_seconds() -> float:
+    """CPU seconds of this process and of the child processes that have ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+class Stopwatch:
+    """CPU seconds by step, as `cpu_seconds` counts them."""
+
+    def __init__(self) -> None:
+        self.cpu_s: dict[str, float] = {}
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Add the seconds of what runs within to those of a step."""
+        start = cpu_seconds()
+        yield
+        self.cpu_s[name] = self.cpu_s.get(name, 0.0) + cpu_seconds() - start
+
+
 def versions() -> dict[str, Any]:
     """Return the versions of python, packages and project that decide the figures; None for one absent."""
     found: dict[str, Any] = {"python": platform.python_version()}
@@ -127,3 +191,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
+if __name__ == "__main__":
+    for drawn in sys.argv[1:] or sorted(path.stem for path in RESULTS.glob("*.json")):
+        redraw(drawn)

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Outcome, Stopwatch
+from bench.record import Stopwatch
+from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, Outcome
 from objectfolder.audio.materials import Material
 from objectfolder.solid.solid import Solid
 

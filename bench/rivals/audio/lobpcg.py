@@ -13,8 +13,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, lobpcg, spilu
 
-from bench.discretisation_outcome import Outcome, Stopwatch
+from bench.record import Stopwatch
 from bench.rivals.audio import voxels
+from bench.rivals.audio.outcome import Outcome
 from bench.rivals.audio.voxel_grid import voxelise
 from objectfolder.audio.elements.elasticity import assemble
 from objectfolder.audio.elements.space import Space

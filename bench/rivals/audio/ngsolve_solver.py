@@ -31,7 +31,7 @@ def available(python: str | None) -> bool:
 
 def ngsolve(python: str, solid: Any, *, material: Any, order: int, modes: int) -> Any:
     """The first elastic modes, `modes` of them, as an `Outcome`."""
-    from bench.discretisation_outcome import Outcome
+    from bench.rivals.audio.outcome import Outcome
 
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "in.npz", Path(folder) / "out.json"

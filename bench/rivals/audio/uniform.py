@@ -1,29 +1,35 @@
-"""Textbook tetrahedra: one order everywhere, straight sides, the project's assembly and eigensolver.
+"""Textbook tetrahedra: one order everywhere, the project's assembly and eigensolver.
 
 What they differ in from the project's own answer is the discretisation alone.
 """
 
 import numpy as np
 
-from bench.discretisation_outcome import MAX_FREQUENCY_HZ, Outcome, Stopwatch
+from bench.record import Stopwatch
+from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, Outcome
 from objectfolder.audio.elements.elasticity import assemble
-from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.eigen import count_below, lowest_elastic, rigid_motions
+from objectfolder.audio.modes.spectrum import space_on
 from objectfolder.solid.solid import Solid
 
 # Modes looked for at most where the limit is a frequency.
 MAX_MODES = 256
 
 
-def of_order(solid: Solid, material: Material, order: int, modes: int | None = None) -> Outcome:
-    """Every audible mode in all functions of an order, or the first `modes` of any frequency; counted."""
+def of_order(
+    solid: Solid, material: Material, order: int, modes: int | None = None, *, bend: bool = False
+) -> Outcome:
+    """Every audible mode in all functions of an order, or the first `modes` of any frequency; counted.
+
+    Elements are straight, or with `bend` follow the surface that the solid was made for.
+    """
     watch = Stopwatch()
     length = float(np.ptp(solid.vertices, axis=0).max())
     radians = material.shear_speed_m_s / length
     audible = (2 * np.pi * MAX_FREQUENCY_HZ / radians) ** 2
     with watch.step("assembly"):
-        space = Space.on(solid.vertices / length, solid.tetrahedra, order)
+        space, _ = space_on(solid, order, length, bend=bend)
         stiffness, mass = assemble(space, material.poisson_ratio)
         component = np.empty(space.size, dtype=np.int64)
         component[space.numbers] = solid.component[space.tetrahedra[:, :1]]

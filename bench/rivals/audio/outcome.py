@@ -1,8 +1,5 @@
 """What one way of finding the modes of a body came to, and how far it is from a reference."""
 
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,39 +29,15 @@ class Outcome:
     def total_cpu_s(self) -> float:
         return sum(self.cpu_s.values())
 
-    @property
-    def solving_cpu_s(self) -> float:
-        return sum(seconds for step, seconds in self.cpu_s.items() if step != "meshing")
 
-
-class Stopwatch:
-    """CPU seconds of this process and of children that have ended, by step."""
-
-    def __init__(self) -> None:
-        self.cpu_s: dict[str, float] = {}
-
-    @contextmanager
-    def step(self, name: str) -> Iterator[None]:
-        start = cpu_seconds()
-        yield
-        self.cpu_s[name] = self.cpu_s.get(name, 0.0) + cpu_seconds() - start
-
-
-def cpu_seconds() -> float:
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(usage.ru_utime + usage.ru_stime for usage in used)
-
-
-def compare(
-    found: np.ndarray, reference: np.ndarray, limit_hz: float = MAX_FREQUENCY_HZ, at_most: int | None = None
-) -> dict[str, Any]:
+def compare(found: np.ndarray, reference: np.ndarray, limit_hz: float = MAX_FREQUENCY_HZ) -> dict[str, Any]:
     """Errors of the audible modes, matched in ascending order, as many as both have.
 
     Sorted order is the matching: two lists of the same body differ by less than a mode's distance to its
-    neighbours, or by so much that no matching would help.
+    neighbours, or by more than any matching could mend.
     """
     audible, true = found[found < limit_hz], reference[reference < limit_hz]
-    count = min(len(found), len(true), len(true) if at_most is None else at_most)
+    count = min(len(found), len(true))
     if count == 0:
         return {"modes": len(audible), "modes_of_reference": len(true)}
     cents = 1200 * np.log2(found[:count] / true[:count])

@@ -1,0 +1,94 @@
+"""The scans that comparisons of the senses are about: their meshes, materials and modes."""
+
+import argparse
+import os
+from pathlib import Path
+
+from bench.record import REPOSITORY, arguments
+from objectfolder.audio.materials import Material, find_material, read_materials
+from objectfolder.audio.modes.modes import modes_of_solid
+from objectfolder.catalogue import read_catalogue
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
+from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.solid.filling import fill
+from objectfolder.surface.surface import Surface
+
+FOLDER = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))
+MATERIALS = REPOSITORY / "data" / "materials.csv"
+# Of several materials and kinds: bodies, tools, thin walls, figures, sharp boxes.
+VARIED = (
+    "011_banana",
+    "006_mustard_bottle",
+    "025_mug",
+    "048_hammer",
+    "062_dice",
+    "Diamond_Visions_Scissors_Red",
+    "Schleich_African_Black_Rhino",
+    "Room_Essentials_Salad_Plate_Turquoise",
+    "tea_set_01_teapot_01",
+    "Threshold_Porcelain_Teapot_White",
+    "013_apple",
+    "024_bowl",
+    "031_spoon",
+    "042_adjustable_wrench",
+    "050_medium_clamp",
+    "073-f_lego_duplo",
+    "Android_Figure_Orange",
+    "Cole_Hardware_School_Bell_Solid_Brass_38",
+    "ratchet_wrench",
+    "Sonny_School_Bus",
+)
+
+
+class Scans:
+    """A catalogue of scans: a row for each (id, material), and beside it a folder `id` with `model.obj`.
+
+    Parameters
+    ----------
+    table
+        CSV, see `read_catalogue`.
+    """
+
+    def __init__(self, table: Path) -> None:
+        self._materials = read_materials(MATERIALS)
+        self._records = {record.id: record for record in read_catalogue(table, self._materials).records}
+        self.ids = tuple(self._records)
+
+    def material(self, name: str) -> Material:
+        """Return the material of an object."""
+        return find_material(self._materials, self._records[name].material, name)
+
+    def folder(self, name: str) -> Path:
+        """Return the folder of an object's files."""
+        return self._records[name].mesh.parent
+
+    def mesh(self, name: str, with_textures: bool = True) -> TexturedMesh:
+        """Return an object cleaned, metres."""
+        record = self._records[name]
+        product = ingest_object(record.mesh, None, record.length_m, name, with_textures=with_textures)
+        return textured_mesh_of(product)
+
+    def surface(self, name: str) -> Surface:
+        """Return the cleaned surface of an object, metres, without faces that have no area."""
+        surface = self.mesh(name, with_textures=False).surface
+        return Surface(surface.vertices, surface.faces[surface.face_areas > 0])
+
+    def modes(self, name: str, surface: Surface, path: Path, **asked: int) -> Product:
+        """Return the modes of an object, solved and kept in a file; `asked` as for `modes_of_solid`."""
+        if not path.exists():
+            solid = fill(surface, name=name)
+            modes = modes_of_solid(surface, solid, self.material(name), max_frequency_hz=20_000.0, **asked)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_product(path, modes)
+        return read_product(path)
+
+
+def scan_arguments(description: str, folder: str) -> argparse.ArgumentParser:
+    """Return a parser with the options `--objects` and `--folder`; the latter keeps what `folder` says."""
+    parser = arguments(description)
+    parser.add_argument(
+        "--objects", type=Path, default=FOLDER / "catalogue.csv", help="catalogue of meshes, CSV"
+    )
+    parser.add_argument("--folder", type=Path, required=True, help=f"where {folder} are kept")
+    return parser
