@@ -1,26 +1,20 @@
 """AudioNet on real objects: error at points it has not seen, bytes, cost of fitting and of queries.
 
-    python -m bench.senses.audionet --objects CATALOGUE.csv --modes FOLDER
+    python -m bench.senses.audionet --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
 
-The catalogue has a row for each object (id, material, scale_m) and beside it a folder `id` with its
-`model.obj`. Solved modes are read from FOLDER as ``id.zarr.zip``, or solved and written there.
+Solved modes are read from FOLDER as ``id.zarr.zip``, or solved and written there.
 """
 
-import argparse
-import csv
 import os
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, save, subplots, write
+from bench.record import conclude, save, subplots
+from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.audionet.fitting import fit_audionet
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.fidelity.sounds import (
     envelope_distance,
@@ -29,9 +23,7 @@ from objectfolder.fidelity.sounds import (
     stft_distance,
     unscaled_stft_distance,
 )
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.products.store import Product, read_product, write_product
+from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.surface import Surface
 
@@ -65,27 +57,18 @@ PUBLISHED = {"stft": 0.19e-5, "envelope": 1.29e-4}
 
 
 def main() -> None:
-    """Measure the objects that are there, and write the table and the picture."""
-    parser = arguments("AudioNet on real objects")
-    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
-    parser.add_argument("--modes", type=Path, required=True, help="folder of solved modes, ID.zarr.zip")
-    parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
+    """Measure the objects, and write the table and the picture."""
+    parser = scan_arguments("AudioNet on real objects", "solved modes")
+    parser.add_argument("--only", nargs="+", default=OBJECTS, choices=OBJECTS, metavar="ID")
     given = parser.parse_args()
-    if not given.objects.is_file():
-        print(f"skipped: no catalogue of objects at {given.objects}")
-        return
-    with given.objects.open(newline="", encoding="utf-8") as file:
-        rows = {row["id"]: row for row in csv.DictReader(file)}
+    scans = Scans(given.objects)
+    asked = {"max_modes": MOST_MODES, "training_points": TRAINING_POINTS, "held_out_points": HELD_OUT_POINTS}
     table = {}
-    for name in OBJECTS:
-        if name not in rows:
-            print(f"skipped: {name} is not in {given.objects}")
-            continue
-        surface, modes = _truth(given, rows[name])
+    for name in given.only:
+        surface = scans.surface(name)
+        modes = scans.modes(name, surface, given.folder / f"{name}.zarr.zip", seed=0, **asked)
         table[name] = measure(surface, modes)
         print(name, " ".join(f"{key} {value:.4g}" for key, value in table[name].items()), flush=True)
-    if not table:
-        sys.exit(f"none of the objects is in {given.objects}")
     columns = list(next(iter(table.values())))
     figures = {
         "objects": table,
@@ -117,8 +100,7 @@ def main() -> None:
         "AudioNet with its defaults against the solved modes it was fitted to, at points of the true surface "
         "that it has not seen: gain error 20 log10(|g - g truth| / |g truth|) over points, directions, modes"
     )
-    write("audionet", figures, settings, compared)
-    _draw(table)
+    conclude("audionet", figures, settings, compared, draw)
 
 
 def measure(surface: Surface, modes: Product) -> dict[str, float]:
@@ -144,17 +126,7 @@ def measure(surface: Surface, modes: Product) -> dict[str, float]:
     answer = net.gains(points)
     batch_s = time.process_time() - start
     by_mode = gain_error_by_mode_db(truth, answer)
-    impulses = np.eye(3)[np.arange(SOUNDS) % 3]
-    sounds = [
-        mode_bank(
-            modes["eigenvalues"],
-            modes["dampings_per_s"],
-            np.einsum("nk,nkm->nm", impulses, gains[:SOUNDS]) * modes["radiation_weights"],
-            DURATION_S,
-            SAMPLE_RATE_HZ,
-        ).astype(np.float64)
-        for gains in (truth, answer)
-    ]
+    sounds = [struck(modes, gains[:SOUNDS], SAMPLE_RATE_HZ) for gains in (truth, answer)]
     return {
         "modes": float(truth.shape[2]),
         "gain_error_db": gain_error_db(truth, answer),
@@ -175,27 +147,17 @@ def measure(surface: Surface, modes: Product) -> dict[str, float]:
     }
 
 
-def _truth(given: argparse.Namespace, row: dict[str, str]) -> tuple[Surface, Product]:
-    mesh = given.objects.parent / row["id"] / "model.obj"
-    product = ingest_object(mesh, None, float(row["scale_m"]), row["id"], with_textures=False)
-    surface = textured_mesh_of(product).surface
-    path = given.modes / f"{row['id']}.zarr.zip"
-    if not path.exists():
-        modes = simulate_modes(
-            surface,
-            read_materials(given.materials)[row["material"]],
-            max_modes=MOST_MODES,
-            training_points=TRAINING_POINTS,
-            held_out_points=HELD_OUT_POINTS,
-            seed=0,
-            name=row["id"],
-        )
-        given.modes.mkdir(parents=True, exist_ok=True)
-        write_product(path, modes)
-    return surface, read_product(path)
+def struck(modes: Product, gains: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Sounds (n, samples) of unit impulses along x, y and z in turn on gains (n, 3, modes)."""
+    impulses = np.eye(3)[np.arange(len(gains)) % 3]
+    amplitudes = np.einsum("nk,nkm->nm", impulses, gains) * modes["radiation_weights"]
+    sounds = mode_bank(modes["eigenvalues"], modes["dampings_per_s"], amplitudes, DURATION_S, rate_hz)
+    return np.asarray(sounds, dtype=np.float64)
 
 
-def _draw(table: dict[str, dict[str, Any]]) -> None:
+def draw(figures: dict[str, Any]) -> None:
+    """Gain errors and bytes, an object a row."""
+    table = figures["objects"]
     names = sorted(table, key=lambda name: table[name]["gain_error_db"])
     place = np.arange(len(names))
     figure, (left, right) = subplots(1, 2, figsize=(11, 0.32 * len(names) + 1.6), sharey=True)

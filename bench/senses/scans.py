@@ -1,15 +1,13 @@
 """Modes of every scan of a catalogue: seconds, estimated errors, and what failed and why.
 
-    python -m bench.senses.scans --objects CATALOGUE.csv --folder FOLDER [--part 1/2]
+    python -m bench.senses.scans --folder FOLDER [--objects CATALOGUE.csv] [--part 1/2]
 
-The catalogue is as for `bench.senses.audionet`. Each object's row is kept in FOLDER and not measured again,
+Each object's row is kept in FOLDER and not measured again,
 so that a run can be stopped, taken up and shared between processes with `--part`; the process that finds all
 rows there writes the result. Solved modes are kept as ``modes/ID.zarr.zip`` for the objects of
 `bench.senses.audionet`.
 """
 
-import csv
-import json
 import os
 import traceback
 from pathlib import Path
@@ -17,13 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, save, subplots, write
+from bench.record import conclude, cpu_seconds, kept, save, subplots
 from bench.senses.audionet import HELD_OUT_POINTS, OBJECTS, TRAINING_POINTS
-from objectfolder.audio.materials import Material, read_materials
+from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.audio.modes.modes import modes_of_solid
 from objectfolder.errors import ObjectFolderError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import write_product
 from objectfolder.solid.filling import fill
 
@@ -31,33 +27,19 @@ MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 128
 
 
 def main() -> None:
-    parser = arguments("modes of every scan of a catalogue")
-    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
-    parser.add_argument("--folder", type=Path, required=True, help="where rows and modes are kept")
+    parser = scan_arguments("modes of every scan of a catalogue", "rows and modes")
     parser.add_argument("--part", default="1/1", help="which share of the objects, as 1/2")
-    parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
     given = parser.parse_args()
-    if not given.objects.is_file():
-        print(f"skipped: no catalogue of objects at {given.objects}")
-        return
-    with given.objects.open(newline="", encoding="utf-8") as file:
-        catalogue = [(row["id"], row["material"]) for row in csv.DictReader(file)]
+    scans = Scans(given.objects)
     # Those that another comparison reads come first.
-    catalogue.sort(key=lambda row: (row[0] not in OBJECTS, row[0]))
-    materials = read_materials(given.materials)
-    (given.folder / "modes").mkdir(parents=True, exist_ok=True)
+    names = sorted(scans.ids, key=lambda name: (name not in OBJECTS, name))
+    paths = {name: given.folder / f"{name}.json" for name in names}
     share, shares = map(int, given.part.split("/"))
-    for index, (name, material) in enumerate(catalogue):
-        path = given.folder / f"{name}.json"
-        if index % shares == share - 1 and not path.exists():
-            row = measure(given.objects.parent / name / "model.obj", materials[material], given.folder)
-            path.write_text(json.dumps(row), encoding="utf-8")
-            print(name, row, flush=True)
-    paths = {name: given.folder / f"{name}.json" for name, _ in catalogue}
+    for name in names[share - 1 :: shares]:
+        print(name, kept(paths[name], lambda at=name: measure(scans, at, given.folder)), flush=True)
     if all(path.exists() for path in paths.values()):
-        table = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items()}
-        write("scans", figures(table), settings(), COMPARED)
-        draw(table)
+        table = {name: kept(path, dict) for name, path in paths.items()}
+        conclude("scans", figures(table), settings(), COMPARED, draw)
 
 
 COMPARED = (
@@ -76,10 +58,9 @@ def settings() -> dict[str, Any]:
     }
 
 
-def measure(mesh: Path, material: Material, folder: Path) -> dict[str, Any]:
+def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     """One object's row."""
-    name = mesh.parent.name
-    surface = textured_mesh_of(ingest_object(mesh, None, None, name, with_textures=False)).surface
+    surface, material = scans.surface(name), scans.material(name)
     many = name in OBJECTS
     start = cpu_seconds()
     try:
@@ -101,6 +82,7 @@ def measure(mesh: Path, material: Material, folder: Path) -> dict[str, Any]:
         return {"failure": traceback.format_exc(limit=1), "cpu_s": cpu_seconds() - start}
     done = cpu_seconds()
     if many:
+        (folder / "modes").mkdir(exist_ok=True)
         write_product(folder / "modes" / f"{name}.zarr.zip", modes)
     errors = modes["error_estimates_cents"]
     errors = errors[np.isfinite(errors)]
@@ -151,8 +133,8 @@ def median(rows: list[dict[str, Any]], key: str) -> float:
     return float(np.median([row[key] for row in rows]))
 
 
-def draw(table: dict[str, dict[str, Any]]) -> None:
-    shown = [row for row in table.values() if row["failure"] is None and row["modes"]]
+def draw(figures: dict[str, Any]) -> None:
+    shown = [row for row in figures["objects"].values() if row["failure"] is None and row["modes"]]
     picture, axes = subplots(figsize=(7, 4.5))
     seconds = [row["cpu_s"] for row in shown]
     axes.scatter(seconds, [row["error_median_cents"] for row in shown], s=18, label="median of its modes")
@@ -164,12 +146,6 @@ def draw(table: dict[str, dict[str, Any]]) -> None:
     axes.legend()
     axes.set_title("Scans: estimated error of the first 50 audible modes")
     save(picture, "scans")
-
-
-def cpu_seconds() -> float:
-    """Of this process and of those it has ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 if __name__ == "__main__":
