@@ -1,8 +1,8 @@
-"""Touch: seconds against error of the renderer and its rivals, elastic contacts, stored surfaces.
+"""Touch: seconds against error of the renderer and its rivals, and what stored surfaces cost and lose.
 
-    python -m bench.senses.touch --objects CATALOGUE.csv --cache FOLDER
+    python -m bench.senses.touch --folder FOLDER [--objects CATALOGUE.csv]
 
-Rows that are finished are kept in FOLDER and not made again: delete ``*.row.json`` to measure again. Speeds
+Rows that are finished are kept in FOLDER and not made again: delete ``*.json`` there to measure again. Speeds
 are touches a CPU second with their set-up (boxes over the faces, compilation) left out and stated beside
 them. The comparison with TACTO itself is `bench.senses.touch_tacto`.
 """
@@ -10,102 +10,164 @@ them. The comparison with TACTO itself is `bench.senses.touch_tacto`.
 import argparse
 import json
 import os
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from bench.record import arguments, versions, write
-from bench.senses.touch_objects import OBJECTS, names, surface_of
+import numpy as np
+
+from bench.record import conclude, kept, save, subplots
+from bench.senses.catalogue import VARIED, Scans, scan_arguments
 
 # A smooth body, a tool with a head and a handle, a figure with thin parts.
 SPEED_OBJECTS = ("011_banana", "048_hammer", "Schleich_African_Black_Rhino")
-BARS = {
-    "touches_a_cpu_s_160x120": 800.0,
-    "times_pyrender": 60.0,
-    "touches_a_cpu_s_320x240": 200.0,
-    "elastic_solves_a_cpu_s": 50.0,
-    "stored_surface_median_bytes": 0.1e6,
-    "contact_psnr_db": 48.0,
-    "contact_psnr_tilted_db": 45.0,
-    "pair_ms": 16.0,
-}
+MEASURES = (
+    "cpu_s", "psnr_db", "psnr_contact_db", "psnr_contact_worst_db", "ssim", "bytes", "training_cpu_s",
+    "training_steps", "psnr_contact_training_db",
+)  # fmt: skip
 COMPARED = (
     "Touches of a DIGIT: this renderer over samples, pyrender, Embree's rays, the papers' "
     "networks, mean image, no contact: CPU seconds, PSNR in the contact region against 8 x 8 samples; "
-    "elastic contacts a CPU second; stored surfaces by bytes and PSNR against the source mesh pressed alike"
+    "stored surfaces by bytes and PSNR against the source mesh pressed alike"
 )
+Row = dict[str, Any]
 
 
 def main() -> None:
-    parser = arguments("touch: seconds, error and bytes")
-    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
-    parser.add_argument("--cache", type=Path, required=True, help="where meshes and rows are kept")
+    parser = scan_arguments("touch: seconds, error and bytes", "rows")
     parser.add_argument("--speed-objects", nargs="+", default=list(SPEED_OBJECTS))
-    parser.add_argument("--encoded-objects", nargs="+", default=list(OBJECTS))
+    parser.add_argument("--encoded-objects", nargs="+", default=list(VARIED))
     parser.add_argument("--network-objects", type=int, default=1, help="for how many of the speed objects")
     parser.add_argument("--network-cpu-s", type=float, default=60.0, help="training of each network")
     parser.add_argument("--training-touches", type=int, default=300)
     parser.add_argument("--held-out-touches", type=int, default=24)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--object-file", type=Path, help="a finished Object File to press as well")
     given = parser.parse_args()
-    if not given.objects.is_file():
-        print(f"skipped: no catalogue of objects at {given.objects}")
-        return
-    missing = {*given.speed_objects, *given.encoded_objects} - names(given.objects)
-    if missing:
-        parser.error(f"not in {given.objects}: {', '.join(sorted(missing))}")
+    scans = Scans(given.objects)
     os.environ["NUMBA_NUM_THREADS"] = "1"
     import torch
 
     torch.set_num_threads(1)
-    given.cache.mkdir(parents=True, exist_ok=True)
-    from bench.senses.touch_elastic import measure_elastic
-    from bench.senses.touch_encoding import measure_encoding, measure_object_file
-    from bench.senses.touch_outcome import draw_touch
+    from bench.senses.touch_encoding import measure_encoding
     from bench.senses.touch_speed import Speed
-    from bench.senses.touch_summary import summarised
-
-    def surface(name: str) -> Any:
-        return surface_of(given.objects, name, given.cache)
 
     speed = []
     for index, name in enumerate(given.speed_objects):
-        networks = index < given.network_objects
-        measure = Speed(given, name, networks).measure
-        speed.append(_kept(given, f"{name}.speed", lambda run=measure, at=name: run(surface(at))))
-    elastic = [
-        _kept(given, f"{name}.elastic", lambda at=name: measure_elastic(surface(at), at))
-        for name in given.speed_objects
-    ]
+        measure = Speed(given, name, networks=index < given.network_objects).measure
+        speed.append(
+            kept(given.folder / f"{name}.speed.json", lambda run=measure, at=name: run(scans.surface(at)))
+        )
     encoded = [
-        _kept(given, f"{name}.encoding", lambda at=name: measure_encoding(surface(at), at))
+        kept(
+            given.folder / f"{name}.encoding.json",
+            lambda at=name: measure_encoding(scans.surface(at), at),
+        )
         for name in given.encoded_objects
     ]
-    opened = None
-    if given.object_file is not None:
-        opened = _kept(
-            given, f"{given.object_file.stem}.object_file", lambda: measure_object_file(given.object_file)
-        )
-    summary = summarised(speed, elastic, encoded, opened, BARS)
-    rows = {"speed": speed, "elastic": elastic, "encoding": encoded, "object_file": opened}
-    write("touch", {"summary": summary, "bars": BARS, "rows": rows}, _settings(given), COMPARED)
-    draw_touch(summary, encoded)
-    print(json.dumps(summary, indent=1))
+    figures = {"summary": summarised(speed, encoded), "rows": {"speed": speed, "encoding": encoded}}
+    print(json.dumps(figures["summary"], indent=1))
+    conclude("touch", figures, _settings(given), COMPARED, draw)
 
 
-def _kept(given: argparse.Namespace, key: str, measure: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return what `measure` finds, or what it found before."""
-    path = given.cache / f"{key}.row.json"
-    if not path.exists():
-        row = {**measure(), "commit": versions()["commit"]}
-        path.write_text(json.dumps(row), encoding="utf-8")
-        print(key, "measured", flush=True)
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+def summarised(speed: list[Row], encoded: list[Row]) -> Row:
+    """Means and medians over objects."""
+    encoding: Row = {
+        "objects": len(encoded),
+        "median_bytes": float(np.median([row["bytes"] for row in encoded])),
+        "largest_bytes": max(row["bytes"] for row in encoded),
+        "turned_median_bytes": float(np.median([row["turned_bytes"] for row in encoded])),
+        "pair_ms_median": float(np.median([row["pair_ms"] for row in encoded])),
+        "first_pair_ms_median": float(np.median([row["first_pair_ms"] for row in encoded])),
+        "pair_ms_worst": max(row["pair_ms"] for row in encoded),
+    }
+    for case in ("normal", "tilted", "turned"):
+        values = [row[case]["psnr_contact_db"] for row in encoded if row[case]["psnr_contact_db"] is not None]
+        encoding[f"{case}_contact_psnr_db"] = float(np.mean(values))
+        encoding[f"{case}_contact_psnr_worst_object_db"] = float(np.min(values))
+    return {
+        "ways": _ways(speed),
+        "times_faster_than_pyrender": _times(speed, "pyrender"),
+        "times_faster_than_ray_casting": _times(speed, "ray casting"),
+        "sizes": _sizes(speed),
+        "elastic_touches_a_cpu_s": float(np.median([row["elastic_touches_a_cpu_s"] for row in speed])),
+        "encoding": encoding,
+    }
 
 
-def _settings(given: argparse.Namespace) -> dict[str, Any]:
+def _ways(speed: list[Row]) -> list[Row]:
+    """Mean of each measure over the objects that have the way."""
+    groups: dict[tuple[str, Any], list[Row]] = {}
+    for row in speed:
+        for way in row["ways"]:
+            groups.setdefault((way["way"], way["setting"]), []).append(way)
+    means = []
+    for (name, setting), ways in groups.items():
+        mean: Row = {"way": name, "setting": setting, "objects": len(ways)}
+        for key in MEASURES:
+            values = [way[key] for way in ways if way.get(key) is not None]
+            if values:
+                mean[key] = float(np.mean(values))
+        means.append(mean)
+    return means
+
+
+def _times(speed: list[Row], rival: str) -> dict[str, float]:
+    """How many times the seconds of each of our settings a rival takes, median over objects."""
+    ratios: dict[str, list[float]] = {}
+    for row in speed:
+        slow = next(way["cpu_s"] for way in row["ways"] if way["way"] == rival)
+        for way in row["ways"]:
+            if way["way"] == "ours":
+                ratios.setdefault(f"{way['setting']} x {way['setting']}", []).append(slow / way["cpu_s"])
+    return {key: float(np.median(values)) for key, values in ratios.items()}
+
+
+def _sizes(speed: list[Row]) -> list[Row]:
+    """Touches a CPU second, median over objects, by height, width and samples."""
+    return [
+        {**sizes[0], "touches_a_cpu_s": float(np.median([size["touches_a_cpu_s"] for size in sizes]))}
+        for sizes in zip(*(row["sizes"] for row in speed), strict=True)
+    ]
+
+
+def draw(figures: Row) -> None:
+    """Error against seconds; rates over the size of images; bytes of stored surfaces."""
+    summary = figures["summary"]
+    figure, (by_time, by_size, by_object) = subplots(1, 3, figsize=(15, 4.8), width_ratios=(1.5, 1, 1.3))
+    for name in dict.fromkeys(way["way"] for way in summary["ways"]):
+        _draw_way(by_time, name, [way for way in summary["ways"] if way["way"] == name])
+    by_time.set(xscale="log", xlabel="CPU seconds a touch", ylabel="PSNR in the contact region, dB")
+    by_time.legend(fontsize=7)
+    for samples in sorted({row["samples"] for row in summary["sizes"]}):
+        rows = [row for row in summary["sizes"] if row["samples"] == samples]
+        names = [f"{row['width']} x {row['height']}" for row in rows]
+        rates = [row["touches_a_cpu_s"] for row in rows]
+        by_size.plot(names, rates, "o-", label=f"{samples} x {samples}")
+    by_size.set(yscale="log", ylabel="touches a CPU second")
+    by_size.legend(fontsize=7)
+    ordered = sorted(figures["rows"]["encoding"], key=lambda row: row["bytes"])
+    by_object.barh([row["object"][:24] for row in ordered], [row["bytes"] / 1e3 for row in ordered])
+    by_object.tick_params(axis="y", labelsize=6)
+    by_object.set_xlabel("kB of stored surface")
+    for axis in (by_time, by_size, by_object):
+        axis.grid(alpha=0.3)
+    save(figure, "touch")
+
+
+def _draw_way(axis: Any, name: str, found: list[Row]) -> None:
+    """Draw one way over its settings; a dotted line where it takes no time."""
+    errors = [way["psnr_contact_db"] for way in found]
+    if "cpu_s" not in found[0]:
+        axis.axhline(errors[0], lw=0.8, ls=":", color="black")
+        place = (0.02, errors[0])
+        axis.annotate(name, place, fontsize=7, xycoords=axis.get_yaxis_transform())
+        return
+    trained = f", {found[0]['training_cpu_s']:.0f} CPU s" if "training_cpu_s" in found[0] else ""
+    axis.plot([way["cpu_s"] for way in found], errors, "o-", ms=4, label=name + trained)
+    for way in found:
+        if way["setting"] is not None:
+            axis.annotate(str(way["setting"]), (way["cpu_s"], way["psnr_contact_db"]), fontsize=7)
+
+
+def _settings(given: argparse.Namespace) -> Row:
     return {
         "speed_objects": given.speed_objects,
         "encoded_objects": given.encoded_objects,

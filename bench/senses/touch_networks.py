@@ -30,10 +30,8 @@ def press_query(asked: dict[str, Any], samples: int = 2) -> tuple[np.ndarray, Pr
     return asked["points"], Press(**query, samples=samples)
 
 
-def network_rows(
-    surface: Surface, touches: Product, asked: dict[str, Any], error: Error, budget_cpu_s: float
-) -> list[dict[str, Any]]:
-    """Rows of the networks, of the mean image, and of the stored surface under this renderer.
+class NetworkRows:
+    """Rows of the networks, and of what needs no renderer.
 
     Parameters
     ----------
@@ -45,66 +43,62 @@ def network_rows(
         The latter: ``points``, and what `Press` takes.
     error
         Judges images of them.
-    budget_cpu_s
-        Of each network's fit.
     """
-    chosen = np.flatnonzero(~touches["held_out"])
-    shown = chosen[:SHOWN]
-    seen_rgb, seen_mask = touches["rgb"][shown], touches["mask"][shown]
-    seen = {name: touches[name][shown] for name in asked}
 
-    def on_training(images: np.ndarray) -> Any:
-        return measure_feel(seen_rgb, seen_mask, images, seen_mask)["psnr_contact_db"]
+    def __init__(self, surface: Surface, touches: Product, asked: dict[str, Any], error: Error) -> None:
+        self._surface, self._touches, self._asked, self._error = surface, touches, asked, error
+        self._chosen = np.flatnonzero(~touches["held_out"])
+        shown = self._chosen[:SHOWN]
+        self._seen = {name: touches[name][shown] for name in asked}
+        self._seen_rgb, self._seen_mask = touches["rgb"][shown], touches["mask"][shown]
 
-    rows = []
-    for name in RIVALS:
-        fitted = fit_touch_rival(name, touches, budget_cpu_s=budget_cpu_s, seed=0)
+    def rows(self, budget_cpu_s: float) -> list[dict[str, Any]]:
+        """Return the row of each; `budget_cpu_s` is that of each network's fit."""
+        networks = [self._network(name, budget_cpu_s) for name in RIVALS]
+        return [*networks, self._mean_image(), self._perfect_network(), self._stored_surface()]
+
+    def _network(self, name: str, budget_cpu_s: float) -> dict[str, Any]:
+        fitted = fit_touch_rival(name, self._touches, budget_cpu_s=budget_cpu_s, seed=0)
         start = time.process_time()
-        images = fitted.render(**asked)
-        seconds = (time.process_time() - start) / len(images)
-        rows.append(
-            {
-                "way": f"{name} network",
-                "setting": None,
-                "cpu_s": seconds,
-                "bytes": fitted.bytes,
-                "training_cpu_s": fitted.training.cpu_s,
-                "training_steps": fitted.training.steps,
-                "first_loss": float(fitted.training.losses[:5].mean()),
-                "last_loss": float(fitted.training.losses[-20:].mean()),
-                "psnr_contact_training_db": on_training(fitted.render(**seen)),
-            }
-            | error(images)
-        )
-    mean = np.rint(touches["rgb"][chosen].mean(axis=0, dtype=np.float64)).astype(np.uint8)
-    rows.append(
-        {
+        images = fitted.render(**self._asked)
+        return {
+            "way": f"{name} network",
+            "setting": None,
+            "cpu_s": (time.process_time() - start) / len(images),
+            "bytes": fitted.bytes,
+            "training_cpu_s": fitted.training.cpu_s,
+            "training_steps": fitted.training.steps,
+            "psnr_contact_training_db": self._on_training(fitted.render(**self._seen)),
+        } | self._error(images)
+
+    def _mean_image(self) -> dict[str, Any]:
+        mean = self._touches["rgb"][self._chosen].mean(axis=0, dtype=np.float64)
+        image = np.rint(mean).astype(np.uint8)
+        return {
             "way": "mean image",
             "setting": None,
-            "cpu_s": None,
-            "bytes": mean.nbytes,
-            "psnr_contact_training_db": on_training(np.broadcast_to(mean, seen_rgb.shape)),
-        }
-        | error(np.broadcast_to(mean, (len(asked["points"]), *mean.shape)))
-    )
-    exact = press(surface, Sensor(), *press_query(asked, 1))
-    rows.append(
-        {"way": f"{SECOND}, a perfect network", "setting": None, "cpu_s": None, "bytes": None}
-        | error(np.stack([render_deformation(Sensor(), depth) for depth in exact.depth]))
-    )
-    encoded = encode_surface(surface)
-    net = TouchNet(decode_surface(encoded))
-    net.press(asked["points"][:1])
-    start = time.process_time()
-    images = net.press(*press_query(asked)).rgb
-    rows.append(
-        {
+            "bytes": image.nbytes,
+            "psnr_contact_training_db": self._on_training(np.broadcast_to(image, self._seen_rgb.shape)),
+        } | self._error(np.broadcast_to(image, (len(self._asked["points"]), *image.shape)))
+
+    def _perfect_network(self) -> dict[str, Any]:
+        exact = press(self._surface, Sensor(), *press_query(self._asked, 1))
+        images = np.stack([render_deformation(Sensor(), depth) for depth in exact.depth])
+        return {"way": f"{SECOND}, a perfect network", "setting": None} | self._error(images)
+
+    def _stored_surface(self) -> dict[str, Any]:
+        encoded = encode_surface(self._surface)
+        net = TouchNet(decode_surface(encoded))
+        net.press(self._asked["points"][:1])
+        start = time.process_time()
+        images = net.press(*press_query(self._asked)).rgb
+        return {
             "way": "TouchNet, stored surface",
             "setting": 2,
             "cpu_s": (time.process_time() - start) / len(images),
             "bytes": sum(array.nbytes for array in encoded.values()),
-            "psnr_contact_training_db": on_training(net.press(*press_query(seen)).rgb),
-        }
-        | error(images)
-    )
-    return rows
+            "psnr_contact_training_db": self._on_training(net.press(*press_query(self._seen)).rgb),
+        } | self._error(images)
+
+    def _on_training(self, images: np.ndarray) -> Any:
+        return measure_feel(self._seen_rgb, self._seen_mask, images, self._seen_mask)["psnr_contact_db"]

@@ -1,6 +1,6 @@
 """Touch against TACTO 0.0.3: its own renderer's DIGIT images of the same meshes, poses and depths.
 
-    python -m bench.senses.touch_tacto --objects CATALOGUE.csv --python PYTHON --cache FOLDER
+    python -m bench.senses.touch_tacto --python PYTHON --folder FOLDER [--objects CATALOGUE.csv]
 
 PYTHON is that of an environment with the packages tacto==0.0.3, pyrender, trimesh, omegaconf, scipy,
 opencv-python-headless and numpy<2, and EGL (see `touch_tacto_renderer`). Noise is off and the force 0, which
@@ -18,10 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, arguments, write
-from bench.senses.touch_objects import OBJECTS, surface_of
-from bench.senses.touch_outcome import draw_tacto
-from bench.senses.touch_tacto_measure import ONE_LEVEL, edge_share, over_poses, psnr_db
+from bench.record import REPOSITORY, conclude, save, subplots
+from bench.senses.catalogue import VARIED, Scans, scan_arguments
 from objectfolder.fidelity.images import ssim
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
@@ -36,12 +34,11 @@ NORMALS = ("vertex", "crease")
 MIXED = "vertex, ours crease"
 DEPTH_M = (0.0005, 0.002)
 TILT_DEG = 15.0
-BARS = {
-    "raw_psnr_mean_db": 52.0,
-    "raw_psnr_worst_db": 43.0,
-    "calibrated_psnr_worst_db": 60.0,
-    "calibrated_ssim_worst": 0.9995,
-}
+# Least mean squared error that counts: the rounding of 8 bits; one level in one value of 160 x 120 pixels.
+ROUNDING, ONE_LEVEL = 1 / 12, 1 / (160 * 120 * 3)
+# Columns of a pose's row; their means and worsts are given.
+MEASURES = ("raw_psnr_db", "contact_psnr_db", "calibrated_psnr_db", "raw_ssim", "calibrated_ssim")
+COLOURS = {"vertex": "tab:blue", "crease": "tab:orange", "vertex, ours crease": "tab:red"}
 COMPARED = (
     "Images of a DIGIT pressed into objects, ours over samples along a pixel's side against TACTO 0.0.3's "
     "own: PSNR of the raw image, of the pixels that change or touch, and of the calibrated image; SSIM"
@@ -65,38 +62,33 @@ class VertexShaded(Surface):
 
 
 def main() -> None:
-    parser = arguments("touch against TACTO 0.0.3")
-    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
+    parser = scan_arguments("touch against TACTO 0.0.3", "TACTO's images")
     parser.add_argument("--python", type=Path, required=True, help="of the environment that has TACTO")
-    parser.add_argument("--cache", type=Path, required=True, help="where TACTO's images are kept")
-    parser.add_argument("--only", nargs="+", default=list(OBJECTS[:10]), help="ids of the objects")
+    parser.add_argument("--only", nargs="+", default=list(VARIED[:10]), help="ids of the objects")
     parser.add_argument("--poses", type=int, default=8, help="of each object")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    if not given.objects.is_file():
-        print(f"skipped: no catalogue of objects at {given.objects}")
-        return
-    given.cache.mkdir(parents=True, exist_ok=True)
+    given.folder.mkdir(parents=True, exist_ok=True)
+    scans = Scans(given.objects)
     rows: list[dict[str, Any]] = []
-    pictures: list[tuple[float, np.ndarray, np.ndarray]] = []
     driver = ""
     for index, name in enumerate(given.only):
-        surface = surface_of(given.objects, name, given.cache)
+        surface = scans.surface(name)
         for normals in NORMALS:
             shaded = surface if normals == "crease" else VertexShaded(surface.vertices, surface.faces)
-            request = _request(given, name, index, shaded)
+            request = _request(given, index, shaded)
             truth = _truth(given, f"{name}_{normals}_{given.poses}_{given.seed}", shaded, request["poses"])
             driver = str(truth["driver"])
-            found, images = _measured(name, normals, shaded, request, truth)
-            rows += found
-            pictures += images if normals == "vertex" else []
+            rows += _measured(name, normals, shaded, request, truth)
             if normals == "vertex":
-                rows += _measured(name, MIXED, surface, request, truth)[0]
-            print(name, normals, *(f"{row['samples']}: {row['raw_psnr_db']:.1f}" for row in found[:4]))
-    conclude(rows, pictures, given, driver)
+                rows += _measured(name, MIXED, surface, request, truth)
+            print(name, normals, "compared", flush=True)
+    summary = summarised(rows)
+    print(summary)
+    conclude("touch_tacto", {"summary": summary, "poses": rows}, _settings(given, driver), COMPARED, draw)
 
 
-def _request(given: argparse.Namespace, name: str, index: int, surface: Surface) -> dict[str, np.ndarray]:
+def _request(given: argparse.Namespace, index: int, surface: Surface) -> dict[str, np.ndarray]:
     """Poses, depths and tilts of presses at points drawn evenly over the area, where the sensor can stand."""
     random = np.random.default_rng([given.seed, index])
     count = 4 * given.poses
@@ -119,7 +111,7 @@ def _request(given: argparse.Namespace, name: str, index: int, surface: Surface)
 
 def _truth(given: argparse.Namespace, key: str, surface: Surface, poses: np.ndarray) -> dict[str, np.ndarray]:
     """Return what TACTO draws; see `touch_tacto_renderer`."""
-    request, result = given.cache / f"{key}.request.npz", given.cache / f"{key}.tacto.npz"
+    request, result = given.folder / f"{key}.request.npz", given.folder / f"{key}.tacto.npz"
     if result.exists():
         with np.load(request) as asked:
             fresh = not np.array_equal(asked["poses"], poses)
@@ -149,13 +141,12 @@ def _truth(given: argparse.Namespace, key: str, surface: Surface, poses: np.ndar
 
 def _measured(
     name: str, normals: str, surface: Surface, request: dict[str, np.ndarray], truth: dict[str, np.ndarray]
-) -> tuple[list[dict[str, Any]], list[tuple[float, np.ndarray, np.ndarray]]]:
-    """Rows of every pose and number of samples, and pairs of images at 2x2 with their PSNR."""
+) -> list[dict[str, Any]]:
+    """Rows of every pose and number of samples."""
     sensor, patches = Sensor(), FacePatches(surface)
     if patches.surface is not surface:
         raise RuntimeError(f"{name}: its vertices or faces are not those that TACTO drew")
     rows: list[dict[str, Any]] = []
-    pictures: list[tuple[float, np.ndarray, np.ndarray]] = []
     for samples in SAMPLES:
         untouched = no_contact_image(sensor, samples)
         for pose, ours in enumerate(render_poses(patches, sensor, request["poses"], samples)):
@@ -179,46 +170,72 @@ def _measured(
                     "contact_psnr_db": psnr_db(theirs, ours.rgb, region) if region.any() else None,
                     "calibrated_psnr_db": psnr_db(right, answer, least=ONE_LEVEL),
                     "calibrated_ssim": ssim(right, answer),
-                    "error_at_edges": edge_share(theirs, ours.rgb, ours.mask),
-                    "empty_raw_psnr_db": psnr_db(theirs, truth["no_contact"]),
-                    "empty_raw_ssim": ssim(theirs, truth["no_contact"]),
-                    "empty_contact_psnr_db": psnr_db(theirs, truth["no_contact"], region)
-                    if region.any()
-                    else None,
-                    "empty_calibrated_psnr_db": psnr_db(right, background, least=ONE_LEVEL),
-                    "empty_calibrated_ssim": ssim(right, background),
+                    "empty_raw_psnr_db": psnr_db(theirs, background),
                     "tacto_cpu_s": float(truth["cpu_s"][pose]),
                 }
             )
-            if samples == 2 and region.any():
-                pictures.append((rows[-1]["raw_psnr_db"], theirs, ours.rgb))
-    return rows, pictures
+    return rows
 
 
-def conclude(
-    rows: list[dict[str, Any]],
-    pictures: list[tuple[float, np.ndarray, np.ndarray]],
-    given: argparse.Namespace,
-    driver: str,
-) -> None:
-    """Write and draw."""
-    seen = [row for row in rows if row["share_in_contact"] > 0]
-    summary = {
-        normals: {
-            str(samples): over_poses(
-                [row for row in seen if row["normals"] == normals and row["samples"] == samples]
-            )
-            for samples in SAMPLES
-        }
-        for normals in (*NORMALS, MIXED)
-    }
-    at_two = {normals: found["2"] for normals, found in summary.items()}
-    met = {
-        normals: {key: bool(found[key] >= bar) for key, bar in BARS.items()}
-        for normals, found in at_two.items()
-    }
-    figures = {"summary": summary, "bars": BARS, "bars_met_at_2x2": met, "poses": rows}
-    settings = {
+def psnr_db(
+    truth: np.ndarray, answer: np.ndarray, mask: np.ndarray | None = None, least: float = ROUNDING
+) -> float:
+    """PSNR, dB, of 8-bit images (h, w, 3) over `mask`; the mean squared error counts as at least `least`."""
+    difference = truth.astype(np.float64) - answer
+    if mask is not None:
+        difference = difference[mask]
+    return float(10 * np.log10(255**2 / max(float(np.mean(difference**2)), least)))
+
+
+def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, float]]]:
+    """Means and worsts over poses in which either sees the object, by normals and samples."""
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for normals in (*NORMALS, MIXED):
+        for samples in SAMPLES:
+            seen = [
+                row
+                for row in rows
+                if (row["normals"], row["samples"]) == (normals, samples) and row["share_in_contact"] > 0
+            ]
+            entry: dict[str, float] = {"poses": len(seen)}
+            for key in MEASURES:
+                name, unit = (key[:-3], "_db") if key.endswith("_db") else (key, "")
+                values = [row[key] for row in seen]
+                entry[f"{name}_mean{unit}"] = float(np.mean(values))
+                entry[f"{name}_worst{unit}"] = float(np.min(values))
+            entry["empty_raw_psnr_mean_db"] = float(np.mean([row["empty_raw_psnr_db"] for row in seen]))
+            entry["tacto_cpu_s_median"] = float(np.median([row["tacto_cpu_s"] for row in seen]))
+            found.setdefault(normals, {})[str(samples)] = entry
+    return found
+
+
+def draw(figures: dict[str, Any]) -> None:
+    """Error over samples, and its spread over poses."""
+    figure, (by_samples, by_pose) = subplots(1, 2, figsize=(9, 4.2))
+    for normals, found in figures["summary"].items():
+        for measure, line in (("mean", "o-"), ("worst", "v--")):
+            values = [entry[f"raw_psnr_{measure}_db"] for entry in found.values()]
+            label = f"{normals} normals, {measure}"
+            by_samples.plot(list(found), values, line, color=COLOURS[normals], label=label)
+        ordered = sorted(
+            row["raw_psnr_db"]
+            for row in figures["poses"]
+            if (row["normals"], row["samples"]) == (normals, 2) and row["share_in_contact"] > 0
+        )
+        share = np.linspace(0, 1, len(ordered))
+        by_pose.plot(share, ordered, color=COLOURS[normals], label=f"{normals} normals")
+    empty = found["2"]["empty_raw_psnr_mean_db"]
+    by_samples.axhline(empty, color="black", lw=0.8, ls=":", label="no contact at all, mean")
+    by_samples.set(xlabel="samples along a pixel's side", ylabel="PSNR against TACTO, dB")
+    by_pose.set(xlabel="share of poses", ylabel="PSNR against TACTO at 2 x 2, dB")
+    for axis in (by_samples, by_pose):
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=7)
+    save(figure, "touch_tacto")
+
+
+def _settings(given: argparse.Namespace, driver: str) -> dict[str, Any]:
+    return {
         "objects": given.only,
         "poses_an_object": given.poses,
         "points": "drawn evenly over the area; every other press leans by up to 15 degrees; where the "
@@ -235,11 +252,6 @@ def conclude(
         "(58.9 dB), in raw images; not clipped in calibrated ones but at one level in one value (95.7 dB)",
         "opengl": driver,
     }
-    write("touch_tacto", figures, settings, COMPARED)
-    draw_tacto(summary, rows, sorted(pictures, key=lambda item: item[0]))
-    for normals, found in at_two.items():
-        print(normals, {key: round(value, 4) for key, value in found.items() if isinstance(value, float)})
-        print("  met", met[normals])
 
 
 if __name__ == "__main__":
