@@ -1,15 +1,13 @@
 """Sight: seconds against error, and bytes, of VisionNet, Cycles, the paper's network and lit textures.
 
-    python -m bench.senses.vision --objects CATALOGUE.csv --only ID ID ID --cache FOLDER
+    python -m bench.senses.vision --only ID ID ID --folder FOLDER [--objects CATALOGUE.csv]
 
-The catalogue has a row for each object (id, material) and beside it a folder `id` with its `model.obj`. All
-renderers answer the same held-out cameras and lights and are compared with the same truth. Views, fitted
+All renderers answer the same held-out cameras and lights and are compared with the same truth. Views, fitted
 networks and finished rows are kept in FOLDER and not made again, and the result is of all rows there: delete
 ``*.row.json`` to measure again, and ``*.visionnet.safetensors`` too to fit again.
 """
 
 import argparse
-import csv
 import json
 import os
 import subprocess
@@ -23,15 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, arguments, versions
+from bench.record import REPOSITORY, conclude, cpu_seconds, kept
 from bench.rivals.vision.scattering_function import ScatteringFunction
 from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
-from bench.senses.vision_outcome import conclude
-from objectfolder.audio.materials import read_materials
+from bench.senses.catalogue import Scans, scan_arguments
+from bench.senses.vision_outcome import COMPARED, draw, figures_of
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.surface.codec import decode_surface, encode_surface
@@ -56,10 +52,8 @@ Answer = Callable[[int], np.ndarray]
 
 
 def main() -> None:
-    parser = arguments("sight: seconds, error and bytes")
-    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
+    parser = scan_arguments("sight: seconds, error and bytes", "views, networks and rows")
     parser.add_argument("--only", nargs="+", required=True, help="ids of the objects to measure")
-    parser.add_argument("--cache", type=Path, required=True, help="where views, networks and rows are kept")
     parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES), help="pixels a side")
     parser.add_argument(
         "--training-views", type=int, nargs="+", default=[100], help="for each size, or one for all"
@@ -74,31 +68,24 @@ def main() -> None:
     parser.add_argument("--network-rays", type=int, default=32, help="rays a step; 1024 as published by NeRF")
     parser.add_argument("--network-objects", type=int, default=1, help="for how many of the objects")
     parser.add_argument("--network-device", default="cpu")
-    parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
     given = parser.parse_args()
-    if not given.objects.is_file():
-        print(f"skipped: no catalogue of objects at {given.objects}")
-        return
+    scans = Scans(given.objects)
     counts = given.training_views * (len(given.sizes) if len(given.training_views) == 1 else 1)
     given.training_views = dict(zip(given.sizes, counts, strict=True))
     os.environ["NUMBA_NUM_THREADS"] = "1"
     import torch
 
     torch.set_num_threads(1)
-    given.cache.mkdir(parents=True, exist_ok=True)
-    with given.objects.open(newline="", encoding="utf-8") as file:
-        materials = {row["id"]: row["material"] for row in csv.DictReader(file)}
     for size in given.sizes:
         for index, name in enumerate(given.only):
-            path = given.cache / f"{name}_{size}.row.json"
-            if not path.exists():
-                case = Case(given, name, materials[name], size)
-                row = case.measure(with_network=index < given.network_objects)
-                path.write_text(json.dumps(row), encoding="utf-8")
-            print(name, size, "measured", flush=True)
+            network = index < given.network_objects
+            kept(
+                given.folder / f"{name}_{size}.row.json",
+                lambda at=name, of=size, network=network: Case(given, scans, at, of).measure(network),
+            )
     # Of earlier runs too, so that sizes and objects can be measured in parts.
-    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(given.cache.glob("*.row.json"))]
-    conclude(rows, settings(given, rows))
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(given.folder.glob("*.row.json"))]
+    conclude("vision", figures_of(rows), settings(given, rows), COMPARED, draw)
 
 
 def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -141,21 +128,15 @@ class CyclesRenders:
     alone: list[float] = field(default_factory=list)
 
 
-def cpu_s(before: os.times_result, after: os.times_result) -> float:
-    """CPU seconds of this process and of those it has ended between two readings."""
-    return sum(after[:4]) - sum(before[:4])
-
-
 class Case:
     """One object at one size."""
 
-    def __init__(self, given: argparse.Namespace, name: str, material: str, size: int) -> None:
+    def __init__(self, given: argparse.Namespace, scans: Scans, name: str, size: int) -> None:
         self.given, self.name, self.size = given, name, size
-        folder = given.objects.parent / name
-        self.mesh: TexturedMesh = textured_mesh_of(ingest_object(folder / "model.obj", None, None, name))
-        found = read_materials(given.materials)[material]
-        self.appearance = Appearance(found.roughness, found.metallic)
-        self.source_bytes = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
+        self.mesh = scans.mesh(name)
+        material = scans.material(name)
+        self.appearance = Appearance(material.roughness, material.metallic)
+        self.source_bytes = sum(path.stat().st_size for path in scans.folder(name).iterdir())
         self.views, self.views_cpu_s = self._views(size)
         held_out = self.views["held_out"]
         self.cameras = self.views["camera_to_world"][held_out]
@@ -167,13 +148,13 @@ class Case:
     def _views(self, size: int) -> tuple[Product, float | None]:
         """Return views and the CPU seconds they took, None where that is not known."""
         given = self.given
-        path = given.cache / (
+        path = given.folder / (
             f"{self.name}_{size}_{given.training_views[size]}x{TRAINING_SAMPLES}_"
             f"{given.held_out_views}x{TRUTH_SAMPLES}.views.zarr.zip"
         )
         spent = Path(f"{path}.cpu_s")
         if not path.exists():
-            before = os.times()
+            start = cpu_seconds()
             views = simulate_views(
                 self.mesh,
                 self.appearance,
@@ -184,7 +165,7 @@ class Case:
                 held_out_samples=TRUTH_SAMPLES,
                 seed=0,
             )
-            spent.write_text(str(cpu_s(before, os.times())), encoding="utf-8")
+            spent.write_text(str(cpu_seconds() - start), encoding="utf-8")
             write_product(path, views)
         return read_product(path), float(spent.read_text(encoding="utf-8")) if spent.exists() else None
 
@@ -219,7 +200,6 @@ class Case:
         return {
             "object": self.name,
             "size": self.size,
-            "commit": versions()["commit"],
             "roughness": self.appearance.roughness,
             "metallic": self.appearance.metallic,
             "training_views": self.given.training_views[self.size],
@@ -235,7 +215,7 @@ class Case:
     def _visionnet(self) -> tuple[VisionNet, int, float]:
         encoded = encode_surface(self.mesh.surface)
         surface = decode_surface(encoded)
-        path = self.given.cache / f"{self.name}_{self.size}.visionnet.safetensors"
+        path = self.given.folder / f"{self.name}_{self.size}.visionnet.safetensors"
         if not path.exists():
             start = time.process_time()
             fitted = fit_visionnet(surface, self.frame, self.views)
@@ -321,15 +301,15 @@ class Case:
         with tempfile.TemporaryDirectory(prefix="bench-vision-") as folder:
             request, result = Path(folder, "request.npz"), Path(folder, "result.npz")
             save_request(request, unit_scene(self.mesh, self.appearance, self.frame), shots)
-            before = os.times()
+            start = cpu_seconds()
             subprocess.run(
                 [sys.executable, "-m", "bench.rivals.vision.cycles", str(request), str(result)],
                 cwd=REPOSITORY,
                 check=True,
             )
-            after = os.times()
+            whole = cpu_seconds() - start
             with np.load(result) as found:
-                return found["images"], found["cpu_s"], cpu_s(before, after)
+                return found["images"], found["cpu_s"], whole
 
     def _paper_network(self) -> dict[str, Any]:
         given = self.given
@@ -340,7 +320,7 @@ class Case:
             budget_cpu_s=None if given.network_steps else given.network_cpu_s,
             batch_rays=given.network_rays,
             device=given.network_device,
-            checkpoint=given.cache / f"{self.name}_{size}.rival.safetensors",
+            checkpoint=given.folder / f"{self.name}_{size}.rival.safetensors",
         )
         generator = np.random.default_rng(0)
         errors, covered, seconds = [], [], []

@@ -1,14 +1,13 @@
 """VisionNet on ten scans: error on held-out cameras and lights, within budgets of CPU seconds.
 
-    python -m bench.senses.vision_objects --objects CATALOGUE.csv --folder FOLDER [--part 1/2]
+    python -m bench.senses.vision_objects --folder FOLDER [--objects CATALOGUE.csv] [--part 1/2]
         [--only ID ...] [--cases within_120 finer lights metal gloss within_600]
 
-The catalogue is as for `bench.senses.audionet`. Views, fitted networks and rows are kept in FOLDER and not
+Views, fitted networks and rows are kept in FOLDER and not
 made again, so that a run can be stopped, taken up and shared between processes; remove ``nets`` and ``rows``
 to fit again without rendering. The result is written from the rows at hand and names those that are missing.
 """
 
-import csv
 import json
 import os
 from collections.abc import Mapping
@@ -18,12 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, save, subplots, write
+from bench.record import conclude, cpu_seconds, kept, save, subplots
+from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.vision_lights import BEHIND_DEG, GRAZING_DEG, LIGHTS, light_positions
-from objectfolder.audio.materials import Material, read_materials
+from objectfolder.audio.materials import Material
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.products.store import Array, Product, read_product, write_product
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.surface.codec import decode_surface, encode_surface
@@ -102,42 +100,26 @@ CASES = ("within_120", "finer", "lights", "metal", "gloss", "glaze", "within_600
 
 
 def main() -> None:
-    parser = arguments("VisionNet on ten scans")
-    parser.add_argument("--objects", type=Path, required=True, help="catalogue of meshes, CSV")
-    parser.add_argument("--folder", type=Path, required=True, help="where views, networks and rows are kept")
+    parser = scan_arguments("VisionNet on ten scans", "views, networks and rows")
     parser.add_argument("--part", default="1/1", help="which share of the objects, as 1/2")
     parser.add_argument("--only", nargs="+", default=OBJECTS, choices=OBJECTS, metavar="ID")
     parser.add_argument("--cases", nargs="+", default=CASES, choices=CASES)
-    parser.add_argument("--materials", type=Path, default=Path("data/materials.csv"))
     given = parser.parse_args()
-    if not given.objects.is_file():
-        print(f"skipped: no catalogue of objects at {given.objects}")
-        return
-    with given.objects.open(newline="", encoding="utf-8") as file:
-        catalogue = {row["id"]: row["material"] for row in csv.DictReader(file)}
-    materials = read_materials(given.materials)
+    scans = Scans(given.objects)
     share, shares = map(int, given.part.split("/"))
+    rows = given.folder / "rows"
     for case in given.cases:
-        for index, name in enumerate(given.only):
-            path = given.folder / "rows" / f"{name}-{case}.json"
-            if index % shares != share - 1 or path.exists():
-                continue
-            subject = Subject(given.objects.parent, name, materials[catalogue[name]], given.folder)
-            row = subject.answer(case)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(row), encoding="utf-8")
-            print(name, case, row, flush=True)
+        for name in given.only[share - 1 :: shares]:
+            kept(
+                rows / f"{name}-{case}.json",
+                lambda at=name, of=case: Subject(scans, at, given.folder).answer(of),
+            )
     found = {
-        case: {
-            name: json.loads(path.read_text(encoding="utf-8"))
-            for name in OBJECTS
-            if (path := given.folder / "rows" / f"{name}-{case}.json").exists()
-        }
+        case: {name: kept(path, dict) for name in OBJECTS if (path := rows / f"{name}-{case}.json").exists()}
         for case in CASES
     }
-    materials_of = {name: catalogue[name] for name in OBJECTS}
-    write("vision_objects", figures(found), settings(materials_of), COMPARED)
-    draw(found["within_120"])
+    materials = {name: scans.material(name).name for name in OBJECTS}
+    conclude("vision_objects", figures(found), settings(materials), COMPARED, draw)
 
 
 COMPARED = (
@@ -176,11 +158,9 @@ def settings(materials: Mapping[str, str]) -> dict[str, Any]:
 class Subject:
     """One object: its mesh, the surface as its file stores it, and what is kept of it in a folder."""
 
-    def __init__(self, objects: Path, name: str, material: Material, folder: Path) -> None:
-        self.name, self.material, self.folder = name, material, folder
-        self.mesh: TexturedMesh = textured_mesh_of(
-            ingest_object(objects / name / "model.obj", None, None, name)
-        )
+    def __init__(self, scans: Scans, name: str, folder: Path) -> None:
+        self.name, self.material, self.folder = name, scans.material(name), folder
+        self.mesh = scans.mesh(name)
         tensors = encode_surface(self.mesh.surface)
         self.surface = decode_surface(tensors)
         self.surface_bytes = sum(tensor.nbytes for tensor in tensors.values())
@@ -355,7 +335,8 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def draw(rows: Mapping[str, Mapping[str, Any]]) -> None:
+def draw(figures: Mapping[str, Any]) -> None:
+    rows = figures["objects"]["within_120"]
     picture, axes = subplots(figsize=(8, 4.5))
     for offset, (key, label) in enumerate(
         (("psnr_db", "VisionNet"), ("psnr_foreground_db", "VisionNet, foreground"))
@@ -371,12 +352,6 @@ def draw(rows: Mapping[str, Mapping[str, Any]]) -> None:
     axes.invert_yaxis()
     axes.legend(fontsize=8)
     save(picture, "vision_objects")
-
-
-def cpu_seconds() -> float:
-    """Of this process and of those it has ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import save, subplots, write
+from bench.record import save, subplots
 
 COMPARED = (
     "VisionNet over its knob, Cycles over samples, ObjectFolder 1.0's network, textures unlit, lit and "
@@ -26,36 +26,19 @@ LOOKS = {
 OTHER_LOOK = ("tab:brown", "o-")
 
 
-def conclude(rows: list[dict[str, Any]], settings: dict[str, Any]) -> None:
-    """Write and draw the rows of all objects and sizes."""
-    sizes = sorted({row["size"] for row in rows})
-    means = {size: mean_over_objects([row for row in rows if row["size"] == size]) for size in sizes}
-    figures = {
+def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the rows of all objects and sizes with what follows from them, by size."""
+    by_size: dict[str, list[dict[str, Any]]] = {}
+    for row in sorted(rows, key=lambda row: row["size"]):
+        by_size.setdefault(str(row["size"]), []).append(row)
+    return {
         "rows": rows,
-        "mean_over_objects": {str(size): found for size, found in means.items()},
-        "against_cycles_at_equal_error": {
-            str(size): at_equal_error([row for row in rows if row["size"] == size]) for size in sizes
-        },
+        "mean_over_objects": {size: mean_over_objects(found) for size, found in by_size.items()},
+        "against_cycles_at_equal_error": {size: at_equal_error(found) for size, found in by_size.items()},
         f"seconds_at_{WANTED_DB:.0f}_db": {
-            str(size): seconds_at([row for row in rows if row["size"] == size], WANTED_DB) for size in sizes
+            size: seconds_at(found, WANTED_DB) for size, found in by_size.items()
         },
     }
-    write("vision", figures, settings, COMPARED)
-    floors = {
-        size: float(np.mean([row["truth_noise_floor_db"] for row in rows if row["size"] == size]))
-        for size in sizes
-    }
-    draw(means, floors)
-    for size, found in means.items():
-        print(f"\n{size} x {size}")
-        for way in found:
-            print(" ".join(f"{key} {shown(value)}" for key, value in way.items()))
-    print(figures["against_cycles_at_equal_error"])
-    print(figures[f"seconds_at_{WANTED_DB:.0f}_db"])
-
-
-def shown(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def mean_over_objects(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -140,8 +123,13 @@ def label(way: dict[str, Any], most_objects: int) -> str:
     return f"{way['way']}{trained}{objects}"
 
 
-def draw(means: dict[int, list[dict[str, Any]]], floors: dict[int, float]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """PSNR against seconds and against bytes, a row a size."""
+    means = figures["mean_over_objects"]
+    floors = {
+        size: np.mean([row["truth_noise_floor_db"] for row in figures["rows"] if str(row["size"]) == size])
+        for size in means
+    }
     figure, axes = subplots(
         len(means), 2, figsize=(12, 4.4 * len(means)), squeeze=False, sharey="row", layout=None
     )
