@@ -10,7 +10,6 @@ is measured.
 import hashlib
 import json
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from bench.record import REPOSITORY, arguments, save, subplots, write
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, save, subplots
 from objectfolder.products.provenance import fingerprint
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, to_bytes
 from pipeline.audit.reasons import BESIDE
@@ -173,16 +172,15 @@ class Template:
 
 def audited(root: Path, *arguments: str) -> tuple[float, dict[str, int]]:
     """Return the CPU seconds of an audit as a user runs it, children and all, and objects by state."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = "import sys; from pipeline.cli import main; sys.exit(main(sys.argv[1:]))"
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "DVC_NO_ANALYTICS": "1"}
     environment["DVC_SITE_CACHE_DIR"] = str(root / "site")  # where descriptions of what is far are kept
+    start = cpu_seconds()
     done = subprocess.run(
         [sys.executable, "-c", command, "audit", *arguments],
         cwd=root, capture_output=True, text=True, check=True, env=environment,
     )  # fmt: skip
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    seconds = cpu_seconds() - start
     counts: dict[str, int] = {}
     if "--json" in arguments:
         for one in json.loads(done.stdout)["objects"]:
@@ -230,12 +228,12 @@ def main() -> None:
         "CPU seconds of `objectfolder audit A B`, interpreter and imports included, where all products of"
         " some objects changed; bar: 5"
     )
-    write("audit", figures, settings, compared)
-    plot(rows, nothing)
+    conclude("audit", figures, settings, compared, draw)
 
 
-def plot(rows: list[dict[str, Any]], nothing: list[float]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """Draw CPU seconds against objects changed."""
+    rows, nothing = figures["changed"], figures["nothing_changed_cpu_s"]
     figure, axes = subplots(figsize=(6, 4))
     names = ["0", *(str(row["changed"]) for row in rows)]
     near = [nothing[len(nothing) // 2], *(row["text_cpu_s"][len(row["text_cpu_s"]) // 2] for row in rows)]

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, save, subplots, write
+from bench.record import arguments, conclude, save, subplots
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.products.store import read_product
@@ -41,13 +41,8 @@ def main() -> None:
         "naive_samples": given.naive_samples,
         "rounds": ROUNDS,
     }
-    write(
-        "dataset",
-        figures,
-        settings,
-        "Training samples a CPU-second: rows of open products against whole arrays",
-    )
-    draw(rows)
+    compared = "Training samples a CPU-second: rows of open products against whole arrays"
+    conclude("dataset", figures, settings, compared, draw)
 
 
 def measure(root: Path, sense: str, given: argparse.Namespace) -> dict[str, Any]:
@@ -99,8 +94,9 @@ def agree(samples: ObjectFolderDataset, root: Path, sense: str, indices: list[in
         np.testing.assert_array_equal(samples[index][key].numpy(), naive(samples, root, sense, index))
 
 
-def draw(rows: list[dict[str, Any]]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """Write the plot."""
+    rows = figures["ways"]
     figure, axes = subplots(figsize=(6, 3))
     places = np.arange(len(rows))
     for offset, way, label in ((-0.2, "ours", "ObjectFolderDataset"), (0.2, "naive", "whole arrays")):

@@ -6,7 +6,6 @@ data set twice from nothing, with one worker and with two, in turn; nothing is r
 
 import csv
 import os
-import resource
 import shutil
 import statistics
 import subprocess
@@ -18,7 +17,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from bench.record import REPOSITORY, arguments, save, subplots, write
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, save, subplots
 
 ROUNDS = 3
 WORKERS = (1, 2)
@@ -61,13 +60,13 @@ def run(inputs: Path, workers: int) -> dict[str, Any]:
         environment = {**os.environ, "OBJECTFOLDER_CLUSTER": str(place), "PYTHONPATH": str(REPOSITORY)}
         for name in ("DASK_SCHEDULER_ADDRESS", "OBJECTFOLDER_STORE"):
             environment.pop(name, None)
-        before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        cpu, begin = cpu_seconds(), time.perf_counter()
         subprocess.run(
             [sys.executable, "-m", "pipeline.cli", "products"],
             cwd=root, env=environment, check=True, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         wall_s = time.perf_counter() - begin
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        command_cpu_s = cpu_seconds() - cpu
         with (root / ".objectfolder" / "costs.csv").open(newline="") as file:
             tasks = [row for row in csv.DictReader(file) if row["wall_seconds"]]
         return {
@@ -77,7 +76,7 @@ def run(inputs: Path, workers: int) -> dict[str, Any]:
             "task_wall_s": sum(float(row["wall_seconds"]) for row in tasks),
             "task_cpu_s": sum(float(row["cpu_seconds"]) for row in tasks),
             "longest_task_s": max(float(row["wall_seconds"]) for row in tasks),
-            "command_cpu_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+            "command_cpu_s": command_cpu_s,
         }
 
 
@@ -97,7 +96,7 @@ def summarise(rounds: list[dict[int, dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
-def plot(figures: dict[str, Any]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """Draw the wall seconds of every round."""
     figure, axes = subplots(figsize=(6, 3.6))
     for offset, workers in zip((-0.2, 0.2), WORKERS, strict=True):
@@ -133,8 +132,7 @@ def main() -> None:
         "the whole command that makes a data set from nothing, cluster and interpreter started within: "
         "wall seconds with one worker over those with two, median of the rounds"
     )
-    write("efficiency", figures, settings, compared)
-    plot(figures)
+    conclude("efficiency", figures, settings, compared, draw)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ go on, or runs again, until all is made; a few rounds do so with the stages `obj
 starter objects. A child that runs again what its kill cut short is spared: a second kill is a failure.
 """
 
-import json
 import random
 import re
 import shutil
@@ -18,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.record import REPOSITORY, RESULTS, arguments, save, subplots, versions, write
+from bench.record import REPOSITORY, RESULTS, arguments, conclude, save, stored, subplots, versions
 
 # What disturbs runs serves the tests as well; tests are no package, so their folder is put on the path first.
 sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
@@ -135,8 +134,9 @@ def summary(rounds: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     return found
 
 
-def plot(found: dict[str, Any]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """Executions of each kind of round: needed, again because cut short, again without need."""
+    found = figures["summary"]
     figure, axes = subplots(figsize=(9, 4.5))
     names = list(found)
     needed = [found[name]["works"] for name in names]
@@ -158,10 +158,8 @@ def plot(found: dict[str, Any]) -> None:
 
 
 def record(rounds: dict[str, list[dict[str, Any]]]) -> None:
-    found = summary(rounds)
     settings = {"objects": len(CONTENTS), "stages": 3, "products": 4, "workers": 2, "task_ms": [50, 200]}
-    write("faults", {"summary": found, "rounds": rounds}, settings, COMPARED)
-    plot(found)
+    conclude("faults", {"summary": summary(rounds), "rounds": rounds}, settings, COMPARED, draw)
 
 
 def main() -> None:
@@ -170,8 +168,7 @@ def main() -> None:
     parser.add_argument("--fresh", action="store_true", help="forget the rounds recorded so far")
     parser.add_argument("--keep", action="store_true", help="keep the folders of rounds that went wrong")
     options = parser.parse_args()
-    path = RESULTS / "faults.json"
-    known = json.loads(path.read_text())["figures"]["rounds"] if path.exists() else {}
+    known = stored("faults")["figures"]["rounds"] if (RESULTS / "faults.json").exists() else {}
     rounds = {kind: [] if options.fresh and kind in options.only else known.get(kind, []) for kind in PLAN}
     base = Path(tempfile.mkdtemp(prefix="faults-"))
     grounds = Grounds(base)

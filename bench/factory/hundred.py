@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.record import RESULTS, arguments, save, subplots, write
+from bench.record import RESULTS, arguments, conclude, save, subplots
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
@@ -22,6 +22,7 @@ from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
 from pipeline.run.forecast.estimates import last_costs
 
+TABLE = RESULTS / "hundred_per_object.csv"
 # Column of the table, and whether a larger value is the better one.
 MEASURES = {
     "vision.psnr_db": True,
@@ -49,8 +50,7 @@ def main() -> None:
         parser.error(
             f"{root}: nothing is known of the costs of {', '.join(unfinished)}: make the data set first"
         )
-    with table.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(table)
     parameters = read_parameters(root / "params.yaml")
     listed = read_table(root, parameters.objects).selected(parameters.objects.only)
     stages = {name: stage_cost(root, name) for name in STAGES}
@@ -69,11 +69,15 @@ def main() -> None:
         "bytes": sum(stage["product_bytes"] for stage in stages.values()),
     }
     settings = {"size": parameters.size, "seed": parameters.seed}
-    print(
-        write("hundred", figures, settings, "Object Files against held-out truth; CPU seconds of every task.")
-    )
-    shutil.copyfile(table, RESULTS / "hundred_per_object.csv")
-    plot(rows)
+    shutil.copyfile(table, TABLE)
+    compared = "Object Files against held-out truth; CPU seconds of every task."
+    conclude("hundred", figures, settings, compared, draw)
+
+
+def read_rows(table: Path) -> list[dict[str, str]]:
+    """Return a report's table of objects."""
+    with table.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def number(row: Mapping[str, str], name: str) -> float | None:
@@ -119,8 +123,9 @@ def stage_cost(root: Path, stage: str) -> dict[str, Any]:
     }
 
 
-def plot(rows: Sequence[Mapping[str, str]]) -> None:
+def draw(figures: Mapping[str, Any]) -> None:
     """Draw the distributions of the headline figures and the CPU seconds of each object by stage."""
+    rows = read_rows(TABLE)
     figure, axes = subplots(1, 4, figsize=(16, 3.6), width_ratios=(1, 1, 1, 2))
     for name, axis in zip(PLOTTED, axes, strict=False):
         axis.hist([value for row in rows if (value := number(row, name)) is not None], bins=20)

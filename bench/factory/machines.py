@@ -26,7 +26,7 @@ import yaml
 from matplotlib import colormaps
 from matplotlib.patches import Rectangle
 
-from bench.record import REPOSITORY, arguments, save, subplots, write
+from bench.record import REPOSITORY, arguments, conclude, save, subplots
 from objectfolder.mesh.starter.write import write_starter_set
 from pipeline.audit.reproducibility import ATTRIBUTE, EQUAL, compare
 from pipeline.dataset.stages import STAGES
@@ -213,7 +213,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def plot(figures: Mapping[str, Any]) -> None:
+def draw(figures: Mapping[str, Any]) -> None:
     """Largest difference of an array, as a share of its range, by condition and stage."""
     keys, stages = list(figures), list(STAGES)
     figure, axes = subplots(figsize=(9, 1.2 + 0.3 * len(keys)))
@@ -279,15 +279,15 @@ def main() -> None:
         "conditions": {name: asdict(condition) for name, condition in CONDITIONS.items()},
         "order": "each stage in a process of its own, as the factory does where MKL would change torch",
     }
-    write(
+    conclude(
         "machines",
         figures,
         settings,
         "products made under another condition from the same inputs, or by another machine from the same "
         "code, against the usual ones: arrays and attributes that are not the same bytes, with "
         "the largest and rms difference as a share of the range of the array",
+        draw,
     )
-    plot(figures)
 
 
 def _processor() -> str:

@@ -6,7 +6,6 @@ child processes; on a busy machine they grow, and so does the measure beside the
 """
 
 import json
-import resource
 import shutil
 import statistics
 import sys
@@ -18,26 +17,25 @@ from typing import Any
 import yaml
 
 from bench.factory.overhead_repository import REPOSITORY, OverheadRepository, stage_per_object
-from bench.record import arguments, save, subplots, write
+from bench.record import arguments, conclude, cpu_seconds, save, subplots
 
 BARS = {"nothing to do": 3.0, "one object changed": 5.0, "status": 2.0}
 Act = Callable[[], object]
 
 
-def cpu_seconds(act: Act) -> float:
+def seconds_of(act: Act) -> float:
     """Return the CPU seconds of what `act` runs."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    start = cpu_seconds()
     act()
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return cpu_seconds() - start
 
 
 def measure(root: Path, objects: int, rounds: int) -> dict[str, Any]:
     """Return CPU seconds of every act, each round one after the other."""
     repository = OverheadRepository(root, objects)
-    made = cpu_seconds(lambda: repository.run(*populate(root)))
+    made = seconds_of(lambda: repository.run(*populate(root)))
     print(f"products made: {made:.1f} CPU-s", flush=True)
-    first = cpu_seconds(lambda: repository.run("dvc", "repro"))
+    first = seconds_of(lambda: repository.run("dvc", "repro"))
     print(f"first repro: {first:.1f} CPU-s", flush=True)
     sizes = iter(range(1000))
 
@@ -65,7 +63,7 @@ def measure(root: Path, objects: int, rounds: int) -> dict[str, Any]:
         for name, (prepare, act) in acts.items():
             if prepare is not None:
                 prepare()
-            seconds[name].append(cpu_seconds(act))
+            seconds[name].append(seconds_of(act))
             print(f"{name}: {seconds[name][-1]:.2f} CPU-s", flush=True)
     return {"objects": objects, "stages": 6, "products_found_by_dvc_cpu_s": first, "cpu_s": seconds}
 
@@ -84,10 +82,10 @@ def measure_rival(root: Path, objects: int) -> dict[str, Any]:
     (root / "dvc.yaml").write_text(yaml.safe_dump(stages))
     (root / "made").mkdir()
     figures: dict[str, Any] = {"objects": objects, "stages": 1}
-    figures["first_cpu_s"] = cpu_seconds(lambda: repository.run("dvc", "repro"))
-    figures["nothing_to_do_cpu_s"] = cpu_seconds(lambda: repository.run("dvc", "repro"))
+    figures["first_cpu_s"] = seconds_of(lambda: repository.run("dvc", "repro"))
+    figures["nothing_to_do_cpu_s"] = seconds_of(lambda: repository.run("dvc", "repro"))
     repository.write_mesh(repository.ids[0], 0.7)
-    figures["one_changed_cpu_s"] = cpu_seconds(lambda: repository.run("dvc", "repro"))
+    figures["one_changed_cpu_s"] = seconds_of(lambda: repository.run("dvc", "repro"))
     print(f"rival: {figures}", flush=True)
     return figures
 
@@ -96,7 +94,7 @@ def measure_dvc(root: Path) -> float:
     """Return CPU seconds of a repro of no stages."""
     repository = OverheadRepository(root, 0)
     (root / "dvc.yaml").write_text("stages: {}\n")
-    return cpu_seconds(lambda: repository.run("dvc", "repro"))
+    return seconds_of(lambda: repository.run("dvc", "repro"))
 
 
 def summary(ours: dict[str, Any], rival: dict[str, Any], start: float) -> dict[str, Any]:
@@ -117,7 +115,7 @@ def summary(ours: dict[str, Any], rival: dict[str, Any], start: float) -> dict[s
     }
 
 
-def plot(figures: dict[str, Any]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """Draw CPU seconds against the bars."""
     names = list(BARS)
     figure, axes = subplots(figsize=(8, 4))
@@ -144,17 +142,15 @@ def main() -> None:
     finally:
         shutil.rmtree(work, ignore_errors=True)
     figures = summary(ours, rival, start)
-    write(
+    conclude(
         "overhead",
         figures,
         {**vars(given), "python": sys.version.split()[0]},
         "CPU seconds, child processes included, of `dvc repro` and `objectfolder status` over trivial "
         "tasks; the rival is one DVC stage per object, one product of six, carried on in proportion.",
+        draw,
     )
-    plot(figures)
-    print(
-        json.dumps({key: figures[key] for key in ("median_cpu_s", "meets_bar", "rival_extrapolated_cpu_s")})
-    )
+    print(json.dumps({key: figures[key] for key in ("median_cpu_s", "rival_extrapolated_cpu_s")}))
 
 
 if __name__ == "__main__":

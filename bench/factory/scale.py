@@ -23,7 +23,7 @@ from unittest import mock
 
 import psutil
 
-from bench.record import REPOSITORY, arguments, save, subplots, write
+from bench.record import REPOSITORY, arguments, conclude, save, subplots
 from pipeline.cluster import dask_runner
 from pipeline.cluster.cluster import settings
 from pipeline.cluster.places import Place
@@ -60,15 +60,15 @@ def main() -> None:
                     row = {"knowledge": knowledge, "workers": workers, "threads_of_each": threads, **row}
                     figures["makespans"].append(row)
                     print(row, flush=True)
-    write("scale", figures, {"processors": os.cpu_count(), "load": os.getloadavg()[0]}, COMPARED)
-    plot(figures["makespans"])
+    surroundings = {"processors": os.cpu_count(), "load": os.getloadavg()[0]}
+    conclude("scale", figures, surroundings, COMPARED, draw)
 
 
-def plot(rows: list[dict[str, Any]]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """Draw wall time over the bound, by cluster and by what was known."""
     figure, axes = subplots(figsize=(6, 3))
     for place, knowledge in enumerate(("known", "first")):
-        chosen = [row for row in rows if row["knowledge"] == knowledge]
+        chosen = [row for row in figures["makespans"] if row["knowledge"] == knowledge]
         positions = [index + 0.4 * place for index in range(len(chosen))]
         bars = axes.bar(positions, [row["over_bound"] for row in chosen], 0.38, label=knowledge)
         axes.bar_label(bars, fmt="%.2f")

@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from bench.record import REPOSITORY, arguments, save, subplots, write
+from bench.record import REPOSITORY, arguments, conclude, save, subplots
 
 TRIALS = 100
 OBJECTS = {"ball": "1.0", "cup": "2.0", "dish": "3.0"}
@@ -86,34 +86,17 @@ def figures_of(outcomes: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def plot(outcomes: list[dict[str, Any]]) -> None:
-    """Products there after the disturbed run, against what happened to it."""
-    figure, axes = subplots(figsize=(8, 5))
-    products = 4 * len(OBJECTS)
-
-    def share(outcome: dict[str, Any]) -> float:
-        return (sum(outcome["faults"].values()) + outcome["refused"]) / outcome["requests"]
-
-    for mark, mode in zip("os", sorted({outcome["mode"] for outcome in outcomes}), strict=False):
-        for full, colour in ((False, "C0"), (True, "C3")):
-            chosen = [
-                outcome
-                for outcome in outcomes
-                if outcome["mode"] == mode and bool(outcome["writes_without_space"]) == full
-            ]
-            axes.plot(
-                [share(outcome) for outcome in chosen],
-                [products - outcome["missing_after_first"] for outcome in chosen],
-                mark, color=colour, alpha=0.6, label=f"{mode}{', disk full at times' if full else ''}",
-            )  # fmt: skip
-    axes.set_xlabel("share of requests that failed")
-    axes.set_ylabel(f"products of {products} after the disturbed run")
-    equal = sum(outcome["equal_after_second"] for outcome in outcomes)
-    title = (
-        f"After the next run {equal} of {len(outcomes)} had all products, bytes equal to an undisturbed run's"
-    )
-    axes.set_title(title, fontsize=9)
-    axes.legend(fontsize=8)
+def draw(figures: dict[str, Any]) -> None:
+    """Faults by kind, and how the runs came out."""
+    figure, axes = subplots(figsize=(8, 4))
+    faults = {**figures["faults"], "refused in outages": figures["requests_refused_in_outages"]}
+    faults["local disk full"] = figures["writes_that_found_the_disk_full"]
+    bars = axes.barh(list(faults), list(faults.values()))
+    axes.bar_label(bars, padding=3)
+    axes.invert_yaxis()
+    axes.set_xlabel(f"faults among {figures['requests']} requests")
+    right, trials = figures["trials_right"], figures["trials"]
+    axes.set_title(f"After the next run {right} of {trials} runs had all products of an undisturbed run")
     save(figure, "store_faults")
 
 
@@ -138,15 +121,15 @@ def main() -> None:
         "outage": "three trials in ten: 1 to 59 requests refused",
         "disk_full": "a third of the trials: 2 to 20 % of file commits",
     }
-    write(
+    conclude(
         "store_faults",
         figures,
         settings,
         "toy stages through an S3 store whose requests fail at random; right: all products byte-equal to an "
         "undisturbed run's, no object or file torn at any time, no finished task executed again, and an "
         "error that names the store or folder where a run did not finish",
+        draw,
     )
-    plot(outcomes)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 import psutil
 
 import objectfolder
-from bench.record import arguments, save, subplots, write
+from bench.record import arguments, conclude, save, subplots
 from objectfolder.object_file import ObjectFile
 from pipeline.publish.viewer.static import write_player, write_player_assets
 
@@ -88,14 +88,14 @@ def main() -> None:
         "picking, modes, synthesis of 2 s, transfer, buffer; the device's own output latency is not in it",
         "static_bake": "CPU seconds to open the file and write its script; cached: its digest was known",
     }
-    write(
+    conclude(
         "viewer",
         figures,
         settings,
         "Time from view to image and from click to sound on the live page, and from click to sound, bytes, "
         "write time and gain error of the static player, object by object",
+        draw,
     )
-    draw(rows)
 
 
 def live(browser: Any, path: Path) -> dict[str, Any]:
@@ -226,8 +226,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def draw(rows: list[dict[str, Any]]) -> None:
+def draw(figures: dict[str, Any]) -> None:
     """Draw waits object by object."""
+    rows = figures["objects"]
     figure, axes = subplots(1, 2, figsize=(10, 3.6))
     at = np.arange(len(rows))
     image = (("image_cpu_ms", "CPU of the server"), ("image_wall_ms_median", "wall"))

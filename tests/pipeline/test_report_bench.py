@@ -26,7 +26,7 @@ def test_unchanged_pages_are_timed_with_as_many_queries_as_they_show(
 
     real = dashboard.write_report
     monkeypatch.setattr(dashboard, "write_report", write_report)
-    for name in ("players_alone", "behaviour", "write", "plot"):
+    for name in ("players_alone", "behaviour", "conclude"):
         monkeypatch.setattr(dashboard, name, lambda *_: {})
     arguments: list[Any] = [tmp_path, "--objects", 3, "--pairs", 4, 2, "--scratch", tmp_path]
     monkeypatch.setattr("sys.argv", ["dashboard", *map(str, arguments)])
