@@ -30,8 +30,22 @@ def test_what_is_written_is_read_with_its_true_values(
 
 
 def test_one_channel_may_be_flat(tmp_path: Path) -> None:
-    write_wav(tmp_path / "a.wav", [0.0, 2.5, -7.0], 8000)
+    assert write_wav(tmp_path / "a.wav", [0.0, 2.5, -7.0], 8000, gain=1) == 1
     np.testing.assert_array_equal(wavfile.read(tmp_path / "a.wav")[1], np.float32([0.0, 2.5, -7.0]))
+
+
+@pytest.mark.parametrize("peak", [1e-9, 0.3, 213.0])
+def test_by_default_a_sound_peaks_three_decibels_below_full_scale(tmp_path: Path, peak: float) -> None:
+    sound = peak * np.array([[0.5, -1.0], [0.25, 0.0]])
+    gain = write_wav(tmp_path / "a.wav", sound, 8000)
+    found = wavfile.read(tmp_path / "a.wav")[1]
+    assert 20 * np.log10(np.abs(found).max()) == pytest.approx(-3, abs=1e-6)
+    np.testing.assert_allclose(found.T, gain * sound, rtol=1e-6)
+
+
+def test_silence_stays_silence(tmp_path: Path) -> None:
+    assert write_wav(tmp_path / "a.wav", np.zeros(8), 8000) == 1
+    np.testing.assert_array_equal(wavfile.read(tmp_path / "a.wav")[1], np.zeros(8, np.float32))
 
 
 def test_what_wav_cannot_hold_is_refused_and_leaves_nothing(

@@ -159,13 +159,20 @@ def test_sampled_queries_feed_render_strike_and_press(
 
     sounds, contacts = tmp_path / "sounds", ["--points", str(queries / "points.npy")]
     strike = ["strike", file, *contacts, "--forces", str(queries / "forces.npy"), "--duration", "0.1"]
-    assert main([*strike, "-o", str(sounds)]) == 0
+    assert main([*strike, "--gain", "1", "-o", str(sounds)]) == 0
+    assert "written times" not in capsys.readouterr().out
     points, normals = bar.sample_contacts(3, seed=4)
-    for index, expected in enumerate(bar.strike(points, -normals, duration=0.1)):
+    struck = bar.strike(points, -normals, duration=0.1)
+    for index, expected in enumerate(struck):
         rate, sound = wavfile.read(sounds / f"{index:04d}.wav")
         assert rate == 44100
         assert sound.dtype == np.float32
         np.testing.assert_array_equal(sound, expected)
+    assert main([*strike, "-o", str(sounds)]) == 0
+    gain = 10 ** (-3 / 20) / np.abs(struck).max()
+    assert f" m/s, written times {gain:.3g} (--gain 1 keeps m/s)" in capsys.readouterr().out
+    for index, expected in enumerate(struck):
+        np.testing.assert_allclose(wavfile.read(sounds / f"{index:04d}.wav")[1], gain * expected, rtol=1e-6)
 
     ears = ["--listener", "0.5", "-0.1", "0.3", "--listener", "0.5", "0.1", "0.3"]
     assert (

@@ -5,7 +5,7 @@ from objectfolder.audio.synthesis.bank import mode_bank
 from objectfolder.audio.synthesis.force import driven_bank
 from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.voices import Voices
-from objectfolder.audio.synthesis.wav import write_wav
+from objectfolder.audio.synthesis.wav import listening_gain, write_wav
 
 __all__ = [
     "Air",
@@ -14,6 +14,7 @@ __all__ = [
     "Listener",
     "Voices",
     "driven_bank",
+    "listening_gain",
     "mass_at_contact",
     "mode_bank",
     "write_wav",

@@ -1,4 +1,4 @@
-"""Sounds as WAV files of 32-bit floats: values are written as they are, also above 1."""
+"""Sounds as WAV files of 32-bit floats: at a level to listen to, or with a gain of 1 at true values."""
 
 import struct
 from pathlib import Path
@@ -11,24 +11,35 @@ from objectfolder.products.atomic import atomic_write
 
 FLOAT_FORMAT = 3  # WAVE_FORMAT_IEEE_FLOAT
 LARGEST_BYTES = 2**32 - 64
+LISTENING_PEAK = 10 ** (-3 / 20)  # 3 dB below full scale, 1: what players clip is above that
 
 
-def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: float = 1.0) -> None:
-    """Write a sound, times an explicit gain.
+def listening_gain(peak: float) -> float:
+    """Return the factor that brings a peak to 3 dB below full scale; 1 for silence."""
+    return LISTENING_PEAK / peak if peak > 0 else 1.0
+
+
+def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: float | None = None) -> float:
+    """Write a sound times a gain, and return that gain.
 
     Parameters
     ----------
     sound
-        (samples,) or (channels, samples), in whatever unit it has; nothing is normalised or clipped.
+        (samples,) or (channels, samples), in whatever unit it has.
     sample_rate_hz
         A whole number.
+    gain
+        By default that of `listening_gain`; 1 writes the values as they are, also above full scale.
 
     Raises
     ------
     QueryError
         Values that are not finite (as float32), a shape or rate that WAV cannot hold, or over 4 GB.
     """
-    values = np.atleast_2d(np.asarray(sound, dtype=np.float64) * gain)
+    values = np.atleast_2d(np.asarray(sound, dtype=np.float64))
+    if gain is None:
+        gain = listening_gain(float(np.abs(values).max(initial=0.0)))
+    values = values * gain
     with np.errstate(over="ignore"):
         frames = np.ascontiguousarray(values.T, dtype="<f4")
     if values.ndim != 2 or not 1 <= len(values) < 65536:
@@ -55,3 +66,4 @@ def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: 
     with atomic_write(path) as file:
         file.write(b"RIFF" + struct.pack("<I", len(chunks) + frames.nbytes) + chunks)
         file.write(frames.tobytes())
+    return gain

@@ -4,6 +4,7 @@ Each function returns what was done, in a line. It raises `InputError` for a fil
 be used, and `QueryError` for what the Object File cannot answer.
 """
 
+import functools
 import json
 import os
 from pathlib import Path
@@ -14,7 +15,7 @@ from PIL import Image
 
 import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
-from objectfolder.audio.synthesis import ContactBody, write_wav
+from objectfolder.audio.synthesis import ContactBody, listening_gain, write_wav
 from objectfolder.errors import InputError
 from objectfolder.touch.sensor.calibrated import synthetic_background
 from objectfolder.vision.cameras import look_at
@@ -75,7 +76,7 @@ def strike_points(
     pulse_s: float | None,
     striker: tuple[str, float, float] | None,
 ) -> str:
-    """Write a float WAV file for each contact.
+    """Write a float WAV file for each contact, all times one gain, so that louder stays louder.
 
     The pulse is a half sine of `pulse_s` seconds, or that of a striker: material, radius at the contact
     (m), mass (kg).
@@ -87,7 +88,8 @@ def strike_points(
         material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
         body = ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius_m, mass_kg)
     points = _read_numbers(wanted.points, (3,))
-    parts = file.strikes(
+    strikes = functools.partial(
+        file.strikes,
         points,
         _read_numbers(wanted.forces, (3,), (2, 3)),
         wanted.duration_s,
@@ -95,14 +97,15 @@ def strike_points(
         pulse=body or pulse_s,
         listener=np.array(wanted.listener) if wanted.listener else None,
     )
+    peak = max((float(np.abs(sounds).max(initial=0.0)) for _, sounds in strikes()), default=0.0)
+    gain = listening_gain(peak) if wanted.gain is None else wanted.gain
     output.mkdir(parents=True, exist_ok=True)
-    peak = 0.0
-    for rows, sounds in parts:
+    for rows, sounds in strikes():  # again: all at once need not fit in memory
         for index, sound in zip(range(rows.start, rows.stop), sounds, strict=True):
-            write_wav(output / f"{index:04d}.wav", sound, wanted.sample_rate_hz, gain=wanted.gain)
-        peak = max(peak, float(np.abs(sounds).max(initial=0.0)))
+            write_wav(output / f"{index:04d}.wav", sound, wanted.sample_rate_hz, gain=gain)
     unit = "Pa" if wanted.listener else "m/s"
-    written = "" if wanted.gain == 1 else f", written times {wanted.gain:g}"
+    more = f" (--gain 1 keeps {unit})" if wanted.gain is None and peak > 0 else ""
+    written = "" if gain == 1 else f", written times {gain:.3g}{more}"
     return f"{output}: {len(points)} sounds of {wanted.duration_s} s, peak {peak:.3g} {unit}{written}"
 
 

@@ -70,7 +70,8 @@ class Striking:
         X Y Z, metres, object frame: write the pressure there (Pa, approximate), not surface velocity
         (m/s); twice for stereo
     gain
-        factor of what is written
+        factor of what is written; 1 keeps m/s or Pa, which players clip (default: the loudest sound peaks
+        3 dB below full scale)
     materials
         materials table (CSV)
     """
@@ -80,7 +81,7 @@ class Striking:
     duration_s: float = 2.0
     sample_rate_hz: int = 44100
     listener: tuple[tuple[float, float, float], ...] = ()
-    gain: float = 1.0
+    gain: float | None = None
     materials: Path = MATERIALS
 
 
