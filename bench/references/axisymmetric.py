@@ -34,7 +34,7 @@ ORDERS = (7, 5)
 FINER = (9, 6)
 # A limit may fall on an eigenvalue; the count is then taken this much higher or lower.
 NUDGES = (0.0, 1e-7, -1e-7, 3e-7)
-# After so many circumferential orders without a mode no further one has one, and not before this order.
+# Circumferential orders without a mode after which no further one has one, and the order from which it holds.
 EMPTY, LEAST_ORDER = 3, 5
 
 

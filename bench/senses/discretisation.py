@@ -1,6 +1,7 @@
 """Speed against error of ways to find the modes of a body, and what each part of this project's way brings.
 
-Run as ``python -m bench.senses.discretisation``. Every way starts from the same triangle surface:
+Run as ``python -m bench.senses.discretisation --folder FOLDER``. Rows of bodies are kept in FOLDER and not
+measured again. Every way starts from the same triangle surface:
 
 - ours, and ours with a part switched off: straight elements in place of bent ones, or one order everywhere;
 - P2, P3: straight tetrahedra of one order on the mesh that pytetwild makes as it comes;
@@ -26,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import Stopwatch, arguments, conclude, save, subplots
+from bench.record import Stopwatch, arguments, conclude, kept, save, subplots
 from bench.references.bodies import BODIES
 from bench.rivals.audio import calculix, lobpcg, ngsolve_solver
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, Outcome, compare
@@ -330,6 +331,7 @@ def draw(figures: dict[str, Any]) -> None:
 
 def main() -> None:
     parser = arguments(__doc__)
+    parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
     parser.add_argument("--scans", type=Path, default=FOLDER, help="folder of scans with catalogue.csv")
     parser.add_argument(
         "--bodies", nargs="*", default=list(BODIES), help="of revolution", choices=list(BODIES)
@@ -355,7 +357,10 @@ def main() -> None:
         "left_out": absent,
     }
     figures = {
-        name: measure(case_of(name, options.scans), options.ngsolve_python)
+        name: kept(
+            options.folder / f"{name}.json",
+            lambda at=name: measure(case_of(at, options.scans), options.ngsolve_python),
+        )
         for name in (*options.bodies, *options.objects)
     }
     conclude("discretisation", figures, settings, COMPARED, draw)

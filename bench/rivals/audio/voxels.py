@@ -5,13 +5,13 @@ cubes along the longest side. Cubes that share only an edge or a vertex would be
 parted, so that each body joined through faces has six rigid motions. The papers say nothing of it.
 """
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
+from bench.record import Stopwatch
 from bench.rivals.audio.voxel_grid import VoxelGrid, voxelise
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.eigen import DENSE, count_below, lowest_elastic, rigid_motions
@@ -89,66 +89,38 @@ def voxel_modes(
     SimulationError
         When the inertia count and the modes found differ after a second search.
     """
-    clock = time.process_time()
-    cpu_s: dict[str, float] = {}
-
-    def lap(step: str) -> None:
-        nonlocal clock
-        now = time.process_time()
-        cpu_s[step] = cpu_s.get(step, 0.0) + now - clock
-        clock = now
-
-    grid = voxelise(surface, resolution, rule)
-    hexahedra, nodes, body = _mesh(grid)
-    components = int(body.max()) + 1
-    lap("voxelise")
-
+    watch = Stopwatch()
+    with watch.step("voxelise"):
+        grid = voxelise(surface, resolution, rule)
+        hexahedra, nodes, body = _mesh(grid)
     # Lengths in cells and the mass of one cell as 1: omega^2 = eta^2 (c_s / edge)^2.
     radians = material.shear_speed_m_s / grid.edge_m
     below = (2 * np.pi * max_frequency_hz / radians) ** 2
-    stiffness_block, mass_block = hexahedron(material.poisson_ratio)
-    found: list[tuple[Floats, Integers, Floats]] = []
+    blocks = hexahedron(material.poisson_ratio)
+    found: list[_Body] = []
     limit = below
+    components = int(body.max()) + 1
     order = np.argsort(body[hexahedra[:, 0]], kind="stable")
     ends = np.cumsum(np.bincount(body[hexahedra[:, 0]], minlength=components))
     for chosen in np.split(order, ends[:-1]):
         members, local = np.unique(hexahedra[chosen], return_inverse=True)
-        local = local.reshape(-1, 8)
-        stiffness, mass = assemble(local, len(members), stiffness_block, mass_block)
-        lap("assemble")
-        values, vectors, certain, counting = _solve(
-            stiffness, mass, nodes[members] - nodes[members].mean(axis=0), below, max_modes, seed
-        )
-        cpu_s["count"] = cpu_s.get("count", 0.0) + counting
-        clock += counting
-        lap("solve")
-        found.append((values, members, vectors))
+        with watch.step("assemble"):
+            stiffness, mass = assemble(local.reshape(-1, 8), len(members), *blocks)
+        positions = nodes[members] - nodes[members].mean(axis=0)
+        values, vectors, certain = _solve(stiffness, mass, positions, below, max_modes, seed, watch)
+        found.append(_Body(values, members, vectors))
         limit = min(limit, certain)
-
-    values = np.concatenate([part[0] for part in found])
-    owner = np.repeat(np.arange(components), [len(part[0]) for part in found])
-    column = np.concatenate([np.arange(len(part[0])) for part in found])
-    ranks = np.argsort(values, kind="stable")
-    kept = int(np.count_nonzero(values[ranks] < limit))
-    if kept > max_modes:
-        kept = _gap(values[ranks], max_modes)
-        limit = float(np.sqrt(values[ranks[kept - 1]] * values[ranks[kept]]))
-    scale = 1 / np.sqrt(material.density_kg_m3 * grid.edge_m**3)
-    result = np.zeros((len(nodes), 3, kept))
-    for rank, mode in enumerate(ranks[:kept]):
-        _, members, vectors = found[owner[mode]]
-        result[members, :, rank] = vectors[:, column[mode]].reshape(-1, 3) * scale
-
-    eigenvalues = values[ranks[:kept]] * radians**2
+    with watch.step("solve"):
+        values, vectors, limit = _together(found, len(nodes), limit, max_modes)
+    eigenvalues = values * radians**2
     dampings = (material.rayleigh_alpha_per_s + material.rayleigh_beta_s * eigenvalues) / 2
     volume = len(hexahedra) * grid.edge_m**3
     enclosed = _enclosed_volume(surface)
-    lap("solve")
     return VoxelModes(
         frequencies_hz=np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * np.pi),
         eigenvalues=eigenvalues,
         dampings_per_s=dampings,
-        vectors=result,
+        vectors=vectors / np.sqrt(material.density_kg_m3 * grid.edge_m**3),
         nodes=grid.origin_m + nodes * grid.edge_m,
         components=components,
         mass_kg=material.density_kg_m3 * volume,
@@ -156,8 +128,34 @@ def voxel_modes(
         unknowns=3 * len(nodes),
         cells=len(hexahedra),
         limit_hz=float(np.sqrt(limit)) * radians / (2 * np.pi),
-        cpu_s=cpu_s,
+        cpu_s=watch.cpu_s,
     )
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Eigenvalues (k,) of one body, its vertices (n,) and its vectors (3 n, k)."""
+
+    values: Floats
+    members: Integers
+    vectors: Floats
+
+
+def _together(bodies: list[_Body], nodes: int, limit: float, max_modes: int) -> tuple[Floats, Floats, float]:
+    """Eigenvalues (k,) of all bodies, ascending, vectors (nodes, 3, k), and their limit."""
+    values = np.concatenate([body.values for body in bodies])
+    owner = np.repeat(np.arange(len(bodies)), [len(body.values) for body in bodies])
+    column = np.concatenate([np.arange(len(body.values)) for body in bodies])
+    ranks = np.argsort(values, kind="stable")
+    kept = int(np.count_nonzero(values[ranks] < limit))
+    if kept > max_modes:
+        kept = _gap(values[ranks], max_modes)
+        limit = float(np.sqrt(values[ranks[kept - 1]] * values[ranks[kept]]))
+    vectors = np.zeros((nodes, 3, kept))
+    for rank, mode in enumerate(ranks[:kept]):
+        body = bodies[owner[mode]]
+        vectors[body.members, :, rank] = body.vectors[:, column[mode]].reshape(-1, 3)
+    return values[ranks[:kept]], vectors, limit
 
 
 def hexahedron(poisson_ratio: float) -> tuple[Floats, Floats]:
@@ -231,39 +229,38 @@ def _solve(
     below: float,
     max_modes: int,
     seed: int,
-) -> tuple[Floats, Floats, float, float]:
-    """Elastic pairs of one body, the limit below which they are all, and the CPU seconds of counting them.
+    watch: Stopwatch,
+) -> tuple[Floats, Floats, float]:
+    """Elastic pairs of one body, and the limit below which they are all.
 
     The limit is `below`, or lower in a gap where many more than `max_modes` lie below it.
     """
     rigid = rigid_motions(positions, np.zeros(len(positions), dtype=np.int64), len(positions), mass)
     longest = float(np.ptp(positions, axis=0).max())
-    counting = 0.0
     counted = -1
     for attempt, tolerance in enumerate((1e-7, 1e-11)):
         # A few more than wanted, so that a cut can avoid a multiple eigenvalue.
-        pairs = lowest_elastic(
-            stiffness,
-            mass,
-            rigid,
-            below=below,
-            at_most=max_modes + 8,
-            shift=-min(0.05 / longest**2, below / 4),
-            tolerance=tolerance,
-            seed=seed + attempt,
-        )
+        with watch.step("solve"):
+            pairs = lowest_elastic(
+                stiffness,
+                mass,
+                rigid,
+                below=below,
+                at_most=max_modes + 8,
+                shift=-min(0.05 / longest**2, below / 4),
+                tolerance=tolerance,
+                seed=seed + attempt,
+            )
         kept = int(np.count_nonzero(pairs.values < below))
         limit = below
         if kept > max_modes + 1:
             kept = _gap(pairs.values, min(kept, len(pairs.values) - 1))
             limit = float(np.sqrt(pairs.values[kept - 1] * pairs.values[kept]))
-        if stiffness.shape[0] <= DENSE:  # all eigenvalues were computed
-            return pairs.values[:kept], pairs.vectors[:, :kept], limit, 0.0
-        start = time.process_time()
-        counted = count_below(stiffness, mass, limit)
-        counting += time.process_time() - start
-        if counted == kept + 6:
-            return pairs.values[:kept], pairs.vectors[:, :kept], limit, counting
+        if stiffness.shape[0] > DENSE:  # else all eigenvalues were computed
+            with watch.step("count"):
+                counted = count_below(stiffness, mass, limit)
+        if stiffness.shape[0] <= DENSE or counted == kept + 6:
+            return pairs.values[:kept], pairs.vectors[:, :kept], limit
     raise SimulationError(
         "voxel modes",
         f"inertia counts {counted - 6} elastic modes, {kept} were found",

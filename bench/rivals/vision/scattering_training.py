@@ -47,6 +47,7 @@ DENSITY_NOISE = 1.0
 CHECKPOINT_EVERY_S = 60.0
 
 Rays = tuple[Tensor, Tensor, Tensor, Tensor]
+Progress = Callable[[int, float, float], None]
 
 
 class TrainingPixels:
@@ -107,7 +108,7 @@ def fit_scattering_function(
     seed: int = 0,
     device: str = "cpu",
     checkpoint: Path | None = None,
-    progress: Callable[[int, float, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> ScatteringFunction:
     """Fit ObjectFolder 1.0's VisionNet to the views that are not held out.
 
@@ -149,18 +150,8 @@ def fit_scattering_function(
     fit = _Fit(seed, batch_rays, device, _described(views, seed, batch_rays))
     if checkpoint is not None and checkpoint.exists():
         fit.resume(checkpoint)
-    start, saved_s = time.process_time() - fit.cpu_s, fit.cpu_s
     with _one_thread():
-        while (steps is None or len(fit.losses) < steps) and (
-            budget_cpu_s is None or fit.cpu_s < budget_cpu_s
-        ):
-            loss = fit.step(pixels, far)
-            fit.cpu_s = time.process_time() - start
-            if progress is not None:
-                progress(len(fit.losses), loss, fit.cpu_s)
-            if checkpoint is not None and fit.cpu_s - saved_s > CHECKPOINT_EVERY_S:
-                fit.save(checkpoint)
-                saved_s = fit.cpu_s
+        fit.run(pixels, far, steps, budget_cpu_s, checkpoint, progress)
     if checkpoint is not None:
         fit.save(checkpoint)
     return ScatteringFunction(
@@ -205,7 +196,29 @@ class _Fit:
         self.losses: list[float] = []
         self.cpu_s = 0.0
 
-    def step(self, pixels: TrainingPixels, far: float) -> float:
+    def run(
+        self,
+        pixels: TrainingPixels,
+        far: float,
+        steps: int | None,
+        budget_cpu_s: float | None,
+        checkpoint: Path | None,
+        progress: Progress | None,
+    ) -> None:
+        """Take steps up to their number or the budget, and save now and then."""
+        start, saved_s = time.process_time() - self.cpu_s, self.cpu_s
+        while (steps is None or len(self.losses) < steps) and (
+            budget_cpu_s is None or self.cpu_s < budget_cpu_s
+        ):
+            self.step(pixels, far)
+            self.cpu_s = time.process_time() - start
+            if progress is not None:
+                progress(len(self.losses), self.losses[-1], self.cpu_s)
+            if checkpoint is not None and self.cpu_s - saved_s > CHECKPOINT_EVERY_S:
+                self.save(checkpoint)
+                saved_s = self.cpu_s
+
+    def step(self, pixels: TrainingPixels, far: float) -> None:
         """Take one step; its draws depend on the seed and its number alone."""
         generator = np.random.default_rng([self.seed, len(self.losses)])
         origins, directions, lights, colours = pixels.draw(self.batch_rays, generator, self.device)
@@ -231,7 +244,6 @@ class _Fit:
         loss.backward()
         self.optimiser.step()
         self.losses.append(float(loss.item()))
-        return self.losses[-1]
 
     def save(self, path: Path) -> None:
         """Write everything that the next step needs."""
