@@ -96,22 +96,11 @@ def voxel_modes(
     # Lengths in cells and the mass of one cell as 1: omega^2 = eta^2 (c_s / edge)^2.
     radians = material.shear_speed_m_s / grid.edge_m
     below = (2 * np.pi * max_frequency_hz / radians) ** 2
-    blocks = hexahedron(material.poisson_ratio)
-    found: list[_Body] = []
-    limit = below
-    components = int(body.max()) + 1
-    order = np.argsort(body[hexahedra[:, 0]], kind="stable")
-    ends = np.cumsum(np.bincount(body[hexahedra[:, 0]], minlength=components))
-    for chosen in np.split(order, ends[:-1]):
-        members, local = np.unique(hexahedra[chosen], return_inverse=True)
-        with watch.step("assemble"):
-            stiffness, mass = assemble(local.reshape(-1, 8), len(members), *blocks)
-        positions = nodes[members] - nodes[members].mean(axis=0)
-        values, vectors, certain = _solve(stiffness, mass, positions, below, max_modes, seed, watch)
-        found.append(_Body(values, members, vectors))
-        limit = min(limit, certain)
+    bodies, limit = _solve_bodies(
+        hexahedra, nodes, body, material.poisson_ratio, below, max_modes, seed, watch
+    )
     with watch.step("solve"):
-        values, vectors, limit = _together(found, len(nodes), limit, max_modes)
+        values, vectors, limit = _together(bodies, len(nodes), limit, max_modes)
     eigenvalues = values * radians**2
     dampings = (material.rayleigh_alpha_per_s + material.rayleigh_beta_s * eigenvalues) / 2
     volume = len(hexahedra) * grid.edge_m**3
@@ -122,7 +111,7 @@ def voxel_modes(
         dampings_per_s=dampings,
         vectors=vectors / np.sqrt(material.density_kg_m3 * grid.edge_m**3),
         nodes=grid.origin_m + nodes * grid.edge_m,
-        components=components,
+        components=len(bodies),
         mass_kg=material.density_kg_m3 * volume,
         mass_ratio=volume / enclosed if enclosed > 0 else None,
         unknowns=3 * len(nodes),
@@ -139,6 +128,33 @@ class _Body:
     values: Floats
     members: Integers
     vectors: Floats
+
+
+def _solve_bodies(
+    hexahedra: Integers,
+    nodes: Floats,
+    body: Integers,
+    poisson_ratio: float,
+    below: float,
+    max_modes: int,
+    seed: int,
+    watch: Stopwatch,
+) -> tuple[list[_Body], float]:
+    """Elastic pairs of every body by itself, and the limit below which they are all."""
+    blocks = hexahedron(poisson_ratio)
+    found: list[_Body] = []
+    limit = below
+    order = np.argsort(body[hexahedra[:, 0]], kind="stable")
+    ends = np.cumsum(np.bincount(body[hexahedra[:, 0]], minlength=int(body.max()) + 1))
+    for chosen in np.split(order, ends[:-1]):
+        members, local = np.unique(hexahedra[chosen], return_inverse=True)
+        with watch.step("assemble"):
+            stiffness, mass = assemble(local.reshape(-1, 8), len(members), *blocks)
+        positions = nodes[members] - nodes[members].mean(axis=0)
+        values, vectors, certain = _solve(stiffness, mass, positions, below, max_modes, seed, watch)
+        found.append(_Body(values, members, vectors))
+        limit = min(limit, certain)
+    return found, limit
 
 
 def _together(bodies: list[_Body], nodes: int, limit: float, max_modes: int) -> tuple[Floats, Floats, float]:

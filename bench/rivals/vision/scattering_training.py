@@ -152,8 +152,6 @@ def fit_scattering_function(
         fit.resume(checkpoint)
     with _one_thread():
         fit.run(pixels, far, steps, budget_cpu_s, checkpoint, progress)
-    if checkpoint is not None:
-        fit.save(checkpoint)
     return ScatteringFunction(
         fit.coarse.eval(),
         fit.fine.eval(),
@@ -205,7 +203,7 @@ class _Fit:
         checkpoint: Path | None,
         progress: Progress | None,
     ) -> None:
-        """Take steps up to their number or the budget, and save now and then."""
+        """Take steps up to their number or the budget; save now and then, and at the end."""
         start, saved_s = time.process_time() - self.cpu_s, self.cpu_s
         while (steps is None or len(self.losses) < steps) and (
             budget_cpu_s is None or self.cpu_s < budget_cpu_s
@@ -217,6 +215,8 @@ class _Fit:
             if checkpoint is not None and self.cpu_s - saved_s > CHECKPOINT_EVERY_S:
                 self.save(checkpoint)
                 saved_s = self.cpu_s
+        if checkpoint is not None:
+            self.save(checkpoint)
 
     def step(self, pixels: TrainingPixels, far: float) -> None:
         """Take one step; its draws depend on the seed and its number alone."""
