@@ -9,17 +9,11 @@ is how far the gel is pushed in, which is the same but for the undeformed gel.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from bench.rivals.published_perceptron import one_thread
-from bench.rivals.touch.perceptron import (
-    BATCH_PIXELS,
-    Perceptron,
-    Training,
-    pixel_grid,
-    train,
-)
+from bench.rivals.touch.perceptron import Perceptron, Training, fit_perceptron, pixel_grid
 from bench.rivals.touch.training_touches import TrainingTouches, checked_points
 from objectfolder.products.store import Product
 from objectfolder.touch.sensor.camera import ray_grid, to_bytes
@@ -128,15 +122,7 @@ def _presses(
     return np.concatenate([scaled, more], axis=1)
 
 
-def fit_deformation_network(
-    touches: Product,
-    *,
-    steps: int | None = None,
-    budget_cpu_s: float | None = None,
-    batch_pixels: int = BATCH_PIXELS,
-    seed: int = 0,
-    device: str = "cpu",
-) -> DeformationNetwork:
+def fit_deformation_network(touches: Product, **options: Any) -> DeformationNetwork:
     """Fit ObjectFolder 2.0's TouchNet to touches that are not held out; arguments as of `fit_image_network`.
 
     Raises
@@ -145,8 +131,7 @@ def fit_deformation_network(
         Nothing to train on, or neither steps nor a budget.
     """
     given = TrainingTouches.of(touches)
-    lowest = float(given.points.min())
-    extent = max(float(given.points.max()) - lowest, 1e-12)
+    lowest, extent = given.position_range()
     deepest = max(float(given.deformation.max()), 1e-9)
     height, width = given.deformation.shape[1:]
     rows, columns = pixel_grid(height, width, 0.0)
@@ -157,11 +142,6 @@ def fit_deformation_network(
         coordinates = np.concatenate([presses[touch], columns[column, None], rows[row, None]], axis=1)
         return coordinates, given.deformation[touch, row, column][:, None] / deepest
 
-    with one_thread(seed):
-        network = Perceptron(9, 1)
-        network.start_at(np.array([given.deformation.mean(dtype=np.float64) / deepest]))
-        training = train(
-            network, draw, steps=steps, budget_cpu_s=budget_cpu_s, batch_pixels=batch_pixels, seed=seed,
-            device=device,
-        )  # fmt: skip
+    start = np.array([given.deformation.mean(dtype=np.float64) / deepest])
+    network, training = fit_perceptron(9, start, draw, **options)
     return DeformationNetwork(network, given.sensor, lowest, extent, deepest, training)

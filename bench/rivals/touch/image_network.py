@@ -7,17 +7,11 @@ itself, so that an answer depends on what else is asked; here it is that of the 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from bench.rivals.published_perceptron import one_thread
-from bench.rivals.touch.perceptron import (
-    BATCH_PIXELS,
-    Perceptron,
-    Training,
-    pixel_grid,
-    train,
-)
+from bench.rivals.touch.perceptron import Perceptron, Training, fit_perceptron, pixel_grid
 from bench.rivals.touch.training_touches import TrainingTouches, checked_points
 from objectfolder.products.store import Product
 from objectfolder.touch.sensor.sensor import Sensor
@@ -78,29 +72,15 @@ class ImageNetwork:
         return 2 * (points - self.lowest_m) / self.extent_m - 1
 
 
-def fit_image_network(
-    touches: Product,
-    *,
-    steps: int | None = None,
-    budget_cpu_s: float | None = None,
-    batch_pixels: int = BATCH_PIXELS,
-    seed: int = 0,
-    device: str = "cpu",
-) -> ImageNetwork:
+def fit_image_network(touches: Product, **options: Any) -> ImageNetwork:
     """Fit ObjectFolder 1.0's TouchNet to touches that are not held out.
 
     Parameters
     ----------
     touches
         Product of `touches.simulate_touches`.
-    steps, budget_cpu_s
-        Steps of the optimiser, and CPU seconds of this process after which none begins; at least one.
-    batch_pixels
-        Pixels a step.
-    seed
-        Of weights and draws; the same seed and steps give the same network on one machine.
-    device
-        Torch device.
+    options
+        Of `fit_perceptron`: `steps` or `budget_cpu_s`, and `batch_pixels`, `seed`, `device`.
 
     Raises
     ------
@@ -108,8 +88,7 @@ def fit_image_network(
         Nothing to train on, or neither steps nor a budget.
     """
     given = TrainingTouches.of(touches)
-    lowest = float(given.points.min())
-    extent = max(float(given.points.max()) - lowest, 1e-12)
+    lowest, extent = given.position_range()
     height, width = given.rgb.shape[1:3]
     rows, columns = pixel_grid(height, width, -1.0)
     scaled = 2 * (given.points - lowest) / extent - 1
@@ -119,11 +98,6 @@ def fit_image_network(
         coordinates = np.concatenate([scaled[touch], rows[row, None], columns[column, None]], axis=1)
         return coordinates, given.rgb[touch, row, column] * (2 / 255) - 1
 
-    with one_thread(seed):
-        network = Perceptron(5, 3)
-        network.start_at(given.rgb.mean(axis=(0, 1, 2), dtype=np.float64) * (2 / 255) - 1)
-        training = train(
-            network, draw, steps=steps, budget_cpu_s=budget_cpu_s, batch_pixels=batch_pixels, seed=seed,
-            device=device,
-        )  # fmt: skip
+    start = given.rgb.mean(axis=(0, 1, 2), dtype=np.float64) * (2 / 255) - 1
+    network, training = fit_perceptron(5, start, draw, **options)
     return ImageNetwork(network, given.sensor, lowest, extent, training)

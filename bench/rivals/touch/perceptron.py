@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bench.rivals.published_perceptron import OCTAVES, EncodedPerceptron, encode
+from bench.rivals.published_perceptron import OCTAVES, EncodedPerceptron, encode, one_thread
 from objectfolder.errors import InputError
 
 RATE = 5e-4
@@ -76,20 +76,36 @@ class Training:
     device: str
 
 
-def train(
-    network: Perceptron,
+def fit_perceptron(
+    dimensions: int,
+    start: np.ndarray,
     draw: Draw,
     *,
-    steps: int | None,
-    budget_cpu_s: float | None,
-    batch_pixels: int,
-    seed: int,
-    device: str,
-) -> Training:
+    steps: int | None = None,
+    budget_cpu_s: float | None = None,
+    batch_pixels: int = BATCH_PIXELS,
+    seed: int = 0,
+    device: str = "cpu",
+) -> tuple[Perceptron, Training]:
     """Fit to pixels that `draw(generator, count)` gives: coordinates (count, d) and targets (count, outputs).
 
     One thread computes. Equal arguments with `steps` give equal weights on one machine; with a budget the
     number of steps is what the time allowed.
+
+    Parameters
+    ----------
+    dimensions
+        Of a pixel's coordinates.
+    start
+        (outputs,) what it answers everywhere at first.
+    steps, budget_cpu_s
+        Steps of the optimiser, and CPU seconds of this process after which none begins; at least one.
+    batch_pixels
+        Pixels a step.
+    seed
+        Of weights and draws.
+    device
+        Torch device.
 
     Raises
     ------
@@ -100,9 +116,29 @@ def train(
         raise InputError(
             "touch network", f"steps {steps}, budget {budget_cpu_s} CPU s", "Give one that is not negative."
         )
-    start = time.process_time()
+    begin = time.process_time()
     place = torch.device(device)
-    network.to(place).train()
+    with one_thread(seed):
+        network = Perceptron(dimensions, len(start))
+        network.start_at(start)
+        network.to(place).train()
+        losses = _descend(network, draw, steps, budget_cpu_s, batch_pixels, seed, place)
+    network.eval()
+    spent = time.process_time() - begin
+    return network, Training(len(losses), batch_pixels, np.array(losses), spent, device)
+
+
+def _descend(
+    network: Perceptron,
+    draw: Draw,
+    steps: int | None,
+    budget_cpu_s: float | None,
+    batch_pixels: int,
+    seed: int,
+    place: torch.device,
+) -> list[float]:
+    """Take steps up to their number or the budget; their losses."""
+    start = time.process_time()
     optimiser = torch.optim.Adam(network.parameters(), lr=RATE)
     losses: list[float] = []
     while (steps is None or len(losses) < steps) and (
@@ -117,8 +153,7 @@ def train(
         loss.backward()
         optimiser.step()
         losses.append(float(loss.item()))
-    network.eval()
-    return Training(len(losses), batch_pixels, np.array(losses), time.process_time() - start, device)
+    return losses
 
 
 def pixel_grid(height: int, width: int, low: float) -> tuple[np.ndarray, np.ndarray]:

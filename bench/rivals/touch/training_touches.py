@@ -50,6 +50,11 @@ class TrainingTouches:
             ),
         )
 
+    def position_range(self) -> tuple[float, float]:
+        """Lowest coordinate of any axis and extent of all, metres."""
+        lowest = float(self.points.min())
+        return lowest, max(float(self.points.max()) - lowest, 1e-12)
+
 
 def checked_points(points: np.ndarray) -> np.ndarray:
     """Points (n, 3) float64.
