@@ -4,7 +4,6 @@ import csv
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from rich.filesize import decimal
 
@@ -12,25 +11,16 @@ from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.versions import PER_OBJECT, Version
 from pipeline.dataset.stages import STAGES
-from pipeline.run.costs import Costs, number
+from pipeline.run.costs import number
 
 
-class KnownCosts:
-    """CPU seconds of tasks: measured in the data set at `root`, else read from the version's own report."""
-
-    def __init__(self, root: Path, version: Version) -> None:
-        self._measured = Costs(root)
-        text = version.texts.get(PER_OBJECT, b"").decode(errors="replace")
-        self._reported = {
-            (row.get("id"), stage): number(row.get(f"cpu_seconds.{stage}"))
-            for row in csv.DictReader(io.StringIO(text))
-            for stage in STAGES
-        }
-
-    def of(self, object_id: str, stage: str, fingerprint: str) -> float | None:
-        """Return the CPU seconds of a product; None where no file has them."""
-        known = self._measured.of(fingerprint)
-        return known.cpu_s if known else self._reported.get((object_id, stage))
+def reported_costs(version: Version) -> dict[tuple[str | None, str], float | None]:
+    """Return the CPU seconds by object and stage in a version's own report."""
+    text = version.texts.get(PER_OBJECT, b"").decode(errors="replace")
+    rows = csv.DictReader(io.StringIO(text))
+    return {
+        (row.get("id"), stage): number(row.get(f"cpu_seconds.{stage}")) for row in rows for stage in STAGES
+    }
 
 
 @dataclass(frozen=True)

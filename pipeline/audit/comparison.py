@@ -7,7 +7,7 @@ from typing import Any
 from objectfolder.errors import FormatError, ObjectFolderError
 from objectfolder.products.provenance import canonical_json
 from pipeline.audit import reasons
-from pipeline.audit.change_costs import KnownCosts, to_fetch
+from pipeline.audit.change_costs import reported_costs, to_fetch
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.fidelity import FidelityChange, changes, worst_first
@@ -19,6 +19,7 @@ from pipeline.audit.versions import Version
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECTS, STAGES
+from pipeline.run.costs import costs_by_fingerprint
 
 Pair = tuple[Content | None, Content | None]
 
@@ -49,7 +50,7 @@ class Comparison:
         self._contents, self._old, self._new = contents, old, new
         self._stages = stages
         self._products = ProductComparison(contents, read_arrays)
-        self._known = KnownCosts(contents.root, new)
+        self._measured, self._reported = costs_by_fingerprint(contents.root), reported_costs(new)
         self._problems: dict[str, ObjectFolderError] = {}  # by what they hide
         self._compared = [kind for stage in stages for kind in stage.products if self._is_known(kind)]
 
@@ -74,7 +75,7 @@ class Comparison:
             was = former.get(object_id, object_id)
             stages, measures = self.stages(was, object_id)
             fidelity += measures
-            stage_name, failure = failed_after.get(object_id, ("", None))
+            failure = failed_after.get(object_id)
             if object_id not in new.listed:
                 state = State.REMOVED
             elif failure is not None:
@@ -87,9 +88,7 @@ class Comparison:
                 state = State.MENDED
             else:
                 state = State.CHANGED if stages else State.UNCHANGED
-            found.append(
-                ObjectChange(object_id, state, former.get(object_id, ""), stages, failure, stage_name)
-            )
+            found.append(ObjectChange(object_id, state, former.get(object_id, ""), stages, failure))
         return Audit(
             old.label, new.label, tuple(found), tuple(worst_first(fidelity)),
             to_fetch(self._contents, old, new), self._products.read_arrays, self.problems,
@@ -154,8 +153,11 @@ class Comparison:
             why = [one for one in why if one.kind != reasons.BYTES]
         olds, news = zip(*pairs.values(), strict=True)
         state = State.MADE if not any(olds) else State.GONE if not any(news) else State.CHANGED
-        cost = self._known.of(object_id, stage.name, prints[1]) if prints[1] != prints[0] else None
-        return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost), measures
+        cost_s = None
+        if prints[1] != prints[0]:
+            known = self._measured.get(prints[1])
+            cost_s = known.cpu_s if known else self._reported.get((object_id, stage.name))
+        return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost_s), measures
 
     def _described(self, content: Content | None, why: list[Reason]) -> Description | None:
         """Return the description of a product; a damaged or absent product is a reason."""

@@ -11,8 +11,8 @@ from pipeline.audit.change_costs import Fetch
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, Reason, distinct
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays
+from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stages import STAGES
-from pipeline.dataset.task import Failure
 
 NAMED = 3  # modules, and parameters of one section, before the rest are counted
 Texts = tuple[str, ...]
@@ -73,16 +73,15 @@ class ObjectChange:
         Its former id, where it was renamed.
     stages
         The stages whose products are not the same.
-    failure, failed_stage
-        Why it has not all products in the later version, and the first stage that lacks one.
+    failure
+        Why it has not all products in the later version: the first stage that lacks one.
     """
 
     object_id: str
     state: State
     was: str = ""
     stages: tuple[StageChange, ...] = ()
-    failure: Failure | None = None
-    failed_stage: str = ""
+    failure: FailedObject | None = None
 
     @property
     def roots(self) -> tuple[Reason, ...]:
@@ -179,7 +178,7 @@ def groups(audit: Audit) -> list[Group]:
     for one in audit.objects:
         if one.state == State.UNCHANGED and not one.stages:
             continue
-        failed = [f"{one.failed_stage}: {one.failure.error}"] if one.failure is not None else []
+        failed = [f"{one.failure.stage}: {one.failure.error}"] if one.failure is not None else []
         why = sentences(one.roots) if one.state != State.REMOVED else []
         behind = tuple(change.stage for change in one.stages if change.follows)
         direct = tuple(change.stage for change in one.stages if not change.follows)

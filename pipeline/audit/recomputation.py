@@ -2,7 +2,7 @@
 
 import random
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,8 +11,11 @@ from typing import Any
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.products.provenance import code_identity, file_digest, package_versions
 from pipeline.audit.contents import Content, Contents
+from pipeline.audit.findings import sentences
+from pipeline.audit.reasons import Reason
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays, compare, stored_tolerances
 from pipeline.audit.versions import Version
+from pipeline.dataset.differences import differences
 from pipeline.dataset.parameters import ObjectsParameters
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, read_table
@@ -83,7 +86,7 @@ def recompute(
         for object_id in sorted(version.rows)
         if all(version.content(kind, object_id) is not None for kind in stage.products)
     ]
-    if not candidates:
+    if count and not candidates:
         raise InputError(version.label, "it has no product", "Run `dvc pull`, or name another version.")
     chosen = random.Random(seed).sample(candidates, min(count, len(candidates)))
     found = []
@@ -111,7 +114,7 @@ class _Bench:
         told = [self._contents.describe(content) for content in there]
         parts = told[-1].provenance
         code = code_identity(stage.task.partition(":")[0])
-        changed = list(_changed(parts, code))
+        changed = _changed(parts, code)
         request = Request(
             object_id,
             self._inputs(stage, object_id, parts),
@@ -203,14 +206,9 @@ def _seed(parts: Mapping[str, Any], where: str) -> int:
     return found
 
 
-def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> Iterator[str]:
+def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> list[str]:
     """Say where today's code and packages differ from those that a product names."""
-    was = _mapping(parts, "code")
-    modules = sorted(name for name in was.keys() | code.keys() if was.get(name) != code.get(name))
-    if modules:
-        more = f" and {len(modules) - 3} more" if len(modules) > 3 else ""
-        yield f"by today's code, another in {', '.join(modules[:3])}{more}"
     packages = _mapping(parts, "packages")
-    for name, version in package_versions(packages).items():
-        if packages[name] != version:
-            yield f"by {name} {version}, not {packages[name]}"
+    was = {"code": _mapping(parts, "code"), "packages": packages}
+    now = {"code": code, "packages": package_versions(packages)}
+    return sentences([Reason(one.part, one.name, one.old, one.new) for one in differences(was, now)])

@@ -9,7 +9,6 @@ declared is the same bytes.
 import contextlib
 import fnmatch
 import json
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from objectfolder.errors import FormatError
 from objectfolder.products.store import read_product
@@ -47,8 +47,6 @@ class Difference:
         The same as a share of the array's range (of its magnitude, where all its values are one).
     rms
         Root mean square of the differences as such a share.
-    where
-        Index of the largest difference.
     """
 
     name: str
@@ -56,7 +54,6 @@ class Difference:
     largest: float = 0.0
     relative: float = 0.0
     rms: float = 0.0
-    where: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -106,16 +103,9 @@ def stored_tolerances(
     Products from before tolerances were stored are judged by what is declared now.
     """
     for one in found:
-        with contextlib.suppress(LookupError, TypeError, ValueError, AttributeError):
-            return {name: _tolerance(said) for name, said in one.provenance["tolerances"].items()}, True
+        with contextlib.suppress(LookupError, ValueError):
+            return TypeAdapter(dict[str, Tolerance]).validate_python(one.provenance["tolerances"]), True
     return declared, False
-
-
-def _tolerance(said: Mapping[str, Any]) -> Tolerance:
-    relative, rms, absolute = (float(said.get(name, 0.0)) for name in ("relative", "rms", "absolute"))
-    if not all(math.isfinite(value) and value >= 0 for value in (relative, rms, absolute)):
-        raise ValueError(f"no tolerance: {said}")
-    return Tolerance(relative, rms, absolute)
 
 
 def compare(first: Path, second: Path, tolerances: Mapping[str, Tolerance]) -> list[Difference]:
@@ -168,14 +158,13 @@ def difference(name: str, first: np.ndarray, second: np.ndarray, allowed: Tolera
     apart = np.abs(np.subtract(ours, theirs, where=known, out=np.zeros_like(ours)))
     scale = _scale(ours[known])
     largest, rms = float(apart.max(initial=0.0)), float(np.sqrt(np.mean(apart**2)))
-    where = tuple(int(index) for index in np.unravel_index(np.argmax(apart), apart.shape))
     within = allowed != SAME_BYTES and (
         largest <= allowed.absolute + allowed.relative * scale
         and rms <= allowed.absolute + allowed.rms * scale
     )
     share = 1 / scale if scale else np.inf
     verdict = WITHIN if within else DIFFERENT
-    return Difference(name, verdict, largest, largest * share, rms * share, where)
+    return Difference(name, verdict, largest, largest * share, rms * share)
 
 
 def _scale(values: np.ndarray) -> float:

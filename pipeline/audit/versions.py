@@ -10,12 +10,11 @@ from typing import Any
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
-from pipeline.dataset.failures import read_failures
+from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.lock_file import LOCK, Lock, read_lock
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, RECORDS, Records, parse_records
 from pipeline.dataset.stage import Stage
-from pipeline.dataset.task import Failure
 
 WORK_TREE = "work tree"
 PER_OBJECT = "reports/per_object.csv"
@@ -70,7 +69,7 @@ class Version:
     lock: Lock
     texts: Mapping[str, bytes]
     folders: Mapping[str, Folder]
-    reported: Mapping[tuple[str, str], Failure] = field(default_factory=dict)
+    reported: Mapping[tuple[str, str], FailedObject] = field(default_factory=dict)
     damage: FormatError | None = None
 
     @property
@@ -117,20 +116,21 @@ class Version:
         found = self.folders.get(folder, Folder())
         return {one.md5 for one in found.products.values() if one.path is not None}
 
-    def failures(self, stages: Sequence[Stage]) -> dict[str, tuple[str, Failure]]:
+    def failures(self, stages: Sequence[Stage]) -> dict[str, FailedObject]:
         """Return the first stage that an object lacks a product of, and why, by object id.
 
         A stage that the version does not have at all, or whose products are not known here, says nothing.
         """
-        found = {failure.object_id: (stages[0].name, failure) for failure in self.records.refused}
+        refused = self.records.refused
+        found = {failure.object_id: FailedObject.of(stages[0].name, failure) for failure in refused}
         for stage in stages:
             folders = [self.folders[kind.folder] for kind in stage.products]
             if not all(folder.made and folder.problem is None for folder in folders):
                 continue
             for object_id in self.rows:
                 if not all(object_id in folder.products for folder in folders):
-                    failure = self.reported.get((stage.name, object_id), Failure(object_id, NOT_KEPT, LOOK))
-                    found.setdefault(object_id, (stage.name, failure))
+                    unknown = FailedObject(object_id, stage.name, NOT_KEPT, LOOK)
+                    found.setdefault(object_id, self.reported.get((stage.name, object_id), unknown))
         return found
 
 
@@ -180,9 +180,7 @@ def _work_tree(contents: Contents, stages: Sequence[Stage]) -> Version:
     if LOCK not in texts and not any(folder.products for folder in folders.values()):
         finding = f"there is no {LOCK} and no product"
         raise InputError(WORK_TREE, finding, "Run `dvc repro` or `make dataset`.")
-    reported = {
-        (one.stage, one.object): Failure(one.object, one.error, one.remedy) for one in read_failures(root)
-    }
+    reported = {(one.stage, one.object): one for one in read_failures(root)}
     return Version(None, lock, texts, folders, reported, damage)
 
 

@@ -1,7 +1,6 @@
 """Commands for a whole data set: what ``dvc.yaml`` runs, select, failures, status, plan, clean."""
 
 import json as json_text
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +8,7 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive, Number
 
-from pipeline.cli.options import PLACE, AtLeastOne, Cluster, Json, Root
+from pipeline.cli.options import AtLeastOne, Cluster, Json, Root
 from pipeline.cli.printing import FAILED, FINE
 
 Counts = Parameter(consume_multiple=True, validator=Number(gte=1))
@@ -26,37 +25,40 @@ def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None) -> i
     """
     from pipeline.run.stage_run import make_stage
 
-    _run_at(cluster)
-    return make_stage(root.absolute(), name)
+    return make_stage(root.absolute(), name, cluster)
 
 
 def products(*, root: Root = Path("."), cluster: Cluster = None) -> int:
     """Run all stages that make products, with no barrier between them."""
     from pipeline.run.stage_run import make_products
 
-    _run_at(cluster)
-    return make_products(root.absolute())
+    return make_products(root.absolute(), cluster)
 
 
-def starter(*, root: Root = Path(".")) -> int:
+def starter(*, root: Root = Path(".")) -> None:
     """Write the meshes and textures of the starter set."""
-    from pipeline.run.stage_run import make_starter_set
+    from objectfolder.mesh.starter.write import write_starter_set
+    from pipeline.run.exclusive import exclusive
 
-    return make_starter_set(root.absolute())
+    with exclusive(root.absolute(), "stage starter"):
+        write_starter_set(root.absolute() / "data" / "starter")
 
 
-def report(*, root: Root = Path(".")) -> int:
+def report(*, root: Root = Path(".")) -> None:
     """Write the tables, the pages and the cards of the data set."""
     from pipeline.publish.data_set import make_report
 
-    return make_report(root.absolute())
+    make_report(root.absolute())
 
 
 def failures(*, root: Root = Path(".")) -> int:
     """Show which objects failed; the exit status is 1 if any did."""
-    from pipeline.run.stage_run import show_failures
+    from pipeline.dataset.failures import failure_table, read_failures
 
-    return show_failures(root.absolute())
+    found = read_failures(root)
+    if found:
+        print(f"{failure_table(found)}\n`dvc repro` tries them again.")
+    return FAILED if found else FINE
 
 
 def select(*, table: str | None = None, only: str | None = None, root: Root = Path(".")) -> None:
@@ -113,9 +115,10 @@ def plan(
     count
         for this number of objects that do not exist yet
     """
-    from pipeline.run.forecast.plan import show_plan
+    from pipeline.run.forecast.plan import plan_data_set
 
-    show_plan(root.absolute(), objects=table, workers=workers, count=count, as_json=json)
+    made = plan_data_set(root.absolute(), table, workers, count)
+    print(json_text.dumps(asdict(made), indent=1) if json else made)
 
 
 def clean(
@@ -139,9 +142,3 @@ def clean(
     from pipeline.run.clean import clean_data_set
 
     clean_data_set(root.absolute(), remove=yes, with_memo=memo)
-
-
-def _run_at(cluster: str | None) -> None:
-    """Choose the place for this process and those that it starts."""
-    if cluster:
-        os.environ[PLACE] = cluster

@@ -1,8 +1,6 @@
 """Commands for versions of a data set: audit, verify, history."""
 
-import contextlib
 import gc
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -55,13 +53,16 @@ def audit(
 
     stages = tuple(STAGES.values())
     allowed = thresholds(max_loss)
-    with _no_garbage_collection():
+    gc.disable()  # among a million dictionaries without reference cycles, to search for these takes seconds
+    try:
         with Contents(root, remote) as contents:
             before, after = (read_version(contents, stages, revision) for revision in (old, new))
             found = Comparison(contents, before, after, stages, arrays).audit()
-        too_much = exceeded(found.fidelity, allowed)
-        if html:
-            write_page(found, html, too_much, allowed)
+    finally:
+        gc.enable()
+    too_much = exceeded(found.fidelity, allowed)
+    if html:
+        write_page(found, html, too_much, allowed)
     if json:
         more = {"stages": totals(found), "max_loss": allowed, "exceeded": too_much}
         print(as_json(vars(found) | more))
@@ -114,17 +115,13 @@ def verify(
             stages,
             lambda done, count, read: show(f"{done} of {count} files, {read / 1e9:.2f} GB"),
         )
-        remade = (
-            make_again(
-                contents,
-                version,
-                stages,
-                recompute,
-                seed,
-                started=lambda stage, object_id: show(f"making {stage} {object_id} again"),
-            )
-            if recompute
-            else []
+        remade = make_again(
+            contents,
+            version,
+            stages,
+            recompute,
+            seed,
+            started=lambda stage, object_id: show(f"making {stage} {object_id} again"),
         )
     if json:
         print(as_json(vars(found) | {"remade": remade}))
@@ -164,15 +161,3 @@ def history(
         print(as_json({"object_id": object_, "versions": found, "unreadable": commits}))
     else:
         print(history_text(object_, found, unreadable, terminal_width()))
-
-
-@contextlib.contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Pause the search for reference cycles: among a million dictionaries without any it takes seconds."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()

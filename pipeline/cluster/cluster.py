@@ -165,14 +165,12 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
 
 
 def settings(own: Mapping[str, Any] | None = None) -> Any:
-    """Return a context in which these settings hold; ``DASK_...`` variables and those of a place go first."""
+    """Return a context in which these settings hold; ``DASK_...`` variables and those of a place go first.
+
+    `distributed` has to be imported before, or its own defaults would go with the context.
+    """
     import dask
-    import distributed  # noqa: F401  (its defaults must be there before, or they would go with the context)
 
-    free = {key: value for key, value in DEFAULTS.items() if _variable(key) not in os.environ}
+    variables = {key: f"DASK_{key.upper().replace('.', '__').replace('-', '_')}" for key in DEFAULTS}
+    free = {key: value for key, value in DEFAULTS.items() if variables[key] not in os.environ}
     return dask.config.set({**free, **(own or {})})
-
-
-def _variable(key: str) -> str:
-    """Return the environment variable from which Dask reads a setting."""
-    return f"DASK_{key.upper().replace('.', '__').replace('-', '_')}"

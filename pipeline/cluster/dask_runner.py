@@ -1,5 +1,6 @@
 """Running jobs on the workers of a Dask scheduler, which decides what runs where and when."""
 
+import contextlib
 import hashlib
 import itertools
 import math
@@ -24,7 +25,7 @@ from pipeline.cluster.run_task import Answer, run_task
 from pipeline.cluster.worker_plugin import MEMORY_BYTES, Admission
 from pipeline.cluster.workers import LOOK_S, Workers, gone
 from pipeline.dataset.job import Finished, Job, failed
-from pipeline.dataset.state import STATE
+from pipeline.dataset.products import STATE
 from pipeline.dataset.task import Outcome, failure_of
 from pipeline.store.shipping import Shipment, collect, publish
 from pipeline.store.storage import STORE, Store
@@ -52,6 +53,9 @@ class _Task:
     shipment: Shipment | None = None
     answer: Answer | None = None
     step: Any = None  # the future of what happens to it now
+
+
+Then = Callable[[_Task], Finished | None]  # what follows the end of a step
 
 
 class DaskRunner:
@@ -84,8 +88,7 @@ class DaskRunner:
         self._numbers = itertools.count()
         self._tasks: set[_Task] = set()
         self._suspects: list[_Task] = []  # they run one at a time, after all others
-        self._ended: queue.SimpleQueue[tuple[_Task, Any, Callable[[_Task], Finished | None]]]
-        self._ended = queue.SimpleQueue()
+        self._ended: queue.SimpleQueue[tuple[_Task, Any, Then]] = queue.SimpleQueue()
         self._transfers = ThreadPoolExecutor(TRANSFERS, thread_name_prefix="store")
         self._store: Any = None  # once a worker was found that does not see the data folder
 
@@ -126,22 +129,10 @@ class DaskRunner:
             if self._workers.look():
                 yield from self._review()
             on_workers(min(len(self._tasks), self._workers.threads), self._workers.threads)
-            for task, step, then in self._waited():
+            with contextlib.suppress(queue.Empty):
+                task, step, then = self._ended.get(timeout=LOOK_S)
                 if task.step is step and (ended := then(task)) is not None:
                     yield ended
-
-    def largest_bytes(self) -> int:
-        """Return the memory that tasks may take on the largest worker."""
-        return self._workers.largest_bytes(())
-
-    def _waited(self) -> Iterator[tuple[_Task, Any, Callable[[_Task], Finished | None]]]:
-        """Yield the steps that ended; wait for a first one until it is time to look at the workers."""
-        try:
-            yield self._ended.get(timeout=LOOK_S)
-            while True:
-                yield self._ended.get_nowait()
-        except queue.Empty:
-            return
 
     def _begin(self, task: _Task) -> None:
         self._tasks.add(task)
@@ -183,7 +174,7 @@ class DaskRunner:
         kind = f"{job.call.stage}_{round(2 * math.log2(job.seconds + 1))}"
         return f"{kind}-{next(self._numbers)}-{self._run}-{job.object_id}"
 
-    def _await(self, task: _Task, step: Any, then: Callable[[_Task], Finished | None]) -> None:
+    def _await(self, task: _Task, step: Any, then: Then) -> None:
         task.step = step
         step.add_done_callback(lambda _: self._ended.put((task, step, then)))
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from objectfolder.errors import InputError
 from objectfolder.products.provenance import code_identity, package_versions
+from pipeline.dataset.differences import differences
 
 NAMED = 3  # differing modules that a message names
 
@@ -54,34 +55,27 @@ def environment_of(stages: Iterable[Any]) -> Environment:
     return environment_here(packages, (stage.task.partition(":")[0] for stage in stages))
 
 
-def differences(wanted: Environment, found: Environment) -> list[str]:
+def differences_of(wanted: Environment, found: Environment) -> list[str]:
     """Return what differs, one sentence part each; empty where the worker may work."""
-    parts = []
-    if found.python != wanted.python:
-        parts.append(f"Python {found.python} instead of {wanted.python}")
-    for name, version in sorted(wanted.packages.items()):
-        theirs = found.packages.get(name, "absent")
-        if theirs != version:
-            parts.append(f"{name} {theirs} instead of {version}")
-    modules: set[str] = set()
-    for task, digests in wanted.code.items():
-        theirs_of_task = found.code.get(task, {})
-        if not theirs_of_task and digests:
-            parts.append(f"no module {task}")
-            continue
-        names = set(digests) | set(theirs_of_task)
-        modules |= {name for name in names if digests.get(name) != theirs_of_task.get(name)}
-    if modules:
-        named = ", ".join(sorted(modules)[:NAMED])
+    before, now = (
+        {
+            "packages": {"Python": one.python, **one.packages},
+            "code": {name: digest for digests in one.code.values() for name, digest in digests.items()},
+        }
+        for one in (wanted, found)
+    )
+    changed = differences(before, now)
+    parts = [f"{one.name} {one.new} instead of {one.old}" for one in changed if one.part == "package"]
+    if modules := [one.name for one in changed if one.part == "code"]:
         more = f" and {len(modules) - NAMED} more" if len(modules) > NAMED else ""
-        parts.append(f"other code in {named}{more}")
+        parts.append(f"other code in {', '.join(modules[:NAMED])}{more}")
     return parts
 
 
 def main() -> None:
     """Say on standard output what differs here from the environment on standard input, in one line."""
     wanted = Environment.model_validate_json(sys.stdin.read())
-    print(", ".join(differences(wanted, environment_here(wanted.packages, wanted.code))))
+    print(", ".join(differences_of(wanted, environment_here(wanted.packages, wanted.code))))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from objectfolder.errors import FormatError
 from pipeline.dataset.task import Call, Outcome
 from pipeline.sandbox.isolation import Child, ChildSettings, ProcessKilled
 from pipeline.store import memo
@@ -63,7 +62,9 @@ def run_task(
     worker = get_worker()
     shares = os.access(marker, os.R_OK)
     answer = Answer(worker.address, _host(worker.ip), shipped=not shares)
-    if shares and _stands(call):  # made by an earlier try whose answer was lost
+    if shares and memo.are_whole(
+        call.targets, call.fingerprint
+    ):  # made by an earlier try whose answer was lost
         return replace(answer, outcome=Outcome(call.request.object_id, fingerprint=call.fingerprint))
     if not shares and shipment is None:
         return answer
@@ -109,16 +110,6 @@ def _child(root: Path, settings: ChildSettings) -> Child:
         made = _of_thread.made = ((root, settings), Child(root, settings))
     child: Child = made[1]
     return child
-
-
-def _stands(call: Call) -> bool:
-    """Whether all products of a call are in place, whole."""
-    try:
-        for path in call.targets:
-            memo.check_product(path, call.fingerprint)
-    except (OSError, FormatError):
-        return False
-    return True
 
 
 def _host(ip: str) -> str:

@@ -1,6 +1,5 @@
 """Making the cluster class that a place names, and keeping as many workers as it should have."""
 
-import difflib
 import importlib
 import inspect
 import logging
@@ -15,8 +14,9 @@ from typing import Any
 
 from objectfolder.errors import InputError, ObjectFolderError, SimulationError
 from pipeline.cluster import tls
-from pipeline.cluster.places import CUDA, LOCAL, SSH, Place
+from pipeline.cluster.places import HERE, LOCAL, SSH, Place
 from pipeline.cluster.pools import MEMORY
+from pipeline.dataset.validation import did_you_mean
 
 EXTRAS = {"dask_jobqueue": "slurm", "dask_kubernetes": "kubernetes", "asyncssh": "ssh"}
 LOOK_S = 10.0  # between looks for workers that have to be started again
@@ -42,11 +42,9 @@ def make_cluster(place: Place, root: Path, tasks_at_most: int, security: Any) ->
     arguments = dict(place.kwargs)
     try:
         if place.starts == LOCAL:
-            return kind(
-                *place.args, **{**HERE_OPTIONS, "security": security, **_local(arguments, tasks_at_most)}
-            )
-        if place.starts == CUDA:
-            return kind(*place.args, **{**HERE_OPTIONS, "security": security, **arguments})
+            arguments = _local(arguments, tasks_at_most)
+        if place.starts in HERE:
+            return kind(*place.args, **HERE_OPTIONS | {"security": security} | arguments)
         if place.starts == SSH:
             return _ssh(kind, arguments, security)
         if place.module == "dask_jobqueue":
@@ -100,8 +98,8 @@ def _imported(module: str, name: str) -> Callable[..., Any]:
         finding = f"the package {package} is not installed"
         raise InputError(f"{module}.{name}", finding, f"pip install {wanted}") from error
     except AttributeError as error:
-        near = difflib.get_close_matches(name, dir(importlib.import_module(module)), 1)
-        remedy = f"Did you mean {near[0]}?" if near else "Correct class and module of the place."
+        known = dir(importlib.import_module(module))
+        remedy = did_you_mean(name, known, "Correct class and module of the place.")
         raise InputError(f"{module}.{name}", "there is no such class", remedy) from error
     return found
 
@@ -121,8 +119,7 @@ def check_arguments(kind: Any, place: Place) -> None:
     known = {name for taker in takers for name in inspect.signature(taker).parameters}
     for name in place.kwargs:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            remedy = f"Did you mean {near[0]}?" if near else f"See the documentation of {place.starts}."
+            remedy = did_you_mean(name, known, f"See the documentation of {place.starts}.")
             raise InputError(place.starts, f"unknown argument kwargs.{name}", remedy)
 
 
@@ -170,12 +167,11 @@ def _accepted(cluster: Any) -> Any:
         file.flush()
         try:
             subprocess.run(["sbatch", "--test-only", file.name], check=True, capture_output=True, text=True)
-        except FileNotFoundError as error:
+        except (FileNotFoundError, subprocess.CalledProcessError) as error:
             cluster.close()
-            raise SimulationError("slurm", "there is no sbatch", "Run this on a login node.") from error
-        except subprocess.CalledProcessError as error:
-            cluster.close()
-            raise SimulationError("slurm", error.stderr.strip(), "Correct kwargs of the place.") from error
+            finding = str(getattr(error, "stderr", "there is no sbatch")).strip()
+            remedy = "Run this on a login node, and correct kwargs of the place."
+            raise SimulationError("slurm", finding, remedy) from error
     return cluster
 
 

@@ -4,6 +4,7 @@ It is part of the data set and under version control: the report and the last st
 Details, such as a traceback, are in the record of the run (`pipeline.run.run_record`).
 """
 
+import contextlib
 import json
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -27,6 +28,11 @@ class FailedObject:
     error: str
     remedy: str
     fingerprint: str = ""
+
+    @classmethod
+    def of(cls, stage: str, failure: Failure, fingerprint: str = "") -> "FailedObject":
+        """Return the failure of an object in a stage."""
+        return cls(failure.object_id, stage, failure.error, failure.remedy, fingerprint)
 
 
 def read_failures(root: Path) -> list[FailedObject]:
@@ -63,10 +69,9 @@ def write_failures(
     others
         Listed objects that were left out of this run: their earlier failures are kept.
     """
-    try:
+    earlier: list[FailedObject] = []
+    with contextlib.suppress(InputError):
         earlier = read_failures(root)
-    except InputError:
-        earlier = []
     now = {stage.name: stage for stage in stages}
     known = {**STAGES, **now}
     every = [*(one for one in earlier if one.object in others or one.stage not in now), *found]
@@ -82,17 +87,22 @@ def write_failures(
         file.write((json.dumps(entries, indent=1, ensure_ascii=False) + "\n").encode())
 
 
-def failure_table(failures: Sequence[Failure], width: int | None = None) -> str:
-    """Return failures as a table of object, error and remedy; empty without any."""
-    # Imported here: most runs have no failure.
-    from rich.console import Console
-    from rich.table import Table
+def failure_table(failures: Sequence[FailedObject], width: int | None = None) -> str:
+    """Return failures as a table of object, stage, error and remedy; empty without any."""
+    from rich.table import Table  # most runs have no failure
 
     if not failures:
         return ""
-    table = Table("object", "error", "remedy", box=None, padding=(0, 2, 0, 0), highlight=False)
+    table = Table("object", "stage", "error", "remedy", box=None, padding=(0, 2, 0, 0), highlight=False)
     for failure in failures:
-        table.add_row(failure.object_id, failure.error, failure.remedy)
+        table.add_row(failure.object, failure.stage, failure.error, failure.remedy)
+    return table_text(table, width)
+
+
+def table_text(table: object, width: int | None) -> str:
+    """Return a table of `rich` as plain text of a width, that of the terminal for None."""
+    from rich.console import Console
+
     console = Console(width=width, markup=False, highlight=False, color_system=None)
     with console.capture() as shown:
         console.print(table)

@@ -16,12 +16,14 @@ class Measure:
     ----------
     key
         Where it stands in the attributes of a fidelity product, ``"sense.name"``.
-    label, unit, decimals
+    label
+        How it is called.
+    definition
+        Used where the product has none of its own.
+    unit, decimals
         How it is printed.
     higher_is_better
         Direction; decides which object is the worst.
-    definition
-        Used where the product has none of its own.
     target
         What the factory promises of the data set's mean.
     trivial
@@ -30,10 +32,10 @@ class Measure:
 
     key: str
     label: str
-    unit: str
-    decimals: int
-    higher_is_better: bool
-    definition: str
+    definition: str = ""
+    unit: str = "dB"
+    decimals: int = 1
+    higher_is_better: bool = True
     target: float | None = None
     trivial: str | None = None
 
@@ -83,81 +85,64 @@ HEADLINE = (
     Measure(
         "vision.psnr_db",
         "View, full image",
-        "dB",
-        1,
-        True,
         "Peak signal-to-noise ratio of sRGB images on white, all pixels, mean over held-out views.",
-        40.0,
-        "trivial_psnr_db",
+        target=40.0,
+        trivial="trivial_psnr_db",
     ),
     Measure(
         "vision.psnr_foreground_db",
         "View, foreground",
-        "dB",
-        1,
-        True,
         "As the full image, over the pixels that the object covers: a white background flatters.",
-        32.0,
-        "trivial_psnr_foreground_db",
+        target=32.0,
+        trivial="trivial_psnr_foreground_db",
     ),
     Measure(
         "vision.ssim",
         "View, structural similarity",
-        "",
-        4,
-        True,
         "Structural similarity (Wang et al. 2004) of the full image, mean over held-out views.",
-        0.985,
-        "trivial_ssim",
+        unit="",
+        decimals=4,
+        target=0.985,
+        trivial="trivial_ssim",
     ),
     Measure(
         "audio.frequency_error_cents",
         "Modal frequency",
-        "cents",
-        3,
-        False,
         "Largest interval between a frequency of the Object File and the solver's, 1200 log2 of the ratio.",
+        unit="cents",
+        decimals=3,
+        higher_is_better=False,
     ),
     Measure(
         "audio.solver_error_estimate_cents",
         "Solver's own error, estimated",
-        "cents",
-        1,
-        False,
         "Largest estimated error of the solver's first 50 frequencies: what the mesh and the order cost.",
+        unit="cents",
+        higher_is_better=False,
     ),
     Measure(
         "audio.gain_error_db",
         "Modal gain",
-        "dB",
-        1,
-        False,
         "Relative rms error of mode shapes at held-out surface points; silence scores 0 dB.",
-        -26.0,
+        higher_is_better=False,
+        target=-26.0,
     ),
     Measure(
         "touch.psnr_db",
         "Touch, whole image",
-        "dB",
-        1,
-        True,
         "Peak signal-to-noise ratio of tactile images, all pixels, mean over held-out touches.",
-        None,
-        "empty_psnr_db",
+        trivial="empty_psnr_db",
     ),
     Measure(
         "touch.psnr_contact_db",
         "Touch, contact region",
-        "dB",
-        1,
-        True,
         "As the whole image, over the contact region alone: most of a tactile image is untouched gel.",
-        42.0,
-        "empty_psnr_contact_db",
+        target=42.0,
+        trivial="empty_psnr_contact_db",
     ),
 )
 BYTES = Measure(
-    "bytes.total", "Object File", "bytes", 0, False, "Size of the file, the surface counted once.", 3e6
+    "bytes.total", "Object File", "Size of the file, the surface counted once.", "bytes", 0, False, 3e6
 )
 BYTE_PARTS = ("total", "surface", "vision", "audio", "touch", "metadata")
 # These three are decibels of the same kind, so their margins can be compared.

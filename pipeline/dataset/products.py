@@ -8,6 +8,9 @@ from objectfolder.errors import FormatError
 from objectfolder.products.atomic import PARTIAL
 from pipeline.dataset import archives
 
+# Folder beside a data set and outside its versions; losing it costs time only.
+STATE = ".objectfolder"
+PLAYERS = f"{STATE}/players"  # data of players, by the content of the Object File
 ZARR = ".zarr.zip"
 TENSORS = ".safetensors"
 

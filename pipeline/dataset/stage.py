@@ -160,7 +160,7 @@ class Stage:
             "parameters": read,
             "record": record,
             "inputs": digests,
-            "code": verified.code.identity(self.task.partition(":")[0]),
+            "code": verified.code_identity(self.task.partition(":")[0]),
             "packages": package_versions(self.packages),
             "seed": seed,
         }
@@ -196,8 +196,6 @@ def pick(parameters: Parameters, name: str) -> Any:
     value: Any = parameters
     for part in name.split("."):
         value = getattr(value, part)
-    return (
-        dataclasses.asdict(value)
-        if dataclasses.is_dataclass(value) and not isinstance(value, type)
-        else value
-    )
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return dataclasses.asdict(value)
+    return value

@@ -6,7 +6,11 @@ and declared with a margin. Names are patterns, the first that fits counts; what
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
+
+Share = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True)
@@ -25,9 +29,9 @@ class Tolerance:
         What makes them differ, and what it means.
     """
 
-    relative: float = 0.0
-    rms: float = 0.0
-    absolute: float = 0.0
+    relative: Share = 0.0
+    rms: Share = 0.0
+    absolute: Share = 0.0
     because: str = ""
 
 

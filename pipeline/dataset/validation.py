@@ -1,10 +1,12 @@
-"""YAML files as typed classes: pydantic's findings with file, field, value and remedy."""
+"""YAML files as typed classes, and environment variables as numbers: mistakes come with their remedy."""
 
+import contextlib
 import difflib
 import json
+import os
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -72,6 +74,27 @@ def own_error(error: InputError) -> PydanticCustomError:
     return PydanticCustomError(OWN, "{finding}", said)
 
 
+def number_of(variable: str, default: float) -> float:
+    """Return the number from 0 on that an environment variable gives.
+
+    Raises
+    ------
+    InputError
+        It is no such number.
+    """
+    text = os.environ.get(variable, str(default))
+    with contextlib.suppress(ValueError):
+        if (number := float(text)) >= 0:
+            return number
+    raise InputError(variable, f"{text!r} is no number from 0 on", "Correct it, or leave it out.")
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Return a question after the nearest of the known names; `otherwise` where none is near."""
+    near = difflib.get_close_matches(name, known, 1, 0.5)
+    return f"Did you mean {near[0]}?" if near else otherwise
+
+
 def _input_error(where: str, kind: Any, error: ErrorDetails) -> InputError:
     name, value = _dotted(error["loc"]), error["input"]
     if error["type"] == OWN:
@@ -79,12 +102,8 @@ def _input_error(where: str, kind: Any, error: ErrorDetails) -> InputError:
     if error["type"] in UNKNOWN:
         *section, key = error["loc"]
         known = _fields(kind, section)
-        nearest = difflib.get_close_matches(str(key), known, 1, 0.5)
-        remedy = (
-            f"Did you mean {_dotted([*section, nearest[0]])}?"
-            if nearest
-            else f"Known are {', '.join(known)}."
-        )
+        dotted = [_dotted([*section, one]) for one in known]
+        remedy = did_you_mean(_dotted([*section, str(key)]), dotted, f"Known are {', '.join(known)}.")
         return InputError(where, f"unknown key {name}", remedy)
     if error["type"] in MISSING:
         what = "value" if isinstance(error["loc"][-1], int) else "key"

@@ -1,28 +1,51 @@
 """A cache by size, time and inode of files, so that each file is read whole only once.
 
 A product was checked whole, carries a fingerprint and a few attributes that later stages go by; a source
-file has a digest. All of it can be read again from the files themselves.
+file has a digest; code has digests. All of it can be read again from the files themselves.
 """
 
 import contextlib
-import json
+import functools
 import operator
 import os
 import time
-from collections.abc import Mapping, Sequence
-from functools import reduce
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter
+from pydantic_core import to_json
 
 from objectfolder.errors import FormatError
 from objectfolder.products.atomic import atomic_write
-from objectfolder.products.provenance import file_digest
+from objectfolder.products.provenance import code_identity, file_digest
 from pipeline.dataset import products
-from pipeline.dataset.task_code import TaskCode, read_cache
 
 FINGERPRINT = "fingerprint"
 # A file that changed this shortly ago can change again without its time telling.
 SETTLED_S = 2.0
+
+Kind = TypeVar("Kind")
+State = tuple[int, int, int]  # bytes, time of the last change, inode
+Sources = dict[str, tuple[str, list[tuple[str, str]]]]  # see `code_identity`
+
+
+@dataclass
+class _Product:
+    """Attributes that were read of a product, and whether all of it was checked."""
+
+    state: State
+    whole: bool = False
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class _Kept:
+    """Products, and states and digests of source files, by path."""
+
+    products: dict[str, _Product] = field(default_factory=dict)
+    sources: dict[str, tuple[State, str]] = field(default_factory=dict)
 
 
 class Verified:
@@ -35,14 +58,23 @@ class Verified:
     """
 
     def __init__(self, root: Path) -> None:
-        self.code = TaskCode(root)
         self._prefix = f"{root}{os.sep}"
-        self._path = root / ".objectfolder" / "verified.json"
-        kept = read_cache(self._path)
-        # By path: state, then for a product whether it was checked, and attributes; for a source its digest.
-        self._products = _entries(kept.get("products"), {"state": list, "whole": bool, "attributes": dict})
-        self._sources = _entries(kept.get("sources"), {"state": list, "digest": str})
-        self._changed = False
+        self._path, self._code_path = root / ".objectfolder" / "verified.json", _code_path(root)
+        self._kept, self._code = _read(self._path, _Kept), known_sources(root)
+        self._changed, self._saved_sources = False, len(self._code)
+        self._identities: dict[str, dict[str, str]] = {}
+
+    def code_identity(self, module: str) -> dict[str, str]:
+        """Return digests of a task's module and all that it imports, as of the first request.
+
+        Raises
+        ------
+        InputError
+            `module` is not found.
+        """
+        if module not in self._identities:
+            self._identities[module] = code_identity(module, self._code)
+        return self._identities[module]
 
     def attributes(self, path: Path, names: Sequence[str]) -> dict[str, Any]:
         """Return attributes of a product by their dotted names.
@@ -55,11 +87,11 @@ class Verified:
             A file that cannot be read, or lacks one of them.
         """
         entry = self._product(path)
-        known: dict[str, Any] = entry["attributes"]
+        known = entry.attributes
         if not known.keys() >= set(names):
             found = products.read_description(path)
             try:
-                known |= {name: reduce(operator.getitem, name.split("."), found) for name in names}
+                known |= {name: functools.reduce(operator.getitem, name.split("."), found) for name in names}
             except (KeyError, TypeError) as error:
                 finding = f"it carries no {error.args[0]}"
                 raise FormatError(str(path), finding, "Delete it; a run makes it again.") from error
@@ -72,9 +104,9 @@ class Verified:
             if self.attributes(path, (FINGERPRINT,))[FINGERPRINT] != fingerprint:
                 return False
             entry = self._product(path)
-            if not entry["whole"]:
+            if not entry.whole:
                 products.verify(path)
-                entry["whole"] = self._changed = True
+                entry.whole = self._changed = True
         except (FileNotFoundError, FormatError):
             return False
         return True
@@ -82,9 +114,9 @@ class Verified:
     def add(self, path: Path, fingerprint: str | None = None) -> None:
         """Note a product as checked, its fingerprint with it where that is known."""
         entry = self._product(path)
-        entry["whole"] = self._changed = True
+        entry.whole = self._changed = True
         if fingerprint is not None:
-            entry["attributes"][FINGERPRINT] = fingerprint
+            entry.attributes[FINGERPRINT] = fingerprint
 
     def source_digest(self, path: Path) -> str:
         """Return the SHA-256 of a source file.
@@ -94,58 +126,66 @@ class Verified:
         OSError
             A file that cannot be read.
         """
-        key = self._key(path)
-        now = time.time()
-        state = _state(path)
-        entry = self._sources.get(key)
-        if entry is not None and entry["state"] == state:
-            return str(entry["digest"])
+        key, now, state = self._key(path), time.time(), _state(path)
+        known, digest = self._kept.sources.get(key, (None, ""))
+        if known == state:
+            return digest
         digest = file_digest(path)
         if now - state[1] / 1e9 > SETTLED_S:
-            self._sources[key] = {"state": state, "digest": digest}
+            self._kept.sources[key] = state, digest
             self._changed = True
         return digest
 
+    def save_code(self) -> None:
+        """Write what is known of sources, if it has grown; on a full disk it is lost."""
+        if len(self._code) > self._saved_sources:
+            _write(self._code_path, self._code)
+            self._saved_sources = len(self._code)
+
     def save(self) -> None:
         """Write the cache, without removed files; on a full disk it is lost."""
-        self.code.save()
+        self.save_code()
         if not self._changed:
             return
-        kept = {
-            kind: {key: entry for key, entry in entries.items() if os.path.exists(self._place(key))}
-            for kind, entries in (("products", self._products), ("sources", self._sources))
-        }
-        with contextlib.suppress(OSError), atomic_write(self._path) as file:
-            file.write(json.dumps(kept).encode())
+        for entries in (self._kept.products, self._kept.sources):
+            for key in [key for key in entries if not os.path.exists(os.path.join(self._prefix, key))]:
+                del entries[key]
+        _write(self._path, self._kept)
         self._changed = False
 
-    def _product(self, path: Path) -> dict[str, Any]:
+    def _product(self, path: Path) -> _Product:
         """Return the cache's entry of a product; a new one if its file has changed."""
-        key = self._key(path)
-        state = _state(path)
-        entry = self._products.get(key)
-        if entry is None or entry["state"] != state:
-            entry = self._products[key] = {"state": state, "whole": False, "attributes": {}}
+        key, state = self._key(path), _state(path)
+        entry = self._kept.products.get(key)
+        if entry is None or entry.state != state:
+            entry = self._kept.products[key] = _Product(state)
         return entry
 
     def _key(self, path: Path) -> str:
         return str(path).removeprefix(self._prefix)
 
-    def _place(self, key: str) -> str:
-        return os.path.join(self._prefix, key)
+
+def known_sources(root: Path) -> Sources:
+    """Return what earlier runs found in sources, by their content (see `code_identity`)."""
+    return _read(_code_path(root), Sources)
 
 
-def _entries(content: Any, shape: Mapping[str, type]) -> dict[str, dict[str, Any]]:
-    """Return the entries of a cache that have the shape they should have."""
-    if not isinstance(content, dict):
-        return {}
-    return {
-        key: entry
-        for key, entry in content.items()
-        if isinstance(entry, dict) and all(isinstance(entry.get(name), kind) for name, kind in shape.items())
-    }
+def _code_path(root: Path) -> Path:
+    return root / ".objectfolder" / "code.json"
 
 
-def _state(path: Path | str) -> list[int]:
+def _read(path: Path, kind: type[Kind]) -> Kind:
+    """Return the content of a file that may be lost at any time: empty where it is not of this kind."""
+    with contextlib.suppress(OSError, ValueError):
+        return TypeAdapter(kind).validate_json(path.read_bytes())
+    return kind()
+
+
+def _write(path: Path, content: object) -> None:
+    with contextlib.suppress(OSError), atomic_write(path) as file:
+        file.write(to_json(content))
+
+
+def _state(path: Path) -> State:
     status = os.stat(path)
-    return [status.st_size, status.st_mtime_ns, status.st_ino]
+    return status.st_size, status.st_mtime_ns, status.st_ino

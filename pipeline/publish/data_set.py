@@ -5,22 +5,22 @@ from pathlib import Path
 from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
+from pipeline.publish.cards.croissant import croissant_text
 from pipeline.publish.cards.data_card import card_text, citation_text
 from pipeline.publish.cards.published_data_set import read_data_set
 from pipeline.publish.report.writing import write_report
 from pipeline.run.costs import costs_path
-from pipeline.run.exclusive import running
+from pipeline.run.exclusive import exclusive
 
 REPORTS = "reports"
 
 
-def make_report(root: Path) -> int:
+def make_report(root: Path) -> None:
     """Write the tables, the pages and the cards of the data set, and say where they are."""
-    with running(root, "stage report"):
+    with exclusive(root, "stage report"):
         write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, read_failures(root))
         write_cards(root, root / REPORTS)
     print(f"Object Files: {OBJECT_FILES.folder}/\nReport:       {REPORTS}/index.html")
-    return 0
 
 
 def write_cards(root: Path, folder: Path) -> list[Path]:
@@ -36,8 +36,6 @@ def write_cards(root: Path, folder: Path) -> list[Path]:
     InputError
         See `read_data_set`.
     """
-    from pipeline.publish.cards.croissant import croissant_text  # its library takes a second
-
     data_set = read_data_set(root, folder)
     texts = {
         folder / "croissant.json": croissant_text(data_set, root, folder),

@@ -17,9 +17,8 @@ from rich.filesize import decimal
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.atomic import PARTIAL
 from pipeline.dataset.lock_file import LOCK, read_lock
-from pipeline.dataset.products import ProductKind, read_fingerprint
+from pipeline.dataset.products import PLAYERS, STATE, ProductKind, read_fingerprint
 from pipeline.dataset.stages import STAGES
-from pipeline.dataset.state import PLAYERS, STATE
 from pipeline.run import run_record
 from pipeline.run.exclusive import exclusive, owner
 from pipeline.sandbox import scratch

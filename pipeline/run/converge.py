@@ -9,24 +9,19 @@ fail, go. Over several stages an object goes on to its next stage as soon as its
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pipeline.dataset.failures import FailedObject, failure_table, write_failures
 from pipeline.dataset.job import Job, Runner
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Row, Stage
-from pipeline.dataset.task import Failure
 from pipeline.dataset.verified import Verified
-from pipeline.run.costs import Costs
+from pipeline.run.costs import add_costs
 from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
 from pipeline.run.run_record import RunRecord
 from pipeline.store import memo
-
-if TYPE_CHECKING:
-    from pipeline.run.forecast.estimates import Estimates
 
 CLUSTER_S = 5.0  # wall seconds that a cluster of this machine takes to start, and its processes to import
 
@@ -44,7 +39,13 @@ class Summary:
     restored: tuple[str, ...]  # from the memo
     computed: tuple[str, ...]
     removed: tuple[str, ...]
-    failures: tuple[Failure, ...]
+    failures: tuple[FailedObject, ...]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of objects by what happened to them."""
+        kept, restored, computed = len(self.kept), len(self.restored), len(self.computed)
+        return {"kept": kept, "restored": restored, "computed": computed, "failed": len(self.failures)}
 
     def exit_code(self, allow_failures: bool) -> int:
         """Return 0 if later stages may run: no failure, or failures allowed and at least one object made."""
@@ -58,7 +59,7 @@ def converge(
     parameters: Parameters,
     rows: Mapping[str, Row],
     runner_for: RunnerFor,
-    refused: Sequence[Failure] = (),
+    refused: Sequence[FailedObject] = (),
     others: Collection[str] = (),
 ) -> list[Summary]:
     """Make, keep and remove products until those of `stages` are what the inputs ask for.
@@ -91,51 +92,41 @@ def converge(
         Nobody can run tasks any more. What is finished stays finished.
     """
     removed = {stage.name: _tidy(stage, root, {*rows, *others}) for stage in stages}
-    verified = Verified(root)
-    costs = Costs(root)
-    progress = FlowProgress({stage.name: sorted(stage.follows) for stage in stages})
-
-    def estimates() -> "Estimates":
-        from pipeline.run.forecast.estimates import Estimates
-
-        return Estimates(root, parameters)
-
-    flow = Flow(stages, root, parameters, rows, verified, estimates, progress.settle)
+    verified, progress = Verified(root), FlowProgress({one.name: sorted(one.follows) for one in stages})
+    flow = Flow(stages, root, parameters, rows, verified, progress.settle)
     with RunRecord(root, [stage.name for stage in stages]) as record:
         try:
             jobs = flow.begin()
-            verified.code.save()  # children read it, too
+            verified.save_code()  # children read it, too
             if jobs:
-                _run(jobs, flow, runner_for, costs, record, progress)
+                _run(jobs, flow, root, runner_for, record, progress)
         finally:
             progress.close()
-            for kind in (kind for stage in stages for kind in stage.products):
-                kind.sweep(root)
+            _sweep(stages, root)
             verified.save()
             memo.prune(root)
-        summaries = [_summary(stage.name, flow, removed[stage.name]) for stage in stages]
-        if refused:
-            summaries[0] = replace(summaries[0], failures=(*refused, *summaries[0].failures))
-        write_failures(root, _failed(summaries, flow), stages, others)
+        before = {stages[0].name: tuple(refused)}
+        summaries = [_summary(name, flow, gone, before.get(name, ())) for name, gone in removed.items()]
+        failures = [failure for summary in summaries for failure in summary.failures]
+        write_failures(root, failures, stages, others)
         for summary in summaries:
-            record.stage(
-                summary.stage,
-                summary.removed,
-                kept=len(summary.kept),
-                restored=len(summary.restored),
-                computed=len(summary.computed),
-                failed=len(summary.failures),
-            )
-    if failures := _first_failures(summaries):
-        print(failure_table(failures), file=sys.stderr)
+            record.stage(summary.stage, summary.removed, **summary.counts)
+    _print_first(failures)
     return summaries
+
+
+def _print_first(failures: Sequence[FailedObject]) -> None:
+    """Print why each object failed in the first stage where it did."""
+    if failures:
+        first = {failure.object: failure for failure in reversed(failures)}
+        print(failure_table(list(reversed(first.values()))), file=sys.stderr)
 
 
 def _run(
     jobs: Sequence[Job],
     flow: Flow,
+    root: Path,
     runner_for: RunnerFor,
-    costs: Costs,
     record: RunRecord,
     progress: FlowProgress,
 ) -> None:
@@ -150,17 +141,23 @@ def _run(
         for ended in runner.finished(progress.workers):
             stage, outcome = ended.job.call.stage, ended.outcome
             if outcome.failure is None and outcome.wall_s > 0:
-                costs.add(stage, outcome)
+                add_costs(root, stage, outcome)
             record.task(stage, outcome, ended.worker, ended.host, ended.tries)
             for job in flow.done(ended):
                 runner.submit(job)
+
+
+def _sweep(stages: Sequence[Stage], root: Path) -> None:
+    """Remove half-written files."""
+    for kind in (kind for stage in stages for kind in stage.products):
+        kind.sweep(root)
 
 
 def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
     """Remove half-written files, and products of objects not listed; return the ids of those."""
     for kind in stage.products:
         (root / kind.folder).mkdir(parents=True, exist_ok=True)
-        kind.sweep(root)
+    _sweep([stage], root)
     present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
     unlisted = sorted(present - set(listed))
     for object_id in unlisted:
@@ -169,28 +166,10 @@ def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
     return tuple(unlisted)
 
 
-def _summary(stage: str, flow: Flow, removed: tuple[str, ...]) -> Summary:
+def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: Sequence[FailedObject]) -> Summary:
     kept, restored, computed = (
         tuple(object_id for object_id, one in flow.outcomes(stage).items() if one == outcome)
         for outcome in (KEPT, RESTORED, COMPUTED)
     )
-    return Summary(stage, kept, restored, tuple(sorted(computed)), removed, tuple(flow.failures(stage)))
-
-
-def _failed(summaries: Sequence[Summary], flow: Flow) -> list[FailedObject]:
-    found = []
-    for summary in summaries:
-        wanted = flow.fingerprints(summary.stage)
-        for one in summary.failures:
-            fingerprint = wanted.get(one.object_id, "")
-            found.append(FailedObject(one.object_id, summary.stage, one.error, one.remedy, fingerprint))
-    return found
-
-
-def _first_failures(summaries: Sequence[Summary]) -> list[Failure]:
-    """Return the failure of each object in the first stage where it failed."""
-    first: dict[str, Failure] = {}
-    for summary in summaries:
-        for failure in summary.failures:
-            first.setdefault(failure.object_id, failure)
-    return list(first.values())
+    failures = (*refused, *flow.failures(stage))
+    return Summary(stage, kept, restored, tuple(sorted(computed)), removed, failures)

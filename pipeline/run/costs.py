@@ -8,9 +8,9 @@ import contextlib
 import csv
 import io
 import os
-from collections import Counter
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from filelock import FileLock
@@ -45,8 +45,8 @@ class Cost:
     key, seconds_per_query
         Setting of the fidelity product that a query was timed at, and its seconds.
     load, product_bytes
-        Only in the packaged costs: what the cost grows with (`pipeline.run.forecast.loads`) and the bytes of
-        the products.
+        Only in the packaged costs: what the cost grows with (see `pipeline.run.forecast.estimates`) and the
+        bytes of the products.
     """
 
     object_id: str
@@ -97,43 +97,29 @@ def known_costs(root: Path) -> list[Cost]:
         return []
 
 
-class Costs:
-    """The costs of the tasks of a data set, by the fingerprint of their products.
+def costs_by_fingerprint(root: Path) -> dict[str, Cost]:
+    """Return the last costs of the tasks that ran here, by the fingerprint of their products."""
+    return {
+        cost.fingerprint: cost
+        for cost in known_costs(root)
+        if cost.stage != QUERY and None not in (cost.wall_s, cost.cpu_s, cost.peak_memory_mb)
+    }
 
-    Parameters
-    ----------
-    root
-        Root of the data set; its table is read at once, and not again.
+
+def add_costs(root: Path, stage: str, outcome: Outcome) -> None:
+    """Append the costs of a task and its queries to the table, at once.
+
+    Raises
+    ------
+    SimulationError
+        The table cannot be written.
     """
-
-    def __init__(self, root: Path) -> None:
-        self._path = costs_path(root)
-        self._by_fingerprint = {
-            cost.fingerprint: cost
-            for cost in known_costs(root)
-            if cost.stage != QUERY and None not in (cost.wall_s, cost.cpu_s, cost.peak_memory_mb)
-        }
-
-    def of(self, fingerprint: str) -> Cost | None:
-        """Return the cost of the task with this fingerprint when it ran here."""
-        return self._by_fingerprint.get(fingerprint)
-
-    def add(self, stage: str, outcome: Outcome) -> None:
-        """Append the costs of a task and its queries to the table, at once.
-
-        Raises
-        ------
-        SimulationError
-            The table cannot be written.
-        """
-        made = outcome.fingerprint
-        cpu_s, wall_s, peak = round(outcome.cpu_s, 3), round(outcome.wall_s, 3), outcome.peak_bytes / 1e6
-        cost = Cost(outcome.object_id, stage, made, cpu_s, wall_s, round(peak, 1))
-        self._by_fingerprint[made] = cost
-        rows: list[Sequence[object]] = [(*astuple(cost)[:6], "", "")]
-        for key, seconds in outcome.query_seconds.items():
-            rows.append((cost.object_id, QUERY, made, "", "", "", key, f"{seconds:.3g}"))
-        _append(self._path, _text(rows))
+    task = (outcome.object_id, stage, outcome.fingerprint)
+    taken = (round(outcome.cpu_s, 3), round(outcome.wall_s, 3), round(outcome.peak_bytes / 1e6, 1))
+    rows: list[Sequence[object]] = [(*task, *taken, "", "")]
+    for key, seconds in outcome.query_seconds.items():
+        rows.append((outcome.object_id, QUERY, outcome.fingerprint, "", "", "", key, f"{seconds:.3g}"))
+    _append(costs_path(root), _text(rows))
 
 
 def compact(root: Path) -> None:
@@ -150,16 +136,13 @@ def compact(root: Path) -> None:
     with _writing(path):
         with path.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.reader(file) if len(row) == len(COLUMNS)]  # no line that a kill cut
-        groups = [(row[0], row[1], row[6]) for row in rows]
-        left = Counter(groups)
-        kept = []
-        for group, row in zip(groups, rows, strict=True):
-            if left[group] <= KEPT_ROWS:
-                kept.append(row)
-            left[group] -= 1
+        last: dict[tuple[str, ...], deque[int]] = {}
+        for index, row in enumerate(rows):
+            last.setdefault((row[0], row[1], row[6]), deque(maxlen=KEPT_ROWS)).append(index)
+        kept = sorted(index for indices in last.values() for index in indices)
         if len(kept) <= len(rows) // 2:
             with atomic_write(path) as whole:
-                whole.write(_text(kept).encode())
+                whole.write(_text([rows[index] for index in kept]).encode())
 
 
 def _cost(row: Mapping[str, str | None]) -> Cost:

@@ -9,7 +9,6 @@ import contextlib
 import math
 import os
 import sys
-import time
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -18,24 +17,9 @@ from typing import TextIO
 from filelock import FileLock, Timeout
 
 from objectfolder.errors import InputError
-from pipeline.dataset.run_id import RUN_ID, new_run_id
+from pipeline.dataset.validation import number_of
 
 WAIT = "OBJECTFOLDER_WAIT"
-REPEAT_S = 60.0  # between lines about waiting
-
-
-@contextlib.contextmanager
-def running(root: Path, what: str) -> Iterator[None]:
-    """Run something that changes the data set: no other run beside it, and with an id.
-
-    Raises
-    ------
-    InputError
-        As `exclusive`.
-    """
-    os.environ[RUN_ID] = new_run_id()
-    with exclusive(root, what):
-        yield
 
 
 @contextlib.contextmanager
@@ -54,11 +38,19 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
     Raises
     ------
     InputError
-        Another run holds the checkout, and ``OBJECTFOLDER_WAIT`` is 0 or as many seconds went by.
+        Another run holds the checkout, and ``OBJECTFOLDER_WAIT`` is 0 or that many seconds went by; or
+        it is no number.
     """
     lock, named = _lock(root), _owner_file(root)
     named.parent.mkdir(parents=True, exist_ok=True)
-    _acquire(lock, root, most_seconds(), stream or sys.stderr)
+    most_s = number_of(WAIT, math.inf)
+    if most_s and (other := owner(root)):
+        print(f"waiting for {other}", file=stream or sys.stderr, flush=True)
+    try:
+        lock.acquire(timeout=most_s)
+    except Timeout as error:
+        remedy = f"Wait for it, or end it (nothing finished is lost). Without {WAIT}=0 a run waits by itself."
+        raise InputError(str(root), f"in use by {_named(root)}", remedy) from error
     try:
         since = datetime.now().isoformat(" ", "seconds")
         named.write_text(f"process {os.getpid()}, which has run {what} since {since}")
@@ -66,26 +58,6 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
     finally:
         named.unlink(missing_ok=True)
         lock.release()
-
-
-def most_seconds() -> float:
-    """Return how long to wait for another run, from ``OBJECTFOLDER_WAIT``: without end by default.
-
-    Raises
-    ------
-    InputError
-        It is no number of seconds.
-    """
-    text = os.environ.get(WAIT, "inf")
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not seconds >= 0:
-        raise InputError(
-            WAIT, f"{text!r} is no number of seconds", "Give 0 to refuse at once, or leave it out."
-        )
-    return seconds
 
 
 def owner(root: Path) -> str | None:
@@ -97,26 +69,6 @@ def owner(root: Path) -> str | None:
             return None
     except Timeout:
         return _named(root)
-
-
-def _acquire(lock: FileLock, root: Path, most: float, stream: TextIO) -> None:
-    begin = time.monotonic()
-    pause = 0.0
-    while True:
-        with contextlib.suppress(Timeout):
-            lock.acquire(timeout=pause)
-            break
-        holder = _named(root)
-        left = most - (time.monotonic() - begin)
-        if left <= 0:
-            remedy = (
-                f"Wait for it, or end it (nothing finished is lost). Without {WAIT}=0 a run waits by itself."
-            )
-            raise InputError(str(root), f"in use by {holder}", remedy)
-        print(f"waiting for {holder}", file=stream, flush=True)
-        pause = min(REPEAT_S, left)
-    if pause:
-        print(f"waited {time.monotonic() - begin:.0f} s", file=stream, flush=True)
 
 
 def _lock(root: Path) -> FileLock:

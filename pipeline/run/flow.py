@@ -1,12 +1,13 @@
 """The state of each object in each stage, and which tasks can run as their inputs are made."""
 
-import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
 from objectfolder.products.provenance import fingerprint
+from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Prepared, Row, Stage
@@ -37,8 +38,6 @@ class Flow:
         The listed objects.
     verified
         Which products were checked whole.
-    estimates
-        Returns what tasks are expected to cost; asked only if there are any.
     on_settled
         Told of each object that is settled in a stage, and the wall seconds of its task, 0 if none ran.
     """
@@ -50,7 +49,6 @@ class Flow:
         parameters: Parameters,
         rows: Mapping[str, Row],
         verified: Verified,
-        estimates: Callable[[], "Estimates"],
         on_settled: OnSettled = lambda stage, object_id, outcome, seconds: None,
     ) -> None:
         self._stages = {stage.name: stage for stage in stages}
@@ -58,10 +56,9 @@ class Flow:
         self._parameters = parameters
         self._rows = rows
         self._verified = verified
-        self._estimates = functools.cache(estimates)
         self._on_settled = on_settled
         self._outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
-        self._failures: dict[str, dict[str, Failure]] = {name: {} for name in self._stages}
+        self._failures: dict[str, list[FailedObject]] = {name: [] for name in self._stages}
         self._fingerprints: dict[str, dict[str, str]] = {name: {} for name in self._stages}
         self._running: set[tuple[str, str]] = set()
 
@@ -88,19 +85,22 @@ class Flow:
         for name, outcomes in self._outcomes.items():
             for object_id in self._rows:
                 if object_id not in outcomes:
-                    yield name, object_id, self._estimates().of(name, object_id, None).wall_s
+                    yield name, object_id, self._estimates.of(name, object_id, None).wall_s
 
     def outcomes(self, stage: str) -> Mapping[str, str]:
         """Return `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` by object, for those settled."""
         return self._outcomes[stage]
 
-    def failures(self, stage: str) -> list[Failure]:
+    def failures(self, stage: str) -> Sequence[FailedObject]:
         """Return why objects failed in a stage."""
-        return list(self._failures[stage].values())
+        return self._failures[stage]
 
-    def fingerprints(self, stage: str) -> Mapping[str, str]:
-        """Return the wanted fingerprints by object, as far as they are known."""
-        return self._fingerprints[stage]
+    @cached_property
+    def _estimates(self) -> "Estimates":
+        """What tasks are expected to cost; imported and read only if there are any."""
+        from pipeline.run.forecast.estimates import Estimates
+
+        return Estimates(self._root, self._parameters)
 
     def _advance(self, object_id: str) -> list[Job]:
         jobs = []
@@ -146,26 +146,20 @@ class Flow:
     def _job(self, stage: Stage, call: Call, prepared: Prepared) -> Job:
         object_id = call.request.object_id
         size = next((path.stat().st_size for path in call.request.inputs.values()), None)
-        own = self._estimates().of(stage.name, object_id, size)
-        return Job(
-            call,
-            own.wall_s,
-            own.wall_s + self._chain_seconds(stage, object_id, size if stage.inputs else None),
-            own.late_s + self._chain_seconds(stage, object_id, size if stage.inputs else None, late=True),
-            own.memory_bytes,
-            stage.needs,
-            prepared.inputs,
-        )
+        own = self._estimates.of(stage.name, object_id, size)
+        expected_s, late_s = self._chain_seconds(stage, object_id, size)
+        return Job(call, own.wall_s, expected_s, late_s, own.memory_bytes, stage.needs, prepared.inputs)
 
-    def _chain_seconds(self, stage: Stage, object_id: str, size: int | None, late: bool = False) -> float:
-        """Return the seconds of the longest chain of stages behind `stage`."""
-        behind = [other for other in self._stages.values() if stage.name in other.follows]
-        seconds = []
-        for other in behind:
-            expected = self._estimates().of(other.name, object_id, size)
-            own_s = expected.late_s if late else expected.wall_s
-            seconds.append(own_s + self._chain_seconds(other, object_id, size, late))
-        return max(seconds, default=0.0)
+    def _chain_seconds(self, stage: Stage, object_id: str, size: int | None) -> tuple[float, float]:
+        """Return the seconds of the longest chain from `stage` on: expected, and those that few exceed."""
+        own = self._estimates.of(stage.name, object_id, size)
+        behind = [
+            self._chain_seconds(other, object_id, size if stage.inputs else None)
+            for other in self._stages.values()
+            if stage.name in other.follows
+        ]
+        expected_s, late_s = zip(*behind, strict=True) if behind else ((0.0,), (0.0,))
+        return own.wall_s + max(expected_s), own.late_s + max(late_s)
 
     def _settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
         self._outcomes[stage][object_id] = outcome
@@ -174,6 +168,7 @@ class Flow:
     def _fail(self, stage: Stage, object_id: str, failure: Failure, seconds: float = 0.0) -> None:
         """Note a failure, and remove the object's earlier products."""
         self._settle(stage.name, object_id, FAILED, seconds)
-        self._failures[stage.name][object_id] = failure
+        wanted = self._fingerprints[stage.name].get(object_id, "")
+        self._failures[stage.name].append(FailedObject.of(stage.name, failure, wanted))
         for path in stage.targets(self._root, object_id):
             path.unlink(missing_ok=True)

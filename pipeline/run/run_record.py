@@ -6,11 +6,10 @@ why it failed), ``stage`` (how many objects were kept, restored, computed, faile
 Objects that needed nothing are counted, not listed. A run that was killed has no ``end``, and its last
 line may be cut.
 
-The commands of one `dvc repro` share a file (see `pipeline.dataset.run_id`). The last `MOST_RUNS` files stay,
+The commands of one `dvc repro` share a file (see `pipeline.run.converged`). The last `MOST_RUNS` files stay,
 as far as they fit into `MOST_BYTES`.
 """
 
-import contextlib
 import json
 import os
 import platform
@@ -23,8 +22,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pipeline.dataset.run_id import run_id
 from pipeline.dataset.task import Outcome
+from pipeline.run.converged import run_id
 from pipeline.run.costs import compact, is_cut, unwritable
 
 PATTERN = "[0-9]*T[0-9]*Z-*.jsonl"
@@ -123,16 +122,6 @@ class RunRecord:
 def records(root: Path) -> list[Path]:
     """Return the paths of all records, the latest run last."""
     return sorted((root / "runs").glob(PATTERN))
-
-
-def read_record(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a record, without those that a kill cut short."""
-    found = []
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for line in file:
-            with contextlib.suppress(ValueError):
-                found.append(json.loads(line))
-    return found
 
 
 def prune(root: Path) -> None:

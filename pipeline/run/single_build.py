@@ -5,8 +5,8 @@ import math
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,17 +83,14 @@ def build_object_file(mesh: Path, wanted: Building, output: Path) -> dict[str, f
     material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
     parameters = read_parameters(wanted.params)
     rows = {record.id: row_of(record, material)}
-    with _workspace(wanted.keep) as root:
+    kept = contextlib.nullcontext(wanted.keep) if wanted.keep else None
+    with kept or tempfile.TemporaryDirectory(prefix="objectfolder-") as folder:
+        root = Path(folder).resolve()
+        root.mkdir(parents=True, exist_ok=True)
         # One stage at a time, so that one child process serves and a failure ends the rest.
         place = Place(kwargs={"threads_per_worker": 1})
         for name, stage in STAGES.items():
-            (summary,) = converge(
-                [stage],
-                root,
-                parameters,
-                rows,
-                lambda jobs: runner(place, root, jobs),
-            )
+            (summary,) = converge([stage], root, parameters, rows, partial(runner, place, root))
             if summary.failures:
                 failure = summary.failures[0]
                 raise SimulationError(f"{record.id}, stage {name}", failure.error, failure.remedy)
@@ -132,14 +129,3 @@ def _record(mesh: Path, wanted: Building, output: Path) -> "ObjectRecord":
         roughness=None,
         metallic=None,
     )
-
-
-@contextlib.contextmanager
-def _workspace(keep: Path | None) -> Iterator[Path]:
-    """Yield the folder for the ground truth: the one to keep, or a temporary one."""
-    if keep:
-        keep.mkdir(parents=True, exist_ok=True)
-        yield keep.resolve()
-        return
-    with tempfile.TemporaryDirectory(prefix="objectfolder-") as folder:
-        yield Path(folder)

@@ -1,4 +1,4 @@
-"""The commands of the stages of ``dvc.yaml``: all products at once, one stage, the starter set, the failures.
+"""The commands of the stages of ``dvc.yaml`` that make products: all at once, or one stage.
 
 `make_products` is the first of them in every `dvc repro`. It waits for workers once and converges all
 stages with no barrier between them. The single stages that follow in the same `dvc repro` ask
@@ -6,86 +6,53 @@ stages with no barrier between them. The single stages that follow in the same `
 """
 
 from collections.abc import Sequence
-from difflib import get_close_matches
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
-from pipeline.run.converged import forget_converged, note_converged
-from pipeline.run.exclusive import running
+from pipeline.cluster.places import read_place
+from pipeline.dataset.failures import FailedObject
+from pipeline.dataset.job import Runner
+from pipeline.dataset.parameters import PARAMETERS, read_parameters
+from pipeline.dataset.records import read_records, read_table, write_records
+from pipeline.dataset.stages import STAGES
+from pipeline.dataset.validation import did_you_mean
+from pipeline.run.converge import converge
+from pipeline.run.converged import CONVERGED, run_id
+from pipeline.run.exclusive import exclusive
 
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    from pipeline.dataset.job import Runner
-    from pipeline.dataset.records import Records
-    from pipeline.run.converge import Summary
-
-STARTER = "data/starter"
 NAMED = 8  # objects that a message names
 
 
-def make_products(root: Path) -> int:
-    """Converge all stages at once; return 1 where the stages behind cannot go on."""
-    from pipeline.dataset.stages import STAGES
-
-    with running(root, "all products"):
-        forget_converged(root)
-        code = _converge(root, list(STAGES))
+def make_products(root: Path, place: str | None = None) -> int:
+    """Converge all stages at once at a place; return 1 where the stages behind cannot go on."""
+    with exclusive(root, "all products"):
+        (root / CONVERGED).unlink(missing_ok=True)
+        code = _converge(root, list(STAGES), place)
         if code == 0:
-            note_converged(root)
+            (root / CONVERGED).write_text(run_id())
     return code
 
 
-def make_stage(root: Path, name: str) -> int:
-    """Converge one stage; return 1 where those behind it cannot go on.
+def make_stage(root: Path, name: str, place: str | None = None) -> int:
+    """Converge one stage at a place; return 1 where those behind it cannot go on.
 
     Raises
     ------
     InputError
         There is no such stage.
     """
-    from pipeline.dataset.stages import STAGES
-
     if name not in STAGES:
-        near = get_close_matches(name, STAGES, n=1)
-        meant = f"Did you mean {near[0]}? " if near else ""
-        raise InputError(name, "no such stage", f"{meant}Stages are {', '.join(STAGES)}.")
-    with running(root, f"stage {name}"):
-        return _converge(root, [name])
+        remedy = did_you_mean(name, STAGES, f"Stages are {', '.join(STAGES)}.")
+        raise InputError(name, "no such stage", remedy)
+    with exclusive(root, f"stage {name}"):
+        return _converge(root, [name], place)
 
 
-def make_starter_set(root: Path) -> int:
-    """Write the meshes and textures of the starter set."""
-    from objectfolder.mesh.starter.write import write_starter_set
-
-    with running(root, "stage starter"):
-        write_starter_set(root / STARTER)
-    return 0
-
-
-def show_failures(root: Path) -> int:
-    """Print the objects of the data set that failed; return 1 if there are any."""
-    from pipeline.dataset.failures import failure_table, read_failures
-    from pipeline.dataset.task import Failure
-
-    found = [Failure(one.object, f"{one.stage}: {one.error}", one.remedy) for one in read_failures(root)]
-    if found:
-        print(failure_table(found))
-        print("`dvc repro` tries them again.")
-    return 1 if found else 0
-
-
-def _converge(root: Path, names: Sequence[str]) -> int:
+def _converge(root: Path, names: Sequence[str], place: str | None) -> int:
     """Converge stages over the selected objects."""
-    from pipeline.cluster.places import read_place
-    from pipeline.dataset.parameters import PARAMETERS, read_parameters
-    from pipeline.dataset.records import read_records, read_table, write_records
-    from pipeline.dataset.stages import STAGES
-    from pipeline.run.converge import converge
-
     parameters = read_parameters(root / PARAMETERS)
-    place = read_place(root)
+    where = read_place(root, place)
     if "objects" in names:
         records = read_table(root, parameters.objects)
         write_records(root, records)
@@ -100,19 +67,15 @@ def _converge(root: Path, names: Sequence[str]) -> int:
         )
     stages = [STAGES[name] for name in names]
 
-    def runner_for(jobs: int) -> "AbstractContextManager[Runner]":
+    def runner_for(jobs: int) -> AbstractContextManager[Runner]:
         from pipeline.cluster.cluster import runner
 
-        return runner(place, root, jobs, stages)
+        return runner(where, root, jobs, stages)
 
-    refused = selected.refused if "objects" in names else ()
+    refused = [FailedObject.of("objects", one) for one in selected.refused if "objects" in names]
     summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others)
-    _say_what_was_removed(summaries, records, parameters.objects.table)
-    return max(summary.exit_code(parameters.allow_failures) for summary in summaries)
-
-
-def _say_what_was_removed(summaries: "Sequence[Summary]", records: "Records", table: str) -> None:
-    removed = sorted({name for summary in summaries for name in summary.removed} - records.listed)
-    if removed:
+    if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
         more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""
+        table = parameters.objects.table
         print(f"products removed of objects that {table} does not list: {', '.join(removed[:NAMED])}{more}")
+    return max(summary.exit_code(parameters.allow_failures) for summary in summaries)

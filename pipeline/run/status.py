@@ -5,7 +5,7 @@ a product is whole is for the next run to see, which reads changed ones through.
 """
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -178,9 +178,9 @@ def table(statuses: Sequence[Status]) -> str:
     stages = list(dict.fromkeys(one.stage for one in statuses))
     shown = [state for state in STATES if any(one.state == state for one in statuses)] or [CURRENT]
     lines = ["stage".ljust(12) + "".join(state.rjust(10) for state in shown)]
+    counts = Counter((one.stage, one.state) for one in statuses)
     for stage in stages:
-        counts = [sum(one.stage == stage and one.state == state for one in statuses) for state in shown]
-        lines.append(stage.ljust(12) + "".join(str(count or "").rjust(10) for count in counts))
+        lines.append(stage.ljust(12) + "".join(str(counts[stage, one] or "").rjust(10) for one in shown))
     reasons: dict[tuple[str, str], list[str]] = defaultdict(list)
     doubts: dict[tuple[str, str], list[str]] = defaultdict(list)
     for one in statuses:

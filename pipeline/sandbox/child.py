@@ -25,7 +25,7 @@ from objectfolder.errors import InputError
 from objectfolder.products.provenance import code_identity
 from pipeline.dataset import products
 from pipeline.dataset.task import Call, Outcome, Timed, failure_of
-from pipeline.dataset.task_code import known_sources
+from pipeline.dataset.verified import known_sources
 from pipeline.store import memo
 from pipeline.store.storage import disk_error
 

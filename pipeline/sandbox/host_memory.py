@@ -19,17 +19,11 @@ class _Group(NamedTuple):
     reclaimable: str  # line of the statistics: cache that goes when memory is asked for
 
 
-# By the controllers that /proc/self/cgroup names: of version 2, which names none, and of version 1.
+# By the controllers that /proc/self/cgroup names, of version 2, which names none, and of version 1: where the
+# groups are mounted, the files of limit, use and events, and the reclaimable line.
 LAYOUTS = {
-    "": ("", "memory.max", "memory.current", "memory.stat", "memory.events", "inactive_file"),
-    "memory": (
-        "memory",
-        "memory.limit_in_bytes",
-        "memory.usage_in_bytes",
-        "memory.stat",
-        "memory.oom_control",
-        "total_inactive_file",
-    ),
+    "": ("", "max", "current", "events", "inactive_file"),
+    "memory": ("memory", "limit_in_bytes", "usage_in_bytes", "oom_control", "total_inactive_file"),
 }
 
 
@@ -78,7 +72,7 @@ def _all_groups() -> Iterator[_Group]:
             folder = mount / own.lstrip("/")
             # In a container the own group is often mounted as the root, whatever its name outside.
             for at in (folder, *folder.parents):
-                limit, used, statistics, events = (at / name for name in files)
+                limit, used, events, statistics = (at / f"memory.{name}" for name in (*files, "stat"))
                 if at.is_relative_to(mount) and limit.is_file():
                     yield _Group(limit, used, statistics, events, reclaimable)
 

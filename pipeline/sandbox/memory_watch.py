@@ -4,7 +4,6 @@ import contextlib
 import resource
 import time
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 
 from pipeline.dataset.task import Failure
 from pipeline.sandbox import host_memory
@@ -94,13 +93,12 @@ def resident_bytes(pids: Iterable[int]) -> int:
 
 def proportional_bytes(pids: Sequence[int]) -> int:
     """Return the memory of processes, what they share counted once; slow for large ones."""
+    import psutil
+
     total = 0
     for pid in pids:
-        try:
-            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-            total += 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-        except (OSError, ValueError):
-            total += resident_bytes([pid])
+        with contextlib.suppress(psutil.NoSuchProcess):
+            total += psutil.Process(pid).memory_full_info().pss
     return total
 
 

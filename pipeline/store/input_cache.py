@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from pipeline.store.storage import Store, excess, number_of, own_folder
+from pipeline.dataset.validation import number_of
+from pipeline.store.storage import Store, excess, own_folder
 
 FOLDER, CAP = "OBJECTFOLDER_CACHE", "OBJECTFOLDER_CACHE_GB"
 DEFAULT_GB = 20.0

@@ -9,13 +9,14 @@ gets what is made here.
 import contextlib
 import os
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 from objectfolder.errors import FormatError
 from pipeline.dataset import products
-from pipeline.dataset.state import STATE
+from pipeline.dataset.validation import number_of
 from pipeline.store import shared
-from pipeline.store.storage import Store, copy_file, disk_error, excess, number_of, product_name
+from pipeline.store.storage import Store, copy_file, disk_error, excess, product_name
 
 CAP = "OBJECTFOLDER_MEMO_GB"
 DEFAULT_GB = 20.0
@@ -28,7 +29,7 @@ def memo_base(root: Path) -> Path:
     """
     parents = root.parents
     in_copy = len(parents) > 3 and [folder.name for folder in parents[:3]] == ["exps", "tmp", ".dvc"]
-    return (parents[3] if in_copy else root) / STATE / "memo"
+    return (parents[3] if in_copy else root) / products.STATE / "memo"
 
 
 def memo_folder(root: Path, fingerprint: str) -> Path:
@@ -112,14 +113,21 @@ def check_product(path: Path, fingerprint: str) -> None:
         raise FormatError(str(path), finding, "Delete it; a run makes it again.")
 
 
+def are_whole(paths: Iterable[Path], fingerprint: str) -> bool:
+    """Return whether all products are there, whole and with this fingerprint."""
+    try:
+        for path in paths:
+            check_product(path, fingerprint)
+    except (OSError, FormatError):
+        return False
+    return True
+
+
 def _whole(sources: list[Path], fingerprint: str) -> bool:
     """Whether all products are there and whole; removes the memo of a damaged one."""
     if not all(source.is_file() for source in sources):
         return False
-    try:
-        for source in sources:
-            check_product(source, fingerprint)
-    except FormatError:
+    whole = are_whole(sources, fingerprint)
+    if not whole:
         shutil.rmtree(sources[0].parent, ignore_errors=True)
-        return False
-    return True
+    return whole

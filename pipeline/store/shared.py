@@ -11,18 +11,16 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.products.atomic import atomic_write
 from pipeline.dataset import products
-from pipeline.store.storage import DEFAULT_PATIENCE_S, PATIENCE, STORE, Store, number_of
+from pipeline.dataset.validation import number_of
+from pipeline.store.storage import DEFAULT_PATIENCE_S, PATIENCE, STORE, Store
 
 PATIENCE_S = 20.0  # for what a run can do without
 REST_S = 60.0
 OUTBOX = "outbox"
-
-T = TypeVar("T")
 
 
 class Cache:
@@ -34,8 +32,8 @@ class Cache:
         self._rests_until = 0.0
         self._warned = False
 
-    def attempt(self, action: Callable[[Store], T], otherwise: T) -> T:
-        """Return what `action` does with the store, or `otherwise` where it fails.
+    def attempt(self, action: Callable[..., object], *arguments: object) -> bool:
+        """Call a method of `Store`; return False where it does so or fails.
 
         Raises
         ------
@@ -43,13 +41,13 @@ class Cache:
             A store that cannot be used as it is named.
         """
         if time.monotonic() < self._rests_until:
-            return otherwise
+            return False
         try:
             if self._store is None:
                 store = Store(self._url, min(PATIENCE_S, number_of(PATIENCE, DEFAULT_PATIENCE_S)))
                 store.check()
                 self._store = store
-            return action(self._store)
+            return action(self._store, *arguments) is not False
         except ObjectFolderError as error:
             if self._store is None and isinstance(error, InputError):
                 raise
@@ -58,7 +56,7 @@ class Cache:
                 finding = f"{error.where}: {error.finding}"
                 print(f"warning: {finding}; the run goes on without it", file=sys.stderr)
             self._warned = True
-            return otherwise
+            return False
 
 
 def share(state: Path, name: str, path: Path) -> None:
@@ -69,7 +67,7 @@ def share(state: Path, name: str, path: Path) -> None:
     with contextlib.suppress(OSError), atomic_write(note) as file:
         file.write(f"{name}\n{path}".encode())
     with contextlib.suppress(InputError):
-        if cache.attempt(functools.partial(_put, name=name, path=path), False):
+        if cache.attempt(Store.put, path, name):
             note.unlink(missing_ok=True)
 
 
@@ -82,14 +80,14 @@ def fetch(names: Sequence[str], targets: Sequence[Path]) -> bool:
         A store that cannot be used as it is named.
     """
     cache = _cache()
-    return cache is not None and cache.attempt(lambda store: store.get_all(names, targets), False)
+    return cache is not None and cache.attempt(Store.get_all, names, targets)
 
 
 def discard(names: Sequence[str]) -> None:
     """Remove damaged products from the shared store."""
     if (cache := _cache()) is not None:
         for name in names:
-            cache.attempt(functools.partial(Store.remove, name=name), None)
+            cache.attempt(Store.remove, name)
 
 
 def settle(state: Path) -> None:
@@ -103,18 +101,13 @@ def settle(state: Path) -> None:
         except OSError:
             continue  # another run settled it
         source = _standing(name.split("/")[1], (state / "memo" / name, Path(path)))
-        if source is None or cache.attempt(functools.partial(_put, name=name, path=source), False):
+        if source is None or cache.attempt(Store.put, source, name):
             note.unlink(missing_ok=True)
         else:
             waiting += 1
     if waiting:
         print(f"warning: {waiting} products are not in {os.environ[STORE]} yet; a later run puts them there",
               file=sys.stderr)  # fmt: skip
-
-
-def _put(store: Store, name: str, path: Path) -> bool:
-    store.put(path, name)
-    return True
 
 
 def _standing(fingerprint: str, candidates: Sequence[Path]) -> Path | None:

@@ -181,17 +181,14 @@ def collect(job: Job, root: Path, store: Store) -> None:
 
 def _stored_inputs(job: Job) -> dict[str, StoredInput]:
     """Return what a job's inputs are and where they belong."""
-    object_id, inputs = job.call.request.object_id, job.call.request.inputs
-    made = {name for name, path in inputs.items() if _is_product(name, path, object_id)}
+    inputs = job.call.request.inputs
+    suffixes = (products.ZARR, products.TENSORS)
+    made = {name for name, path in inputs.items() if path.name.endswith(suffixes)}
     sources = {name: os.path.normpath(path.absolute()) for name, path in inputs.items() if name not in made}
     common = os.path.commonpath([os.path.dirname(path) for path in sources.values()]) if sources else ""
     places = {name: f"sources/{Path(path).relative_to(common).as_posix()}" for name, path in sources.items()}
     places.update({name: f"products/{name}/{inputs[name].name}" for name in made})
     return {name: StoredInput(places[name], job.inputs[name], name in made) for name in inputs}
-
-
-def _is_product(name: str, path: Path, object_id: str) -> bool:
-    return path.parent.name == name and path.name in (object_id + products.ZARR, object_id + products.TENSORS)
 
 
 def _product_names(call: Call) -> list[str]:

@@ -18,6 +18,7 @@ from typing import Any
 
 from objectfolder.errors import InputError, ObjectFolderError, SimulationError
 from objectfolder.products.atomic import atomic_write
+from pipeline.dataset.validation import number_of
 
 STORE = "OBJECTFOLDER_STORE"
 PATIENCE = "OBJECTFOLDER_STORE_PATIENCE_S"
@@ -219,21 +220,6 @@ def own_folder(path: Path, variable: str) -> Path:
         remedy = f"Remove it, or set {variable} to a folder of yours."
         raise InputError(str(path), "belongs to another user", remedy)
     return path
-
-
-def number_of(variable: str, default: float) -> float:
-    """Return the number that an environment variable gives.
-
-    Raises
-    ------
-    InputError
-        It is no number.
-    """
-    text = os.environ.get(variable, str(default))
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(variable, f"{text!r} is no number", "Give a number.") from None
 
 
 def disk_error(error: OSError, folder: Path | str) -> ObjectFolderError:

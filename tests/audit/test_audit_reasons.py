@@ -274,7 +274,7 @@ def test_object_failed_and_mended(workshop):
     failed = workshop.version("poisoned")
     found = workshop.audit(workshop.first, failed)
     assert states(found) == {"cup": State.FAILED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
-    assert only(found, "cup").failed_stage == "objects"
+    assert only(found, "cup").failure.stage == "objects"
     # The work tree's own record says why, as long as it is that of the last run.
     assert "no mesh" in only(workshop.audit(workshop.first), "cup").failure.error
     assert only(workshop.audit(failed, failed), "cup").state == State.STILL_FAILED

@@ -140,7 +140,7 @@ def test_one_of_two_kinds_missing_makes_both(toys, monkeypatch):
 def test_failure_is_data_and_only_what_is_left_is_done_after_mending(toys):
     toys.add("cup", "poison raise ValueError('no cup')")
     ingested, tuned, encoded = toys.converge()
-    assert [failure.object_id for failure in ingested.failures] == ["cup"]
+    assert [failure.object for failure in ingested.failures] == ["cup"]
     assert "no cup" in ingested.failures[0].error
     assert "input missing: ingest failed" in tuned.failures[0].error
     assert "input missing: ingest failed" in encoded.failures[0].error

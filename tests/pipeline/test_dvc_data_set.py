@@ -6,6 +6,7 @@ import subprocess
 
 import pytest
 import yaml
+from toys import read_record
 
 from bench.factory.overhead_repository import OverheadRepository
 from pipeline.audit.contents import Contents
@@ -14,7 +15,7 @@ from pipeline.audit.verification import verify
 from pipeline.audit.versions import read_version
 from pipeline.dataset.products import read_fingerprint
 from pipeline.dataset.stages import STAGES, VIEWS
-from pipeline.run.run_record import read_record, records
+from pipeline.run.run_record import records
 from pipeline.store.memo import memo_folder, memo_name
 
 FIRST, SECOND, THIRD = (f"object_{number:05}" for number in range(3))

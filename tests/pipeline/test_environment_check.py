@@ -11,15 +11,17 @@ from toys import REPOSITORY
 
 from objectfolder.errors import SimulationError
 from pipeline.cluster.cluster import runner
-from pipeline.cluster.environment_check import Environment, differences, environment_here, environment_of
+from pipeline.cluster.environment_check import Environment, differences_of, environment_here, environment_of
 from pipeline.cluster.places import Place
 from pipeline.dataset.stages import STAGES
 
 HERE = environment_here(["numpy", "scipy"], ["pipeline.tasks.objects"])
+MODULES = sorted(HERE.code["pipeline.tasks.objects"])
+OTHER_CODE = f"other code in {', '.join(MODULES[:3])} and {len(MODULES) - 3} more"
 
 
 def test_an_equal_environment_has_no_difference():
-    assert differences(HERE, Environment.model_validate_json(HERE.model_dump_json())) == []
+    assert differences_of(HERE, Environment.model_validate_json(HERE.model_dump_json())) == []
     assert HERE.packages["numpy"][0].isdigit()
     assert len(HERE.code["pipeline.tasks.objects"]) > 3
 
@@ -30,7 +32,7 @@ def test_an_equal_environment_has_no_difference():
         ({"python": "3.9"}, "Python 3.9 instead of {python}"),
         ({"packages": {**HERE.packages, "numpy": "1.0"}}, "numpy 1.0 instead of {numpy}"),
         ({"packages": {"numpy": HERE.packages["numpy"]}}, "scipy absent instead of {scipy}"),
-        ({"code": {"pipeline.tasks.objects": {}}}, "no module pipeline.tasks.objects"),
+        ({"code": {"pipeline.tasks.objects": {}}}, OTHER_CODE),
         (
             {
                 "code": {
@@ -46,12 +48,12 @@ def test_an_equal_environment_has_no_difference():
 )
 def test_what_differs_is_named(change, expected):
     found = HERE.model_copy(update=change)
-    assert differences(HERE, found) == [expected.format(python=HERE.python, **HERE.packages)]
+    assert differences_of(HERE, found) == [expected.format(python=HERE.python, **HERE.packages)]
 
 
 def test_many_differing_modules_are_counted():
     changed = {name: "0" for name in HERE.code["pipeline.tasks.objects"]}
-    (said,) = differences(HERE, HERE.model_copy(update={"code": {"pipeline.tasks.objects": changed}}))
+    (said,) = differences_of(HERE, HERE.model_copy(update={"code": {"pipeline.tasks.objects": changed}}))
     assert f"and {len(changed) - 3} more" in said
 
 

@@ -14,22 +14,22 @@ from objectfolder.products.store import Product, write_product
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.dataset.task import Outcome
-from pipeline.run.costs import COLUMNS, Costs, costs_path
+from pipeline.run.costs import COLUMNS, add_costs, costs_path
 from pipeline.run.forecast.estimates import (
     HIGH_QUANTILE,
     MEMORY_MARGIN,
     Estimate,
     Estimates,
+    bending_modes,
     fit,
     packaged_costs,
 )
-from pipeline.run.forecast.loads import bending_modes
 
 REPOSITORY = Path(__file__).parents[2]
 
 
 def note(root: Path, stage: str, object_id: str, wall_s: float, memory_bytes: float = 1e8) -> None:
-    Costs(root).add(stage, Outcome(object_id, None, wall_s, wall_s / 2, int(memory_bytes), "f" * 64))
+    add_costs(root, stage, Outcome(object_id, None, wall_s, wall_s / 2, int(memory_bytes), "f" * 64))
 
 
 def test_an_objects_own_last_run_comes_first(tmp_path):

@@ -13,7 +13,7 @@ from pipeline.cluster.places import Adapt, Place
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Outcome
-from pipeline.run.costs import Costs
+from pipeline.run.costs import add_costs
 from pipeline.run.forecast.estimates import packaged_costs
 from pipeline.run.forecast.plan import Machines, Plan, machines_of, plan, plan_for_count
 
@@ -62,7 +62,7 @@ def test_without_the_memo_what_is_missing_is_computed(toys: Toys) -> None:
 def test_known_tasks_sum_up_and_share_workers_and_memory(toys: Toys) -> None:
     for object_id, seconds in zip(toys.rows, (10.0, 20.0, 30.0), strict=True):
         for stage in toys.stages:
-            Costs(toys.root).add(stage.name, Outcome(object_id, None, seconds, seconds, 6 * 10**9, "f" * 64))
+            add_costs(toys.root, stage.name, Outcome(object_id, None, seconds, seconds, 6 * 10**9, "f" * 64))
     made = planned(toys)
     assert made.stages["tune"].cpu_s == pytest.approx(60.0)
     assert made.chain_s == pytest.approx(90.0)

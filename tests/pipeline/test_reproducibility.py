@@ -180,7 +180,6 @@ def test_one_ulp_in_an_array_of_the_same_bytes_is_found(tmp_path, made):
 
     found = only(path, changed(path, tmp_path / "x.zarr.zip", "vertices", next_up), "objects", "vertices")
     assert found.verdict == DIFFERENT
-    assert found.where == (5, 1)
     assert 0 < found.relative < 1e-15
 
 
@@ -210,7 +209,6 @@ def test_a_tolerance_ends_where_it_is_declared(tmp_path, made):
 
     assert by(0.5).verdict == WITHIN
     assert by(2.0).verdict == DIFFERENT
-    assert by(2.0).where == (1,)
 
 
 @pytest.mark.parametrize(

@@ -7,18 +7,28 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from toys import read_record
 
 from objectfolder.errors import InputError, SimulationError
 from pipeline.dataset.failures import FAILURES, FailedObject, read_failures, write_failures
-from pipeline.dataset.run_id import RUN_ID, new_run_id
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure, Outcome
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
-from pipeline.run.costs import COLUMNS, KEPT_ROWS, QUERY, Costs, compact, costs_path, known_costs
+from pipeline.run.converged import DVC_STAGE
+from pipeline.run.costs import (
+    COLUMNS,
+    KEPT_ROWS,
+    QUERY,
+    add_costs,
+    compact,
+    costs_by_fingerprint,
+    costs_path,
+    known_costs,
+)
 from pipeline.run.forecast.estimates import last_costs
-from pipeline.run.run_record import RunRecord, read_record, records
+from pipeline.run.run_record import RunRecord, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
 
@@ -32,20 +42,19 @@ def last_seconds(root):
 
 
 def test_costs_are_known_by_fingerprint_and_kept_for_the_next_run(tmp_path):
-    costs = Costs(tmp_path)
     for index, seconds in enumerate((3.0, 5.0)):
-        costs.add("views", outcome("mug", seconds, FINGERPRINTS[index]))
-    for known in (costs, Costs(tmp_path)):
-        assert known.of(FINGERPRINTS[0]).wall_s == 3.0
-        assert known.of(FINGERPRINTS[2]) is None
+        add_costs(tmp_path, "views", outcome("mug", seconds, FINGERPRINTS[index]))
+    known = costs_by_fingerprint(tmp_path)
+    assert known[FINGERPRINTS[0]].wall_s == 3.0
+    assert FINGERPRINTS[2] not in known
     assert last_seconds(tmp_path) == {("mug", "views"): 5.0}
 
 
 def test_a_line_that_a_kill_cut_short_costs_no_other_line(tmp_path):
-    Costs(tmp_path).add("views", outcome("mug", 3.0))
+    add_costs(tmp_path, "views", outcome("mug", 3.0))
     whole = costs_path(tmp_path).read_bytes()
     costs_path(tmp_path).write_bytes(whole + b"dish,views,00ab,1.")
-    Costs(tmp_path).add("views", outcome("cup", 4.0))
+    add_costs(tmp_path, "views", outcome("cup", 4.0))
     assert last_seconds(tmp_path) == {("mug", "views"): 3.0, ("cup", "views"): 4.0}
     (dish,) = (cost for cost in known_costs(tmp_path) if cost.object_id == "dish")
     assert dish.wall_s is None  # it stands there with nothing measured
@@ -53,22 +62,20 @@ def test_a_line_that_a_kill_cut_short_costs_no_other_line(tmp_path):
 
 @pytest.mark.parametrize("seconds", ["nan", "inf", "-1", ""])
 def test_a_cost_that_is_no_number_is_not_there(seconds, tmp_path):
-    Costs(tmp_path).add("views", outcome("mug", 7.5))
+    add_costs(tmp_path, "views", outcome("mug", 7.5))
     path = costs_path(tmp_path)
     path.write_text(path.read_text().replace("7.5", seconds))
-    assert Costs(tmp_path).of(FINGERPRINTS[0]) is None
+    assert costs_by_fingerprint(tmp_path) == {}
     assert last_seconds(tmp_path) == {}
 
 
 def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
     for name in ("mug", "cup"):
         for index, fingerprint in enumerate(FINGERPRINTS):
-            fidelity = Costs(tmp_path)
-            peak = 900 if index == 11 else 100
-            fidelity.add(
-                "fidelity", outcome(name, index, fingerprint, peak, {"views": index, "modes": 2 * index})
-            )
-            fidelity.add("fidelity", outcome(name, index + 0.5, fingerprint))  # the same again
+            queries = {"views": index, "modes": 2 * index}
+            made = outcome(name, index, fingerprint, 900 if index == 11 else 100, queries)
+            add_costs(tmp_path, "fidelity", made)
+            add_costs(tmp_path, "fidelity", outcome(name, index + 0.5, fingerprint))  # the same again
     with costs_path(tmp_path).open("a") as file:
         file.write("dish,fidelity,00ab,1.")
     before, estimates = costs_path(tmp_path).stat().st_size, last_costs(known_costs(tmp_path))
@@ -78,18 +85,19 @@ def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
     compact(tmp_path)
     assert costs_path(tmp_path).stat().st_size < before / 2
     assert last_costs(known_costs(tmp_path)) == estimates
-    known, rows_left = Costs(tmp_path), [cost for cost in known_costs(tmp_path) if cost.object_id == "mug"]
+    known = costs_by_fingerprint(tmp_path)
+    rows_left = [cost for cost in known_costs(tmp_path) if cost.object_id == "mug"]
     for fingerprint in FINGERPRINTS[-KEPT_ROWS:]:
         index = FINGERPRINTS.index(fingerprint)
         if index > 9:  # each ran twice
-            assert known.of(fingerprint).wall_s == index + 0.5
+            assert known[fingerprint].wall_s == index + 0.5
         setting = {
             "speed_error": [{"key": "modes"}],
             "provenance": {"fingerprints": {"fidelity": fingerprint}},
         }
         (effort,) = MeasuredObject("mug", setting, rows_left).efforts
         assert effort["seconds_per_query"] == 2 * index
-    assert known.of(FINGERPRINTS[0]) is None
+    assert FINGERPRINTS[0] not in known
     with costs_path(tmp_path).open(newline="") as file:
         rows = list(csv.reader(file))
     assert tuple(rows[0]) == COLUMNS
@@ -104,16 +112,15 @@ WRITER = """
 import sys
 from pathlib import Path
 from pipeline.run import costs as table_of_costs
-from pipeline.run.costs import Costs, compact
+from pipeline.run.costs import add_costs, compact
 from pipeline.run.run_record import RunRecord
 from pipeline.dataset.task import Outcome
 
 table_of_costs.COMPACT_ABOVE_BYTES = 1000
-costs = Costs(Path.cwd())
 with RunRecord(Path.cwd(), ["views"]) as record:
     for index in range(200):
         done = Outcome(f"{sys.argv[1]}_{index % 20}", None, index, index, 10**6, f"{index:064x}")
-        costs.add("views", done)
+        add_costs(Path.cwd(), "views", done)
         record.task("views", done, slot=sys.argv[1])
         if index % 25 == 0:
             compact(Path.cwd())
@@ -121,7 +128,7 @@ with RunRecord(Path.cwd(), ["views"]) as record:
 
 
 def test_two_writers_lose_nothing_of_each_other(tmp_path, monkeypatch):
-    monkeypatch.setenv(RUN_ID, new_run_id())
+    monkeypatch.setenv(DVC_STAGE, "views")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     writers = [
         subprocess.Popen([sys.executable, "-c", WRITER, name], cwd=tmp_path, stderr=subprocess.PIPE)
@@ -166,7 +173,7 @@ def test_a_record_says_what_ran_where_and_how_it_ended(tmp_path):
 
 
 def test_a_record_tells_an_interrupted_run_and_survives_a_cut_line(tmp_path, monkeypatch):
-    monkeypatch.setenv(RUN_ID, new_run_id())
+    monkeypatch.setenv(DVC_STAGE, "views")
     with pytest.raises(KeyboardInterrupt), RunRecord(tmp_path, ["views"]):
         raise KeyboardInterrupt
     (path,) = records(tmp_path)
@@ -223,4 +230,4 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(SimulationError, match="cannot be written"):
         RunRecord(tmp_path, ["views"])
     with pytest.raises(SimulationError, match="nothing finished is lost"):
-        Costs(tmp_path).add("views", outcome("mug"))
+        add_costs(tmp_path, "views", outcome("mug"))

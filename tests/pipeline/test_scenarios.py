@@ -192,7 +192,7 @@ def test_fail_and_mend(workshop):
     original = (workshop.root / "cup.obj").read_text()
     workshop.write("cup.obj", "poison")
     assert workshop.executed() == {"objects cup"}
-    assert [failure.object_id for failure in workshop.summaries[0].failures] == ["cup"]
+    assert [failure.object for failure in workshop.summaries[0].failures] == ["cup"]
     assert not any("cup" in path for path in workshop.products())
     assert workshop.executed() == {"objects cup"}  # a run of its own tries what failed again
     workshop.write("cup.obj", "v 0 0 7\n")

@@ -191,7 +191,7 @@ def test_a_product_that_cannot_be_sent_is_kept_and_sent_by_the_next_run(toys, st
     with monkeypatch.context() as during:
         during.setattr(Store, "put", broken)
         (summary,) = toys.flow(toys.tune, runner_for=elsewhere(toys.root))
-    assert sorted(failure.object_id for failure in summary.failures) == ["ball", "cup", "dish"]
+    assert sorted(failure.object for failure in summary.failures) == ["ball", "cup", "dish"]
     assert "no success" in summary.failures[0].error
     assert not list(toys.root.glob("data/tuned/*"))
     assert len(toys.executed()) == 3

@@ -4,8 +4,9 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import Parameters, read_parameters
@@ -197,3 +198,12 @@ def here(jobs: int) -> Iterator[Here]:
 
 def python(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, *arguments], cwd=root, capture_output=True, text=True, check=False)
+
+
+def read_record(path: Path) -> list[dict[str, Any]]:
+    """The lines of the record of a run, without those that a kill cut short."""
+    found = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        with suppress(ValueError):
+            found.append(json.loads(line))
+    return found

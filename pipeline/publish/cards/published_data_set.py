@@ -183,7 +183,7 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
     records = read_records(root)
     figures = _figures(folder / PER_OBJECT)
     made = [name for name in sorted(records.rows) if OBJECT_FILES.path(root, name).is_file()]
-    failed = {one.object_id: FailedObject(one.object_id, "objects", one.error, "") for one in records.refused}
+    failed = {one.object_id: FailedObject.of("objects", one) for one in records.refused}
     failed |= {one.object: one for one in reversed(read_failures(root))}  # the first stage counts
     unmade = sorted(records.listed.difference(made))
     parameters = read_parameters(root / PARAMETERS)

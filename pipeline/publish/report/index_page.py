@@ -116,15 +116,11 @@ def render_index(
 
 def _row(one: MeasuredObject, failed: set[str], pages: dict[str, str]) -> Row:
     below = one.margin_db is not None and one.margin_db < 0
-    return Row(
-        one.object_id,
-        one.name,
-        pages.get(one.object_id, ""),
-        str(one.description.get("material") or ""),
-        _source_group(one.description.get("source")),
-        "failed" if one.object_id in failed else "below target" if below else "made",
-        [_number(one, column) for column in COLUMNS],
-    )
+    status = "failed" if one.object_id in failed else "below target" if below else "made"
+    material, source = (one.description.get(name) for name in ("material", "source"))
+    numbers = [_number(one, column) for column in COLUMNS]
+    page = pages.get(one.object_id, "")
+    return Row(one.object_id, one.name, page, str(material or ""), _source_group(source), status, numbers)
 
 
 def _number(one: MeasuredObject, column: Column) -> float | None:

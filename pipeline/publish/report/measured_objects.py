@@ -1,7 +1,7 @@
 """The objects of a report: what their fidelity products say, and what their products took to make."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -135,10 +135,9 @@ def read_objects(folder: Path, costs: Iterable[Cost]) -> tuple[list[MeasuredObje
         name = path.name.removesuffix(ZARR)
         try:
             one = MeasuredObject(name, read_attributes(path))
+            objects.append(replace(one, costs=own.get(one.object_id, ())))
         except FormatError as error:
             failures.append(FailedObject(name, "report", f"{path.name}: {error.finding}", error.remedy))
-        else:
-            objects.append(MeasuredObject(name, one.attributes, own.get(one.object_id, ())))
     return sorted(objects, key=lambda one: one.object_id), failures
 
 

@@ -12,7 +12,7 @@ from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTE_PARTS, BYTES, HEADLINE, SENSES, Measure, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
 
-COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, "", 240.0)
+COST = Measure("cpu_seconds", "Cost, mesh to verified file", "", "CPU s", 0, False, 240.0)
 
 
 @dataclass(frozen=True)

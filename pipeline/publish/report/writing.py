@@ -12,8 +12,8 @@ from objectfolder.products.atomic import atomic_write
 from objectfolder.products.provenance import canonical_json
 from pipeline.dataset.archives import REMEDY
 from pipeline.dataset.failures import FailedObject
+from pipeline.dataset.products import PLAYERS
 from pipeline.dataset.stages import OBJECT_FILES
-from pipeline.dataset.state import PLAYERS
 from pipeline.publish.report.measured_objects import read_objects
 from pipeline.publish.report.object_page import (
     OBJECTS,

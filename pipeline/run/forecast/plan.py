@@ -9,18 +9,17 @@ expected wall time is the same bound with the work of each task shared among as 
 beside each other.
 """
 
-import json
 import math
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.filesize import decimal
 
 from pipeline.cluster.places import Place, read_place
-from pipeline.dataset.parameters import Parameters, read_parameters
+from pipeline.dataset.parameters import ObjectsParameters, Parameters, read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import STAGES
@@ -123,15 +122,10 @@ class Plan:
         return "\n".join([*lines, f"{chain}, the longest chain of an object."])
 
 
-def show_plan(
-    root: Path,
-    *,
-    objects: Path | None = None,
-    workers: Sequence[int] = (),
-    count: int | None = None,
-    as_json: bool = False,
-) -> None:
-    """Print the plan of a data set.
+def plan_data_set(
+    root: Path, objects: Path | None = None, workers: Sequence[int] = (), count: int | None = None
+) -> Plan:
+    """Return the plan of a data set.
 
     Parameters
     ----------
@@ -143,20 +137,14 @@ def show_plan(
         Also with these numbers of workers.
     count
         For this number of objects that do not exist yet.
-    as_json
-        Print all of it as JSON.
     """
     parameters = read_parameters(root / "params.yaml")
     machines = machines_of(read_place(root))
     if count:
-        made = plan_for_count(root, parameters, count, machines, workers)
-    else:
-        listed = parameters.objects
-        if objects:
-            listed = replace(listed, table=str(objects), only=())
-        rows = read_table(root, listed).selected(listed.only).rows
-        made = plan(root, parameters, rows, machines, workers)
-    print(json.dumps(asdict(made), indent=1) if as_json else made)
+        return plan_for_count(root, parameters, count, machines, workers)
+    listed = ObjectsParameters(str(objects), ()) if objects else parameters.objects
+    rows = read_table(root, listed).selected(listed.only).rows
+    return plan(root, parameters, rows, machines, workers)
 
 
 def plan(
