@@ -7,10 +7,9 @@ from typing import Any
 
 from objectfolder.mesh.walls.measures import WallMeasures
 from pipeline.intake.check.duplicate_rule import RULE as DUPLICATE
-from pipeline.intake.check.entry import NOTE, Entry
+from pipeline.intake.check.entry import NOTE, Entry, Shape
 from pipeline.intake.check.mesh_rules import LENGTH, MASS
 from pipeline.intake.check.row_rules import LICENCE, MATERIAL, PROVENANCE
-from pipeline.intake.check.shape import Shape
 from pipeline.intake.check.table_check import check_entries
 
 SHORTEST_M, LONGEST_M = 0.003, 30.0

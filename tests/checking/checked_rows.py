@@ -6,8 +6,7 @@ from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import ObjectRecord
 from objectfolder.mesh.solid_properties import Topology
 from objectfolder.mesh.walls.measures import WallMeasures
-from pipeline.intake.check.entry import Entry
-from pipeline.intake.check.shape import Shape
+from pipeline.intake.check.entry import Entry, Shape
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = read_materials(REPOSITORY / "data" / "materials.csv")

@@ -3,8 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding
-from pipeline.intake.check.shape import Shape
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding, Shape
 
 RULE = "duplicate"
 

@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 
 from objectfolder.mesh.walls.findings import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
-from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding
-from pipeline.intake.check.shape import Shape
+from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding, Shape
 
 LENGTH, MASS, SURFACE, WALLS = "length", "mass", "surface", "walls"
 

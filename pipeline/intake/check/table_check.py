@@ -1,7 +1,5 @@
 """A table of objects checked against itself, its meshes and what is known of sources and materials."""
 
-import difflib
-import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,16 +7,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.catalogue import read_catalogue, read_rows
 from objectfolder.errors import InputError
+from pipeline.dataset.failures import table_text
+from pipeline.dataset.validation import did_you_mean
 from pipeline.intake.check import duplicate_rule, mesh_rules, row_rules
-from pipeline.intake.check.entry import ERROR, NOTE, SEVERITIES, WARNING, Entry, Finding
-from pipeline.intake.check.shape import measure
+from pipeline.intake.check.entry import ERROR, NOTE, SEVERITIES, WARNING, Entry, Finding, measure
 
 ACCEPTED = "accepted"
 BY_ROW: Mapping[str, Callable[[Entry], Iterator[Finding]]] = {
@@ -113,8 +111,7 @@ def accept(entry: Entry, findings: Sequence[Finding]) -> Iterator[Finding]:
     listed = [name for name in re.split(r"[\s,;]+", entry.cell(ACCEPTED)) if name]
     for name in listed:
         if name not in RULES:
-            near = difflib.get_close_matches(name, RULES, 1)
-            remedy = f"Did you mean {near[0]}?" if near else f"Use names of rules: {', '.join(RULES)}"
+            remedy = did_you_mean(name, RULES, f"Use names of rules: {', '.join(RULES)}")
             yield entry.found(ACCEPTED, WARNING, ACCEPTED, f"there is no rule {name!r}", remedy)
         elif entry.shape is not None and name not in [one.rule for one in findings]:
             found = f"the rule {name!r} finds nothing"
@@ -169,7 +166,9 @@ NARROWEST = 110  # characters
 
 def text(check: Check, table: Path, width: int) -> str:
     """Return a table of severity, object, field, finding and remedy, worst first, and a line that sums up."""
-    shown = [one for one in check.findings if not (one.severity == NOTE and _is_unfetched(one, check))]
+    # That files are not fetched is said once for all of them.
+    unfetched = (NOTE, row_rules.READABLE)
+    shown = [one for one in check.findings if (one.severity, one.rule) != unfetched or one.accepted]
     lines = _rows(shown, width)
     if check.unfetched:
         some = ", ".join(check.unfetched[:3]) + (", ..." if len(check.unfetched) > 3 else "")
@@ -202,10 +201,6 @@ def as_json(check: Check, table: Path) -> str:
     return json.dumps(content, indent=1, ensure_ascii=False)
 
 
-def _is_unfetched(one: Finding, check: Check) -> bool:
-    return one.object_id in check.unfetched and one.remedy.startswith("objectfolder fetch ")
-
-
 def _rows(findings: list[Finding], width: int) -> list[str]:
     """Return the lines of a table; what is the same for many objects stands once, where the first is."""
     if not findings:
@@ -223,6 +218,4 @@ def _rows(findings: list[Finding], width: int) -> list[str]:
         objects = ids[0] if len(ids) == 1 else f"{ids[0]} and {len(ids) - 1} more"
         severity = "accepted" if one.accepted else one.severity
         table.add_row(*map(Text, (severity, objects, one.field, one.found, one.remedy)))
-    lines = io.StringIO()
-    Console(file=lines, width=max(width, NARROWEST), color_system=None).print(table)
-    return [line.rstrip() for line in lines.getvalue().splitlines()]
+    return table_text(table, max(width, NARROWEST)).splitlines()

@@ -1,33 +1,25 @@
 """The sources that are known. Another one is a module with a subclass of `Source`, and its line here."""
 
-import difflib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
+from pipeline.dataset.validation import did_you_mean
 from pipeline.intake.sources.google_scanned_objects import GoogleScannedObjects
 from pipeline.intake.sources.poly_haven import PolyHaven
 from pipeline.intake.sources.source import Source, SourceObject
 from pipeline.intake.sources.ycb import YCB
 
-SOURCES: Mapping[str, Source] = {
-    source.id: source
-    for source in (
-        YCB(),
-        GoogleScannedObjects(),
-        PolyHaven(),
-    )
-}
+SOURCES: Mapping[str, Source] = {source.id: source for source in (YCB(), GoogleScannedObjects(), PolyHaven())}
 
 
 def source_named(name: str) -> Source:
     """Return a source by its id; InputError with the nearest one for another name."""
     if name in SOURCES:
         return SOURCES[name]
-    near = difflib.get_close_matches(name.casefold(), SOURCES, n=1)
-    hint = f"Did you mean {near[0]!r}? " if near else ""
-    raise InputError(name, "no such source", f"{hint}There are {', '.join(SOURCES)}.")
+    remedy = did_you_mean(name.casefold(), SOURCES, f"There are {', '.join(SOURCES)}.")
+    raise InputError(name, "no such source", remedy)
 
 
 def source_and_name(source_id: str) -> tuple[Source, str]:
@@ -122,8 +114,7 @@ def table_ids(table: Path, only: Collection[str] = ()) -> list[str]:
     known = {row["id"]: row["source_id"] for _, row in rows}
     for object_id in only:
         if object_id not in known:
-            near = difflib.get_close_matches(object_id, known, n=1)
-            remedy = f"Did you mean {near[0]!r}?" if near else "Use an id of the table."
+            remedy = did_you_mean(object_id, known, "Use an id of the table.")
             raise InputError(str(table), f"there is no object {object_id!r}", remedy)
         if not known[object_id]:
             raise InputError(f"{table}, {object_id}", "has no source_id", "Its files are not to be fetched.")

@@ -66,19 +66,17 @@ class Guarded(RequestHandler):
         """Send an error without details of the server."""
         self.finish({"error": self._reason})
 
-    def get(self) -> None:
+    async def get(self) -> None:
         """Answer that there is no such page."""
         raise HTTPError(404)
 
-    async def post(self) -> None:
-        """Answer that there is no such page."""
-        raise HTTPError(404)
+    post = get
 
 
 class PageFile(Guarded):
     """The page, its scripts and styles: a fixed list, read when the server starts."""
 
-    def get(self) -> None:
+    async def get(self) -> None:
         """Answer with one of them."""
         name, content = self.settings["files"][self.request.path]
         self.set_header("Content-Type", f"{TYPES[Path(name).suffix]}; charset=utf-8")
@@ -136,13 +134,9 @@ class Server:
         """Answer requests until something has happened."""
         live = self._live
         rules: list[Any] = [(path, PageFile) for path in FILES]
-        rules += [
-            ("/object", Query, {"answer": lambda _: live.describe(), "threads": self._contacts}),
-            ("/render", Query, {"answer": live.render, "threads": self._images}),
-            ("/strike", Query, {"answer": live.strike, "threads": self._contacts}),
-            ("/partials", Query, {"answer": live.partials, "threads": self._contacts}),
-            ("/press", Query, {"answer": live.press, "threads": self._contacts}),
-        ]
+        rules.append(("/render", Query, {"answer": live.render, "threads": self._images}))
+        for answer in (live.object, live.strike, live.partials, live.press):
+            rules.append((f"/{answer.__name__}", Query, {"answer": answer, "threads": self._contacts}))
         application = Application(
             rules,
             default_handler_class=Guarded,

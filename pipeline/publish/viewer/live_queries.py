@@ -36,7 +36,7 @@ class LiveObject:
         self.path = str(path)
         self.file = ObjectFile.load(path)
 
-    def describe(self) -> Answer:
+    def object(self, _: Mapping[str, Any]) -> Answer:
         """Return what the page shows and needs before the first query."""
         file, said = self.file, self.file.description
         facts = {

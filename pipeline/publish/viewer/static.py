@@ -64,9 +64,13 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
     if object_id in ("", ".", "..") or "/" in object_id or "\\" in object_id or "\0" in object_id:
         raise InputError(repr(object_id), "no file name", "Give an id without separators.")
     kept = cache / f"{file_digest(object_file)}.{FORMAT}" if cache else None
-    data = kept.read_bytes() if kept and kept.is_file() else _data_of(object_file)
-    if kept and not kept.is_file():
-        _write(kept, data)
+    if kept and kept.is_file():
+        data = kept.read_bytes()
+    else:
+        header, arrays = bake(ObjectFile.load(object_file))
+        data = f'{{"header": {_quoted(header)}, "data": "{base64.b64encode(arrays).decode()}"}}'.encode()
+        if kept:
+            _write(kept, data)
     target = folder / f"{object_id}.player.js"
     # An object without a prototype: any id is a plain key of it.
     own = f"(window.objectfolderPlayers ??= Object.create(null))[{_quoted(object_id)}] = "
@@ -85,12 +89,6 @@ def write_player_assets(folder: Path) -> set[str]:
 def _write(path: Path, content: bytes) -> None:
     with atomic_write(path) as file:
         file.write(content)
-
-
-def _data_of(object_file: Path) -> bytes:
-    """Return the object as an expression of JavaScript."""
-    header, arrays = bake(ObjectFile.load(object_file))
-    return f'{{"header": {_quoted(header)}, "data": "{base64.b64encode(arrays).decode()}"}}'.encode()
 
 
 def _quoted(value: object) -> str:
