@@ -57,7 +57,8 @@ def add(
         print(f"{checked.object_id} {what} {table}; {count} file{'s'[: count > 1]} in {added.folder}")
         preview = preview or added.folder.parent / f"{checked.object_id}.png"
     if preview and not no_preview:
-        preview_of(checked, wanted.mesh, preview, lines)
+        # glTF has y up; scans, z.
+        preview_of(checked, preview, lines, 1 if wanted.mesh.suffix.lower() in (".gltf", ".glb") else 2)
         print(f"picture      {preview}")
     if not dry_run:
         print(f"next         make dataset OBJECTS={table} ONLY={checked.object_id}")

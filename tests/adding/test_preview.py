@@ -77,7 +77,7 @@ def test_the_picture_has_its_views_and_its_text(tmp_path):
     sizes = []
     for words in (1, 60):
         lines = ["object       tube", f"walls?       {'words $ ' * words}"]
-        write_preview(tmp_path / "tube.png", mesh, lines, least_wall_m=0.001, up_axis=1)
+        write_preview(tmp_path / "tube.png", mesh, lines, walls_marked(mesh, 0.001), up_axis=1)
         with Image.open(tmp_path / "tube.png") as picture:
             sizes.append(picture.size)
             image = np.asarray(picture)[..., :3]

@@ -137,7 +137,6 @@ def check_object(wanted: Wanted) -> Checked:
         hollow(mesh.surface, wanted.shell_m, where)
     if wanted.wall_m is not None:
         thicken(mesh.surface, wanted.wall_m, where)
-    name = wanted.name or words_of(object_id)
     walls = WallMeasures(**product.attributes["walls"])
     findings = wall_findings(
         walls,
@@ -151,10 +150,17 @@ def check_object(wanted: Wanted) -> Checked:
     warnings = [text for text in product.attributes["warnings"] if text not in by_geometry]
     if wanted.length_m is None:
         warnings += length_doubts(float(mesh.extents.max()), walls.volume_m3 * material.density_kg_m3)
+    row = _row(wanted, object_id, material.name, licence)
+    layout = layout_of(wanted.mesh, wanted.texture)
+    return Checked(object_id, row, layout, product, material, walls, findings, tuple(warnings))
+
+
+def _row(wanted: Wanted, object_id: str, material: str, licence: str) -> dict[str, str]:
+    """Return the cells by column; InputError for one that no table can show."""
     row = {
         "id": object_id,
-        "name": name,
-        "material": material.name,
+        "name": wanted.name or words_of(object_id),
+        "material": material,
         "length_m": AS_IN_FILE if wanted.length_m is None else repr(wanted.length_m),
         "source": wanted.source,
         "licence": licence,
@@ -166,16 +172,7 @@ def check_object(wanted: Wanted) -> Checked:
     for column, text in row.items():
         if not text.isprintable():
             raise InputError(f"--{column}", f"{text!r} holds characters that do not print", "Leave them out")
-    return Checked(
-        object_id,
-        row,
-        layout_of(wanted.mesh, wanted.texture),
-        product,
-        material,
-        walls,
-        findings,
-        tuple(warnings),
-    )
+    return row
 
 
 def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:

@@ -23,29 +23,13 @@ RED = np.array([0.9, 0.1, 0.1])
 
 
 def write_preview(
-    path: Path,
-    mesh: TexturedMesh,
-    lines: Sequence[str],
-    *,
-    least_wall_m: float | None = None,
-    up_axis: int = 2,
+    path: Path, mesh: TexturedMesh, lines: Sequence[str], tint: Tint | None = None, up_axis: int = 2
 ) -> None:
-    """Write a PNG of a cleaned mesh in metres.
-
-    Parameters
-    ----------
-    lines
-        Text below the picture.
-    least_wall_m
-        Colour walls thinner than this red; None colours nothing.
-    up_axis
-        Which axis is up in the picture.
-    """
+    """Write a PNG of a cleaned mesh in metres, with lines of text below it; one axis is up."""
     from matplotlib.figure import Figure
 
     views = standard_views(mesh.extents, up_axis)
     side = side_m(mesh, views)
-    tint = None if least_wall_m is None else walls_marked(mesh, least_wall_m)
     text = "\n".join(textwrap.fill(line, LETTERS, subsequent_indent=INDENT * " ") for line in lines)
     figure = Figure(figsize=(10, 7 + 0.17 * len(text.splitlines())), dpi=100, layout="constrained")
     for axes, view in zip(figure.subplots(2, 3, sharex=True, sharey=True).flat, views, strict=True):
@@ -72,18 +56,12 @@ def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
     return marked
 
 
-def preview_of(checked: Checked, mesh: Path, path: Path, lines: Sequence[str]) -> None:
-    """Write the picture of an object that was read from `mesh`; doubtful walls are marked."""
-    marked = any(finding.kind == THIN for finding in checked.findings)
-    limits = WALL_LIMITS.get(checked.material.name, ANY_MATERIAL)
-    write_preview(
-        path,
-        textured_mesh_of(checked.product),
-        lines,
-        least_wall_m=limits.least_wall_m if marked else None,
-        # glTF has y up; scans, z.
-        up_axis=1 if mesh.suffix.lower() in (".gltf", ".glb") else 2,
-    )
+def preview_of(checked: Checked, path: Path, lines: Sequence[str], up_axis: int) -> None:
+    """Write the picture of an object that was read; doubtful walls are marked."""
+    mesh, tint = textured_mesh_of(checked.product), None
+    if any(finding.kind == THIN for finding in checked.findings):
+        tint = walls_marked(mesh, WALL_LIMITS.get(checked.material.name, ANY_MATERIAL).least_wall_m)
+    write_preview(path, mesh, lines, tint, up_axis)
 
 
 def lines_about(checked: Checked) -> list[str]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.surface import Hits, Surface
 from objectfolder.surface.texture_lookup import bilinear
 
 Floats = NDArray[np.float64]
@@ -39,7 +40,15 @@ class View(NamedTuple):
 
     title: str
     axes: Floats
-    cut: bool
+    cut: bool = False
+
+
+def axes_towards(eye: Floats, above: Floats) -> Floats:
+    """Return the (3, 3) axes of a `View` from the direction `eye`, in whose pictures `above` is up."""
+    back = eye / np.linalg.norm(eye)
+    right = np.cross(above, back)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back])
 
 
 def standard_views(extents: Floats, up_axis: int) -> list[View]:
@@ -49,26 +58,39 @@ def standard_views(extents: Floats, up_axis: int) -> list[View]:
     # The section holds the longer of the two horizontal axes.
     across = np.eye(3)[second if extents[first] >= extents[second] else first]
     along = np.cross(up, across)
-    views = []
-    for title, towards, above in (
-        ("from a corner", 0.8 * along + across + 0.7 * up, up),
-        ("from behind, below", -along - 0.8 * across - 0.6 * up, up),
-        ("from a side", across, up),
-        ("from an end", along, up),
-        ("from above", up, across),
-        ("cut open", across, up),
-    ):
-        back = towards / np.linalg.norm(towards)
-        right = np.cross(above, back)
-        right /= np.linalg.norm(right)
-        views.append(View(title, np.stack([right, np.cross(back, right), back]), title == "cut open"))
-    return views
+    return [
+        View("from a corner", axes_towards(0.8 * along + across + 0.7 * up, up)),
+        View("from behind, below", axes_towards(-along - 0.8 * across - 0.6 * up, up)),
+        View("from a side", axes_towards(across, up)),
+        View("from an end", axes_towards(along, up)),
+        View("from above", axes_towards(up, across)),
+        View("cut open", axes_towards(across, up), cut=True),
+    ]
 
 
 def side_m(mesh: TexturedMesh, views: list[View]) -> float:
     """Side of a square that every view of the mesh fits in, metres."""
     corners = mesh.vertices - mesh.surface.bounds.mean(axis=0)
     return 2.12 * max(float(np.abs(corners @ view.axes[:2].T).max()) for view in views)
+
+
+def look(surface: Surface, axes: Floats, side: float, pixels: int, before: float) -> Hits:
+    """Return what parallel rays first hit, a ray a pixel of a square, row by row from the top.
+
+    Parameters
+    ----------
+    axes
+        As those of a `View`.
+    side
+        Of the square, metres; its centre is the surface's.
+    before
+        How far before the centre the rays begin, metres.
+    """
+    steps = ((np.arange(pixels) + 0.5) / pixels - 0.5) * side
+    x, y = np.meshgrid(steps, -steps)
+    origins = np.stack([x, y, np.full_like(x, before)], axis=-1).reshape(-1, 3) @ axes
+    rays = np.broadcast_to(-axes[2], origins.shape)
+    return surface.ray_hits(surface.bounds.mean(axis=0) + origins, rays)
 
 
 def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | None = None) -> np.ndarray:
@@ -89,12 +111,7 @@ def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | 
         (pixels, pixels, 3) uint8 on white, its first row on top.
     """
     surface, back = mesh.surface, view.axes[2]
-    count = pixels * SAMPLES
-    steps = ((np.arange(count) + 0.5) / count - 0.5) * side
-    x, y = np.meshgrid(steps, -steps)
-    z = np.full_like(x, 0 if view.cut else 2 * np.linalg.norm(mesh.extents))
-    origins = surface.bounds.mean(axis=0) + np.stack([x, y, z], axis=-1).reshape(-1, 3) @ view.axes
-    hits = surface.ray_hits(origins, np.broadcast_to(-back, origins.shape))
+    hits = look(surface, view.axes, side, pixels * SAMPLES, 0.0 if view.cut else side)
     seen = hits.face >= 0
     faces, barycentric = hits.face[seen], hits.barycentric[seen]
     normals = surface.face_normals[faces]
@@ -104,7 +121,7 @@ def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | 
     own = own * (0.45 + 0.55 * np.abs(normals @ view.axes.T @ LIGHT))[:, None]
     if view.cut:
         own[normals @ back < 0] = CUT
-    colours = np.ones((len(origins), 3))
+    colours = np.ones((len(seen), 3))
     colours[seen] = own
     image = colours.reshape(pixels, SAMPLES, pixels, SAMPLES, 3).mean(axis=(1, 3))
     return np.asarray(np.rint(255 * np.clip(image, 0, 1)), dtype=np.uint8)

@@ -1,29 +1,31 @@
 """Where on the object the touches of a page were made, drawn on its surface in plain clay."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from objectfolder.surface.surface import Surface
+from pipeline.intake.add.preview_views import LIGHT, axes_towards, look
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import indexed_uri
 
 PIXELS = 150
-FIELD_OF_VIEW_DEG = 32.0
-FOCAL = PIXELS / 2 / np.tan(np.radians(FIELD_OF_VIEW_DEG / 2))
-# In diagonals of the bounding box: of the camera from its centre (the whole object is in the picture from
-# every side), and how far out the arrow that shows the sensor's way begins.
-DISTANCE, ARROW = 2.1, 0.22
-# Between the surface's normal and the directions that are tried: oblique enough to show relief.
-OBLIQUE_DEG = 41.0
-TRIED = 8
-# Of the distance to the camera: what hides a point lies farther before it than this.
+# In diagonals of the bounding box: the side of a picture, and how far out the arrow that shows the sensor's
+# way begins.
+WIDTH, ARROW = 1.2, 0.22
+UP = np.array([0.0, 0.0, 1.0])
+# Directions to the eye, from above before from below.
+TURNS = np.radians(np.arange(0, 360, 45) + 22.5)
+SIDES = [(np.cos(turn), np.sin(turn), height) for height in (0.7, -0.7) for turn in TURNS]
+# Least cosine between the surface's normal and the direction to the eye where a contact is well in sight.
+LEAST_FACING = 0.3
+# In diagonals: what hides a point lies farther before it than this.
 NEAR = 0.004
 # Grey of each level: nothing beside the object, then from shadow to light.
 SHADES = 64
 CLAY = np.repeat(np.linspace(70, 225, SHADES)[:, None], 3, axis=1)
-LIGHT = np.array([-0.45, 0.55, 0.9]) / np.linalg.norm([0.45, 0.55, 0.9])  # from the upper left
 TOUCH_ARRAYS = ("points", "normals", "sensor_to_object", "depth_m", "tilt_deg", "contact_area_m2")
 
 
@@ -54,60 +56,55 @@ class Contact(NamedTuple):
 
 
 class Side:
-    """A surface as seen from one side; the object's z is up where it can be.
+    """A surface as seen from one side, drawn to scale; the object's z is up.
 
     Parameters
     ----------
-    direction
-        Unit vector from the object to the camera.
+    eye
+        Direction from the object to the eye.
     """
 
-    def __init__(self, surface: Surface, direction: np.ndarray) -> None:
-        up = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.999 else np.array([0.0, 1.0, 0.0])
-        right = np.cross(up, direction)
-        right /= np.linalg.norm(right)
-        self.surface, self.direction = surface, direction
-        self.axes = np.stack([right, np.cross(direction, right), direction])
-        self.eye = surface.bounds.mean(axis=0) + DISTANCE * _size(surface) * direction
+    def __init__(self, surface: Surface, eye: Sequence[float]) -> None:
+        self.surface, self.axes = surface, axes_towards(np.array(eye), UP)
+        self.direction, self._centre = self.axes[2], surface.bounds.mean(axis=0)
+        self._far, self._scale = _size(surface), PIXELS / (WIDTH * _size(surface))
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return (n, 2) pixels, x right and y down, of (n, 3) points."""
-        x, y, z = self.axes @ (points - self.eye).T
-        return PIXELS / 2 + FOCAL * np.stack([-x, y], axis=1) / z[:, None]
+        return PIXELS / 2 + self._scale * ((points - self._centre) @ self.axes[:2].T) * (1, -1)
 
-    def shows(self, point: np.ndarray) -> bool:
-        """Whether nothing of the surface hides a point of it."""
-        return not self.surface.occluded(self.eye[None], (point + NEAR * (self.eye - point))[None])[0]
+    def shows(self, points: np.ndarray) -> np.ndarray:
+        """Return (n,) whether nothing of the surface hides points of it."""
+        from_points = points + NEAR * self._far * self.direction
+        return ~self.surface.occluded(from_points, from_points + self._far * self.direction)
 
     def faces(self) -> np.ndarray:
         """Return (PIXELS, PIXELS) the face of each pixel, -1 beside the object."""
-        places = np.arange(PIXELS) + 0.5 - PIXELS / 2
-        x, y = np.meshgrid(places, -places)
-        rays = np.stack([x, y, np.full_like(x, -FOCAL)], axis=-1).reshape(-1, 3) @ self.axes
-        found = self.surface.ray_hits(np.broadcast_to(self.eye, rays.shape), rays).face
-        return found.reshape(PIXELS, PIXELS)
+        hits = look(self.surface, self.axes, PIXELS / self._scale, PIXELS, self._far)
+        return hits.face.reshape(PIXELS, PIXELS)
 
+    @cached_property
     def uri(self) -> str:
-        """Return the picture as a data URI, see-through beside the object."""
+        """The picture as a data URI, see-through beside the object."""
         faces, normals = self.faces(), self.surface.face_normals @ self.axes.T
         lit = np.clip(normals @ LIGHT * np.where(normals[:, 2] < 0, -1.0, 1.0), 0, 1)
         levels = np.round(1 + (SHADES - 2) * lit).astype(np.uint8)
         return indexed_uri(np.where(faces >= 0, levels[faces], np.uint8(0)), CLAY, transparent=0)
 
 
-def side_showing(surface: Surface, point: np.ndarray, normal: np.ndarray) -> Side:
-    """Return a side that shows a point, obliquely where that is possible, from above before from below.
-
-    A point that none of these sides shows (deep in a vessel) has the side along its normal; ask `shows`.
-    """
-    across = Side(surface, normal).axes
-    for turn in np.argsort(-np.sin(np.arange(TRIED) * 2 * np.pi / TRIED), kind="stable"):
-        angle, oblique = turn * 2 * np.pi / TRIED, np.radians(OBLIQUE_DEG)
-        local = [np.sin(oblique) * np.cos(angle), np.sin(oblique) * np.sin(angle), np.cos(oblique)]
-        side = Side(surface, np.array(local) @ across)
-        if side.shows(point):
-            return side
-    return Side(surface, normal)
+def sides_showing(surface: Surface, points: np.ndarray, normals: np.ndarray) -> list[tuple[Side, bool]]:
+    """Return a side for each of (n, 3) points, few sides in all, and whether it shows the point."""
+    sides = [Side(surface, eye) for eye in SIDES]
+    shown = np.array([side.shows(points) & (normals @ side.direction > LEAST_FACING) for side in sides])
+    chosen, left = np.zeros(len(points), dtype=int), shown.any(axis=0)
+    while left.any():
+        best = np.argmax((shown & left).sum(axis=1))
+        chosen[shown[best] & left] = best
+        left &= ~shown[best]
+    return [
+        (sides[index], bool(sides[index].shows(point[None])[0]))
+        for index, point in zip(chosen, points, strict=True)
+    ]
 
 
 def contacts(truth: np.ndarray, products: ObjectProducts) -> list[Contact | None]:
@@ -135,12 +132,14 @@ def contacts(truth: np.ndarray, products: ObjectProducts) -> list[Contact | None
     images = products.arrays("touches", "rgb", rows=rows)["rgb"][held_out - rows.start]
     mesh = products.arrays("objects", "vertices", "faces")
     surface, sensor = Surface(mesh["vertices"], mesh["faces"]), touches.attributes["sensor"]
-    drawn: list[Contact | None] = []
-    for place in find_touches(truth, images):
-        index = None if place is None else held_out[place]
-        touch = {name: touches[name][index] for name in TOUCH_ARRAYS}
-        drawn.append(None if index is None else _contact(surface, touch, sensor))
-    return drawn
+    places = find_touches(truth, images)
+    known = [held_out[place] for place in places if place is not None]
+    sides = sides_showing(surface, touches["points"][known], touches["normals"][known])
+    drawn = {
+        index: _contact(*side, {name: touches[name][index] for name in TOUCH_ARRAYS}, sensor)
+        for index, side in zip(known, sides, strict=True)
+    }
+    return [None if place is None else drawn[held_out[place]] for place in places]
 
 
 def find_touches(truth: np.ndarray, images: np.ndarray) -> list[int | None]:
@@ -159,11 +158,13 @@ def gel_corners(sensor: Mapping[str, Any]) -> np.ndarray:
     return apex + signs * half
 
 
-def _contact(surface: Surface, touch: Mapping[str, np.ndarray], sensor: Mapping[str, Any]) -> Contact:
+def _contact(
+    side: Side, visible: bool, touch: Mapping[str, np.ndarray], sensor: Mapping[str, Any]
+) -> Contact:
     point, normal, pose = touch["points"], touch["normals"], touch["sensor_to_object"]
     corners = gel_corners(sensor) @ pose[:3, :3].T + pose[:3, 3]
-    side = side_showing(surface, point, normal)
-    spot, arrow, *gel = side.project(np.stack([point, point + ARROW * _size(surface) * normal, *corners]))
+    start = point + ARROW * _size(side.surface) * normal
+    spot, arrow, *gel = side.project(np.stack([point, start, *corners]))
     labels = [(axis, 1e3 * float(value), "mm") for axis, value in zip("xyz", point, strict=True)]
     labels += [
         ("depth", 1e3 * float(touch["depth_m"]), "mm"),
@@ -171,9 +172,7 @@ def _contact(surface: Surface, touch: Mapping[str, np.ndarray], sensor: Mapping[
         ("contact area", 1e6 * float(touch["contact_area_m2"]), "mm²"),
     ]
     outline = " ".join(f"{x:.1f},{y:.1f}" for x, y in gel)
-    return Contact(
-        side.uri(), side.shows(point), spot.round(1).tolist(), arrow.round(1).tolist(), outline, labels
-    )
+    return Contact(side.uri, visible, spot.round(1).tolist(), arrow.round(1).tolist(), outline, labels)
 
 
 def _size(surface: Surface) -> float:
