@@ -1,4 +1,4 @@
-"""The pictures of the README, drawn from a finished data set: held-out views, touches and one strike.
+"""The pictures of docs/results.md, drawn from a finished data set: held-out views, touches and one strike.
 
 Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes ``sight.png``, ``touch.png``
 and ``sound.png`` into docs/. Views are the best lit of each object, touches those with the largest contact.
