@@ -10,7 +10,7 @@ unexport PYTHONPATH
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset hundred test lint stages lock
+.PHONY: help environment dataset hundred test lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -40,6 +40,9 @@ lint: $(STAMP) ## Check style, types and imports
 	ruff format --check --exclude '*.md' .
 	mypy
 	lint-imports --no-logo
+
+docs: $(STAMP) ## Build these pages as a site that opens from disk: site/index.html
+	mkdocs build --strict --clean --quiet
 
 stages: $(STAMP) ## Write into dvc.yaml what the stages declare
 	python -m pipeline.cli.declare

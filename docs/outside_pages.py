@@ -1,0 +1,22 @@
+"""Give the site what lies beside docs/: the pages at the root of the repository and measured pictures."""
+
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add them under the paths that they have in the repository."""
+    for path in [*PAGES, *(str(path.relative_to(ROOT)) for path in ROOT.glob("bench/results/*.png"))]:
+        files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Bring links between docs/ and the root of the repository, which are one folder in the site."""
+    return markdown.replace("](docs/", "](").replace("](../", "](")

@@ -1,0 +1,64 @@
+"""The site of the documents: built strictly, without a broken link and without a request to elsewhere."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import unquote, urldefrag, urlsplit
+
+import html5lib
+import pytest
+
+REPOSITORY = Path(__file__).parents[1]
+LOADED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src")}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    # Nothing outside this machine answers: a build that asks for something fails.
+    offline = {**os.environ, "http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
+    done = subprocess.run(
+        command, cwd=REPOSITORY, env=offline, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def parts(page: Path) -> list[tuple[str, dict[str, str]]]:
+    tree = html5lib.parse(page.read_bytes(), namespaceHTMLElements=False)
+    return [(str(element.tag), element.attrib) for element in tree.iter()]
+
+
+@pytest.mark.slow
+def test_every_link_and_every_picture_leads_to_something(site):
+    pages = {page: parts(page) for page in sorted(site.rglob("*.html")) if page.name != "404.html"}
+    anchors = {page: {has["id"] for _, has in found if "id" in has} for page, found in pages.items()}
+    broken, followed = [], 0
+    for page, found in pages.items():
+        for link in [has[key] for _, has in found for key in ("href", "src") if key in has]:
+            if urlsplit(link).scheme:
+                continue
+            address, anchor = urldefrag(link)
+            target = (page.parent / unquote(address)).resolve() if address else page
+            followed += 1
+            if not target.exists() or (anchor and target in anchors and anchor not in anchors[target]):
+                broken.append((page.name, link))
+    assert broken == []
+    assert followed > 1000
+
+
+@pytest.mark.slow
+def test_pages_load_nothing_from_elsewhere(site):
+    for page in sorted(site.rglob("*.html")):
+        loads = [has[key] for tag, has in parts(page) for of, key in LOADED if tag == of and key in has]
+        assert loads
+        assert [address for address in loads if urlsplit(address).scheme in ("http", "https")] == [], page
+
+
+@pytest.mark.slow
+def test_reference_has_the_queries_of_an_object_file(site):
+    names = {has.get("id") for _, has in parts(site / "api.html")}
+    for name in ("render", "strike", "press", "sample_views", "sample_contacts", "load", "save"):
+        assert f"objectfolder.object_file.ObjectFile.{name}" in names
