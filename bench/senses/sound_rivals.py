@@ -29,7 +29,7 @@ from bench.senses.audionet import DURATION_S, struck
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.synthesis import mode_bank
-from objectfolder.fidelity.sounds import envelope_distance, gain_error_db, unscaled_stft_distance
+from objectfolder.fidelity.sounds import envelope_distance, gain_error_db, stft_distance
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.surface import Surface
@@ -45,8 +45,8 @@ COMPARED = (
 )
 PANELS = (
     ("gain_error_db", "held-out gain error, dB", False),
-    ("stft_distance", "STFT distance", True),
-    ("envelope_distance", "ENV distance", True),
+    ("stft_distance_16_khz", "STFT distance, 16 kHz", True),
+    ("envelope_distance_16_khz", "ENV distance, 16 kHz", True),
     ("bytes", "stored bytes", True),
     ("training_cpu_s", "CPU-s to make", True),
     ("query_cpu_s", "CPU-s for a contact's 2 s of sound", True),
@@ -137,8 +137,8 @@ class Contest:
 
     def _distances(self, answer: np.ndarray) -> dict[str, Any]:
         return {
-            "stft_distance": unscaled_stft_distance(self._sounds, answer),
-            "envelope_distance": envelope_distance(self._sounds, answer),
+            "stft_distance_16_khz": stft_distance(self._sounds, answer, SAMPLE_RATE_HZ),
+            "envelope_distance_16_khz": envelope_distance(self._sounds, answer),
         }
 
 
@@ -149,7 +149,7 @@ def draw(figures: dict[str, Any]) -> None:
     for panel, (key, title, logarithmic) in zip(axes.ravel(), PANELS, strict=True):
         for mark, (object_id, found) in zip("os^Dv", figures.items(), strict=False):
             ways = [found["ways"][name] for name in names]
-            known = [(way[key], row) for row, way in enumerate(ways) if key in way]
+            known = [(way[key], row) for row, way in enumerate(ways) if way.get(key)]
             panel.plot(*zip(*known, strict=True), mark, label=object_id.replace("_", " "), alpha=0.8)
         panel.set_title(title, fontsize=11)
         panel.set_yticks(range(len(names)), names)
