@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.coordinates import refuse_coarse, refuse_unusable, single_precision_step
 from objectfolder.mesh.readers.files import unreadable
 from objectfolder.mesh.readers.gltf_accessors import Primitive
-from objectfolder.mesh.readers.gltf_file import KINDS, Json, extensions, read_gltf_file, whole
+from objectfolder.mesh.readers.gltf_file import KINDS, Gltf, Json, extensions, read_gltf_file, whole
 from objectfolder.mesh.readers.gltf_materials import PLAIN, Material, read_material
 from objectfolder.mesh.readers.gltf_nodes import placed_meshes
 from objectfolder.mesh.readers.textures import TextureReader, corner_colour_atlas, opaque, srgb_encode
@@ -45,33 +45,8 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         colours and is not supported: an extension, a pose, a shape key, textures that do not repeat.
     """
     file = read_gltf_file(path)
-    reader = TextureReader(str(path))
-    parts: list[TexturedMesh] = []
-    materials: dict[Any, Material] = {}
-    step, triangles = 0.0, 0
     try:
-        for transform, mesh in placed_meshes(file):
-            for said in mesh["primitives"]:
-                primitive = Primitive(file, said)
-                vertices = _positions(primitive)
-                faces = _faces(primitive, said, len(vertices))
-                if not len(faces):
-                    continue
-                triangles += len(faces)
-                if triangles > MOST_TRIANGLES:
-                    raise InputError(
-                        str(path), f"has more than {MOST_TRIANGLES} triangles in all", "Reduce their number"
-                    )
-                material = PLAIN
-                if with_textures and "material" in said:
-                    index = whole(said["material"])
-                    if index not in materials:
-                        materials[index] = read_material(file, index, reader)
-                    material = materials[index]
-                parts.append(_part(path, primitive, vertices, faces, material, with_textures, transform))
-                if primitive.stored("POSITION").dtype == np.float32:
-                    stretch = float(np.linalg.norm(transform[:3, :3], axis=0).max())
-                    step = max(step, stretch * single_precision_step(vertices))
+        parts, step = _parts(file, with_textures)
     except (
         ValueError,
         KeyError,
@@ -88,6 +63,37 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     refuse_unusable(path, joined.vertices)
     refuse_coarse(path, joined.vertices, step)
     return joined
+
+
+def _parts(file: Gltf, with_textures: bool) -> tuple[list[TexturedMesh], float]:
+    """Each primitive with faces as a mesh, in the scene's frame, and the largest step of their positions."""
+    reader = TextureReader(str(file.path))
+    parts: list[TexturedMesh] = []
+    materials: dict[int, Material] = {}
+    step, triangles = 0.0, 0
+    for transform, mesh in placed_meshes(file):
+        for said in mesh["primitives"]:
+            primitive = Primitive(file, said)
+            vertices = _positions(primitive)
+            faces = _faces(primitive, said, len(vertices))
+            if not len(faces):
+                continue
+            triangles += len(faces)
+            if triangles > MOST_TRIANGLES:
+                raise InputError(
+                    str(file.path), f"has more than {MOST_TRIANGLES} triangles in all", "Reduce their number"
+                )
+            material = PLAIN
+            if with_textures and "material" in said:
+                index = whole(said["material"])
+                if index not in materials:
+                    materials[index] = read_material(file, index, reader)
+                material = materials[index]
+            parts.append(_part(file.path, primitive, vertices, faces, material, with_textures, transform))
+            if primitive.stored("POSITION").dtype == np.float32:
+                stretch = float(np.linalg.norm(transform[:3, :3], axis=0).max())
+                step = max(step, stretch * single_precision_step(vertices))
+    return parts, step
 
 
 def _positions(primitive: Primitive) -> np.ndarray:

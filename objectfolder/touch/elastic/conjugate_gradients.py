@@ -42,45 +42,48 @@ def minimise(
     """
     nearest = float(gap_m.min())
     pressure, displacement = _scaled(compliance, start_pa, gap_m, indentation_m, total_pa)
-    direction = np.zeros_like(pressure)
-    before, conjugate = 1.0, False
+    direction, before, conjugate = np.zeros_like(pressure), 1.0, False
     for iteration in range(maximum_iterations + 1):
         touching = pressure > 0
-        height = displacement + gap_m
-        indentation = float(height[touching].mean()) if indentation_m is None else indentation_m
-        left = height - indentation
+        left = displacement + gap_m
+        indentation = float(left[touching].mean()) if indentation_m is None else indentation_m
+        left -= indentation
         gradient = np.where(touching, left, 0.0)
         violation = max(float(np.abs(gradient).max()), -float(left.min()))
-        allowed = tolerance * (indentation - nearest)
-        if violation <= allowed:
+        if violation <= (allowed := tolerance * (indentation - nearest)):
             return pressure, indentation, iteration
         squared = float(np.vdot(gradient, gradient))
         direction = gradient + (squared / before if conjugate else 0.0) * np.where(touching, direction, 0.0)
         if total_pa is not None:
             direction -= np.where(touching, direction.sum() / np.count_nonzero(touching), 0.0)
         change = compliance.displacement(direction)
-        curvature = float(np.vdot(change, direction))
-        if not curvature > 0:
-            raise SimulationError(
-                "elastic contact",
-                f"a pressure without work after {iteration} iterations, gaps wrong by {violation:.2g} m",
-                "Use a larger tolerance, or cells smaller than the layer is thick.",
-            )
-        step = float(np.vdot(gradient, direction)) / curvature
+        step = _step(gradient, direction, change, violation)
         moved = pressure - step * direction
         overlapping = ~touching & (left < 0)
         moved[overlapping] = -step * left[overlapping]
         before, conjugate = squared, not overlapping.any()
         if conjugate and float(moved.min()) >= 0:
             pressure, displacement = moved, displacement - step * change
-            continue
-        moved = np.maximum(moved, 0.0)
-        pressure, displacement = _scaled(compliance, moved, gap_m, indentation_m, total_pa)
+        else:
+            pushed = np.maximum(moved, 0.0)
+            pressure, displacement = _scaled(compliance, pushed, gap_m, indentation_m, total_pa)
     raise SimulationError(
         "elastic contact",
         f"gaps wrong by {violation:.3g} m after {maximum_iterations} iterations, {allowed:.3g} m wanted",
         "Allow more iterations or a larger tolerance.",
     )
+
+
+def _step(gradient: np.ndarray, direction: np.ndarray, change: np.ndarray, violation_m: float) -> float:
+    """How far along a direction, which displaces the surface by `change`, the energy is least."""
+    curvature = float(np.vdot(change, direction))
+    if not curvature > 0:
+        raise SimulationError(
+            "elastic contact",
+            f"a pressure without work, gaps wrong by {violation_m:.2g} m",
+            "Use a larger tolerance, or cells smaller than the layer is thick.",
+        )
+    return float(np.vdot(gradient, direction)) / curvature
 
 
 def _scaled(

@@ -30,6 +30,52 @@ def _normal_map(edges, normals, pose, taken):
 
 
 @relaxed_kernel
+def _take(owner, nearness, shift, v, rows, column, face, mark):
+    """Mark the rays of a pixel that see a face in a column of it.
+
+    Returns how many there are, how far away the face is amid them, and means of their shift and v.
+    """
+    members, near, across, up = 0, 0.0, 0.0, 0.0
+    for row in range(rows[0], rows[1]):
+        if owner[row, column] == face:
+            members += 1
+            near += nearness[row, column]
+            across += shift[row]
+            up += v[row]
+            owner[row, column] = mark
+    share = 1 / members
+    # One over the depth is linear over a face.
+    return members, members / near, across * share, up * share
+
+
+@relaxed_kernel
+def _normal(m, across, up):
+    return (
+        m[0, 0] + m[0, 1] * across + m[0, 2] * up,
+        m[1, 0] + m[1, 1] * across + m[1, 2] * up,
+        m[2, 0] + m[2, 1] * across + m[2, 2] * up,
+    )
+
+
+@relaxed_kernel
+def _indentation(deep, lateral, vertical, radius, stretch):
+    """Metres that a point `deep` metres below the apex, and beside it, lies in the undeformed gel."""
+    squared = radius * radius - (lateral * lateral + vertical * vertical)
+    squared = squared if squared > 0 else 0.0
+    deep -= stretch * (radius - np.sqrt(squared))
+    return deep if deep > 0 else 0.0
+
+
+@relaxed_kernel
+def _room(extent):
+    """Most samples that rows with these first and last columns (rows, 2) may have."""
+    most = 0
+    for row in range(len(extent)):
+        most += max(extent[row, 1] - extent[row, 0] + 1, 0)
+    return most
+
+
+@relaxed_kernel
 def gather_samples(
     owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v, rays
 ):
@@ -56,9 +102,7 @@ def gather_samples(
     area
         Square metres of surface for each unit of du dv, summed over the rays.
     """
-    most = 0
-    for row in range(len(v)):
-        most += max(extent[row, 1] - extent[row, 0] + 1, 0)
+    most = _room(extent)
     maps, doubled_area = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
     positions, normals = np.empty((3, most), np.float32), np.empty((3, most), np.float32)
     depth = np.empty(most)
@@ -74,32 +118,18 @@ def gather_samples(
                 face = owner[first, column]
                 if face < 0:
                     continue
-                members, near, across, up = 0, 0.0, 0.0, 0.0
                 mark = np.int32(-2) - np.int32(seen)
-                for row in range(first, top + step):
-                    if owner[row, column] == face:
-                        members += 1
-                        near += nearness[row, column]
-                        across += shift[row]
-                        up += v[row]
-                        owner[row, column] = mark
-                share = 1 / members
-                across, up = u[column] + across * share, up * share
-                # One over the depth is linear over a face.
-                distance = members / near
-                if doubled_area[face] == 0:
-                    normals_here = corner_normals[faces[face]]
-                    doubled_area[face] = _normal_map(edges[face], normals_here, pose, maps[face])
+                members, distance, across, up = _take(
+                    owner, nearness, shift, v, (first, top + step), column, face, mark
+                )
+                across += u[column]
                 m = maps[face]
-                nx[seen] = m[0, 0] + m[0, 1] * across + m[0, 2] * up
-                ny[seen] = m[1, 0] + m[1, 1] * across + m[1, 2] * up
-                nz[seen] = m[2, 0] + m[2, 1] * across + m[2, 2] * up
+                if doubled_area[face] == 0:
+                    doubled_area[face] = _normal_map(edges[face], corner_normals[faces[face]], pose, m)
+                nx[seen], ny[seen], nz[seen] = _normal(m, across, up)
                 lateral, vertical = gel_y + distance * across, gel_z + distance * up
                 px[seen], py[seen], pz[seen] = camera_x + distance, lateral + apex_y, vertical + apex_z
-                squared = radius * radius - (lateral * lateral + vertical * vertical)
-                squared = squared if squared > 0 else 0.0
-                deep = gel_x - distance - stretch * (radius - np.sqrt(squared))
-                depth[seen] = deep if deep > 0 else 0.0
+                depth[seen] = _indentation(gel_x - distance, lateral, vertical, radius, stretch)
                 # A ray's surface is d^2 du dv over the cosine between ray and normal.
                 size = doubled_area[face] * abs(inverse[face])
                 area += distance * distance * distance * size * members

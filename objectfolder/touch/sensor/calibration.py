@@ -63,14 +63,7 @@ def fit_table(
     InputError
         Arrays of other shapes, a curved gel, or no contact in any image.
     """
-    size = (sensor.image_height, sensor.image_width, 3)
-    if sensor.gel_sagitta_m != 0:
-        raise InputError(sensor.name, "its gel is curved", "A table is for a flat gel.")
-    if images.ndim != 4 or images.shape[1:] != size or untouched.shape != size:
-        found = f"shapes {images.shape} and {untouched.shape}"
-        raise InputError("images", found, f"Give (n, {size[0]}, {size[1]}, 3) and one of them untouched.")
-    if centres_m.shape != (len(images), 2) or depths_m.shape != (len(images),):
-        raise InputError("centres_m, depths_m", "not one for each image", "Give (n, 2) and (n,).")
+    _check(sensor, images, centres_m, depths_m, untouched)
     grid = ray_grid(sensor, 1)
     u, v = (part.ravel() for part in np.meshgrid(grid.u, grid.v))
     rays = np.stack([np.ones_like(u), u, v])
@@ -85,6 +78,19 @@ def fit_table(
         remedy = "Check centres_m, depths_m and radius_m."
         raise InputError("images", "the ball touches the gel in none", remedy)
     return PhotometricTable(_least_squares(np.concatenate(seen, axis=1), shape, smoothness))
+
+
+def _check(
+    sensor: Sensor, images: np.ndarray, centres_m: np.ndarray, depths_m: np.ndarray, untouched: np.ndarray
+) -> None:
+    size = (sensor.image_height, sensor.image_width, 3)
+    if sensor.gel_sagitta_m != 0:
+        raise InputError(sensor.name, "its gel is curved", "A table is for a flat gel.")
+    if images.ndim != 4 or images.shape[1:] != size or untouched.shape != size:
+        found = f"shapes {images.shape} and {untouched.shape}"
+        raise InputError("images", found, f"Give (n, {size[0]}, {size[1]}, 3) and one of them untouched.")
+    if centres_m.shape != (len(images), 2) or depths_m.shape != (len(images),):
+        raise InputError("centres_m, depths_m", "not one for each image", "Give (n, 2) and (n,).")
 
 
 def _least_squares(seen: np.ndarray, shape: tuple[int, int], smoothness: float) -> np.ndarray:

@@ -54,12 +54,9 @@ def press_elastic(
     SimulationError
         A contact that is not found, see `solve_contact`.
     """
-    if not 0 < asked.cell_m <= min(sensor.gel_width_m, sensor.gel_height_m) / 2:
-        raise QueryError("cell_m", f"{asked.cell_m}", "It must be positive, and much smaller than the gel.")
+    shape = _cells(sensor, asked.cell_m)
     forces = asked.forces(len(poses))
     depths = asked.depths(len(poses), greatest_depth_m(sensor)) if forces is None else None
-    rows, columns = sensor.gel_height_m / asked.cell_m, sensor.gel_width_m / asked.cell_m
-    shape = max(2, round(rows)), max(2, round(columns))
     grid = ray_grid(sensor, asked.samples)
     for index, first_touch in enumerate(poses):
         # Another part of the object may meet the gel before the asked point does.
@@ -83,6 +80,13 @@ def press_elastic(
         touches.reachable[index] = (
             not obstructed and offset <= reached + TOLERANCE_M and not simulator.meets_housing(pose)
         )
+
+
+def _cells(sensor: Sensor, cell_m: float) -> tuple[int, int]:
+    """Rows and columns of cells of gel of about this size."""
+    if not 0 < cell_m <= min(sensor.gel_width_m, sensor.gel_height_m) / 2:
+        raise QueryError("cell_m", f"{cell_m}", "It must be positive, and much smaller than the gel.")
+    return max(2, round(sensor.gel_height_m / cell_m)), max(2, round(sensor.gel_width_m / cell_m))
 
 
 def _gel_contact(gap: np.ndarray, sensor: Sensor, depth: float | None, force: float) -> Contact:

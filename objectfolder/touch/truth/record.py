@@ -64,22 +64,14 @@ def simulate_touches(
     training = _vertices(surface, touches, seed) if at_vertices else surface.sample(touches, seed).points
     held_out_seed = int(np.random.SeedSequence([seed, HELD_OUT_STREAM]).generate_state(1)[0])
     points = np.concatenate([training, surface.sample(held_out_touches, held_out_seed).points])
-    held_out = np.arange(len(points)) >= len(training)
-    drawn = ((len(training), seed), (held_out_touches, held_out_seed))
-    queries = np.concatenate([_queries(count, depth_m, tilt_deg, stream) for count, stream in drawn])
+    queries = _queries(((len(training), seed), (held_out_touches, held_out_seed)), depth_m, tilt_deg)
     depth, tilt, azimuth = queries.T
     asked = Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=samples, contact=contact)
     pressed = press(surface, sensor, points, asked)
-    attributes = {
-        "sensor": sensor.to_dict(),
-        "contact": contact,
-        "samples": samples,
-        "seed": seed,
-        "reachable_fraction": float(pressed.reachable.mean()) if len(points) else 0.0,
-    }
-    untouched = Array(no_contact_image(sensor, samples), ("y", "x", "channel"), "1", "untouched gel", False)
-    arrays = {**_touch_arrays(pressed), **_asked_arrays(queries, held_out), "no_contact": untouched}
-    return Product(arrays, attributes)
+    reachable = float(pressed.reachable.mean()) if len(points) else 0.0
+    attributes = {"contact": contact, "samples": samples, "seed": seed, "reachable_fraction": reachable}
+    arrays = _arrays(pressed, no_contact_image(sensor, samples), queries, len(training))
+    return Product(arrays, {"sensor": sensor.to_dict(), **attributes})
 
 
 def _vertices(surface: Surface, count: int, seed: int) -> np.ndarray:
@@ -90,17 +82,21 @@ def _vertices(surface: Surface, count: int, seed: int) -> np.ndarray:
     return surface.vertices[used]
 
 
-def _queries(count: int, depth_m: tuple[float, float], tilt_deg: float, seed: int) -> np.ndarray:
-    """Depth, tilt and azimuth (count, 3)."""
-    random = np.random.default_rng([seed, 2]).random((count, 3))
+def _queries(
+    streams: tuple[tuple[int, int], ...], depth_m: tuple[float, float], tilt_deg: float
+) -> np.ndarray:
+    """Depth, tilt and azimuth (n, 3): of each random stream, (count, seed), as many as it counts."""
+    random = np.concatenate([np.random.default_rng([seed, 2]).random((count, 3)) for count, seed in streams])
     low = np.array([depth_m[0], 0.0, 0.0])
     high = np.array([depth_m[1], tilt_deg, 360.0])
     return np.asarray(low + random * (high - low))
 
 
-def _touch_arrays(pressed: Touches) -> dict[str, Array]:
-    image = ("touch", "y", "x")
+def _arrays(pressed: Touches, untouched: np.ndarray, queries: np.ndarray, training: int) -> dict[str, Array]:
+    image, (depth, tilt, azimuth) = ("touch", "y", "x"), queries.T
+    held_out = np.arange(len(queries)) >= training
     return {
+        "no_contact": Array(untouched, ("y", "x", "channel"), "1", "untouched gel", False),
         "rgb": Array(pressed.rgb, (*image, "channel"), "1", "image of the sensor, 8 bit, without noise"),
         "depth": Array(pressed.depth, image, "m", "depth of the object in the undeformed gel"),
         "mask": Array(pressed.mask, image, "1", "pixels that see the object in the gel"),
@@ -119,12 +115,6 @@ def _touch_arrays(pressed: Touches) -> dict[str, Array]:
             pressed.force_n, ("touch",), "N", "force along the axis; NaN: the rigid model has none", False
         ),
         "saturated": Array(pressed.saturated, ("touch",), "1", "the gel is pressed as far as it goes", False),
-    }
-
-
-def _asked_arrays(queries: np.ndarray, held_out: np.ndarray) -> dict[str, Array]:
-    depth, tilt, azimuth = queries.T
-    return {
         "depth_m": Array(depth, ("touch",), "m", "depth asked for, from first contact", False),
         "tilt_deg": Array(tilt, ("touch",), "degree", "lean of the sensor from the normal", False),
         "azimuth_deg": Array(azimuth, ("touch",), "degree", "direction of the lean", False),
