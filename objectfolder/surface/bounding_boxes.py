@@ -4,33 +4,40 @@ Breadth first over all queries, one level of the tree a step, so that the work i
 It needs nothing but numpy, in double precision; `Surface` prefers Embree for rays where it is installed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 LEAF_TRIANGLES = 4
-PAIRS_AT_ONCE = 1 << 21
+QUERIES_AT_ONCE = 1 << 15
 
 
 class BoundingBoxTree:
-    """A complete binary tree of axis-aligned boxes over triangles.
+    """A complete binary tree of axis-aligned boxes over triangles: children of node i are 2 i + 1, 2 i + 2.
 
     Parameters
     ----------
     triangles
         (F, 3, 3) float64 corners.
+
+    Attributes
+    ----------
+    boxes : (nodes, 6) float64
+        Lower and upper corners; of a node that holds nothing infinity and -infinity.
+    order : (leaves, LEAF_TRIANGLES) int64
+        Faces of each leaf, the last nodes of all; -1: none.
     """
 
     def __init__(self, triangles: np.ndarray) -> None:
         self.triangles = triangles
         count = len(triangles)
-        self.depth = max(0, int(np.ceil(np.log2(max(1, count) / LEAF_TRIANGLES))))
-        slots = LEAF_TRIANGLES << self.depth
+        depth = max(0, int(np.ceil(np.log2(max(1, count) / LEAF_TRIANGLES))))
+        slots = LEAF_TRIANGLES << depth
         order = np.full(slots, -1, dtype=np.int64)
         order[:count] = np.arange(count)
         centroid = np.full((slots, 3), np.inf)
         centroid[:count] = triangles.mean(axis=1)
-        for level in range(self.depth):
+        for level in range(depth):
             size = slots >> level
             by_node = centroid[order].reshape(-1, size, 3)
             by_node[order.reshape(-1, size) < 0] = np.nan
@@ -46,50 +53,60 @@ class BoundingBoxTree:
         used = order >= 0
         low[used] = triangles[order[used]].min(axis=1)
         high[used] = triangles[order[used]].max(axis=1)
-        self.low: list[np.ndarray] = []
-        self.high: list[np.ndarray] = []
-        for level in range(self.depth, -1, -1):
-            nodes = 1 << level
-            self.low.insert(0, low.reshape(nodes, -1, 3).min(axis=1))
-            self.high.insert(0, high.reshape(nodes, -1, 3).max(axis=1))
+        levels = [
+            (low.reshape(1 << level, -1, 3).min(axis=1), high.reshape(1 << level, -1, 3).max(axis=1))
+            for level in range(depth + 1)
+        ]
+        self.boxes = np.concatenate([np.concatenate(level, axis=1) for level in levels])
 
-    def _chunks(self, count: int) -> Iterator[slice]:
-        """Slices of the queries that keep the number of live (query, node) pairs bounded."""
-        step = max(1, PAIRS_AT_ONCE // 64)
-        return (slice(start, min(start + step, count)) for start in range(0, count, step))
-
-    def _leaf_pairs(
-        self, origins: np.ndarray, directions: np.ndarray, limits: np.ndarray
+    def _pairs(
+        self, count: int, enters: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(query, face) pairs whose leaf box the ray passes before its limit."""
+        """Pairs of queries and faces in the leaves they reach, level by level.
+
+        `enters` says of pairs of queries (n,) and boxes, lower and upper corners (n, 3), which go on.
+        """
+        query, node = np.arange(count), np.zeros(count, dtype=np.int64)
+        leaves = len(self.order)
+        while True:
+            box = self.boxes[node]
+            full = box[:, 0] <= box[:, 3]
+            query, node, box = query[full], node[full], box[full]
+            kept = enters(query, box[:, :3], box[:, 3:])
+            query, node = query[kept], node[kept]
+            if len(node) == 0 or node[0] >= leaves - 1:
+                break
+            query, node = np.repeat(query, 2), np.repeat(2 * node + 1, 2)
+            node[1::2] += 1
+        face = self.order[node - leaves + 1].ravel()
+        query = np.repeat(query, LEAF_TRIANGLES)
+        return query[face >= 0], face[face >= 0]
+
+    def _hits(
+        self, origins: np.ndarray, directions: np.ndarray, limit: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Queries, the faces whose leaf boxes they pass before the limit, and how far these are."""
         with np.errstate(divide="ignore"):
             inverse = 1.0 / directions
-        query = np.arange(len(origins))
-        node = np.zeros(len(origins), dtype=np.int64)
-        for level in range(self.depth + 1):
+
+        def passes(query: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
             with np.errstate(invalid="ignore"):
-                first = (self.low[level][node] - origins[query]) * inverse[query]
-                second = (self.high[level][node] - origins[query]) * inverse[query]
+                first = (low - origins[query]) * inverse[query]
+                second = (high - origins[query]) * inverse[query]
             # 0 * inf: the ray runs in the plane of the face of a box, which then does not cut it.
             near = np.fmax.reduce(np.fmin(first, second), axis=1, initial=0.0)
             far = np.fmin.reduce(np.fmax(first, second), axis=1, initial=np.inf)
             # Rounding may empty a flat box: one part in 1e12 of the distance keeps it.
-            keep = (near <= far * (1 + 1e-12)) & (near <= limits[query])
-            keep &= self.low[level][node, 0] <= self.high[level][node, 0]
-            query, node = query[keep], node[keep]
-            if level < self.depth:
-                query, node = _children(query, node)
-        face = self.order[node].ravel()
-        query = np.repeat(query, LEAF_TRIANGLES)
-        return query[face >= 0], face[face >= 0]
+            return np.asarray((near <= far * (1 + 1e-12)) & (near <= limit))
+
+        query, face = self._pairs(len(origins), passes)
+        return query, face, intersect(self.triangles[face], origins[query], directions[query])[0]
 
     def nearest_hits(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Index (n,) of the first face each ray hits, -1 where there is none."""
         result = np.full(len(origins), -1, dtype=np.int64)
-        for part in self._chunks(len(origins)):
-            limits = np.full(part.stop - part.start, np.inf)
-            query, face = self._leaf_pairs(origins[part], directions[part], limits)
-            distance, _ = intersect(self.triangles[face], origins[part][query], directions[part][query])
+        for part in _parts(len(origins)):
+            query, face, distance = self._hits(origins[part], directions[part], np.inf)
             hit = np.isfinite(distance)
             query, face = _least(query[hit], face[hit], distance[hit])
             result[part.start + query] = face
@@ -98,51 +115,40 @@ class BoundingBoxTree:
     def occluded(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Whether (n,) something lies between ``origins`` and ``origins + directions``."""
         result = np.zeros(len(origins), dtype=bool)
-        for part in self._chunks(len(origins)):
-            limits = np.ones(part.stop - part.start)
-            query, face = self._leaf_pairs(origins[part], directions[part], limits)
-            distance, _ = intersect(self.triangles[face], origins[part][query], directions[part][query])
+        for part in _parts(len(origins)):
+            query, _, distance = self._hits(origins[part], directions[part], 1.0)
             result[part.start + query[distance < 1.0]] = True
         return result
 
     def closest_faces(self, points: np.ndarray) -> np.ndarray:
         """Index (n,) of the face nearest to each point; the lowest index among equals."""
         result = np.empty(len(points), dtype=np.int64)
-        for part in self._chunks(len(points)):
-            near_points = points[part]
-            query = np.arange(len(near_points))
-            node = np.zeros(len(near_points), dtype=np.int64)
-            bound = np.full(len(near_points), np.inf)
-            for level in range(self.depth + 1):
-                low, high = self.low[level][node], self.high[level][node]
-                position = near_points[query]
-                outside = np.maximum(np.maximum(low - position, position - high), 0.0)
-                nearest = np.einsum("ij,ij->i", outside, outside)
-                across = np.maximum(np.abs(position - low), np.abs(high - position))
-                farthest = np.einsum("ij,ij->i", across, across)
-                full = low[:, 0] <= high[:, 0]
-                np.minimum.at(bound, query[full], farthest[full])
-                keep = full & (nearest <= bound[query] * (1 + 1e-12))
-                query, node = query[keep], node[keep]
-                if level < self.depth:
-                    query, node = _children(query, node)
-            face = self.order[node].ravel()
-            query = np.repeat(query, LEAF_TRIANGLES)
-            query, face = query[face >= 0], face[face >= 0]
-            barycentric = closest_barycentric(self.triangles[face], near_points[query])
-            closest = np.einsum("ij,ijk->ik", barycentric, self.triangles[face])
-            gap = closest - near_points[query]
-            squared = np.einsum("ij,ij->i", gap, gap)
-            query, face = _least(query, face, squared)
+        for part in _parts(len(points)):
+            query, face = self._near(points[part])
+            barycentric = closest_barycentric(self.triangles[face], points[part][query])
+            query, face = _least(query, face, _gap(self.triangles[face], barycentric, points[part][query]))
             result[part.start + query] = face
         return result
 
+    def _near(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Queries, and the faces in boxes no farther from their points than any box is at its farthest."""
+        bound = np.full(len(points), np.inf)
 
-def _children(query: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of queries with both children of their nodes."""
-    children = np.repeat(node * 2, 2)
-    children[1::2] += 1
-    return np.repeat(query, 2), children
+        def may_be_nearest(query: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+            position = points[query]
+            outside = np.maximum(np.maximum(low - position, position - high), 0.0)
+            across = np.maximum(np.abs(position - low), np.abs(high - position))
+            np.minimum.at(bound, query, np.einsum("ij,ij->i", across, across))
+            nearest = np.einsum("ij,ij->i", outside, outside)
+            return np.asarray(nearest <= bound[query] * (1 + 1e-12))
+
+        return self._pairs(len(points), may_be_nearest)
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """Slices of the queries that keep the number of live (query, node) pairs bounded."""
+    starts = range(0, count, QUERIES_AT_ONCE)
+    return (slice(start, min(start + QUERIES_AT_ONCE, count)) for start in starts)
 
 
 def _least(query: np.ndarray, face: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

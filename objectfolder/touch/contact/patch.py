@@ -5,15 +5,13 @@ import numpy as np
 from objectfolder.errors import QueryError
 from objectfolder.surface.bounding_boxes import BoundingBoxTree
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.contact import box_queries, point_queries
+from objectfolder.touch.contact import tree_queries
 
 
 class FacePatches:
     """A surface prepared for presses: which faces are near, and with which corners and normals.
 
-    The boxes of `BoundingBoxTree` are flattened to (nodes, 6), lower and upper corners: the children of
-    node i are 2 i + 1 and 2 i + 2. Everything is in double precision, and no face that a query meets is
-    missing.
+    Everything is in double precision, and no face that a query meets is missing.
 
     Parameters
     ----------
@@ -39,19 +37,18 @@ class FacePatches:
         self.face_normals = surface.face_normals
         self.corner_normals = surface.corner_normals
         tree = BoundingBoxTree(self.triangles)
-        self._boxes = np.concatenate([np.concatenate(tree.low), np.concatenate(tree.high)], axis=1)
-        self._order = np.ascontiguousarray(tree.order)
+        self._boxes, self._order = tree.boxes, tree.order
 
     def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Face (n,) nearest to each point (n, 3), and barycentric coordinates (n, 3) of its nearest point.
 
         Of faces equally near the one of lowest index.
         """
-        return point_queries.closest(self._boxes, self._order, self.triangles, points)
+        return tree_queries.closest(self._boxes, self._order, self.triangles, points)
 
     def in_balls(self, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Faces whose boxes meet balls round points (n, 3): those of i are faces[starts[i]:starts[i + 1]]."""
-        return point_queries.in_balls(self._boxes, self._order, points, radius)
+        return tree_queries.in_balls(self._boxes, self._order, points, radius)
 
     def near_gel(
         self, pose: np.ndarray, gel: np.ndarray, least: float
@@ -61,11 +58,11 @@ class FacePatches:
         Also their corners (m, 3, 3) in the frame of `pose` (4, 4), the sensor's, and bounds (m,) of their
         indentation. `gel` is as of `gel.gel_constants`.
         """
-        return box_queries.near_gel(self._boxes, self._order, self.triangles, pose, gel, least)
+        return tree_queries.near_gel(self._boxes, self._order, self.triangles, pose, gel, least)
 
     def enters_box(self, pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether any face enters the open box between corners (3,) in the frame of `pose` (4, 4)."""
-        return bool(box_queries.enters_box(self._boxes, self._order, self.triangles, pose, low, high))
+        return bool(tree_queries.enters_box(self._boxes, self._order, self.triangles, pose, low, high))
 
 
 def _welded(surface: Surface) -> Surface:
