@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.length import check_stated_length
+from objectfolder.mesh.mesh import check_stated_length
 from objectfolder.mesh.readers.files import is_file
 
 AS_IN_FILE = "as in file"

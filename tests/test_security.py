@@ -18,8 +18,7 @@ import yaml
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import FormatError, InputError
-from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.readers.source_files import source_files
+from objectfolder.mesh.readers.load import load_mesh, source_files
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Array, Product, read_product, write_product
 from objectfolder.products.tensor_file import read_tensor_file

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from objectfolder.mesh.walls.measures import WallMeasures
+from objectfolder.mesh.walls import WallMeasures
 from pipeline.intake.check.duplicate_rule import RULE as DUPLICATE
 from pipeline.intake.check.entry import NOTE, Entry, Shape
 from pipeline.intake.check.mesh_rules import LENGTH, MASS

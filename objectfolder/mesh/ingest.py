@@ -13,12 +13,10 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import CleaningReport, clean
-from objectfolder.mesh.length import with_length
-from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays
+from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
-from objectfolder.mesh.walls.findings import wall_findings
-from objectfolder.mesh.walls.measures import WallMeasures, measure_walls
+from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
 
 
@@ -68,8 +66,7 @@ def ingest_object(
             raise
         raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
     walls = measure_walls(mesh.surface)
-    attributes = _measured(mesh, report, walls, warnings)
-    attributes["length"] = {"stated_m": length_m, "extents_m": mesh.extents.tolist()}
+    attributes = _measured(mesh, report, walls, warnings, length_m)
     body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
     texture = (mesh.texture_coordinates, mesh.face_texture, *mesh.textures, *_numbered_maps(mesh))
     attributes |= {
@@ -86,10 +83,14 @@ def ingest_object(
 
 
 def _measured(
-    mesh: TexturedMesh, report: CleaningReport, walls: WallMeasures, warnings: list[str]
+    mesh: TexturedMesh,
+    report: CleaningReport,
+    walls: WallMeasures,
+    warnings: list[str],
+    length_m: float | None,
 ) -> dict[str, Any]:
     """What is known of a mesh in metres, as attributes of its product."""
-    topology = topology_of(mesh.vertices, mesh.faces)
+    topology = topology_of(mesh.surface)
     solid = solid_properties(mesh.vertices, mesh.faces)
     doubts = [str(finding) for finding in wall_findings(walls)]
     return {
@@ -99,6 +100,7 @@ def _measured(
         "solid": {"meaningful": walls.closed, **solid.to_dict()},
         "wall_thickness": walls.thickness(),
         "warnings": warnings + _warnings(report, topology, walls.closed) + doubts,
+        "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
     }
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.surface.edges import connected_pieces, edge_table
+from objectfolder.surface.surface import Surface, connected_pieces
 
 
 @dataclass(frozen=True)
@@ -52,22 +52,17 @@ class SolidProperties:
         }
 
 
-def topology_of(vertices: np.ndarray, faces: np.ndarray) -> Topology:
-    """Count what keeps a welded surface, (V, 3) metres and (F, 3), from bounding a solid."""
-    table = edge_table(faces)
-    triangles = vertices[faces]
-    areas = (
-        np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-        / 2
-    )
-    smallest = 1e-14 * float(np.ptp(vertices, axis=0).max()) ** 2
+def topology_of(surface: Surface) -> Topology:
+    """Count what keeps a welded surface from bounding a solid."""
+    table = surface.edges
+    smallest = 1e-14 * float(np.ptp(surface.vertices, axis=0).max()) ** 2
     return Topology(
         watertight=bool((table.face_count == 2).all()),
         consistent=bool((table.imbalance[table.face_count == 2] == 0).all()),
-        components=connected_pieces(faces)[0],
+        components=connected_pieces(surface.faces)[0],
         boundary_edges=int(np.count_nonzero(table.face_count == 1)),
         non_manifold_edges=int(np.count_nonzero(table.face_count > 2)),
-        zero_area_faces=int(np.count_nonzero(areas <= smallest)),
+        zero_area_faces=int(np.count_nonzero(surface.face_areas <= smallest)),
     )
 
 

@@ -22,7 +22,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from objectfolder.errors import InputError, SimulationError
-from objectfolder.mesh.orientation import outward_orientation
+from objectfolder.mesh.cleaning import outward_orientation
 from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
 from objectfolder.solid.normal_form import NormalForm, normal_form
 from objectfolder.solid.shell import hollow
@@ -32,9 +32,8 @@ from objectfolder.solid.solid import clean as clean
 from objectfolder.solid.solid import volumes as volumes
 from objectfolder.solid.tetwild import Envelope, run_tetwild
 from objectfolder.solid.thickening import thicken
-from objectfolder.surface.edges import edge_table
 from objectfolder.surface.signed_distance import surface_at_depth
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import Surface, edge_table
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
 Floats = NDArray[np.float64]

@@ -6,9 +6,7 @@ from scipy.spatial import cKDTree
 
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import distances_across
-from objectfolder.surface.edges import edge_table
-from objectfolder.surface.normals import corner_angles
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import Surface, corner_angles, edge_table
 
 Floats = NDArray[np.float64]
 REMEDY = "Correct wall_m, or leave it empty for the walls as scanned"

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from objectfolder.surface.edges import connected_pieces
-from objectfolder.surface.surface import SampledDistance, Surface
+from objectfolder.surface.surface import SampledDistance, Surface, connected_pieces
 from objectfolder.surface.winding_number import WindingNumber, is_closed
 
 Floats = NDArray[np.float64]

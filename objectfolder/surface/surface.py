@@ -1,4 +1,4 @@
-"""A triangle surface that answers queries: rays, occlusion, closest points, samples, normals."""
+"""A triangle surface that answers queries: rays, occlusion, closest points, samples, normals, edges."""
 
 import importlib.util
 from dataclasses import dataclass
@@ -8,7 +8,44 @@ from typing import Any
 import numpy as np
 
 from objectfolder.surface.bounding_boxes import BoundingBoxTree, closest_barycentric, intersect
-from objectfolder.surface.normals import corner_normals, face_normals_and_areas
+
+SMOOTH_BELOW_DEG = 30.0
+SHARP_ABOVE_DEG = 50.0
+
+
+@dataclass(frozen=True)
+class EdgeTable:
+    """Undirected edges of F triangles.
+
+    Parameters
+    ----------
+    vertices
+        (E, 2) int64, the lower vertex first.
+    of_corner
+        (3 F,) int64, the edge that starts at each corner (corners in face order).
+    forward
+        (3 F,) bool, whether the face runs along it from the lower to the higher vertex.
+    face_count
+        (E,) int64 faces at each edge.
+    """
+
+    vertices: np.ndarray
+    of_corner: np.ndarray
+    forward: np.ndarray
+    face_count: np.ndarray
+
+    @property
+    def imbalance(self) -> np.ndarray:
+        """(E,) forward runs less backward runs; zero everywhere on a closed, consistently wound surface."""
+        return np.bincount(
+            self.of_corner, weights=np.where(self.forward, 1.0, -1.0), minlength=len(self.vertices)
+        ).astype(np.int64)
+
+    def manifold_pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (n,), (n,) that share an edge of exactly two faces."""
+        order = np.argsort(self.of_corner, kind="stable")
+        starts = np.concatenate([[0], np.cumsum(self.face_count)[:-1]])[self.face_count == 2]
+        return order[starts], order[starts + 1]
 
 
 @dataclass(frozen=True)
@@ -96,6 +133,11 @@ class Surface:
     def corner_normals(self) -> np.ndarray:
         """Crease-aware shading normals (F, 3, 3) at the corners of each face."""
         return corner_normals(self.vertices, self.faces)
+
+    @cached_property
+    def edges(self) -> EdgeTable:
+        """The edges of the faces."""
+        return edge_table(self.faces)
 
     @cached_property
     def _triangles(self) -> np.ndarray:
@@ -243,3 +285,77 @@ class SampledDistance:
             nearer = distance < best
             best[nearer], place[nearer], face[nearer] = distance[nearer], here[nearer], candidate[nearer]
         return place, best, face
+
+
+def face_normals_and_areas(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals (F, 3) and areas (F,) of triangles; a face without area has a zero normal."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    cross = np.cross(b - a, c - a)
+    doubled = np.linalg.norm(cross, axis=1)
+    normals = np.divide(cross, doubled[:, None], out=np.zeros_like(cross), where=doubled[:, None] > 0)
+    return normals, doubled / 2
+
+
+def corner_angles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Interior angles (F, 3) in radians at each corner; 0 where an edge has no length."""
+    corners = vertices[faces]
+    angles = np.zeros(faces.shape)
+    for corner in range(3):
+        u = corners[:, (corner + 1) % 3] - corners[:, corner]
+        v = corners[:, (corner + 2) % 3] - corners[:, corner]
+        angles[:, corner] = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
+    return angles
+
+
+def corner_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Smooth normals (F, 3, 3) at the corners of each face, unit length.
+
+    A corner averages the faces around its vertex, weighted by their angle there and by how little
+    they turn from the corner's own face: fully below 30 degrees, not at all above 50, smoothly
+    between, so that a small displacement of a vertex never switches a crease on or off.
+    """
+    normals, _ = face_normals_and_areas(vertices, faces)
+    angles = corner_angles(vertices, faces)
+    vertex = faces.ravel()
+    order = np.argsort(vertex, kind="stable")
+    count = np.bincount(vertex, minlength=len(vertices))
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    # Every ordered pair of corners that share a vertex.
+    partners = count[vertex]
+    own = np.repeat(np.arange(len(vertex)), partners)
+    rank = np.arange(len(own)) - np.repeat(np.cumsum(partners) - partners, partners)
+    other = order[np.repeat(start[vertex], partners) + rank]
+    cosine = np.einsum("ij,ij->i", normals[own // 3], normals[other // 3])
+    low, high = np.cos(np.radians(SHARP_ABOVE_DEG)), np.cos(np.radians(SMOOTH_BELOW_DEG))
+    ramp = np.clip((cosine - low) / (high - low), 0.0, 1.0)
+    weight = angles.ravel()[other] * ramp * ramp * (3 - 2 * ramp)
+    weighted = normals[other // 3] * weight[:, None]
+    total = np.stack([np.bincount(own, weighted[:, axis], len(vertex)) for axis in range(3)], axis=1)
+    length = np.linalg.norm(total, axis=1)
+    flat = length < 1e-12
+    total[flat] = normals[np.flatnonzero(flat) // 3]
+    length[flat] = np.maximum(np.linalg.norm(total[flat], axis=1), 1e-300)
+    return (total / length[:, None]).reshape(len(faces), 3, 3)
+
+
+def edge_table(faces: np.ndarray) -> EdgeTable:
+    """Edges of (F, 3) faces."""
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    forward = start < end
+    pairs = np.stack([np.minimum(start, end), np.maximum(start, end)], axis=1)
+    keys = pairs[:, 0] * (int(faces.max()) + 1) + pairs[:, 1]
+    _, first, of_corner, counts = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    return EdgeTable(pairs[first], of_corner.reshape(-1), forward, counts)
+
+
+def connected_pieces(faces: np.ndarray) -> tuple[int, np.ndarray]:
+    """Number of pieces connected through shared vertices, and the piece (F,) of each face."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    size = int(faces.max()) + 1
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    graph = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(size, size))
+    _, label = connected_components(graph, directed=False)
+    pieces, of_face = np.unique(label[faces[:, 0]], return_inverse=True)
+    return len(pieces), of_face

@@ -8,7 +8,6 @@ Jacobson, Kavan and Sorkine-Hornung, "Robust Inside-Outside Segmentation Using G
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.surface.edges import edge_table
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -93,7 +92,7 @@ def solid_angles(triangles: Floats, points: Floats) -> Floats:
 
 def is_closed(surface: Surface) -> bool:
     """Whether every edge is run along as often one way as the other, so that the surface has a volume."""
-    return not edge_table(surface.faces).imbalance.any()
+    return not surface.edges.imbalance.any()
 
 
 def enclosed_volume(surface: Surface, *, samples: int = 32768, seed: int = 0) -> tuple[float, float]:

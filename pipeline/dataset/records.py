@@ -72,7 +72,7 @@ def read_table(root: Path, objects: ObjectsParameters) -> Records:
 
 def sources(row: Mapping[str, Any]) -> dict[str, Path]:
     """Return the files an object is read from, by role."""
-    from objectfolder.mesh.readers.source_files import source_files
+    from objectfolder.mesh.readers.load import source_files
 
     named = {"mesh": row["mesh"]}
     if row["texture"] is not None:

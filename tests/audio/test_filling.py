@@ -12,8 +12,7 @@ from objectfolder.solid import filling
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.solid.tetwild import Envelope
-from objectfolder.surface.edges import edge_table
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import Surface, edge_table
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 

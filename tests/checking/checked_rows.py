@@ -5,7 +5,7 @@ from pathlib import Path
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import ObjectRecord
 from objectfolder.mesh.solid_properties import Topology
-from objectfolder.mesh.walls.measures import WallMeasures
+from objectfolder.mesh.walls import WallMeasures
 from pipeline.intake.check.entry import Entry, Shape
 
 REPOSITORY = Path(__file__).parents[2]

@@ -47,7 +47,7 @@ def colours_at(mesh: TexturedMesh, points: np.ndarray, within_m: float = 1e-5) -
 def check(path: Path, truth: Truth) -> Product:
     """Load, clean and ingest a file, and hold all three against the truth."""
     mesh, _ = clean(load_mesh(path))
-    topology = topology_of(mesh.vertices, mesh.faces)
+    topology = topology_of(mesh.surface)
     assert (topology.watertight, topology.consistent) == (truth.watertight, True)
     product = ingest_object(path, None, truth.length_m, "hard")
     attributes = product.attributes

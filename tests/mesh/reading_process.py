@@ -74,7 +74,7 @@ def _main() -> None:
     sys.path.insert(0, str(Path(__file__).parents[2]))
     from objectfolder.errors import FormatError, InputError
     from objectfolder.mesh.ingest import ingest_object
-    from objectfolder.mesh.readers.source_files import source_files
+    from objectfolder.mesh.readers.load import source_files
 
     objects = [json.loads(line) for line in sys.stdin]
     if objects and any(one["archive"] for one in objects):

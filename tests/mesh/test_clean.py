@@ -23,7 +23,7 @@ def test_vertices_repeated_at_seams_are_welded():
     separate = bare_mesh(CUBE_VERTICES[CUBE_FACES].reshape(-1, 3), np.arange(36).reshape(12, 3))
     mesh, report = clean(separate)
     assert report.vertices_welded == 28
-    assert topology_of(mesh.vertices, mesh.faces).watertight
+    assert topology_of(mesh.surface).watertight
 
 
 def test_negative_zero_is_zero():
@@ -42,7 +42,7 @@ def test_faces_folded_by_rounding_are_dropped_in_pairs():
     mesh, report = clean(bare_mesh(vertices, np.array(faces)))
     assert report.degenerate_faces_dropped == 3
     assert report.folded_faces_dropped == 2
-    topology = topology_of(mesh.vertices, mesh.faces)
+    topology = topology_of(mesh.surface)
     assert topology.watertight
     assert topology.non_manifold_edges == 0
     assert len(mesh.faces) == 12
@@ -111,7 +111,7 @@ def test_solid_in_a_cavity_and_solid_beside_are_solids():
 def test_open_surface_turned_inwards_is_turned_out_as_a_whole():
     mesh, report = clean(bare_mesh(CUBE_VERTICES, CUBE_FACES[2:, ::-1]))
     assert report.faces_reversed == 10
-    topology = topology_of(mesh.vertices, mesh.faces)
+    topology = topology_of(mesh.surface)
     assert (topology.watertight, topology.boundary_edges, topology.consistent) == (False, 4, True)
 
 

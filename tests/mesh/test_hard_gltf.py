@@ -28,8 +28,7 @@ from hard_meshes import (
 
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.readers.source_files import source_files
+from objectfolder.mesh.readers.load import load_mesh, source_files
 
 # glTF
 

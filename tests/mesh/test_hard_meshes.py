@@ -30,8 +30,7 @@ from small_meshes import sphere
 
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.readers.source_files import source_files
+from objectfolder.mesh.readers.load import load_mesh, source_files
 from objectfolder.mesh.solid_properties import solid_properties
 
 # OBJ as text

@@ -10,18 +10,18 @@ from small_meshes import checker, cube, write_textured_cube
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.length import with_length
-from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.mesh.walls.findings import (
+from objectfolder.mesh.mesh import textured_mesh_of, with_length
+from objectfolder.mesh.walls import (
     CERTAIN,
     LIKELY,
     ONE_LAYER,
     POSSIBLE,
     THIN,
     TOO_THICK,
+    WallMeasures,
+    measure_walls,
     wall_findings,
 )
-from objectfolder.mesh.walls.measures import WallMeasures, measure_walls
 from objectfolder.products.store import read_product, write_product
 
 REPOSITORY = Path(__file__).parents[2]

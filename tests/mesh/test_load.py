@@ -21,8 +21,7 @@ from small_meshes import (
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.readers.source_files import source_files
+from objectfolder.mesh.readers.load import load_mesh, source_files
 from objectfolder.mesh.readers.textures import read_texture
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"

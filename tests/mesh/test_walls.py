@@ -7,7 +7,7 @@ import pytest
 from revolved_shapes import ball, can, cup, raised, revolved, with_cavity
 from small_meshes import cube
 
-from objectfolder.mesh.walls.findings import (
+from objectfolder.mesh.walls import (
     CERTAIN,
     HEAVIER,
     LIGHTER,
@@ -16,11 +16,12 @@ from objectfolder.mesh.walls.findings import (
     POSSIBLE,
     THIN,
     TOO_THICK,
+    WallMeasures,
+    measure_walls,
     millimetres,
     shell_of_mass,
     wall_findings,
 )
-from objectfolder.mesh.walls.measures import WallMeasures, measure_walls
 from objectfolder.solid.shell import hollow
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume

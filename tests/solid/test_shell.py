@@ -7,9 +7,8 @@ from walled_shapes import spherical_cap
 
 from objectfolder.errors import InputError
 from objectfolder.solid.shell import hollow
-from objectfolder.surface.edges import edge_table
 from objectfolder.surface.signed_distance import surface_at_depth
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import Surface, edge_table
 from objectfolder.surface.winding_number import enclosed_volume
 
 NODES = 50_000

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from objectfolder.surface.bounding_boxes import BoundingBoxTree, intersect
 from objectfolder.surface.frames import UnitFrame
-from objectfolder.surface.normals import corner_normals
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import Surface, corner_normals
 
 
 def _sphere(radius: float = 0.05, subdivisions: int = 4) -> Surface:

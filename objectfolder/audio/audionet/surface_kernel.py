@@ -24,8 +24,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.surface.normals import corner_angles
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import Surface, corner_angles
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -22,8 +22,7 @@ from objectfolder.audio.elements.facing_target import SHARP_TURN, FacingTarget
 from objectfolder.audio.elements.hierarchic import EDGES, differentiate, evaluate, functions, quadrature
 from objectfolder.audio.elements.inner_edges import bend_along
 from objectfolder.audio.elements.space import Space
-from objectfolder.surface.edges import edge_table
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import Surface, edge_table
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -5,9 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from objectfolder.surface.bounding_boxes import closest_barycentric
-from objectfolder.surface.edges import edge_table
-from objectfolder.surface.normals import SHARP_ABOVE_DEG
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import SHARP_ABOVE_DEG, Surface, edge_table
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,8 +11,7 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.coordinates import refuse_unusable
-from objectfolder.mesh.readers.files import brief, read_text, shortened, without_comment
+from objectfolder.mesh.readers.files import brief, read_text, refuse_unusable, shortened, without_comment
 from objectfolder.mesh.readers.material_library import (
     MOST_LIBRARIES,
     ObjMaterial,

@@ -11,8 +11,14 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.coordinates import refuse_coarse, refuse_unusable, single_precision_step
-from objectfolder.mesh.readers.files import find_file, read_bytes, unreadable
+from objectfolder.mesh.readers.files import (
+    find_file,
+    read_bytes,
+    refuse_coarse,
+    refuse_unusable,
+    single_precision_step,
+    unreadable,
+)
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
 from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, read_texture, uniform_texture

@@ -12,8 +12,13 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.coordinates import refuse_coarse, refuse_unusable, single_precision_step
-from objectfolder.mesh.readers.files import brief, read_bytes
+from objectfolder.mesh.readers.files import (
+    brief,
+    read_bytes,
+    refuse_coarse,
+    refuse_unusable,
+    single_precision_step,
+)
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
 from objectfolder.mesh.readers.textures import uniform_texture
 

@@ -11,11 +11,9 @@ from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.length import LONGEST_M, SHORTEST_M, UNUSUAL_M
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.mesh.mesh import LONGEST_M, SHORTEST_M, UNUSUAL_M, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.walls.findings import WallFinding, wall_findings
-from objectfolder.mesh.walls.measures import WallMeasures
+from objectfolder.mesh.walls import WallFinding, WallMeasures, wall_findings
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken

@@ -8,8 +8,15 @@ import numpy as np
 
 from objectfolder.catalogue import AS_IN_FILE
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
-from objectfolder.mesh.walls.findings import ANY_MATERIAL, THIN, WALL_LIMITS, millimetres
-from objectfolder.mesh.walls.measures import FACING_AWAY, THIN_SHARE, WALL_SHARE
+from objectfolder.mesh.walls import (
+    ANY_MATERIAL,
+    FACING_AWAY,
+    THIN,
+    THIN_SHARE,
+    WALL_LIMITS,
+    WALL_SHARE,
+    millimetres,
+)
 from objectfolder.products.atomic import atomic_write
 from pipeline.intake.add.addition import Checked
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views

@@ -8,10 +8,10 @@ from objectfolder.audio.materials import Material
 from objectfolder.catalogue import ObjectRecord, number_in
 from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.length import with_length
+from objectfolder.mesh.mesh import with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
-from objectfolder.mesh.walls.measures import WallMeasures, measure_walls
+from objectfolder.mesh.walls import WallMeasures, measure_walls
 from objectfolder.products.provenance import file_digest
 from pipeline.intake.sources.registry import SOURCES
 from pipeline.intake.sources.source import Source
@@ -177,7 +177,7 @@ def measure(record: ObjectRecord) -> Shape:
     mesh, _ = with_length(cleaned, record.length_m, where)
     return Shape(
         file_extents=(extents[0], extents[1], extents[2]),
-        topology=topology_of(mesh.vertices, mesh.faces),
+        topology=topology_of(mesh.surface),
         walls=measure_walls(mesh.surface),
         mesh_sha256=file_digest(record.mesh),
         texture_sha256=None if record.texture is None else file_digest(record.texture),

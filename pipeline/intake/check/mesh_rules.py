@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from objectfolder.mesh.walls.findings import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
+from objectfolder.mesh.walls import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding, Shape
 
 LENGTH, MASS, SURFACE, WALLS = "length", "mass", "surface", "walls"
@@ -137,7 +137,7 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
 
 
 def check_walls(entry: Entry) -> Iterator[Finding]:
-    """Find what `objectfolder.mesh.walls.findings` finds; masses are left to the rule `mass`."""
+    """Find what `objectfolder.mesh.walls` finds; masses are left to the rule `mass`."""
     if entry.shape is None or entry.record is None or entry.material is None:
         return
     for one in wall_findings(
