@@ -1,4 +1,4 @@
-"""Object Files of strangers: streams longer than they should be, and numbers no object has, are refused."""
+"""Object Files from elsewhere: streams longer than they should be, and numbers no object has, are refused."""
 
 import json
 import lzma

@@ -1,9 +1,15 @@
+import importlib
 import os
+import re
 import subprocess
 import sys
+import types
+from pathlib import Path
 
 import pytest
 from llvmlite.binding import get_host_cpu_features
+
+import objectfolder
 
 PROGRAM = """
 import numpy as np
@@ -33,3 +39,25 @@ def test_compiling_is_said_once_and_loading_from_the_cache_is_not(tmp_path):
 def test_every_process_compiles_for_one_target_unless_told_another(tmp_path):
     assert compiled_in_a_new_process(tmp_path)[0] == "haswell"
     assert compiled_in_a_new_process(tmp_path, NUMBA_CPU_NAME="generic")[0] == "generic"
+
+
+def test_kernels_take_nothing_from_other_files():
+    # numba's cache looks at the date of a kernel's own file: what it took from another would go stale.
+    root, found = Path(objectfolder.__file__).parent, 0
+    for path in sorted(root.rglob("*.py")):
+        source = path.read_text(encoding="utf-8")
+        if "from objectfolder.jit import" not in source:
+            continue
+        module = importlib.import_module(".".join(path.relative_to(root.parent).with_suffix("").parts))
+        for name, value in vars(module).items():
+            if not hasattr(value, "py_func") or value.py_func.__module__ != module.__name__:
+                continue
+            found += 1
+            for used in value.py_func.__code__.co_names:
+                taken = vars(module).get(used)
+                if taken is None or isinstance(taken, types.ModuleType):
+                    continue
+                home = taken.py_func.__module__ if hasattr(taken, "py_func") else None
+                own = home == module.__name__ or re.search(rf"^(\w+, )*{used}\b.* = ", source, re.MULTILINE)
+                assert own, f"{module.__name__}.{name} takes {used}"
+    assert found > 45

@@ -1,4 +1,4 @@
-"""Data of strangers is data: it runs nothing, leaves its folder nowhere, takes no memory it does not need."""
+"""Data from elsewhere is data: it runs nothing, leaves its folder nowhere, takes no needless memory."""
 
 import ast
 import io

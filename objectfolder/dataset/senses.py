@@ -50,7 +50,7 @@ class Sense:
     queries
         Of the rows of a product, given as indices.
     sampled
-        Of an Object File alone, so many by a seed.
+        Of an Object File alone: how many are drawn, by a seed.
     truth
         The sample of a row.
     answer

@@ -185,5 +185,5 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
                 and isinstance(statement.value.value, str)
             )
         ]
-        node.body = kept or ([] if isinstance(node, ast.Module) else [ast.Pass()])  # type: ignore[attr-defined]  # any node with a body list
+        body[:] = kept or ([] if isinstance(node, ast.Module) else [ast.Pass()])
     return tree

@@ -1,4 +1,4 @@
-"""Streams unpacked to the size that they should have, however much a file of a stranger packs into them."""
+"""Streams unpacked to the size that they should have, however much a file packs into them."""
 
 import lzma
 import zlib

@@ -30,7 +30,7 @@ def _chunk(kind: bytes, content: bytes) -> bytes:
 
 
 def png_of(width: int, height: int, *, rows: int | None = None, interlaced: bool = False) -> bytes:
-    """A grey PNG that says its size and holds so many black rows, in a few bytes each."""
+    """A grey PNG that says its size and holds this number of black rows, in a few bytes each."""
     packed = zlib.compressobj(9)
     line = bytes(1 + (width + 7) // 8)
     count = height if rows is None else rows

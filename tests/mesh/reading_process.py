@@ -1,4 +1,4 @@
-"""A process that reads objects of strangers, bounded in time and memory, and tells what it touched.
+"""A process that reads objects from elsewhere, bounded in time and memory, and tells what it touched.
 
 Run as a program: the objects come as lines of JSON on the standard input, what became of each goes to the
 standard output, likewise.

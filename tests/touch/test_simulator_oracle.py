@@ -1,10 +1,5 @@
 """The compiled kernels against array arithmetic: the same labels, and the same images but for ties."""
 
-import importlib
-import inspect
-import pkgutil
-import re
-import types
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +10,6 @@ from reference_contact import corners_in, indentations, meets_housing
 from reference_simulator import ReferenceSimulator
 from touch_shapes import box, bumpy, joined, mug, sphere, torus
 
-import objectfolder.touch as package
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.height_field import gap_field
 from objectfolder.touch.contact.indentation import indentation
@@ -195,25 +189,3 @@ def test_shading_by_table_is_the_exact_power_to_a_hundredth_of_a_grey_level() ->
         exact = cook_torrance(sensor, positions, normals)
         found = point_lights(sensor).shade(5000, positions.astype(np.float32), normals.astype(np.float32)).T
         assert np.abs(found - exact).max() < 1e-2 / 255
-
-
-def test_kernels_take_nothing_from_other_files() -> None:
-    # numba's cache looks at the date of a kernel's own file: what it took from another would go stale.
-    found = 0
-    for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        if info.ispkg:
-            continue
-        module = importlib.import_module(info.name)
-        source = inspect.getsource(module)
-        for name, value in vars(module).items():
-            if not hasattr(value, "py_func") or value.py_func.__module__ != module.__name__:
-                continue
-            found += 1
-            for used in value.py_func.__code__.co_names:
-                taken = vars(module).get(used)
-                if taken is None or isinstance(taken, types.ModuleType):
-                    continue
-                home = taken.py_func.__module__ if hasattr(taken, "py_func") else None
-                own = home == module.__name__ or re.search(rf"^(\w+, )*{used}\b.* = ", source, re.MULTILINE)
-                assert own, f"{module.__name__}.{name} takes {used}"
-    assert found > 30

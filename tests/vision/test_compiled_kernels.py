@@ -1,16 +1,11 @@
 """Parts of the compiled renderer alone: boxes, rasteriser, groups, and what its cache relies on."""
 
-import importlib
-import pkgutil
-import types
-
 import numpy as np
 import pytest
 from compiled_cases import SHAPES
 from numba import njit
 from numba.core.caching import CacheImpl
 
-import objectfolder.vision.compiled as package
 from objectfolder.jit import kernel, relaxed_kernel
 from objectfolder.surface.bounding_boxes import BoundingBoxTree
 from objectfolder.surface.frames import UnitFrame
@@ -122,27 +117,6 @@ def test_a_shadow_splits_a_group_along_its_edge():
     assert ((label[0] == GROUPS) == (x > 0)).mean() > 0.85
     assert (label[1, :40] == -1).all()
     assert (label[1, 40:] == GROUPS).all()
-
-
-def test_kernels_take_nothing_from_other_files():
-    # numba's cache looks at the date of a kernel's own file: what it took from another would go stale.
-    found = 0
-    for info in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
-        module = importlib.import_module(info.name)
-        for name, value in vars(module).items():
-            if not hasattr(value, "py_func") or value.py_func.__module__ != module.__name__:
-                continue
-            found += 1
-            for used in value.py_func.__code__.co_names:
-                taken = vars(module).get(used)
-                if taken is None or isinstance(taken, types.ModuleType):
-                    continue
-                home = taken.py_func.__module__ if hasattr(taken, "py_func") else None
-                text = f"\n{used}" in importlib.util.find_spec(module.__name__).loader.get_source(
-                    module.__name__
-                )
-                assert home == module.__name__ or text, f"{module.__name__}.{name} takes {used}"
-    assert found > 15
 
 
 def test_where_no_cache_can_be_written_kernels_are_compiled_all_the_same(monkeypatch):

@@ -16,7 +16,7 @@ from objectfolder.touch.elastic.influence import compliance
 
 TOLERANCE = 1e-5
 MAXIMUM_ITERATIONS = 500
-# Boxes grow in steps of so many cells, so that the influence of one serves many contacts.
+# Boxes grow in steps of this number of cells, so that the influence of one serves many contacts.
 _BOX_STEP = 8
 
 

@@ -1,4 +1,4 @@
-"""The sensor of an Object File, checked field by field: a file of a stranger may say anything of it."""
+"""The sensor of an Object File, checked field by field: a file from elsewhere may say anything of it."""
 
 from collections.abc import Mapping
 from typing import Any
