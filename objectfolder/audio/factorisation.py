@@ -132,6 +132,26 @@ class Factorisation:
         return count
 
 
+def shifted(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.csr_matrix:
+    """K - value M, (3 n, 3 n)."""
+    rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
+    # Where the blocks of K are those of M: the first entry of the first row of each, and the next row's.
+    width = 3 * np.diff(mass.indptr)[rows]
+    start = 9 * mass.indptr[rows].astype(np.int64)
+    place = start + 3 * (np.arange(mass.nnz) - mass.indptr[rows])
+    alike = (
+        stiffness.nnz == 9 * mass.nnz
+        and np.array_equal(stiffness.indptr[::3], 9 * mass.indptr)
+        and np.array_equal(stiffness.indices[place], 3 * mass.indices)
+    )
+    if not alike:
+        return (stiffness - value * sparse.kron(mass, sparse.identity(3), format="csr")).tocsr()
+    result = stiffness.copy()
+    for axis in range(3):
+        result.data[place + axis * (width + 1)] -= value * mass.data
+    return result
+
+
 def _upper_triangle(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
     """Entries on and above the diagonal, by ascending column."""
     if not matrix.has_sorted_indices:

@@ -7,9 +7,8 @@ from structured_solids import box
 
 from objectfolder.audio.elements.elasticity import assemble
 from objectfolder.audio.modes import eigen
-from objectfolder.audio.modes.eigen import lowest_elastic, orthonormalise, rigid_motions
+from objectfolder.audio.modes.eigen import Pencil, lowest_elastic, orthonormalise, rigid_motions, weigh
 from objectfolder.audio.modes.spectrum import space_on
-from objectfolder.audio.modes.subspace import weigh
 from objectfolder.errors import SimulationError
 
 
@@ -40,7 +39,7 @@ def test_an_iteration_that_breaks_down_starts_again(monkeypatch: pytest.MonkeyPa
     rigid = rigid_motions(space.geometry, np.zeros(space.size, dtype=np.int64), space.vertex_count, mass)
 
     def lowest() -> np.ndarray:
-        return lowest_elastic(stiffness, mass, rigid, below=np.inf, at_most=8, shift=-0.05).values
+        return lowest_elastic(Pencil(stiffness, mass, rigid), below=np.inf, at_most=8, shift=-0.05).values
 
     whole = lowest()
     calls: list[int] = []

@@ -7,8 +7,7 @@ from structured_solids import box
 
 from objectfolder.audio import factorisation
 from objectfolder.audio.elements.elasticity import assemble
-from objectfolder.audio.factorisation import SOLVER, Factorisation
-from objectfolder.audio.modes.eigen import shifted
+from objectfolder.audio.factorisation import SOLVER, Factorisation, shifted
 from objectfolder.audio.modes.spectrum import space_on
 from objectfolder.errors import SimulationError
 

@@ -13,9 +13,9 @@ from structured_solids import box, filled_ball, material, moved, together
 from bench.references.sphere import sphere
 from objectfolder.audio.elements.elasticity import assemble
 from objectfolder.audio.materials import Material
+from objectfolder.audio.modes.eigen import weigh
 from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
 from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
-from objectfolder.audio.modes.subspace import weigh
 from objectfolder.products.store import Product
 from objectfolder.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from structured_solids import ball, box, material, moved, together
 
-from objectfolder.audio.elements.elasticity import assemble
+from objectfolder.audio.elements.elasticity import ElementMatrices, assemble
 from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.adaptive import what_is_to_come
-from objectfolder.audio.modes.eigen import count_below
-from objectfolder.audio.modes.spectrum import Spectrum, adapt_spectrum, solve_spectrum, space_on
-from objectfolder.audio.modes.subspace import weigh
+from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum, what_is_to_come
+from objectfolder.audio.modes.eigen import Eigenpairs, count_below, weigh
+from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum, space_on
 from objectfolder.solid.solid import Solid, clean
 
 
@@ -79,11 +78,7 @@ def adapted(solid: Solid, accuracy_cents: float, order: int = 4, below: float = 
         space_on(solid, order, 1.0)[0],
         solid.component,
         0.3,
-        below=below,
-        accuracy_cents=accuracy_cents,
-        max_modes=20,
-        max_unknowns=10**6,
-        seed=0,
+        Wanted(below, accuracy_cents, 20, 10**6, 0),
     )
 
 
@@ -141,8 +136,7 @@ def modes_of_plate(max_modes: int) -> Spectrum:
 def test_modes_from_a_start_are_those_found_from_scratch(max_modes: int) -> None:
     """Inverse iteration at the limit from modes of fewer functions against Lanczos; some are repeated."""
     solid, space = plate()
-    settings: dict[str, Any] = {"below": 25.0, "max_modes": max_modes, "seed": 0}
-    found = adapt_spectrum(space, solid.component, 0.3, accuracy_cents=1e-3, max_unknowns=10**6, **settings)
+    found = adapt_spectrum(space, solid.component, 0.3, Wanted(25.0, 1e-3, max_modes, 10**6, 0))
     scratch = modes_of_plate(max_modes)
     assert found.unknowns == scratch.unknowns
     assert found.certificate == scratch.certificate
@@ -157,7 +151,7 @@ def test_a_start_that_lacks_modes_is_not_believed() -> None:
     solid, space = plate()
     settings: dict[str, Any] = {"below": 25.0, "max_modes": 60, "seed": 0}
     whole = modes_of_plate(60)
-    lacking = whole.eta_squared[::2], whole.vectors[:, :, ::2]
+    lacking = Eigenpairs(whole.eta_squared[::2], whole.vectors[:, :, ::2])
     found = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
     np.testing.assert_allclose(found.eta_squared, whole.eta_squared, rtol=1e-7)
 
@@ -169,8 +163,8 @@ def test_modes_that_the_start_has_not_are_found_by_their_count(
     solid, space = plate()
     settings: dict[str, Any] = {"below": 25.0, "max_modes": 60, "seed": 0}
     whole = modes_of_plate(60)
-    lacking = whole.eta_squared[:-missing], whole.vectors[:, :, :-missing]
-    assert len(lacking[0]) > missing + 8
+    lacking = Eigenpairs(whole.eta_squared[:-missing], whole.vectors[:, :, :-missing])
+    assert len(lacking.values) > missing + 8
     # Not by a search from scratch.
     monkeypatch.setattr("objectfolder.audio.modes.spectrum.lowest_elastic", None)
     found = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
@@ -251,12 +245,14 @@ def test_the_count_is_that_of_a_dense_solver() -> None:
     from scipy.linalg import eigh
 
     solid = box((3, 2, 2), (1, 0.7, 0.6))
-    stiffness, mass = assemble(space_on(solid, 2, 1.0)[0], 0.3)
+    space = space_on(solid, 2, 1.0)[0]
+    pencil = pencil_of(ElementMatrices(space, 0.3), solid.component, np.ones(space.size, dtype=bool))
+    stiffness, mass = pencil.stiffness, pencil.mass
     values = eigh(stiffness.toarray(), np.kron(mass.toarray(), np.eye(3)), eigvals_only=True)
     assert np.abs(values[:6]).max() < 1e-9 < values[6]
     for index in (6, 7, 20, 60):
         between = np.sqrt(max(values[index - 1], 1e-6) * values[index])
-        assert count_below(stiffness, mass, between) == index
+        assert count_below(pencil, between) == index - 6
     found = spectrum(solid, 1.0, 0.3, 30, 2)
     np.testing.assert_allclose(found.eta_squared, values[6:36], rtol=1e-9)
     assert found.residuals.max() < 1e-5

@@ -7,10 +7,10 @@ import numpy as np
 
 from bench.record import Stopwatch
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, Outcome
-from objectfolder.audio.elements.elasticity import assemble
+from objectfolder.audio.elements.elasticity import ElementMatrices
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.eigen import count_below, lowest_elastic, rigid_motions
-from objectfolder.audio.modes.spectrum import space_on
+from objectfolder.audio.modes.eigen import count_below, lowest_elastic
+from objectfolder.audio.modes.spectrum import pencil_of, space_on
 from objectfolder.solid.solid import Solid
 
 # Modes looked for at most where the limit is a frequency.
@@ -30,15 +30,11 @@ def of_order(
     audible = (2 * np.pi * MAX_FREQUENCY_HZ / radians) ** 2
     with watch.step("assembly"):
         space, _ = space_on(solid, order, length, bend=bend)
-        stiffness, mass = assemble(space, material.poisson_ratio)
-        component = np.empty(space.size, dtype=np.int64)
-        component[space.numbers] = solid.component[space.tetrahedra[:, :1]]
-        rigid = rigid_motions(space.geometry, component, space.vertex_count, mass)
+        every = np.ones(space.size, dtype=bool)
+        pencil = pencil_of(ElementMatrices(space, material.poisson_ratio), solid.component, every)
     with watch.step("factorisation and eigenvectors"):
         pairs = lowest_elastic(
-            stiffness,
-            mass,
-            rigid,
+            pencil,
             below=audible if modes is None else np.inf,
             at_most=modes or MAX_MODES,
             shift=-min(0.05, audible / 4),
@@ -48,10 +44,10 @@ def of_order(
         kept = int(np.count_nonzero(values < audible)) if modes is None else modes
         limit = audible if modes is None else (values[kept - 1] + values[kept]) / 2
     with watch.step("certificate"):
-        counted = count_below(stiffness, mass, limit) - rigid.shape[1]
+        counted = count_below(pencil, limit)
     return Outcome(
         np.sqrt(values[:kept]) * radians / (2 * np.pi),
-        stiffness.shape[0],
+        pencil.size,
         watch.cpu_s,
         {"elements": len(solid.tetrahedra), "certificate_holds": counted == kept},
     )

@@ -14,7 +14,7 @@ from scipy import ndimage, sparse
 from bench.record import Stopwatch
 from bench.rivals.audio.voxel_grid import VoxelGrid, voxelise
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.eigen import DENSE, count_below, lowest_elastic, rigid_motions
+from objectfolder.audio.modes.eigen import DENSE, Pencil, count_below, lowest_elastic, rigid_motions
 from objectfolder.errors import SimulationError
 from objectfolder.surface.surface import Surface
 
@@ -251,16 +251,15 @@ def _solve(
 
     The limit is `below`, or lower in a gap where many more than `max_modes` lie below it.
     """
-    rigid = rigid_motions(positions, np.zeros(len(positions), dtype=np.int64), len(positions), mass)
+    one_body = np.zeros(len(positions), dtype=np.int64)
+    pencil = Pencil(stiffness, mass, rigid_motions(positions, one_body, len(positions), mass))
     longest = float(np.ptp(positions, axis=0).max())
     counted = -1
     for attempt, tolerance in enumerate((1e-7, 1e-11)):
         # A few more than wanted, so that a cut can avoid a multiple eigenvalue.
         with watch.step("solve"):
             pairs = lowest_elastic(
-                stiffness,
-                mass,
-                rigid,
+                pencil,
                 below=below,
                 at_most=max_modes + 8,
                 shift=-min(0.05 / longest**2, below / 4),
@@ -272,14 +271,14 @@ def _solve(
         if kept > max_modes + 1:
             kept = _gap(pairs.values, min(kept, len(pairs.values) - 1))
             limit = float(np.sqrt(pairs.values[kept - 1] * pairs.values[kept]))
-        if stiffness.shape[0] > DENSE:  # else all eigenvalues were computed
+        if pencil.size > DENSE:  # else all eigenvalues were computed
             with watch.step("count"):
-                counted = count_below(stiffness, mass, limit)
-        if stiffness.shape[0] <= DENSE or counted == kept + 6:
+                counted = count_below(pencil, limit)
+        if pencil.size <= DENSE or counted == kept:
             return pairs.values[:kept], pairs.vectors[:, :kept], limit
     raise SimulationError(
         "voxel modes",
-        f"inertia counts {counted - 6} elastic modes, {kept} were found",
+        f"inertia counts {counted} elastic modes, {kept} were found",
         "Change the frequency limit or the seed.",
     )
 

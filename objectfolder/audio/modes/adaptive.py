@@ -1,4 +1,4 @@
-"""Where in a body functions of higher order are needed for a wanted accuracy.
+"""Modes to a wanted accuracy: where in a body functions of higher order are needed, and what error is left.
 
 From the modes of order 2 the gain of each function left out is estimated, elements where they matter are
 raised to order 3, and so on upwards. The estimates leave out how functions act together; what a step gained
@@ -8,26 +8,29 @@ On a bowl order 3 everywhere takes 3.8 CPU-s for a worst error of 30 cents, this
 plate order 3 misses 3 of 82 modes.
 """
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.elements.curving import GEOMETRY_ORDER
-from objectfolder.audio.elements.elasticity import ElementMatrices, assemble, gains_of_more_functions
+from objectfolder.audio.elements.elasticity import ElementMatrices, gains_of_more_functions
 from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.eigen import count_below, improve, lowest_elastic, rigid_motions
+from objectfolder.audio.modes.eigen import Eigenpairs, count_below, improve, low_shift, lowest_elastic
+from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Chosen = NDArray[np.bool_]
 # Number of the lowest modes that lead the choice and have their error estimated.
 ESTIMATED_MODES = 100
 # What a group of functions gains together over the sum of what each would gain alone, before it is measured.
 TOGETHER = 2.5
 CENTS_PER_RELATIVE_EIGENVALUE = 600 / np.log(2)
 # Modes of a step start from those of the last one; some beyond those wanted keep the last of them clean. They
-# are looked for as far as so many times the limit, and taken along beyond those that order 2 has lower than
+# are looked for as far as this many times the limit, and taken along beyond those that order 2 has lower than
 # `START_BAND` times the limit: in thin walls its eigenvalues are too high.
 GUARD_MODES, GUARD_SHARE, GUARD_BAND, START_BAND = 16, 0.1, 2.0, 1.3
 # Modes of order 2, for a start only, need not be found more sharply than this (see `lowest_elastic`).
@@ -47,139 +50,184 @@ BESIDE_LOWER = 2.0
 
 
 @dataclass(frozen=True)
-class Step:
-    """One step of the choice.
+class Wanted:
+    """What is asked of a spectrum.
 
     Attributes
     ----------
-    order : highest order in use
-    functions : number of functions
-    eta_squared : (k,) eigenvalues found
+    below : limit of eta^2
+    accuracy_cents : largest error of the first frequencies
+    max_modes : number of modes at most
+    max_unknowns : of the last solution; where more would be needed, the most useful ones are taken
+    seed : of random starts
     """
 
-    order: int
-    functions: int
-    eta_squared: Floats
+    below: float
+    accuracy_cents: float
+    max_modes: int
+    max_unknowns: int
+    seed: int
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Functions chosen, and what is known of the error that is left.
+    """Functions chosen, and the way there.
 
     Attributes
     ----------
     matrices : elements of the space of the highest order in use
     chosen : (function,) bool, of that space
-    steps : the solutions on the way, the last one not on `chosen` but before
-    start : eigenvalues (k,) and vectors (function, 3, k) of the last of them, some beyond those wanted; None
-        where nothing was solved
-    expected : relative amount by which the functions added are expected to lower the eigenvalues
+    order : highest order in use
+    ladder : eigenvalues (k,) of each solution on the way by ascending order
+    functions : number of functions of each of them
+    vectors : (function, 3, k) of the last of them, some beyond those wanted; None where nothing was solved
+    foretold : (k,) relative gains of the functions added last, each for itself
     left_cents : (k,) estimated gain of the functions that were weighed and left out
+    together : what functions gained together over the sum of what each was to gain alone
     """
 
     matrices: ElementMatrices
-    chosen: NDArray[np.bool_]
-    steps: list[Step]
-    start: tuple[Floats, Floats] | None
-    expected: float
-    left_cents: Floats
+    chosen: Chosen
+    order: int
+    ladder: list[Floats] = field(default_factory=list)
+    functions: list[int] = field(default_factory=list)
+    vectors: Floats | None = None
+    foretold: Floats = field(default_factory=lambda: np.zeros(0))
+    left_cents: Floats = field(default_factory=lambda: np.zeros(0))
+    together: float = TOGETHER
 
 
-def choose(
-    space: Space,
-    of_function: Integers,
-    poisson_ratio: float,
-    *,
-    below: float,
-    accuracy_cents: float,
-    max_modes: int,
-    max_unknowns: int,
-    seed: int,
-) -> Choice:
-    """Choose the functions of a space that the first modes need for an accuracy.
+def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, wanted: Wanted) -> Spectrum:
+    """Elastic modes below a limit to an accuracy, in the functions of a space that this needs.
 
     Parameters
     ----------
     space
         Of the highest order to be used, bent or straight.
-    of_function
-        (function,) body of each function.
-    below
-        Limit of eta^2; modes above it need no accuracy.
-    accuracy_cents
-        Wanted largest frequency error of the first modes.
-    max_unknowns
-        Where more would be needed, the most useful ones are taken.
+    component
+        (v,) body of each vertex.
+    wanted
+        What was reached of its accuracy stands in `error_cents`.
+
+    Raises
+    ------
+    SimulationError
+        When the inertia count and the modes found differ after a second search.
     """
-    wanted = min(max_modes, ESTIMATED_MODES)
-    order = min(2, space.order)
+    started = time.process_time()
+    choice = _choose(space, component, poisson_ratio, wanted)
+    chose = time.process_time() - started
+    found = solve_spectrum(
+        choice.matrices.space,
+        component,
+        poisson_ratio,
+        below=wanted.below,
+        max_modes=wanted.max_modes,
+        seed=wanted.seed,
+        chosen=choice.chosen,
+        matrices=choice.matrices,
+        start=None if choice.vectors is None else Eigenpairs(choice.ladder[-1], choice.vectors),
+    )
+    return replace(
+        found,
+        error_cents=_remaining_cents(choice, found.eta_squared),
+        steps=[
+            {"order": GEOMETRY_ORDER + index, "functions": count}
+            for index, count in enumerate(choice.functions)
+        ],
+        seconds={"choose_functions": chose, **found.seconds},
+    )
+
+
+def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wanted) -> Choice:
+    """Choose the functions of a space that the first modes need for an accuracy."""
+    order = min(GEOMETRY_ORDER, space.order)
     matrices = ElementMatrices(_up_to(space, order), poisson_ratio)
-    chosen = matrices.space.orders <= 2
+    chosen = matrices.space.orders <= order
     chosen |= np.any(matrices.space.geometry != 0, axis=1)  # else rotations would cost energy
-    if below < SMALL:
-        stiffness, mass = assemble(matrices.space, poisson_ratio, chosen, matrices)
-        rigid = 6 * (int(of_function.max()) + 1)
-        if count_below(stiffness, mass, below) == rigid:
-            if count_below(stiffness, mass, HEARD_BAND * below) > rigid:
-                matrices = ElementMatrices(_largest(space, max_unknowns // 3), poisson_ratio)
-                chosen = np.ones(matrices.space.size, dtype=bool)
-            return Choice(matrices, chosen, [], None, 0.0, np.zeros(0))
-    steps: list[Step] = []
-    together = TOGETHER
-    richer: _Richer | None = None
-    left = np.zeros(0)
-    vectors: Floats | None = None
+    choice = Choice(matrices, chosen, order)
+    if wanted.below < SMALL:
+        pencil = pencil_of(matrices, component, chosen)
+        if count_below(pencil, wanted.below) == 0:
+            if count_below(pencil, HEARD_BAND * wanted.below) == 0:
+                return choice
+            matrices = ElementMatrices(_largest(space, wanted.max_unknowns // 3), poisson_ratio)
+            return Choice(matrices, np.ones(matrices.space.size, dtype=bool), matrices.space.order)
     while True:
-        found, vectors = _solve(
-            matrices, of_function, chosen, below=below, max_modes=max_modes, seed=seed, start=vectors
+        choice = _solved(choice, component, wanted)
+        if choice.order == space.order or len(choice.ladder[-1]) == 0:
+            return choice
+        before, choice = choice.order, _enriched(choice, space, wanted)
+        if choice.order in (before, space.order):
+            return choice
+
+
+def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
+    """The choice with its modes: those below the limit and some beyond, nearly.
+
+    From the vectors of fewer functions as many as these; else those looked for from scratch.
+    """
+    pencil = pencil_of(choice.matrices, component, choice.chosen)
+    shift = low_shift(wanted.below)
+    if choice.vectors is not None:
+        pairs = improve(pencil, choice.vectors[choice.chosen].reshape(pencil.size, -1), shift=shift)
+    else:
+        pairs = lowest_elastic(
+            pencil,
+            below=GUARD_BAND * wanted.below,
+            at_most=wanted.max_modes + _guard(wanted.max_modes),
+            shift=shift,
+            tolerance=START_TOLERANCE,
+            seed=wanted.seed,
         )
-        values = found[: min(max(int(np.count_nonzero(found < below)), 1), wanted)]
-        steps.append(Step(order, int(chosen.sum()), found[:wanted]))
-        if richer is not None:
-            together = _measured_together(richer.foretold, steps[-2].eta_squared, values)
-        richer = None
-        if order == space.order or len(values) == 0:
-            break
-        upper = ElementMatrices(_up_to(space, order + 1), poisson_ratio)
-        used = _continued(chosen, upper.space)
-        first = _continued(vectors[:, :, : len(values)], upper.space)
-        gains = gains_of_more_functions(upper, used, first, values) / values
-        allowed = SHARE_LEFT * accuracy_cents / (CENTS_PER_RELATIVE_EIGENVALUE * together * BESIDE_LOWER)
-        heard = values * (1 - np.minimum(together * gains.sum(axis=0), 0.9)) < below
-        richer = _enrich(upper.space, used, gains, heard, allowed, max_unknowns // 3)
-        left = CENTS_PER_RELATIVE_EIGENVALUE * together * BESIDE_LOWER * richer.left
-        if not richer.added:
-            break
-        matrices, chosen, order = upper, richer.chosen, order + 1
-        vectors = _continued(vectors, matrices.space)
-        if order == space.order:
-            break
-    expected = 0.0 if richer is None else min(together * float(np.median(richer.foretold)), 0.5)
-    return Choice(matrices, chosen, steps, (found, vectors), expected, left)
+        inside = min(int(np.count_nonzero(pairs.values < START_BAND * wanted.below)), wanted.max_modes)
+        pairs = pairs.first(min(len(pairs.values), inside + _guard(inside)))
+    vectors = np.zeros((len(choice.chosen), 3, len(pairs.values)))
+    vectors[choice.chosen] = pairs.vectors.reshape(-1, 3, len(pairs.values))
+    together = choice.together
+    if choice.ladder:
+        together = _measured_together(choice.foretold, choice.ladder[-1], pairs.values)
+    return replace(
+        choice,
+        ladder=[*choice.ladder, pairs.values],
+        functions=[*choice.functions, int(choice.chosen.sum())],
+        vectors=vectors,
+        together=together,
+    )
 
 
-@dataclass(frozen=True)
-class _Richer:
-    """Functions in use and those of the next order: (function,) bool, how many are new, and relative gains
-    (k,) of the new ones and of those left out, each for itself."""
+def _enriched(choice: Choice, space: Space, wanted: Wanted) -> Choice:
+    """The choice with the functions of the next order that audible modes need for the accuracy.
 
-    chosen: NDArray[np.bool_]
-    added: int
-    foretold: Floats
-    left: Floats
-
-
-def _enrich(
-    space: Space, used: NDArray[np.bool_], gains: Floats, heard: NDArray[np.bool_], allowed: float, most: int
-) -> _Richer:
-    """Add the functions that modes `heard` need for `allowed`, up to `most` in all."""
-    none = np.zeros(0, dtype=np.int64)
-    room = most - int(used.sum())
-    taken = _most_useful(space, gains[:, heard], used, allowed, room) if heard.any() else none
+    The same functions where they need none.
+    """
+    found, vectors = choice.ladder[-1], choice.vectors
+    assert vectors is not None
+    inside = max(int(np.count_nonzero(found < wanted.below)), 1)
+    values = found[: min(inside, wanted.max_modes, ESTIMATED_MODES)]
+    upper = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
+    used = _continued(choice.chosen, upper.space)
+    first = _continued(vectors[:, :, : len(values)], upper.space)
+    gains = gains_of_more_functions(upper, used, first, values) / values
+    heard = values * (1 - np.minimum(choice.together * gains.sum(axis=0), 0.9)) < wanted.below
+    cents = CENTS_PER_RELATIVE_EIGENVALUE * choice.together * BESIDE_LOWER
+    taken = np.zeros(0, dtype=np.int64)
+    if heard.any():
+        room = wanted.max_unknowns // 3 - int(used.sum())
+        allowed = SHARE_LEFT * wanted.accuracy_cents / cents
+        taken = _most_useful(upper.space, gains[:, heard], used, allowed, room)
     foretold = gains[taken].sum(axis=0)
-    chosen = used.copy()
-    chosen[taken] = True
-    return _Richer(chosen, len(taken), foretold, gains.sum(axis=0) - foretold)
+    choice = replace(choice, foretold=foretold, left_cents=cents * (gains.sum(axis=0) - foretold))
+    if len(taken) == 0:
+        return choice
+    used[taken] = True
+    return replace(
+        choice,
+        matrices=upper,
+        chosen=used,
+        order=choice.order + 1,
+        vectors=_continued(vectors, upper.space),
+    )
 
 
 def _measured_together(foretold: Floats, before: Floats, after: Floats) -> float:
@@ -197,46 +245,8 @@ def _largest(space: Space, functions: int) -> Space:
     return _up_to(space, order)
 
 
-def _solve(
-    matrices: ElementMatrices,
-    of_function: Integers,
-    chosen: NDArray[np.bool_],
-    *,
-    below: float,
-    max_modes: int,
-    seed: int,
-    start: Floats | None,
-) -> tuple[Floats, Floats]:
-    """Eigenvalues (k,) below the limit and some beyond, nearly, and vectors (function, 3, k) in the chosen
-    functions; from `start` (function, 3, k), those of fewer functions, as many as that has."""
-    stiffness, mass = assemble(matrices.space, matrices.poisson_ratio, chosen, matrices)
-    space = matrices.space
-    body = of_function[: space.size][chosen]
-    rigid = rigid_motions(space.geometry[chosen], body, space.vertex_count, mass)
-    shift = -min(0.05, below / 4)
-    if start is not None:
-        pairs = improve(stiffness, mass, rigid, start[chosen].reshape(stiffness.shape[0], -1), shift=shift)
-        kept = len(pairs.values)
-    else:
-        pairs = lowest_elastic(
-            stiffness,
-            mass,
-            rigid,
-            below=GUARD_BAND * below,
-            at_most=max_modes + _guard(max_modes),
-            shift=shift,
-            tolerance=START_TOLERANCE,
-            seed=seed,
-        )
-        inside = min(int(np.count_nonzero(pairs.values < START_BAND * below)), max_modes)
-        kept = min(len(pairs.values), inside + _guard(inside))
-    vectors = np.zeros((space.size, 3, kept))
-    vectors[chosen] = pairs.vectors[:, :kept].reshape(-1, 3, kept)
-    return pairs.values[:kept], vectors
-
-
 def _guard(modes: int) -> int:
-    """How many modes beyond so many are taken along."""
+    """How many modes beyond those wanted are taken along."""
     return max(GUARD_MODES, int(GUARD_SHARE * modes))
 
 
@@ -292,7 +302,7 @@ def _most_useful(
     return np.flatnonzero(~chosen & (first < elements))
 
 
-def remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
+def _remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
     """Estimated frequency error of the first modes, cents, (k,).
 
     What was weighed and left out, and what higher orders would bring. The error falls as p^-s with the order
@@ -300,16 +310,15 @@ def remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
     least 95 % of the errors of plates and bodies of revolution are below what is stated here with the
     geometry's. In smooth bodies it falls faster and is overestimated.
     """
-    ladder = [step.eta_squared for step in choice.steps] + [eta_squared]
-    count = min(len(values) for values in ladder)
+    ladder = [*choice.ladder, eta_squared]
+    count = min(ESTIMATED_MODES, *(len(values) for values in ladder))
     if count == 0 or len(ladder) == 1:
         return np.zeros(0)
-    relative = [values[:count] / eta_squared[:count] for values in ladder[-2:]]
-    drop = np.maximum(relative[-2] - relative[-1], 0)
-    last = choice.steps[-1].order + 1
+    drop = np.maximum(ladder[-2][:count] / eta_squared[:count] - 1, 0)
     left = np.full(count, choice.left_cents.max(initial=0.0))
     weighed = min(count, len(choice.left_cents))
     left[:weighed] = choice.left_cents[:weighed]
+    last = GEOMETRY_ORDER + len(choice.ladder)
     return left + CENTS_PER_RELATIVE_EIGENVALUE * what_is_to_come(drop, last)
 
 
@@ -319,8 +328,3 @@ def what_is_to_come(drop: Floats, order: int) -> Floats:
     With an error C p^-s the drop to order p is C ((p - 1)^-s - p^-s), and C p^-s is to come.
     """
     return np.asarray(drop / ((order / (order - 1)) ** RATE - 1))
-
-
-def summary(choice: Choice) -> list[dict[str, Any]]:
-    """Steps of the choice, JSON-able."""
-    return [{"order": step.order, "functions": step.functions} for step in choice.steps]

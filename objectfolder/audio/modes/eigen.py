@@ -1,22 +1,25 @@
-"""Every elastic mode of a free body below a limit, with a count that proves none is missing.
+"""Elastic modes of a free body: the pencil K u = lambda M u, its count below a limit, and two iterations.
 
-The pencil K u = lambda M u is solved by a block Lanczos iteration on (K - sigma M)^-1 M, sigma < 0 small, in
-the M-orthogonal complement of the rigid-body motions, which are known in closed form (B. N. Parlett, The
-Symmetric Eigenvalue Problem, ch. 13). The mass matrix is the same for the three axes and is given once.
+Both work in the M-orthogonal complement of the rigid-body motions, which are known in closed form. From
+nothing, modes are found by block Lanczos on (K - sigma M)^-1 M, sigma < 0 small (B. N. Parlett, The Symmetric
+Eigenvalue Problem, ch. 13). From near-by vectors, such as a solution in fewer functions, by block inverse
+iteration with Rayleigh-Ritz projection (ch. 14). The mass is the same for the three axes and is given once.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from objectfolder.audio.factorisation import Factorisation
-from objectfolder.audio.modes.subspace import refine, weigh
+from objectfolder.audio.factorisation import Factorisation, shifted
 from objectfolder.errors import SimulationError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+# Vectors (3 n, k) and M times them
+Block = tuple[Floats, Floats]
 BLOCK, MOST_BLOCKS = 16, 400
 # Random starts of the iteration, where its blocks become dependent.
 MOST_STARTS = 2
@@ -24,37 +27,68 @@ MOST_STARTS = 2
 DENSE = 900
 # Rounds of inverse iteration for what only has to be nearly right.
 NEARLY = 2
+# Directions of the basis that carry less than this share of the largest one are rounding.
+DEPENDENT = 1e-10
 
 
-def shifted(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.csr_matrix:
-    """K - value M, (3 n, 3 n)."""
-    rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
-    # Where the blocks of K are those of M: the first entry of the first row of each, and the next row's.
-    width = 3 * np.diff(mass.indptr)[rows]
-    start = 9 * mass.indptr[rows].astype(np.int64)
-    place = start + 3 * (np.arange(mass.nnz) - mass.indptr[rows])
-    alike = (
-        stiffness.nnz == 9 * mass.nnz
-        and np.array_equal(stiffness.indptr[::3], 9 * mass.indptr)
-        and np.array_equal(stiffness.indices[place], 3 * mass.indices)
-    )
-    if not alike:
-        return (stiffness - value * sparse.kron(mass, sparse.identity(3), format="csr")).tocsr()
-    result = stiffness.copy()
-    for axis in range(3):
-        result.data[place + axis * (width + 1)] -= value * mass.data
-    return result
+def weigh(mass: sparse.csr_matrix, vectors: Floats) -> Floats:
+    """M x for the mass (n, n) of one axis and vectors (3 n, k), unknown 3 function + axis."""
+    return np.asarray(mass @ vectors.reshape(mass.shape[0], -1)).reshape(vectors.shape)
 
 
-def count_below(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float) -> int:
-    """Number of eigenvalues of K u = lambda M u below `value`, by the inertia of K - value M.
+@dataclass(frozen=True)
+class Pencil:
+    """K u = lambda M u of a free body.
+
+    Attributes
+    ----------
+    stiffness : (3 n, 3 n), unknown 3 function + axis
+    mass : (n, n) of one axis
+    rigid : (3 n, r) M-orthonormal rigid motions
+    """
+
+    stiffness: sparse.csr_matrix
+    mass: sparse.csr_matrix
+    rigid: Floats
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.rigid)
+
+    @cached_property
+    def _mass_rigid(self) -> Floats:
+        return weigh(self.mass, self.rigid)
+
+    def without_rigid(self, vectors: Floats) -> Floats:
+        """Vectors (3 n, k) made M-orthogonal to the rigid motions."""
+        return vectors - self.rigid @ (self._mass_rigid.T @ vectors)
+
+    def factorise(self, shift: float, *, definite: bool) -> Factorisation:
+        """Factors of K - shift M."""
+        return Factorisation(shifted(self.stiffness, self.mass, shift), definite=definite)
+
+    def residuals(self, pairs: "Eigenpairs") -> Floats:
+        """|K u - lambda M u| / |lambda M u|, (k,)."""
+        inertia = weigh(self.mass, pairs.vectors) * pairs.values
+        wrong = np.linalg.norm(self.stiffness @ pairs.vectors - inertia, axis=0)
+        return np.asarray(wrong / np.linalg.norm(inertia, axis=0))
+
+
+def low_shift(below: float) -> float:
+    """Negative and small: what is far above it is damped most, and K - shift M is definite."""
+    return -min(0.05, below / 4)
+
+
+def count_below(pencil: Pencil, value: float) -> int:
+    """Number of elastic eigenvalues below `value`, by the inertia of K - value M.
 
     Raises
     ------
     SimulationError
         When a pivot vanished, so that the signs of the others prove nothing.
     """
-    return Factorisation(shifted(stiffness, mass, value), definite=False).negative()
+    return pencil.factorise(value, definite=False).negative() - pencil.rigid.shape[1]
 
 
 def rigid_motions(
@@ -96,16 +130,13 @@ def orthonormalise(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floa
         The columns are dependent to rounding.
     """
     try:
-        return _twice(block, mass)
+        better, first = _cholesky_qr(block, mass, 0.0)
     except np.linalg.LinAlgError:
-        better, first = _cholesky_qr(block, mass, 11 * block.size * float(np.finfo(np.float64).eps))
-        basis, rest = _twice(better, mass)
-        return basis, rest @ first
-
-
-def _twice(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floats]:
-    once, first = _cholesky_qr(block, mass, 0.0)
-    basis, second = _cholesky_qr(once, mass, 0.0)
+        shifted_first = 11 * block.size * float(np.finfo(np.float64).eps)
+        once, before = _cholesky_qr(block, mass, shifted_first)
+        better, after = _cholesky_qr(once, mass, 0.0)
+        first = after @ before
+    basis, second = _cholesky_qr(better, mass, 0.0)
     return basis, second @ first
 
 
@@ -132,11 +163,13 @@ class Eigenpairs:
     values: Floats
     vectors: Floats
 
+    def first(self, count: int) -> "Eigenpairs":
+        """The lowest of them."""
+        return Eigenpairs(self.values[:count], self.vectors[:, :count])
+
 
 def lowest_elastic(
-    stiffness: sparse.csr_matrix,
-    mass: sparse.csr_matrix,
-    rigid: Floats,
+    pencil: Pencil,
     *,
     below: float,
     at_most: int,
@@ -151,10 +184,6 @@ def lowest_elastic(
 
     Parameters
     ----------
-    stiffness, mass
-        (3 n, 3 n), and (n, n) of one axis.
-    rigid
-        M-orthonormal null vectors, (3 n, r).
     below
         Upper end of the wanted interval.
     at_most
@@ -170,22 +199,22 @@ def lowest_elastic(
     SimulationError
         When the iteration does not converge in `MOST_BLOCKS` blocks, or breaks down from every start.
     """
-    size = stiffness.shape[0]
-    if size <= DENSE:
-        values, vectors = linalg.eigh(stiffness.toarray(), np.kron(mass.toarray(), np.eye(3)))
-        values, vectors = values[rigid.shape[1] :], vectors[:, rigid.shape[1] :]
+    if pencil.size <= DENSE:
+        values, vectors = linalg.eigh(pencil.stiffness.toarray(), np.kron(pencil.mass.toarray(), np.eye(3)))
+        count = pencil.rigid.shape[1]
+        values, vectors = values[count:], vectors[:, count:]
         kept = min(int(np.count_nonzero(values < below)), at_most) + 1
         return Eigenpairs(values[:kept], vectors[:, :kept])
-    factors = Factorisation(shifted(stiffness, mass, shift), definite=True)
+    factors = pencil.factorise(shift, definite=True)
     for attempt in range(MOST_STARTS):
         try:
-            lanczos = _Lanczos(factors, mass, rigid, at_most, np.random.default_rng(seed + attempt))
+            lanczos = _Lanczos(pencil, factors, at_most, np.random.default_rng(seed + attempt))
             return lanczos.pairs(shift, below, at_most, tolerance)
         except np.linalg.LinAlgError:  # the block of vectors became dependent
             continue
     raise SimulationError(
         "eigenvalue solver",
-        f"blocks of vectors became dependent from {MOST_STARTS} random starts of {size} unknowns",
+        f"blocks of vectors became dependent from {MOST_STARTS} random starts of {pencil.size} unknowns",
         "Change the seed.",
     )
 
@@ -194,20 +223,13 @@ class _Lanczos:
     """Block Lanczos basis of (K - sigma M)^-1 M in the M-orthogonal complement of the rigid motions."""
 
     def __init__(
-        self,
-        factors: Factorisation,
-        mass: sparse.csr_matrix,
-        rigid: Floats,
-        at_most: int,
-        generator: np.random.Generator,
+        self, pencil: Pencil, factors: Factorisation, at_most: int, generator: np.random.Generator
     ) -> None:
-        self._factors, self._mass, self._rigid = factors, mass, rigid
-        self._mass_rigid = weigh(mass, rigid)
-        size = len(rigid)
-        start = self._without_rigid(factors.solve(generator.standard_normal((size, BLOCK))))
-        self._next, self._remainder = orthonormalise(start, mass)
+        self._pencil, self._factors = pencil, factors
+        start = pencil.without_rigid(factors.solve(generator.standard_normal((pencil.size, BLOCK))))
+        self._next, self._remainder = orthonormalise(start, pencil.mass)
         self._capacity = max(3 * min(at_most, 4096) + 4 * BLOCK, 10 * BLOCK)
-        self._basis = np.empty((size, self._capacity + BLOCK), order="F")
+        self._basis = np.empty((pencil.size, self._capacity + BLOCK), order="F")
         self._mass_basis = np.empty_like(self._basis)
         self._projected = np.zeros((0, 0))
 
@@ -229,20 +251,17 @@ class _Lanczos:
                 self._restart(theta, ritz, min(width - BLOCK, wanted + 2 * BLOCK))
         raise SimulationError(
             "eigenvalue solver",
-            f"no convergence after {MOST_BLOCKS} blocks of {len(self._rigid)} unknowns",
+            f"no convergence after {MOST_BLOCKS} blocks of {self._pencil.size} unknowns",
             "Lower the frequency limit or the number of modes.",
         )
-
-    def _without_rigid(self, vectors: Floats) -> Floats:
-        return vectors - self._rigid @ (self._mass_rigid.T @ vectors)
 
     def _grow(self) -> None:
         """Add the next block to the basis and find the one after it."""
         width = len(self._projected) + BLOCK
         here = slice(width - BLOCK, width)
         self._basis[:, here] = self._next
-        self._mass_basis[:, here] = weigh(self._mass, self._next)
-        image = self._without_rigid(self._factors.solve(self._mass_basis[:, here]))
+        self._mass_basis[:, here] = weigh(self._pencil.mass, self._next)
+        image = self._pencil.without_rigid(self._factors.solve(self._mass_basis[:, here]))
         coefficients = np.zeros((width, BLOCK))
         for _ in range(2):  # orthogonalised twice: once leaves rounding errors that grow
             part = self._mass_basis[:, :width].T @ image
@@ -253,7 +272,7 @@ class _Lanczos:
         grown[:, -BLOCK:] = coefficients
         grown[-BLOCK:, :] = coefficients.T
         self._projected = grown
-        self._next, self._remainder = orthonormalise(self._without_rigid(image), self._mass)
+        self._next, self._remainder = orthonormalise(self._pencil.without_rigid(image), self._pencil.mass)
 
     def _restart(self, theta: Floats, ritz: Floats, kept: int) -> None:
         """Keep the first Ritz vectors alone (thick restart)."""
@@ -263,22 +282,115 @@ class _Lanczos:
         self._projected = np.diag(theta[:kept])
 
 
-def improve(
-    stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, rigid: Floats, start: Floats, *, shift: float
-) -> Eigenpairs:
-    """Elastic pairs from near-by vectors, by two rounds of `subspace.refine`.
+def improve(pencil: Pencil, start: Floats, *, shift: float) -> Eigenpairs:
+    """Elastic pairs from near-by vectors, by two rounds of `refine`.
 
     As many as `start` (3 n, k) has, in ascending order. Enough for what only has to be nearly right: an
     eigenvalue is off by the square of how far its vector is.
     """
-    size, count = start.shape
-    if size <= DENSE:
-        return lowest_elastic(stiffness, mass, rigid, below=np.inf, at_most=count, shift=shift)
-    factors = Factorisation(shifted(stiffness, mass, shift), definite=True)
-    values, vectors, _ = refine(
-        factors, shift, mass, rigid, start, below=np.inf, tolerance=0.0, rounds=NEARLY
-    )
-    return Eigenpairs(values, vectors)
+    if pencil.size <= DENSE:
+        return lowest_elastic(pencil, below=np.inf, at_most=start.shape[1], shift=shift)
+    factors = pencil.factorise(shift, definite=True)
+    return refine(pencil, factors, shift, start, below=np.inf, tolerance=0.0, rounds=NEARLY)[0]
+
+
+def refine(
+    pencil: Pencil,
+    factors: Factorisation,
+    shift: float,
+    start: Floats,
+    *,
+    below: float,
+    tolerance: float,
+    rounds: int,
+) -> tuple[Eigenpairs, float]:
+    """Ritz pairs of vectors and their images under (K - shift M)^-1 M, round after round.
+
+    Each round solves once for all vectors. The first takes the best of the images, further ones the best of
+    both blocks. Directions of earlier rounds, as in locally optimal conjugate gradients, would cost more than
+    they save: a round alone takes off more than nine tenths of the error.
+
+    Parameters
+    ----------
+    factors
+        Of K - shift M; the shift may lie between eigenvalues, and those on either side of it that `start`
+        has not are what makes it slow.
+    start
+        (3 n, k); at most as many pairs are returned.
+    below
+        Ritz values below this must have settled.
+    tolerance
+        Relative change of an eigenvalue by the last round, at most, for no further one.
+    rounds
+        Greatest number of rounds.
+
+    Returns
+    -------
+    pairs, change
+        Largest relative change of eigenvalues below the limit by the last round: a bound on what is still
+        wrong where a round takes off at least half of the error. Infinite after one round.
+    """
+    block, _ = _unit(pencil, start)
+    values = np.zeros(0)
+    change = np.inf
+    for turn in range(rounds):
+        image, size = _unit(pencil, factors.solve(block[1]))
+        found, block = _best_of_both(shift, values, block, image, size)
+        if turn > 0:
+            shared = np.flatnonzero(found[: len(values)] < below)
+            change = float(np.abs(values[shared] / found[shared] - 1).max(initial=0.0))
+        values = found
+        if change <= tolerance:
+            break
+    return Eigenpairs(values, block[0]), change
+
+
+def _unit(pencil: Pencil, vectors: Floats) -> tuple[Block, Floats]:
+    """Vectors (3 n, k) without rigid motions and of unit mass, M times them, and the factors (k,) applied."""
+    vectors = pencil.without_rigid(vectors)
+    weighed = weigh(pencil.mass, vectors)
+    size = 1 / np.sqrt(np.einsum("ij,ij->j", vectors, weighed))
+    vectors *= size
+    weighed *= size
+    return (vectors, weighed), size
+
+
+def _best_of_both(
+    shift: float, values: Floats, block: Block, image: Block, size: Floats
+) -> tuple[Floats, Block]:
+    """Ritz values and block of vectors and their images, of the images alone where no values are known yet.
+
+    K is never multiplied by: K image = shift M image + M vectors, each column scaled by `size` (k,).
+    """
+    gram = image[0].T @ image[1]
+    across = block[0].T @ image[1]
+    stiff = shift * gram + across.T * size
+    count = len(values)
+    if count == 0:
+        found, weights = _ritz(gram, stiff)
+        return found, (image[0] @ weights, image[1] @ weights)
+    corner = shift * across + size * np.eye(count)
+    both = np.block([[np.eye(count), across], [across.T, gram]])
+    stiff_both = np.block([[np.diag(values), corner], [corner.T, stiff]])
+    found, weights = _ritz(both, stiff_both)
+    one, other = weights[:count, :count], weights[count:, :count]
+    joined = []
+    for old, new in zip(block, image, strict=True):
+        total = old @ one
+        total += new @ other
+        joined.append(total)
+    return found[:count], (joined[0], joined[1])
+
+
+def _ritz(gram: Floats, stiff: Floats) -> tuple[Floats, Floats]:
+    """Ritz values, ascending, and weights (basis, kept) of a basis that may be nearly dependent."""
+    scale = 1 / np.sqrt(np.diag(gram))
+    weights, axes = linalg.eigh((gram + gram.T) / 2 * scale * scale[:, None])
+    kept = weights > DEPENDENT * weights[-1]
+    basis = scale[:, None] * axes[:, kept] / np.sqrt(weights[kept])
+    projected = basis.T @ (stiff + stiff.T) @ basis / 2
+    values, ritz = linalg.eigh((projected + projected.T) / 2)
+    return values, basis @ ritz
 
 
 def _wanted(theta: Floats, shift: float, below: float, at_most: int) -> int:

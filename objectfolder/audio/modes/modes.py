@@ -1,15 +1,17 @@
 """The modal sound of an object: from a surface and a material to frequencies, dampings and mode shapes."""
 
 import os
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Required, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.materials import Material
+from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
-from objectfolder.audio.modes.spectrum import Spectrum, adapt_spectrum, space_on
+from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
@@ -18,13 +20,66 @@ from objectfolder.surface.surface import Surface
 Floats = NDArray[np.float64]
 # Points at which repeated modes are told apart.
 CANONICAL_POINTS = 2000
+# Added to the seed for held-out points.
+HELD_OUT = 1_000_003
 # Share of the mean distance between surface and elements that moves a frequency as a thicker wall does: with
 # it 95 % of the modes of bodies of revolution have no larger error than is stated.
 OFF_SURFACE = 0.25
 
 
+class Options(TypedDict, total=False):
+    """Keywords of `modes_of_solid`, which says what they mean."""
+
+    max_frequency_hz: float
+    max_modes: int
+    training_points: Required[int]
+    held_out_points: Required[int]
+    seed: Required[int]
+    accuracy_cents: float
+    highest_order: int
+    max_unknowns: int
+    seconds: dict[str, float] | None
+
+
 def simulate_modes(
     surface: Surface,
+    material: Material,
+    *,
+    wall_m: float | None = None,
+    shell_m: float | None = None,
+    filling: Filling | None = None,
+    name: str = "surface",
+    **options: Unpack[Options],
+) -> Product:
+    """Fill a surface and solve every elastic mode below a frequency.
+
+    Parameters
+    ----------
+    surface
+        Metres, faces outward; need not be closed.
+    wall_m, shell_m
+        As for `fill`.
+    filling
+        Resolution of the tetrahedra.
+    options
+        As for `modes_of_solid`, and so is the product.
+
+    Raises
+    ------
+    SimulationError
+        No solid came of the surface, or the modes found fail the count.
+    """
+    started = _cpu_seconds()
+    solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, name=name)
+    seconds = options.get("seconds")
+    if seconds is not None:
+        seconds["fill"] = _cpu_seconds() - started
+    return modes_of_solid(surface, solid, material, **options)
+
+
+def modes_of_solid(
+    surface: Surface,
+    solid: Solid,
     material: Material,
     *,
     max_frequency_hz: float = 20000.0,
@@ -35,18 +90,12 @@ def simulate_modes(
     accuracy_cents: float = 5.0,
     highest_order: int = 4,
     max_unknowns: int = 180_000,
-    wall_m: float | None = None,
-    shell_m: float | None = None,
-    filling: Filling | None = None,
-    name: str = "surface",
     seconds: dict[str, float] | None = None,
 ) -> Product:
-    """Fill a surface and solve every elastic mode below a frequency.
+    """Elastic modes of a solid, given at points of a surface.
 
     Parameters
     ----------
-    surface
-        Metres, faces outward; need not be closed.
     max_frequency_hz
         Upper end of the band. Where more than `max_modes` modes lie in it, the band ends earlier, in a gap
         between two modes: attribute `stated_frequency_limit_hz`.
@@ -56,127 +105,81 @@ def simulate_modes(
         Wanted largest error of the first 100 frequencies against the exact modes of the elements' shape. The
         functions of the elements are chosen by it, within orders 2 to `highest_order` (3 to 5) and
         `max_unknowns`; what was reached is estimated and stored.
-    wall_m, shell_m
-        As for `fill`.
-    filling
-        Resolution of the tetrahedra.
     seconds
         Filled with the CPU seconds of each step, child processes included.
 
     Returns
     -------
     Product
-        See `modes_of_solid`.
-
-    Raises
-    ------
-    SimulationError
-        No solid came of the surface, or the modes found fail the count.
+        Arrays `_spectrum_arrays` and `_shape_arrays`. Without a mode below the limit all of (mode,) have
+        length 0 and `audible` is false.
     """
     started = _cpu_seconds()
-    solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, name=name)
+    units = _Units.of(solid, material)
+    space, bent = space_on(solid, highest_order, units.length_m, bend=True)
+    bend_s = _cpu_seconds() - started
+    below = (2 * np.pi * max_frequency_hz / units.radians_per_s) ** 2
+    wanted = Wanted(below, accuracy_cents, max_modes, max_unknowns, seed)
+    spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
+    read = _cpu_seconds()
+    counts = training_points, held_out_points
+    arrays, attributes = _read(surface, solid, material, spectrum, units, counts, seed)
+    attributes["max_frequency_hz"] = float(max_frequency_hz)
+    attributes["accuracy_cents"] = float(accuracy_cents)
+    attributes["discretisation"].update(highest_order=highest_order, **bent)
     if seconds is not None:
-        seconds["fill"] = _cpu_seconds() - started
-    return modes_of_solid(
-        surface,
-        solid,
-        material,
-        max_frequency_hz=max_frequency_hz,
-        max_modes=max_modes,
-        training_points=training_points,
-        held_out_points=held_out_points,
-        seed=seed,
-        accuracy_cents=accuracy_cents,
-        highest_order=highest_order,
-        max_unknowns=max_unknowns,
-        seconds=seconds,
-    )
+        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read})
+    return Product(arrays, attributes)
 
 
-def modes_of_solid(
+@dataclass(frozen=True)
+class _Units:
+    """What 1 stands for in the dimensionless problem of a solid."""
+
+    length_m: float
+    radians_per_s: float  # omega = eta c_s / L
+    mass_kg: float
+
+    @classmethod
+    def of(cls, solid: Solid, material: Material) -> "_Units":
+        length = float(np.ptp(solid.vertices, axis=0).max())
+        return cls(length, material.shear_speed_m_s / length, material.density_kg_m3 * length**3)
+
+
+def _read(
     surface: Surface,
     solid: Solid,
     material: Material,
-    *,
-    max_frequency_hz: float,
-    max_modes: int,
-    training_points: int,
-    held_out_points: int,
+    spectrum: Spectrum,
+    units: _Units,
+    counts: tuple[int, int],
     seed: int,
-    accuracy_cents: float = 5.0,
-    highest_order: int = 4,
-    max_unknowns: int = 180_000,
-    seconds: dict[str, float] | None = None,
-) -> Product:
-    """Elastic modes of a solid, given at points of a surface; parameters as for `simulate_modes`.
-
-    Returns
-    -------
-    Product
-        Arrays: `eigenvalues` (mode,) lambda = omega^2, rad^2/s^2, ascending; `dampings_per_s` (mode,)
-        c = (alpha + beta lambda) / 2; `frequencies_hz` (mode,) of the damped mode, sqrt(lambda - c^2) / 2 pi,
-        0 where c^2 >= lambda and it does not ring; `residuals` (mode,); `error_estimates_cents` (mode,)
-        estimated error of the frequency, NaN after the first 100; `radiation_weights` (mode,), rms over the
-        surface of the normal component of the mode, kg^-1/2; `points` (point, 3) metres; `mode_shapes`
-        (point, 3, mode) float32, u^T M u = 1, kg^-1/2; `held_out` (point,) bool. Without a mode below the
-        limit all of (mode,) have length 0 and `audible` is false.
-    """
-    length = float(np.ptp(solid.vertices, axis=0).max())
-    radians = material.shear_speed_m_s / length  # omega = eta c_s / L
-    started = _cpu_seconds()
-    space, bent = space_on(solid, highest_order, length, bend=True)
-    bend_s = _cpu_seconds() - started
-    spectrum = adapt_spectrum(
-        space,
-        solid.component,
-        material.poisson_ratio,
-        below=(2 * np.pi * max_frequency_hz / radians) ** 2,
-        accuracy_cents=accuracy_cents,
-        max_modes=max_modes,
-        max_unknowns=max_unknowns,
-        seed=seed,
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Arrays and attributes, shapes at as many training and held-out points of a surface as `counts` says."""
+    points = np.concatenate(
+        [
+            surface.sample(count, seed + place).points
+            for count, place in zip(counts, (0, HELD_OUT), strict=True)
+        ]
     )
-    eigenvalues = spectrum.eta_squared * radians**2
-    dampings = (material.rayleigh_alpha_per_s + material.rayleigh_beta_s * eigenvalues) / 2
-    frequencies = np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * np.pi)
-    volume_m3 = spectrum.volume * length**3
-    scale = 1 / np.sqrt(material.density_kg_m3 * length**3)  # of mass 1 kg rather than rho L^3
-
-    read = _cpu_seconds()
-    train = surface.sample(training_points, seed)
-    test = surface.sample(held_out_points, seed + 1_000_003)
-    points = np.concatenate([train.points, test.points])
-    boundary = Boundary(solid, spectrum.space, length)
+    boundary = Boundary(solid, spectrum.space, units.length_m)
     vectors = _canonical(spectrum, boundary)
     shapes, distance = boundary.evaluate(vectors, points, solid.report.get("epsilon_m") or 0.0)
-    weights = boundary.normal_rms(vectors) * scale
-    arrays = {
-        **_spectrum_arrays(spectrum, eigenvalues, frequencies, dampings, weights),
-        "points": Array(points, ("point", "axis"), "m", "points of the surface, object frame", False),
-        "mode_shapes": Array(
-            (shapes * scale).astype(np.float32),
-            ("point", "axis", "mode"),
-            "kg-1/2",
-            "mass-normalised mode shape",
-            False,
-        ),
-        "held_out": Array(
-            np.arange(len(points)) >= training_points, ("point",), "1", "point is not for fitting"
-        ),
-    }
+    weights = boundary.normal_rms(vectors) / np.sqrt(units.mass_kg)
+    volume_m3 = spectrum.volume * units.length_m**3
     wall_m = 2 * volume_m3 / boundary.surface.area
+    arrays = {
+        **_spectrum_arrays(spectrum, material, units, weights),
+        **_shape_arrays(points, shapes / np.sqrt(units.mass_kg), counts[0]),
+    }
     attributes: dict[str, Any] = {
-        **_spectrum_attributes(spectrum, radians, frequencies),
-        "max_frequency_hz": float(max_frequency_hz),
-        "accuracy_cents": float(accuracy_cents),
+        **_spectrum_attributes(spectrum, units, arrays["frequencies_hz"].data),
         "geometry_error_estimate_cents": _geometry_error_cents(solid, volume_m3, distance, wall_m),
         "discretisation": {
-            "highest_order": highest_order,
             "elements": len(solid.tetrahedra),
             "unknowns": spectrum.unknowns,
             "steps": spectrum.steps,
             **solid.report,
-            **bent,
             **_volume_error(solid, volume_m3),
         },
         "volume_m3": volume_m3,
@@ -185,15 +188,35 @@ def modes_of_solid(
         "transfer_distance_max_m": float(distance.max(initial=0.0)),
         "material": material.name,
     }
-    if seconds is not None:
-        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read})
-    return Product(arrays, attributes)
+    return arrays, attributes
+
+
+def _shape_arrays(points: Floats, shapes: Floats, training: int) -> dict[str, Array]:
+    """Points (point, 3) of which the first are for training, and mode shapes (point, 3, mode) there."""
+    return {
+        "points": Array(points, ("point", "axis"), "m", "points of the surface, object frame", False),
+        "mode_shapes": Array(
+            shapes.astype(np.float32),
+            ("point", "axis", "mode"),
+            "kg-1/2",
+            "mode shape, u^T M u = 1",
+            False,
+        ),
+        "held_out": Array(np.arange(len(points)) >= training, ("point",), "1", "point is not for fitting"),
+    }
 
 
 def _spectrum_arrays(
-    spectrum: Spectrum, eigenvalues: Floats, frequencies: Floats, dampings: Floats, weights: Floats
+    spectrum: Spectrum, material: Material, units: _Units, weights: Floats
 ) -> dict[str, Array]:
-    """What the product says of each mode."""
+    """What the product says of each mode; error estimates are NaN after the first 100.
+
+    With lambda = omega^2 and the damping c = (alpha + beta lambda) / 2 the damped frequency is
+    sqrt(lambda - c^2) / 2 pi, and 0 where the mode does not ring.
+    """
+    eigenvalues = spectrum.eta_squared * units.radians_per_s**2
+    dampings = (material.rayleigh_alpha_per_s + material.rayleigh_beta_s * eigenvalues) / 2
+    frequencies = np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * np.pi)
     errors = np.full(len(eigenvalues), np.nan)
     errors[: len(spectrum.error_cents)] = spectrum.error_cents[: len(errors)]
     return {
@@ -208,16 +231,16 @@ def _spectrum_arrays(
     }
 
 
-def _spectrum_attributes(spectrum: Spectrum, radians: float, frequencies: Floats) -> dict[str, Any]:
+def _spectrum_attributes(spectrum: Spectrum, units: _Units, frequencies: Floats) -> dict[str, Any]:
     """What the product says of the modes together."""
-    limit_hz = float(np.sqrt(spectrum.limit) * radians / (2 * np.pi))
+    limit_hz = float(np.sqrt(spectrum.limit) * units.radians_per_s / (2 * np.pi))
     return {
         "audible": len(frequencies) > 0,
         "stated_frequency_limit_hz": limit_hz,
         "overdamped_modes": int(np.count_nonzero(frequencies == 0)),
         "count_certificate": {**spectrum.certificate, "limit_hz": limit_hz},
         "error_estimate_cents": float(spectrum.error_cents.max()) if len(spectrum.error_cents) else None,
-        "rigid_frequency_hz": float(np.sqrt(spectrum.rigid_eta_squared) * radians / (2 * np.pi)),
+        "rigid_frequency_hz": float(np.sqrt(spectrum.rigid_eta_squared) * units.radians_per_s / (2 * np.pi)),
     }
 
 
