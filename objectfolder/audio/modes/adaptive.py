@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from objectfolder.audio.elements.curving import GEOMETRY_ORDER
 from objectfolder.audio.elements.elasticity import ElementMatrices, gains_of_more_functions
 from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.eigen import Eigenpairs, count_below, improve, low_shift, lowest_elastic
+from objectfolder.audio.modes.eigen import Eigenpairs, Pencil, count_below, improve, low_shift, lowest_elastic
 from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum
 
 Floats = NDArray[np.float64]
@@ -37,12 +37,12 @@ GUARD_MODES, GUARD_SHARE, GUARD_BAND, START_BAND = 16, 0.1, 2.0, 1.3
 START_TOLERANCE = 1e-3
 # Compact solids may have no mode below such a limit of eta^2 (a cube's first has 8.2) and are counted first.
 # In the thinnest walls that one layer of elements carries, frequencies of order 2 were up to 50 % high,
-# eigenvalues 2.25 times. Bodies without a mode of order 2 below twice that times the limit are silent. Those
-# that have one there, but none below the limit, are solved in all functions: locking hides from the estimate
-# what higher orders gain.
-SMALL, HEARD_BAND = 9.0, 4.5
-# Exponent with which the error falls with the order at least: plates and bodies of revolution fall faster.
-RATE = 3.0
+# eigenvalues 2.25 times. Bodies without a mode of order 2 below twice that times the limit are silent. For
+# others the first modes of orders 2 and 3 decide.
+SMALL, HEARD_BAND, FIRST_MODES = 9.0, 4.5, 4
+# Exponents with which the error may fall with the order, the slowest where only one step was made. With these
+# at least 95 % of the errors of plates and bodies of revolution are below what is stated with the geometry's.
+RATES = 3.0, 9.0
 # Share of the wanted error left to the functions of one order that are not taken.
 SHARE_LEFT = 0.5
 # Elements beside those of lower order gain less than among their like: seen on plates and scans.
@@ -149,7 +149,7 @@ def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wan
     if wanted.below < SMALL:
         pencil = pencil_of(matrices, component, chosen)
         if count_below(pencil, wanted.below) == 0:
-            if count_below(pencil, HEARD_BAND * wanted.below) == 0:
+            if _is_silent(choice, pencil, space, component, wanted):
                 return choice
             matrices = ElementMatrices(_largest(space, wanted.max_unknowns // 3), poisson_ratio)
             return Choice(matrices, np.ones(matrices.space.size, dtype=bool), matrices.space.order)
@@ -160,6 +160,27 @@ def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wan
         before, choice = choice.order, _enriched(choice, space, wanted)
         if choice.order in (before, space.order):
             return choice
+
+
+def _is_silent(choice: Choice, pencil: Pencil, space: Space, component: Integers, wanted: Wanted) -> bool:
+    """Whether no function of a higher order can bring a mode below the limit, where order 2 has none.
+
+    The first eigenvalue of order 3 is farther above the limit than it fell from order 2: what higher orders
+    take off is less than that, for the error of order 3 is at most half of that of order 2.
+    """
+    if count_below(pencil, HEARD_BAND * wanted.below) == 0:
+        return True
+    shift = low_shift(wanted.below)
+    low = lowest_elastic(
+        pencil, below=np.inf, at_most=FIRST_MODES, shift=shift, tolerance=START_TOLERANCE, seed=wanted.seed
+    )
+    matrices = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
+    every = np.ones(matrices.space.size, dtype=bool)
+    start = np.zeros((len(every), 3, len(low.values)))
+    start[: len(choice.chosen)][choice.chosen] = low.vectors.reshape(-1, 3, len(low.values))
+    upper = pencil_of(matrices, component, every)
+    high = improve(upper, start.reshape(upper.size, -1), shift=shift)
+    return bool(2 * high.values[0] - low.values[0] > wanted.below)
 
 
 def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
@@ -303,28 +324,33 @@ def _most_useful(
 
 
 def _remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
-    """Estimated frequency error of the first modes, cents, (k,).
-
-    What was weighed and left out, and what higher orders would bring. The error falls as p^-s with the order
-    p where edges are sharp (I. Babuska and M. Suri, SIAM Review 36, 1994); s is taken as `RATE`, so that at
-    least 95 % of the errors of plates and bodies of revolution are below what is stated here with the
-    geometry's. In smooth bodies it falls faster and is overestimated.
-    """
+    """Estimated frequency error of the first modes, cents, (k,): what was left out, and what is to come."""
     ladder = [*choice.ladder, eta_squared]
     count = min(ESTIMATED_MODES, *(len(values) for values in ladder))
     if count == 0 or len(ladder) == 1:
         return np.zeros(0)
-    drop = np.maximum(ladder[-2][:count] / eta_squared[:count] - 1, 0)
+    relative = np.stack([values[:count] / eta_squared[:count] for values in ladder])
     left = np.full(count, choice.left_cents.max(initial=0.0))
     weighed = min(count, len(choice.left_cents))
     left[:weighed] = choice.left_cents[:weighed]
-    last = GEOMETRY_ORDER + len(choice.ladder)
-    return left + CENTS_PER_RELATIVE_EIGENVALUE * what_is_to_come(drop, last)
+    drops = np.maximum(relative[:-1] - relative[1:], 0)
+    return left + CENTS_PER_RELATIVE_EIGENVALUE * what_is_to_come(drops, GEOMETRY_ORDER + len(drops))
 
 
-def what_is_to_come(drop: Floats, order: int) -> Floats:
-    """How far quantities (k,) that fell by `drop` from `order` - 1 to `order` are still from their limit.
+def what_is_to_come(drops: Floats, order: int) -> Floats:
+    """How far quantities (k,) that fell by `drops` (step, k), the last to `order`, are from their limit.
 
-    With an error C p^-s the drop to order p is C ((p - 1)^-s - p^-s), and C p^-s is to come.
+    Where edges are sharp the error falls as C p^-s with the order p (I. Babuska and M. Suri, SIAM Review 36,
+    1994). The drop to order p is then C ((p - 1)^-s - p^-s), and C p^-s is to come. Edges lead every mode,
+    and the slowest s of `RATES` stands for them. What a mode fell more than the median one is of the inside,
+    which converges with the s measured from the body's last two steps together.
     """
-    return np.asarray(drop / ((order / (order - 1)) ** RATE - 1))
+    rates = np.linspace(*RATES, 101)
+    error = np.stack([(order - step) ** -rates for step in (2, 1, 0)])
+    to_come = error[2] / (error[1] - error[2])
+    measured = 0
+    if len(drops) > 1 and drops[-2].sum() > 0:
+        fall = (error[1] - error[2]) / (error[0] - error[1])
+        measured = int(np.abs(fall - drops[-1].sum() / drops[-2].sum()).argmin())
+    usual = np.minimum(drops[-1], np.median(drops[-1]))
+    return np.asarray(usual * to_come[0] + (drops[-1] - usual) * to_come[measured])
