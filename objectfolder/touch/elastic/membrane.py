@@ -71,7 +71,7 @@ def membrane_image(
     extent = (sensor.gel_width_m, sensor.gel_height_m, sensor.gel_radius_m, sensor.gel_stretch)
     gel = np.array([*sensor.camera_position_m, *sensor.gel_apex_m, *extent])
     sample, position, normal, displacement, met = _trace(
-        fields, gel, grid.u, grid.v, grid.gel_depth, grid.near
+        fields, gel, grid.u, grid.v, grid.gel_depth, grid.near, NEWTON_STEPS
     )
     values = grid.gel_values.copy()
     values[sample] = shade(sensor, position, normal)
@@ -108,9 +108,9 @@ def _bilinear(nodes, gel, y, z, at):
 
 
 @kernel
-def _meet(nodes, gel, across, up, ray, near):
+def _meet(nodes, gel, across, up, ray, near, newton_steps):
     """Distance along a ray at which it meets the membrane."""
-    for _ in range(NEWTON_STEPS):
+    for _ in range(newton_steps):
         y, z = gel[1] + ray * across, gel[2] + ray * up
         top, left, down, right = _cell(nodes.shape, gel, y, z)
         a, b = nodes[top, left, 0], nodes[top, left + 1, 0]
@@ -132,7 +132,7 @@ def _meet(nodes, gel, across, up, ray, near):
 
 
 @kernel
-def _trace(nodes, gel, u, v, gel_depth, near):
+def _trace(nodes, gel, u, v, gel_depth, near, newton_steps):
     """Meet the membrane by Newton's method along each ray, from the undeformed gel on.
 
     Of the rays for which it has moved: indices (k,), positions and normals (3, k) float32, the normals
@@ -150,7 +150,7 @@ def _trace(nodes, gel, u, v, gel_depth, near):
         _bilinear(nodes, gel, gel[1] + ray * across, gel[2] + ray * up, at)
         if abs(at[0]) <= UNMOVED_M and abs(at[1]) + abs(at[2]) <= UNMOVED_SLOPE:
             continue
-        ray = _meet(nodes, gel, across, up, ray, near)
+        ray = _meet(nodes, gel, across, up, ray, near, newton_steps)
         y, z = gel[1] + ray * across, gel[2] + ray * up
         _bilinear(nodes, gel, y, z, at)
         b, c = y - gel[4], z - gel[5]
