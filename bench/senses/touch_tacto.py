@@ -23,8 +23,8 @@ from bench.senses.catalogue import VARIED, Scans, scan_arguments
 from objectfolder.fidelity.images import ssim
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.sensor.calibrated import calibrated
 from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.reading import calibrated
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.press import press, render_poses
 from objectfolder.touch.truth.touches import Press

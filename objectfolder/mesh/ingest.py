@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.mesh.body import Topology, solid_properties, topology_of
 from objectfolder.mesh.cleaning import CleaningReport, clean
 from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
 from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from objectfolder.mesh.solid_properties import solid_properties, topology_of
+from objectfolder.mesh.body import solid_properties, topology_of
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 

@@ -16,9 +16,8 @@ import numpy as np
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.stored_values import whole_number
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.sensor.calibrated import calibrated
 from objectfolder.touch.sensor.camera import no_contact_image
-from objectfolder.touch.sensor.noise import with_noise
+from objectfolder.touch.sensor.reading import calibrated, with_noise
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.stored_sensor import stored_sensor
 from objectfolder.touch.truth.touches import CONTACTS, Press, Touches
@@ -87,7 +86,7 @@ class TouchNet:
             Height and width of the images in pixels; the sensor's own if None.
         background
             (height, width, 3) uint8: what a real sensor of this kind sees untouched. Touches are laid over
-            it, as `objectfolder.touch.sensor.calibrated` does.
+            it, as `objectfolder.touch.sensor.reading` does.
         noise_seed
             Seed of the sensor's noise; without noise if None.
 

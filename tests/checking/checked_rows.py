@@ -4,7 +4,7 @@ from pathlib import Path
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import ObjectRecord
-from objectfolder.mesh.solid_properties import Topology
+from objectfolder.mesh.body import Topology
 from objectfolder.mesh.walls import WallMeasures
 from pipeline.intake.check.entry import Entry, Shape
 

@@ -18,11 +18,11 @@ from hard_meshes import (
 )
 
 from objectfolder.errors import InputError
+from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.solid_properties import topology_of
 from objectfolder.products.store import Product
 from objectfolder.surface.texture_lookup import bilinear
 

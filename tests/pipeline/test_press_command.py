@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import objectfolder
-from objectfolder.touch.sensor.calibrated import synthetic_background
+from objectfolder.touch.sensor.reading import synthetic_background
 from pipeline.cli import main
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import QueryError
-from objectfolder.touch.sensor.calibrated import blur_kernel, calibrated, synthetic_background
 from objectfolder.touch.sensor.camera import no_contact_image
-from objectfolder.touch.sensor.noise import with_noise
+from objectfolder.touch.sensor.reading import blur_kernel, calibrated, synthetic_background, with_noise
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 

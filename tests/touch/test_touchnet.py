@@ -3,8 +3,7 @@ import pytest
 from touch_shapes import bumpy, psnr_db
 
 from objectfolder.errors import FormatError, QueryError
-from objectfolder.touch.sensor.calibrated import calibrated, synthetic_background
-from objectfolder.touch.sensor.noise import with_noise
+from objectfolder.touch.sensor.reading import calibrated, synthetic_background, with_noise
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.touchnet import TouchNet

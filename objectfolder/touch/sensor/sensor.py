@@ -65,9 +65,9 @@ class Sensor:
     photometric_table
         How a painted membrane looks, in place of lights and material, which then count for nothing.
     noise_sigma_grey_levels
-        Standard deviation of the camera's noise (`objectfolder.touch.sensor.noise`).
+        Standard deviation of the camera's noise (`objectfolder.touch.sensor.reading`).
     background_gain, background_blur_pixels
-        How a touch is laid over a background (`objectfolder.touch.sensor.calibrated`): the factor of its
+        How a touch is laid over a background (`objectfolder.touch.sensor.reading`): the factor of its
         difference from the untouched gel, and the odd width of the blur.
     """
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from objectfolder.audio.materials import Material
 from objectfolder.catalogue import ObjectRecord, number_in
 from objectfolder.errors import InputError
+from objectfolder.mesh.body import Topology, solid_properties, topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.mesh import with_length
 from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.solid_properties import Topology, solid_properties, topology_of
 from objectfolder.mesh.walls import WallMeasures, measure_walls
 from objectfolder.products.provenance import file_digest
 from pipeline.intake.sources.registry import SOURCES

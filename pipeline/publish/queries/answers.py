@@ -17,7 +17,7 @@ import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.synthesis import ContactBody, listening_gain, write_wav
 from objectfolder.errors import InputError
-from objectfolder.touch.sensor.calibrated import synthetic_background
+from objectfolder.touch.sensor.reading import synthetic_background
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.truth.environment import RADIUS, environment_lights
 from pipeline.publish.queries.requests import Pressing, Rendering, Striking

@@ -1,4 +1,7 @@
-"""Touches over the background image of a real sensor, as TACTO calibrates its images; on reading."""
+"""What a real sensor adds to a touch, on reading: its background, as TACTO calibrates images, and its noise.
+
+Stored touches are without either.
+"""
 
 import numpy as np
 
@@ -99,3 +102,32 @@ def synthetic_background(sensor: Sensor, seed: int, samples: int = 2) -> np.ndar
     unevenness = 1 + 0.03 * np.cos(waves[:, 0] * across + waves[:, 1] * up + phases)
     values = no_contact_image(sensor, samples) * (cosine_squared**2)[..., None] * balance * unevenness
     return np.asarray(np.clip(np.rint(values), 0, 255).astype(np.uint8))
+
+
+def with_noise(rgb: np.ndarray, sensor: Sensor, seed: int) -> np.ndarray:
+    """Add the sensor's Gaussian noise to images.
+
+    Each value gets noise of its own, of standard deviation `sensor.noise_sigma_grey_levels`, as in TACTO;
+    the sum is rounded to the nearest grey level (TACTO's is rounded down, which darkens by half a level).
+
+    Parameters
+    ----------
+    rgb
+        (height, width, 3) or (n, height, width, 3) uint8.
+    seed
+        0 or more. The noise of an image is set by the seed and its row: more images change none of it.
+
+    Returns
+    -------
+    np.ndarray
+        Of the same shape, uint8.
+    """
+    images = rgb if rgb.ndim == 4 else rgb[None]
+    noisy = np.empty_like(images)
+    for index, image in enumerate(images):
+        random = np.random.default_rng([seed, index])
+        noise = random.standard_normal(image.shape, dtype=np.float32)
+        noise *= np.float32(sensor.noise_sigma_grey_levels)
+        noise += image
+        noisy[index] = np.clip(np.rint(noise, out=noise), 0, 255, out=noise)
+    return noisy.reshape(rgb.shape)
