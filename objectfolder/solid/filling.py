@@ -140,8 +140,14 @@ def fill(
     filling = filling or Filling()
     target, walls = _target(_outward(surface), wall_m, shell_m, name)
     measured = _measure(target)
+    best, tried = _least_doubtful(measured, filling, name)
+    return _finished(best, measured, filling, target, {"tried": tried, **walls})
+
+
+def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[Solid, list[dict[str, Any]]]:
+    """The first solid without doubts, or that with the fewest, and what was tried."""
     tried: list[dict[str, Any]] = []
-    best: tuple[int, Solid] | None = None
+    best: Solid | None = None
     for way, vertices, tetrahedra, done in _ways(measured, filling):
         if len(tetrahedra) == 0:
             tried.append({"way": way, **done})
@@ -149,8 +155,8 @@ def fill(
         fine = clean(vertices, tetrahedra, {}, name=name)
         doubts = _doubts(measured, fine)
         tried.append({"way": way, **done, "doubts": doubts})
-        if best is None or len(doubts) < best[0]:
-            best = len(doubts), replace(fine, report={**fine.report, "way": way, **done, "doubts": doubts})
+        if best is None or len(doubts) < len(best.report["doubts"]):
+            best = replace(fine, report={**fine.report, "way": way, **done, "doubts": doubts})
         if not doubts:
             break
     if best is None:
@@ -160,7 +166,7 @@ def fill(
             f"no solid came of filling it: {', '.join(reasons)}",
             "Check that the surface is closed or nearly so; state shell_m, wall_m or a longer time_limit_s",
         )
-    return _finished(best[1], measured, filling, target, {"tried": tried, **walls})
+    return best, tried
 
 
 def _target(

@@ -85,24 +85,15 @@ def mode_bank(
         Values that are not finite or out of the ranges above, or shapes that do not agree.
     """
     oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-    audible = oscillators.audible()
     given = np.atleast_2d(np.asarray(amplitudes))
     if given.ndim != 2 or given.shape[1] != len(oscillators):
-        raise QueryError(
-            "amplitudes", f"shape {given.shape} for {len(oscillators)} modes", "Give (n, modes)."
-        )
+        finding = f"shape {given.shape} for {len(oscillators)} modes"
+        raise QueryError("amplitudes", finding, "Give (n, modes).")
     sound = sound_array(out, len(given), samples_of(duration_s, sample_rate_hz))
-    sounding = oscillators.take(audible)
-    ring(
-        sounding,
-        sounding.response_weights(response),
-        given,
-        sound,
-        columns=np.flatnonzero(audible),
-        pulse_s=pulse_s,
-        delay_s=delay_s,
-        floor_db=floor_db,
-    )
+    columns = np.flatnonzero(oscillators.audible())
+    sounding = oscillators.take(columns)
+    weights = sounding.response_weights(response)
+    ring(sounding, weights, given, sound, columns, pulse_s=pulse_s, delay_s=delay_s, floor_db=floor_db)
     return sound
 
 
@@ -111,8 +102,8 @@ def ring(
     weights: tuple[Floats, Floats],
     amplitudes: NDArray[np.floating],
     sound: NDArray[np.floating],
-    *,
     columns: NDArray[np.int64] | None = None,
+    *,
     pulse_s: float | ArrayLike | None = None,
     delay_s: float = 0.0,
     floor_db: float = FLOOR_DB,

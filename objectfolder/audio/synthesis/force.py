@@ -59,18 +59,7 @@ def driven_bank(
         As for `mode_bank`.
     """
     oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-    fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces, dtype=np.float64)
-    fields = fields[None] if fields.ndim == 2 else fields
-    pushes = pushes[None] if pushes.ndim == 2 else pushes
-    agree = fields.ndim == pushes.ndim == 3 and fields.shape[:2] == (len(pushes), pushes.shape[2])
-    if not agree or fields.shape[2] != len(oscillators):
-        raise QueryError(
-            "gains, forces",
-            f"shapes {fields.shape} and {pushes.shape} for {len(oscillators)} modes",
-            "Give (n, directions, modes) and (n, k, directions).",
-        )
-    if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
-        raise QueryError("gains, forces", "not finite", "Give numbers.")
+    fields, pushes = _checked(gains, forces, len(oscillators))
     if not delay_samples >= 0:
         raise QueryError("delay_samples", f"{delay_samples}", "Give a delay that is not negative.")
     sound = sound_array(out, len(fields), samples_of(duration_s, sample_rate_hz))
@@ -86,6 +75,23 @@ def driven_bank(
         floor_db=floor_db,
     )
     return sound
+
+
+def _checked(gains: ArrayLike, forces: ArrayLike, modes: int) -> tuple[Floats, Floats]:
+    """Gains (n, directions, modes) and forces (n, k, directions) that agree."""
+    fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces, dtype=np.float64)
+    fields = fields[None] if fields.ndim == 2 else fields
+    pushes = pushes[None] if pushes.ndim == 2 else pushes
+    agree = fields.ndim == pushes.ndim == 3 and fields.shape[:2] == (len(pushes), pushes.shape[2])
+    if not agree or fields.shape[2] != modes:
+        raise QueryError(
+            "gains, forces",
+            f"shapes {fields.shape} and {pushes.shape} for {modes} modes",
+            "Give (n, directions, modes) and (n, k, directions).",
+        )
+    if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
+        raise QueryError("gains, forces", "not finite", "Give numbers.")
+    return fields, pushes
 
 
 def drive(
