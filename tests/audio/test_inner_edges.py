@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from objectfolder.audio.elements.curving import bend_along
 from objectfolder.audio.elements.hierarchic import EDGES
-from objectfolder.audio.elements.inner_edges import bend_along
 from objectfolder.audio.elements.space import Space
 from objectfolder.solid.solid import boundary_of
 
