@@ -19,7 +19,7 @@ from objectfolder.vision.network.sparse_grid import HALF_WIDTH, LEVELS, SparseGr
 BLOCK = 64
 # The inputs that this module computes; a network laid out otherwise is refused.
 ANGLES, SURROUNDINGS = 12, 31
-# The nearest that a light is told to be to a point, unit frame; as in `shading`.
+# The nearest that a light is told to be to a point, unit frame; as in `incidence`.
 NEAREST = 1e-3
 # Of the surroundings, those that depend on the light alone.
 LIGHT_INPUTS = slice(12, 24)

@@ -12,6 +12,8 @@ from objectfolder.surface.surface import Surface
 TERMINATOR_COSINE = 0.1
 # Distance (unit frame) by which a shadow ray starts off its own face.
 SELF_OFFSET = 1e-4
+# The nearest that a light is told to be to a point (unit frame).
+NEAREST = 1e-3
 # Cosine with the facet to which mirror rays are lifted that a bent normal sends below it; Cycles bends the
 # normal to the same end.
 LEAST_MIRROR_COSINE = 0.01
@@ -26,7 +28,7 @@ class Incidence:
     position, normal, to_camera, to_light
         (n, 3); the last three of unit length, the normal is the shading normal on the camera's side.
     distance
-        (n,) distance to the light.
+        (n,) distance to the light, at least `NEAREST`.
     irradiance
         (n,) visibility * max(0, cos) / distance^2: 4 pi / power times the irradiance.
     """
@@ -79,6 +81,7 @@ class UnitSurface:
         to_light = light_position - position
         distance = np.linalg.norm(to_light, axis=1)
         to_light /= np.maximum(distance, 1e-9)[:, None]
+        distance = np.maximum(distance, NEAREST)
         cosine = np.einsum("ij,ij->i", normal, to_light)
         lit = np.flatnonzero(cosine > 0)
         start = shadow_ray_start(
@@ -88,7 +91,7 @@ class UnitSurface:
         target = np.broadcast_to(light_position, position.shape)[lit]
         blocked = self.surface.occluded(self.frame.to_object(start), self.frame.to_object(target))
         irradiance = np.zeros(len(position))
-        irradiance[lit] = np.where(blocked, 0.0, cosine[lit] / np.maximum(distance[lit], 1e-3) ** 2)
+        irradiance[lit] = np.where(blocked, 0.0, cosine[lit] / distance[lit] ** 2)
         return Incidence(position, normal, -directions, to_light, distance, irradiance)
 
     def seen(

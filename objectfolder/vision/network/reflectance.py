@@ -12,6 +12,7 @@ Fresnel factor (Schlick 1994) scales both highlights; its value when seen facing
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -33,16 +34,16 @@ class _Interpolate(torch.autograd.Function):
     """Weighted sums of rows of a table; its own backward, as torch's sorts the rows."""
 
     @staticmethod
-    def forward(ctx, table: Tensor, rows: Tensor, weights: Tensor) -> Tensor:  # type: ignore[no-untyped-def]  # ctx has no public type
+    def forward(ctx: Any, table: Tensor, rows: Tensor, weights: Tensor) -> Tensor:
         ctx.save_for_backward(rows, weights)
         ctx.shape = table.shape
         return functional.embedding_bag(rows, table, per_sample_weights=weights, mode="sum")
 
     @staticmethod
-    def backward(ctx, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[no-untyped-def]  # as above
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
         rows, weights = ctx.saved_tensors
         flat, spread = rows.numpy().ravel(), weights.numpy()
-        values = gradient.numpy()
+        values = gradients[0].numpy()
         columns = [
             np.bincount(flat, (spread * values[:, column : column + 1]).ravel(), ctx.shape[0])
             for column in range(ctx.shape[1])
@@ -51,8 +52,9 @@ class _Interpolate(torch.autograd.Function):
 
 
 def interpolate(table: Tensor, rows: np.ndarray, weights: np.ndarray) -> Tensor:
-    """Return (n, features) sums of 8 rows of a (corners, features) table."""
-    result: Tensor = _Interpolate.apply(table, torch.from_numpy(rows), torch.from_numpy(weights))
+    """Return (n, features) sums of 8 rows of a (corners, features) table, which is trained on a CPU only."""
+    at = (torch.from_numpy(values).to(table.device) for values in (rows, weights))
+    result: Tensor = _Interpolate.apply(table, *at)
     return result
 
 
@@ -122,13 +124,15 @@ class Mirrored:
         (m,) int64 which points.
     rim
         (m, 1) of these, see `fifth_power_of_rim`.
-    interpolation, angles, irradiance
+    features
+        (m, f) of all levels, of the points met.
+    angles, irradiance
         Of the points met, as of `Reflectance.forward`.
     """
 
     row: Tensor
     rim: Tensor
-    interpolation: list[tuple[np.ndarray, np.ndarray]]
+    features: Tensor
     angles: Tensor
     irradiance: Tensor
 
@@ -260,7 +264,7 @@ class Reflectance(nn.Module):
         radiance = irradiance[:, None] * reflectance + albedo * light
         if mirrored is None:
             return radiance
-        met = torch.cat(self.levels(mirrored.interpolation), dim=1)
+        met = mirrored.features
         seen = mirrored.irradiance[:, None] * self.reflectance(
             met, self.base(met, mirrored.angles), mirrored.angles, self.log_mirror_alpha
         )

@@ -1,14 +1,23 @@
-"""Views of a stored surface by numpy and torch: on a GPU, and for tests of the compiled renderer."""
+"""Views of a stored surface by numpy and the network as it was trained: on a GPU, and to test the kernels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
+import torch
 
-from objectfolder.vision.network.incidence import Incidence, MirrorHits, UnitSurface
+from objectfolder.errors import FormatError, QueryError
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.network_layout import has_mirrors
+from objectfolder.vision.network.reflectance import (
+    Mirrored,
+    Reflectance,
+    angle_inputs,
+    fifth_power_of_rim,
+    surrounding_inputs,
+)
 from objectfolder.vision.network.sparse_grid import SparseGrid
 from objectfolder.vision.rendering.pixel_integration import integrate_pixels
-from objectfolder.vision.rendering.shading import Described, Shading
 
 # Points lit at a time: what a render holds at once does not grow with its lights or its rays.
 POINTS = 1 << 14
@@ -27,6 +36,11 @@ class TorchRenderer:
         P / (4 pi^2) of the data set's light, watts.
     device
         Where the network and its features are, ``"cpu"`` or ``"cuda"``; rays are traced on the CPU.
+
+    Raises
+    ------
+    FormatError
+        Weights that do not fit the network.
     """
 
     def __init__(
@@ -39,7 +53,16 @@ class TorchRenderer:
     ) -> None:
         self._surface = surface
         self._radiance_scale = radiance_scale
-        self._shading = Shading(grid, weights, device)
+        self._grid = grid
+        self._device = torch.device(device)
+        network = Reflectance(grid.sizes, mirrors=has_mirrors(weights.keys()))
+        try:
+            network.load_state_dict(
+                {name: torch.from_numpy(value.astype(np.float32)) for name, value in weights.items()}
+            )
+        except RuntimeError as error:
+            raise FormatError("vision", f"tensors do not fit the network: {error}") from error
+        self._network = network.eval().to(self._device)
         self._corners = surface.triangles.reshape(-1, 3)
 
     def render(
@@ -91,39 +114,79 @@ class TorchRenderer:
         light_position: np.ndarray,
         light_colour: np.ndarray,
     ) -> np.ndarray:
-        """Return (n, 4) float32 premultiplied RGBA along (n, 3) rays of unit directions."""
+        """Return (n, 4) float32 premultiplied RGBA along (n, 3) rays of unit directions.
+
+        A ray's answer depends on the others by rounding: libraries round a matrix product by its rows.
+        """
         result = np.zeros((len(directions), 4), dtype=np.float32)
         face, barycentric = self._surface.first_hits(origins, directions)
         hits = np.flatnonzero(face >= 0)
         result[hits, 3] = 1.0
-        shining = np.flatnonzero(light_colour.any(axis=1))
-        factors = (light_colour * self._radiance_scale).astype(np.float32)
+        shining = light_colour.any(axis=1)
+        lights = light_position[shining]
+        factors = (light_colour[shining] * self._radiance_scale).astype(np.float32)
         for start in range(0, len(hits), POINTS):
             rows = hits[start : start + POINTS]
-            described = None
-            for index in shining:
-                light = light_position[index]
-                points = self._surface.incidence(face[rows], barycentric[rows], directions[rows], light)
-                if described is None:
-                    described = self._shading.describe(points.position, points.normal)
-                    met = self._met_in_mirrors(face[rows], points) if self._shading.mirrors else None
-                result[rows, :3] += factors[index] * self._shading.radiance(described, points, light)
-                if met is not None:
-                    hits_again, known = met
-                    lit = self._surface.incidence(
-                        hits_again.face, hits_again.barycentric, hits_again.direction, light
-                    )
-                    shown = self._shading.mirrored(described, points, hits_again.row, known, lit)
-                    result[rows[hits_again.row], :3] += factors[index] * shown
+            shown = self._lit(face[rows], barycentric[rows], directions[rows], lights)
+            for factor, radiance in zip(factors, shown, strict=True):
+                result[rows, :3] += factor * radiance
         return result
 
-    def _met_in_mirrors(self, face: np.ndarray, points: Incidence) -> tuple[MirrorHits, Described] | None:
-        """Return where the mirror rays of points on faces (n,) meet the surface, and what is known there.
+    @torch.inference_mode()
+    def _lit(
+        self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray, lights: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """Yield the radiance (n, 3) over P / (4 pi^2) that each of the lights (k, 3) causes at points.
 
-        None where no ray does.
+        What no light changes, the features and what is seen in mirrors, is found once.
         """
-        hits = self._surface.mirrored(face, points)
-        if len(hits.row) == 0:
-            return None
-        position, normal = self._surface.seen(hits.face, hits.barycentric, hits.direction)
-        return hits, self._shading.describe(position, normal)
+        network, surface = self._network, self._surface
+        position = surface.seen(face, barycentric, directions)[0]
+        levels = self._levels(position)
+        again = None
+        for light in lights:
+            points = surface.incidence(face, barycentric, directions, light)
+            angles = self._tensor(angle_inputs(points))
+            mirrored = None
+            if network.mirrors:
+                if again is None:
+                    hits = surface.mirrored(face, points)
+                    met_at, _ = surface.seen(hits.face, hits.barycentric, hits.direction)
+                    again = hits, torch.cat(self._levels(met_at), dim=1)
+                hits, features = again
+                met = surface.incidence(hits.face, hits.barycentric, hits.direction, light)
+                camera = np.einsum("ij,ij->i", points.normal[hits.row], points.to_camera[hits.row])
+                mirrored = Mirrored(
+                    torch.from_numpy(hits.row).to(self._device),
+                    self._tensor(fifth_power_of_rim(camera)[:, None]),
+                    features,
+                    self._tensor(angle_inputs(met)),
+                    self._tensor(met.irradiance),
+                )
+            radiance = network.radiance(
+                levels,
+                network.base(torch.cat(levels, dim=1), angles),
+                angles,
+                self._tensor(surrounding_inputs(points, light)),
+                self._tensor(points.irradiance),
+                mirrored,
+            )
+            yield radiance.cpu().numpy()
+
+    def _levels(self, position: np.ndarray) -> list[torch.Tensor]:
+        return self._network.levels(self._grid.interpolation(position.astype(np.float32)))
+
+    def _tensor(self, values: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(values.astype(np.float32)).to(self._device)
+
+
+def require_cuda() -> None:
+    """Refuse CUDA where torch finds none.
+
+    Raises
+    ------
+    QueryError
+        No device.
+    """
+    if not torch.cuda.is_available():
+        raise QueryError("device", "torch finds no CUDA device here", "Use 'cpu'.")

@@ -335,7 +335,7 @@ def _loss(
         angles,
         torch.from_numpy(rays.surroundings[row]),
         torch.from_numpy(rays.irradiance[row]),
-        None if rays.mirrored is None else _in_mirrors(grid, rays.mirrored, row),
+        None if rays.mirrored is None else _in_mirrors(network, grid, rays.mirrored, row),
     )
 
     def mean_of_pixels(values: torch.Tensor) -> torch.Tensor:
@@ -361,7 +361,7 @@ def _loss(
     return loss
 
 
-def _in_mirrors(grid: SparseGrid, mirrored: MirrorRays, row: np.ndarray) -> Mirrored:
+def _in_mirrors(network: Reflectance, grid: SparseGrid, mirrored: MirrorRays, row: np.ndarray) -> Mirrored:
     """Return what sub-rays `row` (n,) see in the surface."""
     place = mirrored.place[row]
     owner = np.flatnonzero(place >= 0)
@@ -369,7 +369,7 @@ def _in_mirrors(grid: SparseGrid, mirrored: MirrorRays, row: np.ndarray) -> Mirr
     return Mirrored(
         torch.from_numpy(owner),
         torch.from_numpy(mirrored.rim[met]),
-        grid.interpolation(mirrored.position[met]),
+        torch.cat(network.levels(grid.interpolation(mirrored.position[met])), dim=1),
         torch.from_numpy(mirrored.angles[met]),
         torch.from_numpy(mirrored.irradiance[met]),
     )

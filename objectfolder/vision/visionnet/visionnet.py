@@ -170,7 +170,7 @@ class VisionNet:
         if device == "cuda":
             if importlib.util.find_spec("torch") is None:
                 raise QueryError("device", "'cuda' needs torch", "Install it, or use 'cpu'.")
-            from objectfolder.vision.rendering.shading import require_cuda
+            from objectfolder.vision.rendering.torch_renderer import require_cuda
 
             require_cuda()
         other = copy.copy(self)
