@@ -36,7 +36,8 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.compositing import composite_on_white, on_white
 from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
 from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 SIZES = (128, 256)
 SUB_RAYS = (1, 4, 16, 64)

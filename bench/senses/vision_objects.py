@@ -32,7 +32,8 @@ from objectfolder.vision.compositing import on_white
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.render_request import Shots, unit_scene
 from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 # Seven materials; metals: mug, spoon, bell, scissors, hammer; gloss: teapot, marble; thin: spoon, scissors;
 # self-shadowing: stool, bell, mug.

@@ -11,7 +11,7 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.vision.visionnet.visionnet import fit_visionnet
+from objectfolder.vision.visionnet.fitting import fit_visionnet
 
 
 def encode_object(

@@ -16,8 +16,8 @@ from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.network.incidence import Incidence, UnitSurface
 from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
-from objectfolder.vision.visionnet.training import rays_to_meet, shows_itself
-from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.visionnet.fitting import fit_visionnet, rays_to_meet, shows_itself
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 WHITE = np.ones((1, 3))
 

@@ -15,15 +15,14 @@ from objectfolder.vision.compositing import composite_on_white, srgb_encode
 from objectfolder.vision.network.incidence import Incidence, UnitSurface
 from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, highlight
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+from objectfolder.vision.visionnet.fitting import MOST_RAYS, fit_visionnet, rays_to_average
 from objectfolder.vision.visionnet.training import (
     LEAST_ALPHA,
-    MOST_RAYS,
     display_loss,
     encoded_slope,
-    rays_to_average,
     trace_training_rays,
 )
-from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 SIZE, FIELD_OF_VIEW_DEG = 32, 39.6
 TOY = {"steps": 150, "batch_pixels": 256, "grid_resolution": 16, "learning_rate": 2e-2}

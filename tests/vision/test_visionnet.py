@@ -11,7 +11,8 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.visionnet import VisionNet, fit_visionnet
+from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
 TINY = {"steps": 300, "batch_pixels": 512, "grid_resolution": 32}
 

@@ -22,9 +22,9 @@ from objectfolder.vision.cameras import (
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.passes import Passes, cast_passes
-from objectfolder.vision.truth.render_request import BOUNCES, LIGHT_POWER_W, Shots, unit_scene
+from objectfolder.vision.truth.render_request import BOUNCES, LIGHT_POWER_W, Scene, Shots, unit_scene
 
-# Held-out views rendered a second time to measure the noise that is left in them.
+# Held-out views rendered a second time to measure the noise in them.
 NOISE_VIEWS = 2
 # Seeds are below 2^30; this bit makes the seed of a repeat.
 REPEAT = 1 << 30
@@ -50,21 +50,11 @@ Drawn = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def simulate_views(
-    mesh: TexturedMesh,
-    appearance: Appearance,
-    *,
-    resolution: int | tuple[int, int],
-    training_views: int,
-    training_samples: int,
-    held_out_views: int,
-    held_out_samples: int,
-    field_of_view_deg: float = FIELD_OF_VIEW_DEG,
-    camera_radius: float = CAMERA_RADIUS,
-    light_power_w: float = LIGHT_POWER_W,
-    seed: int = 0,
-    threads: int = 1,
-    passes: bool = True,
-) -> Product:
+    mesh: TexturedMesh, appearance: Appearance, *, resolution: int | tuple[int, int],
+    training_views: int, training_samples: int, held_out_views: int, held_out_samples: int,
+    field_of_view_deg: float = FIELD_OF_VIEW_DEG, camera_radius: float = CAMERA_RADIUS,
+    light_power_w: float = LIGHT_POWER_W, seed: int = 0, threads: int = 1, passes: bool = True,
+) -> Product:  # fmt: skip
     """Render an object from cameras uniform on a sphere, each with a light uniform on the unit sphere.
 
     Equal arguments give equal bytes, whatever `threads`. Training views do not depend on the number of
@@ -72,26 +62,17 @@ def simulate_views(
 
     Parameters
     ----------
-    mesh
-        The object, metres; rendered in its unit frame.
-    appearance
-        Reflectance besides the base colour.
-    resolution
-        Pixels a side, or (height, width).
-    training_views, held_out_views
-        How many views; the held-out ones come last.
-    training_samples, held_out_samples
-        Paths a pixel.
-    field_of_view_deg
-        Angle over the longer side.
-    camera_radius
-        Distance of the cameras from the origin of the unit frame.
-    light_power_w
-        Radiant power of the point light, for distances in the unit frame.
-    seed
-        Of cameras, lights and paths.
-    threads
-        Render threads.
+    mesh, appearance
+        The object, metres, rendered in its unit frame; and its reflectance besides the base colour.
+    resolution, field_of_view_deg
+        Pixels a side, or (height, width); and the angle over the longer side.
+    training_views, held_out_views, training_samples, held_out_samples
+        How many views of each kind, the held-out ones last; and paths a pixel.
+    camera_radius, light_power_w
+        Distance of the cameras from the origin, and radiant power of the point light for distances, in the
+        unit frame.
+    seed, threads
+        Of cameras, lights and paths; and render threads.
     passes
         False leaves out depth, normal, albedo and mask, which compress to several times the size of the
         images and can be cast again at any time (`passes.cast_passes`).
@@ -99,11 +80,8 @@ def simulate_views(
     Returns
     -------
     Product
-        ``rgba`` (view, y, x, channel) float16 scene-linear premultiplied, averaged over each pixel;
-        ``depth``, ``normal``, ``albedo`` and ``mask`` at its centre (see `passes.Passes`);
-        ``camera_to_world`` (view, 4, 4) and ``light_position`` (view, 3) in the unit frame, ``held_out``,
-        ``samples`` and ``seed`` (view,).
-        Attributes say how it was made, how much noise is left, and in ``warnings`` what is wrong with it.
+        Arrays as of `_arrays` and `_pass_arrays`. Attributes say how it was made, how much noise it has, and
+        in ``warnings`` what is wrong with it.
 
     Raises
     ------
@@ -112,104 +90,98 @@ def simulate_views(
     SimulationError
         Blender is missing or failed.
     """
-    height, width = image_size(resolution)
-    for name, value in {
-        "training_views": training_views, "training_samples": training_samples,
-        "held_out_samples": held_out_samples, "camera_radius": camera_radius, "light_power_w": light_power_w,
-    }.items():  # fmt: skip
-        if value <= 0:
-            raise InputError(f"views.{name}", f"{value} is not positive", "Give a positive number.")
+    size = image_size(resolution)
+    _require_positive(training_views=training_views, training_samples=training_samples,
+                      held_out_samples=held_out_samples, camera_radius=camera_radius,
+                      light_power_w=light_power_w)  # fmt: skip
     if held_out_views < 0:
         raise InputError("views.held_out_views", f"{held_out_views} is negative", "Give 0 or more.")
     frame = UnitFrame.of_points(mesh.vertices[np.unique(mesh.faces)])
     scene = unit_scene(mesh, appearance, frame)
-    training_stream, held_out_stream = np.random.SeedSequence(seed).spawn(2)
-    training = _draw(training_stream, training_views, camera_radius)
-    held_out = _draw(held_out_stream, held_out_views, camera_radius)
+    streams, counts = np.random.SeedSequence(seed).spawn(2), (training_views, held_out_views)
+    training, held_out = (_draw(*part, camera_radius) for part in zip(streams, counts, strict=True))
+    how = (*size, field_of_view_deg, light_power_w, BOUNCES, threads)
+    rgba, floors = _rendered(scene, training, held_out, (training_samples, held_out_samples), how)
+    drawn, kept = _joined(training, held_out), np.arange(len(rgba)) >= training_views
+    arrays = _arrays(rgba, drawn, kept, np.where(kept, held_out_samples, training_samples).astype(np.int32))
+    if passes:
+        arrays |= _pass_arrays(cast_passes(scene, drawn[0], size, field_of_view_deg))
+    made = {"camera_radius": float(camera_radius), "frame": frame.to_dict(), "seed": seed, **floors}
+    exposed = exposure(rgba[kept] if held_out_views else rgba)
+    return Product(arrays, _attributes(scene, mesh, size, field_of_view_deg, light_power_w) | made | exposed)
+
+
+def _require_positive(**values: float) -> None:
+    for name, value in values.items():
+        if value <= 0:
+            raise InputError(f"views.{name}", f"{value} is not positive", "Give a positive number.")
+
+
+def _rendered(
+    scene: Scene, training: Drawn, held_out: Drawn, samples: tuple[int, int], how: tuple[Any, ...]
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return the images of training and held-out views, and the noise attributes; `how` ends `Shots`."""
     # The repeats that measure the noise ride with the held-out views: same sample count, same process.
     repeated = (held_out[0][:NOISE_VIEWS], held_out[1][:NOISE_VIEWS], held_out[2][:NOISE_VIEWS] ^ REPEAT)
-
-    def rendered(views: Drawn, samples: int) -> np.ndarray:
-        return render_in_children(
-            scene,
-            Shots(*views, samples, height, width, field_of_view_deg, light_power_w, BOUNCES, threads),
-        )
-
-    noisy = rendered(_joined(held_out, repeated), held_out_samples)
-    rgba = np.concatenate([rendered(training, training_samples), noisy[:held_out_views]])
-    floors = noise_floor(noisy[:NOISE_VIEWS], noisy[held_out_views:])
-    cameras, lights, seeds = _joined(training, held_out)
-    kept = np.arange(len(rgba)) >= training_views
-    more = {}
-    if passes:
-        more = _pass_arrays(cast_passes(scene, cameras, (height, width), field_of_view_deg))
-    samples = np.where(kept, held_out_samples, training_samples).astype(np.int32)
-    return Product(
-        {
-            "rgba": Array(
-                rgba, ("view", "y", "x", "channel"), "1", "scene-linear premultiplied RGBA radiance"
-            ),
-            "camera_to_world": Array(
-                cameras, ("view", "row", "column"), "1", "camera pose in the unit frame, OpenGL convention"
-            ),
-            "light_position": Array(lights, ("view", "axis"), "1", "point light in the unit frame"),
-            "held_out": Array(kept, ("view",), "1", "kept from training"),
-            "samples": Array(samples, ("view",), "1", "paths a pixel"),
-            "seed": Array(seeds, ("view",), "1", "seed of the path sampler"),
-            **more,
-        },
-        {
-            "field_of_view_deg": float(field_of_view_deg),
-            "focal_length_px": focal_length_px((height, width), field_of_view_deg),
-            "camera_radius": float(camera_radius),
-            "light_radius": LIGHT_RADIUS,
-            "light_power_w": float(light_power_w),
-            "bounces": BOUNCES,
-            "appearance": appearance.to_dict(),
-            "frame": frame.to_dict(),
-            "background": "none: alpha 0; on white by compositing.on_white",
-            "pixel_filter": "box of one pixel",
-            "renderer": _renderer(),
-            "transmission": TRANSMISSION,
-            "maps": {
-                "roughness": len(mesh.roughness_maps),
-                "metallic": len(mesh.metallic_maps),
-                "holes": scene.has_holes,
-            },
-            "seed": seed,
-            **floors,
-            **exposure(rgba[kept] if held_out_views else rgba),
-        },
-    )
+    noisy = render_in_children(scene, Shots(*_joined(held_out, repeated), samples[1], *how))
+    trained = render_in_children(scene, Shots(*training, samples[0], *how))
+    count = len(held_out[0])
+    return np.concatenate([trained, noisy[:count]]), noise_floor(noisy[:NOISE_VIEWS], noisy[count:])
 
 
-def _pass_arrays(passes: Passes) -> dict[str, Array]:
+def _arrays(rgba: np.ndarray, drawn: Drawn, kept: np.ndarray, samples: np.ndarray) -> dict[str, Array]:
+    """Return what every product of views has; ``rgba`` is averaged over each pixel."""
+    cameras, lights, seeds = drawn
+    colour = "scene-linear premultiplied RGBA radiance"
+    pose = "camera pose in the unit frame, OpenGL convention"
     return {
-        "depth": Array(
-            passes.depth,
-            ("view", "y", "x"),
-            "1",
-            "depth along the camera's -z axis at the pixel's centre",
-        ),
-        "normal": Array(
-            passes.normal,
-            ("view", "y", "x", "axis"),
-            "1",
-            "shading normal at the pixel's centre, unit frame",
-        ),
-        "albedo": Array(
-            passes.albedo,
-            ("view", "y", "x", "channel"),
-            "1",
-            "scene-linear base colour at the pixel's centre",
-        ),
-        "mask": Array(passes.mask, ("view", "y", "x"), "1", "the pixel's centre shows the object"),
+        "rgba": Array(rgba, ("view", "y", "x", "channel"), "1", colour),
+        "camera_to_world": Array(cameras, ("view", "row", "column"), "1", pose),
+        "light_position": Array(lights, ("view", "axis"), "1", "point light in the unit frame"),
+        "held_out": Array(kept, ("view",), "1", "kept from training"),
+        "samples": Array(samples, ("view",), "1", "paths a pixel"),
+        "seed": Array(seeds, ("view",), "1", "seed of the path sampler"),
     }
 
 
-def _draw(
-    stream: np.random.SeedSequence, count: int, radius: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _attributes(
+    scene: Scene, mesh: TexturedMesh, size: tuple[int, int], field_of_view_deg: float, light_power_w: float
+) -> dict[str, Any]:
+    """Return how the views of a scene are made."""
+    return {
+        "field_of_view_deg": float(field_of_view_deg),
+        "focal_length_px": focal_length_px(size, field_of_view_deg),
+        "light_radius": LIGHT_RADIUS,
+        "light_power_w": float(light_power_w),
+        "bounces": BOUNCES,
+        "appearance": scene.appearance.to_dict(),
+        "background": "none: alpha 0; on white by compositing.on_white",
+        "pixel_filter": "box of one pixel",
+        "renderer": _renderer(),
+        "transmission": TRANSMISSION,
+        "maps": {
+            "roughness": len(mesh.roughness_maps),
+            "metallic": len(mesh.metallic_maps),
+            "holes": scene.has_holes,
+        },
+    }
+
+
+def _pass_arrays(passes: Passes) -> dict[str, Array]:
+    """Return what is at the centre of each pixel, see `passes.Passes`."""
+    image = ("view", "y", "x")
+    depth = "depth along the camera's -z axis at the pixel's centre"
+    normal = "shading normal at the pixel's centre, unit frame"
+    albedo = "scene-linear base colour at the pixel's centre"
+    return {
+        "depth": Array(passes.depth, image, "1", depth),
+        "normal": Array(passes.normal, (*image, "axis"), "1", normal),
+        "albedo": Array(passes.albedo, (*image, "channel"), "1", albedo),
+        "mask": Array(passes.mask, image, "1", "the pixel's centre shows the object"),
+    }
+
+
+def _draw(stream: np.random.SeedSequence, count: int, radius: float) -> Drawn:
     camera, light, path = (np.random.default_rng(child) for child in stream.spawn(3))
     poses = look_at(uniform_on_sphere(count, radius, camera)).reshape(-1, 4, 4)
     return (
@@ -220,11 +192,8 @@ def _draw(
 
 
 def _joined(first: Drawn, second: Drawn) -> Drawn:
-    return (
-        np.concatenate([first[0], second[0]]),
-        np.concatenate([first[1], second[1]]),
-        np.concatenate([first[2], second[2]]),
-    )
+    cameras, lights, seeds = (np.concatenate(pair) for pair in zip(first, second, strict=True))
+    return cameras, lights, seeds
 
 
 def noise_floor(first: np.ndarray, second: np.ndarray) -> dict[str, Any]:

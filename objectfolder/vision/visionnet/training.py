@@ -23,14 +23,8 @@ from objectfolder.vision.network.sparse_grid import SparseGrid
 
 # A mirror shows the lamp, a point, to no pixel: its highlight starts a little wider, and is never narrower.
 LEAST_ALPHA = 0.0025
-# Roughness up to which a conductor's mirror rays pay. A steel mug of 0.4 gains 0.8 dB for 1.8 times the
-# time, which more sub-rays gain as well; a metal teapot of 0.25 gains 5.8 dB for 1.6 times the time.
-MOST_ROUGHNESS = 0.3
 # Albedo below which training starts from the object's own.
 DARK = 0.05
-# Looks at a pixel in the course of training beyond which more rays a look are worth more than more looks.
-ENOUGH_LOOKS = 5
-MOST_RAYS = 24
 # Sub-rays of a step on which the unevenness of the reflectance is measured.
 EVEN_RAYS = 1024
 
@@ -116,30 +110,6 @@ class Priors:
 
     base_colour: float = 0.0
     evenness: float = 0.0
-
-
-def shows_itself(appearance: Appearance) -> bool:
-    """Whether one mirror ray a point pays: the surface is a smooth enough conductor."""
-    return appearance.metallic >= 0.5 and appearance.roughness <= MOST_ROUGHNESS
-
-
-def rays_to_meet(appearance: Appearance) -> int:
-    """Return how many rays through a training pixel a highlight asks for.
-
-    With 4 rays a narrow highlight is met by chance, and the fit flattens it: a metal teapot of roughness
-    0.25 gains 1.7 dB by 12 rays in place of 4 at equal cost.
-    """
-    return int(np.clip(round(3.0 / max(appearance.roughness, 1e-3)), 4, 24))
-
-
-def rays_to_average(pixels: int, rays: int) -> int:
-    """Return how many rays a look at each of `pixels` is worth, where training follows `rays` in all.
-
-    A pixel's colour is the mean over its area, and a few rays through it a noisy guess of what that holds:
-    at edges the fit is to the noise. An object with few pixels is looked at often enough to afford more
-    at equal cost: a pair of scissors gains 6 dB by 12 or 24 rays in place of 4.
-    """
-    return int(np.clip(rays // (ENOUGH_LOOKS * max(pixels, 1)), 4, MOST_RAYS))
 
 
 def trace_training_rays(

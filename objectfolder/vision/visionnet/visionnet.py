@@ -9,17 +9,15 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from objectfolder.errors import FormatError, QueryError
-from objectfolder.products.store import Product
 from objectfolder.products.stored_values import number, whole_number
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.points import point_rows
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors, weight_shapes
-from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid, covering_points
+from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
 from objectfolder.vision.rendering.pixel_centres import cast_pixel_centres
 from objectfolder.vision.rendering.view_query import (
     image_query,
@@ -38,8 +36,6 @@ DEVICES = ("cpu", "cuda")
 SUB_RAYS = 64
 MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
 BAND_PIXELS = 1 << 21  # rendered at once: working memory does not grow with the image
-# Rays through a training pixel without mirrors.
-FEW_RAYS = 4
 # Shape of a pixel, and type, of what a view can show.
 PASSES: dict[str, tuple[tuple[int, ...], type]] = {
     "rgba": ((4,), np.float32),
@@ -337,97 +333,3 @@ def _bands(part: tuple[int, int, int, int]) -> Iterator[tuple[int, int, int, int
     rows = max(1, BAND_PIXELS // width)
     for start in range(0, height, rows):
         yield top + start, left, min(rows, height - start), width
-
-
-def fit_visionnet(
-    surface: Surface,
-    frame: UnitFrame,
-    views: Product,
-    *,
-    steps: int = 1200,
-    batch_pixels: int = 1024,
-    training_sub_rays: int | None = None,
-    training_pixels: int = 600_000,
-    learning_rate: float = 1e-2,
-    grid_corners: int = 100_000,
-    grid_resolution: int = 128,
-    mirrors: bool | None = None,
-    base_colour_weight: float = 0.3,
-    evenness_weight: float = 1e-3,
-    seed: int = 0,
-) -> VisionNet:
-    """Fit a VisionNet to the views that are not held out.
-
-    Equal arguments give equal weights on the same number of torch threads.
-
-    Parameters
-    ----------
-    surface
-        The decoded surface that the Object File will hold.
-    frame
-        Its unit frame.
-    views
-        Product of `views.simulate_views`.
-    steps, batch_pixels, learning_rate
-        Steps of Adam, pixels a step (of 4 rays; fewer pixels of more rays), and its rate.
-    training_sub_rays, training_pixels
-        Rays through each training pixel, and how many pixels (of 4 rays, as above) to choose from all
-        training views at most. If None 4 rays, more where the pixels are few (`training.rays_to_average`);
-        with mirrors at least as many as meet a narrow highlight.
-    grid_corners, grid_resolution
-        At most this many corners at the finest level, and at most this many cells a side (a multiple of 8).
-    mirrors
-        Whether the network shows the surface in itself, at the cost of one more ray a point; if None,
-        where `training.shows_itself` says so.
-    base_colour_weight, evenness_weight
-        How much the albedo is held to the views' base-colour pass, and the reflectance over it to be alike
-        all over, see `training.Priors`; 0 not at all. Views without that pass are fitted without the first.
-    seed
-        Of initial weights, batches and rays.
-
-    Raises
-    ------
-    InputError
-        No training view shows the object.
-    """
-    from objectfolder.vision.visionnet.training import (
-        Priors,
-        rays_to_average,
-        rays_to_meet,
-        shows_itself,
-        trace_training_rays,
-        train,
-    )
-
-    unit_surface = UnitSurface(surface, frame)
-    appearance = Appearance(**views.attributes["appearance"])
-    if mirrors is None:
-        mirrors = shows_itself(appearance)
-    if training_sub_rays is None:
-        covered = int(np.count_nonzero(views["rgba"][~views["held_out"]][..., 3]))
-        training_sub_rays = max(
-            rays_to_average(covered, steps * batch_pixels * FEW_RAYS),
-            rays_to_meet(appearance) if mirrors else FEW_RAYS,
-        )
-    # More rays a pixel cost fewer pixels: memory and time stay.
-    share = min(1.0, FEW_RAYS / training_sub_rays)
-    rays = trace_training_rays(
-        unit_surface, views, training_sub_rays, int(training_pixels * share), seed, mirrors=mirrors
-    )
-    points = covering_points(surface, frame.to_unit(surface.vertices), grid_resolution)
-    grid = SparseGrid.within_budget(np.concatenate([points, rays.position]), grid_corners, grid_resolution)
-    scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
-    network = train(
-        grid, rays, radiance_scale=scale, steps=steps, batch_pixels=max(1, int(batch_pixels * share)),
-        learning_rate=learning_rate, seed=seed,
-        priors=Priors(base_colour_weight, evenness_weight),
-    )  # fmt: skip
-    weights = {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}
-    return VisionNet(
-        surface,
-        frame,
-        grid,
-        weights,
-        radiance_scale=scale,
-        camera_radius=float(views.attributes["camera_radius"]),
-    )
