@@ -21,7 +21,7 @@ from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import srgb_decode, srgb_encode
 from objectfolder.vision.export.atlas import pack
 from objectfolder.vision.export.base_colour import nearest_texture_colour, network_colour, texture_colour
-from objectfolder.vision.export.credit import Credit
+from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.gltf import Part, write_glb
 from objectfolder.vision.export.textured_surface import bake, write_mesh, write_surface
 from objectfolder.vision.network.incidence import Incidence

@@ -22,11 +22,15 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, pixel_rays, project, uniform_on_sphere
 from objectfolder.vision.compositing import on_white
-from objectfolder.vision.export.colmap import quaternion, world_to_camera
-from objectfolder.vision.export.colmap_views import sparse_model, write_colmap
-from objectfolder.vision.export.credit import Credit
-from objectfolder.vision.export.folder import MANIFEST, new_folder, write_json
-from objectfolder.vision.export.images import straight_srgb, write_exr
+from objectfolder.vision.export.colmap import quaternion, sparse_model, world_to_camera, write_colmap
+from objectfolder.vision.export.files import (
+    MANIFEST,
+    Credit,
+    new_folder,
+    straight_srgb,
+    write_exr,
+    write_json,
+)
 from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.transforms import write_transforms
 
@@ -332,7 +336,7 @@ def test_png_over_white_is_the_projects_image_on_white(views, tmp_path):
 def test_exr_holds_the_master_bit_for_bit(views, tmp_path):
     script = (
         "import sys, numpy as np; from pathlib import Path\n"
-        "from objectfolder.vision.export.images import write_exr\n"
+        "from objectfolder.vision.export.files import write_exr\n"
         "import cv2\n"
         "rgba = np.load(sys.argv[1]); write_exr(Path(sys.argv[2]), rgba)\n"
         "read = cv2.imread(sys.argv[2], cv2.IMREAD_UNCHANGED)\n"

@@ -17,11 +17,12 @@ import numpy as np
 from PIL import Image
 
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.export.credit import NOT_KNOWN, Credit
+from objectfolder.vision.compositing import srgb_decode
+from objectfolder.vision.export.files import NOT_KNOWN, Credit
 
 # x, y, z, w: z up to y up.
 Z_UP_TO_Y_UP = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
-FLOAT, UNSIGNED_BYTE, UNSIGNED_INT = 5126, 5121, 5125
+FLOAT, UNSIGNED_INT = 5126, 5125
 VERTICES, INDICES = 34962, 34963
 TRIANGLES, LINEAR, REPEAT = 4, 9729, 10497
 
@@ -56,14 +57,9 @@ class Part:
 
 
 def write_glb(
-    path: Path,
-    parts: Sequence[Part],
-    appearance: Appearance,
-    credit: Credit,
-    *,
-    mipmaps: bool,
-    extras: dict[str, Any] | None = None,
-) -> None:
+    path: Path, parts: Sequence[Part], appearance: Appearance, credit: Credit, *,
+    mipmaps: bool, extras: dict[str, Any] | None = None,
+) -> None:  # fmt: skip
     """Write a GLB; equal arguments give equal bytes.
 
     Parameters
@@ -75,8 +71,10 @@ def write_glb(
     extras
         Added to ``asset.extras``.
     """
-    glb = _Buffer()
-    document: dict[str, Any] = {
+    glb = _Document(mipmaps)
+    primitives = [_primitive(glb, part, appearance) for part in parts]
+    name = credit.object_id
+    glb.write(path, {
         "asset": {
             "version": "2.0",
             "generator": "ObjectFolder Factory",
@@ -85,128 +83,104 @@ def write_glb(
         },
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"name": credit.object_id, "mesh": 0, "rotation": list(Z_UP_TO_Y_UP)}],
-        "meshes": [{"name": credit.object_id, "primitives": []}],
-        "materials": [],
-    }
-    for part in parts:
-        attributes = {
-            "POSITION": glb.accessor(part.positions.reshape(-1, 3), "VEC3", bounds=True),
-            "NORMAL": glb.accessor(_unit(part.normals.reshape(-1, 3)), "VEC3"),
-        }
-        material = _material(appearance, document)
-        if part.colours is not None:
-            # glTF has vertex colours scene-linear.
-            attributes["COLOR_0"] = glb.accessor(_linear(part.colours).reshape(-1, 4), "VEC4")
-        else:
-            assert part.texture_coordinates is not None
-            assert part.texture is not None
-            downwards = part.texture_coordinates.reshape(-1, 2) * [1.0, -1.0] + [0.0, 1.0]
-            attributes["TEXCOORD_0"] = glb.accessor(downwards, "VEC2")
-            _add_textures(document, glb, material, part, mipmaps)
-        indices = np.arange(len(part.positions) * 3, dtype="<u4")
-        document["meshes"][0]["primitives"].append(
-            {
-                "attributes": attributes,
-                "indices": glb.accessor(indices, "SCALAR", INDICES),
-                "material": len(document["materials"]),
-                "mode": TRIANGLES,
-            }
-        )
-        document["materials"].append(material)
-    document |= {
-        "accessors": glb.accessors,
-        "bufferViews": glb.views,
-        "buffers": [{"byteLength": len(glb.data)}],
-    }
-    text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    text += b" " * (-len(text) % 4)
-    body = bytes(glb.data)
-    with path.open("wb") as file:
-        file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(body)))
-        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-        file.write(struct.pack("<I4s", len(body), b"BIN\0") + body)
+        "nodes": [{"name": name, "mesh": 0, "rotation": list(Z_UP_TO_Y_UP)}],
+        "meshes": [{"name": name, "primitives": primitives}],
+        **({"extensionsUsed": ["KHR_materials_specular"]} if appearance.specular != 0.5 else {}),
+    })  # fmt: skip
 
 
-class _Buffer:
-    """The binary chunk, its views and accessors."""
+class _Document:
+    """The binary chunk of a GLB, and the lists of the JSON chunk that refer to it or to one another."""
 
-    def __init__(self) -> None:
+    def __init__(self, mipmaps: bool) -> None:
+        sampler = {"magFilter": LINEAR, "wrapS": REPEAT, "wrapT": REPEAT}
+        self.sampler = sampler if mipmaps else {**sampler, "minFilter": LINEAR}
         self.data = bytearray()
-        self.views: list[dict[str, Any]] = []
-        self.accessors: list[dict[str, Any]] = []
+        self.lists: dict[str, list[dict[str, Any]]] = {}
 
-    def view(self, data: bytes, target: int | None = None) -> int:
-        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
-        if target is not None:
-            self.views[-1]["target"] = target
+    def add(self, name: str, entry: dict[str, Any]) -> int:
+        """Append to the list of that name and return the index there."""
+        entries = self.lists.setdefault(name, [])
+        entries.append(entry)
+        return len(entries) - 1
+
+    def view(self, data: bytes, **more: int) -> int:
+        start = len(self.data)
         self.data += data + b"\0" * (-len(data) % 4)
-        return len(self.views) - 1
+        return self.add("bufferViews", {"buffer": 0, "byteOffset": start, "byteLength": len(data), **more})
 
     def accessor(self, values: np.ndarray, kind: str, target: int = VERTICES, *, bounds: bool = False) -> int:
         stored = np.ascontiguousarray(values, dtype="<u4" if target == INDICES else "<f4")
         entry: dict[str, Any] = {
-            "bufferView": self.view(stored.tobytes(), target),
+            "bufferView": self.view(stored.tobytes(), target=target),
             "componentType": UNSIGNED_INT if target == INDICES else FLOAT,
             "count": len(stored),
             "type": kind,
         }
         if bounds:
             entry |= {"min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist()}
-        self.accessors.append(entry)
-        return len(self.accessors) - 1
+        return self.add("accessors", entry)
+
+    def texture(self, pixels: np.ndarray) -> dict[str, int]:
+        """Store an image as PNG and return a reference to a texture of it."""
+        encoded = io.BytesIO()
+        Image.fromarray(np.ascontiguousarray(pixels)).save(encoded, "PNG")
+        image = {"bufferView": self.view(encoded.getvalue()), "mimeType": "image/png"}
+        self.lists["samplers"] = [self.sampler]
+        return {"index": self.add("textures", {"source": self.add("images", image), "sampler": 0})}
+
+    def write(self, path: Path, document: dict[str, Any]) -> None:
+        document = {**document, **self.lists, "buffers": [{"byteLength": len(self.data)}]}
+        text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+        text += b" " * (-len(text) % 4)
+        with path.open("wb") as file:
+            file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(self.data)))
+            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+            file.write(struct.pack("<I4s", len(self.data), b"BIN\0") + self.data)
 
 
-def _material(appearance: Appearance, document: dict[str, Any]) -> dict[str, Any]:
-    material: dict[str, Any] = {
-        "pbrMetallicRoughness": {
-            "metallicFactor": appearance.metallic,
-            "roughnessFactor": appearance.roughness,
-        },
-        # Scans have open and inverted faces, and the renderer shows both sides.
-        "doubleSided": True,
+def _primitive(glb: _Document, part: Part, appearance: Appearance) -> dict[str, Any]:
+    attributes = {
+        "POSITION": glb.accessor(part.positions.reshape(-1, 3), "VEC3", bounds=True),
+        "NORMAL": glb.accessor(_unit(part.normals.reshape(-1, 3)), "VEC3"),
     }
+    if part.colours is not None:
+        # glTF has vertex colours scene-linear.
+        linear = np.concatenate([srgb_decode(part.colours[..., :3]), part.colours[..., 3:]], axis=-1)
+        attributes["COLOR_0"] = glb.accessor(linear.reshape(-1, 4), "VEC4")
+    if part.texture_coordinates is not None:
+        downwards = part.texture_coordinates.reshape(-1, 2) * [1.0, -1.0] + [0.0, 1.0]
+        attributes["TEXCOORD_0"] = glb.accessor(downwards, "VEC2")
+    indices = np.arange(len(part.positions) * 3, dtype="<u4")
+    return {
+        "attributes": attributes,
+        "indices": glb.accessor(indices, "SCALAR", INDICES),
+        "material": glb.add("materials", _material(glb, part, appearance)),
+        "mode": TRIANGLES,
+    }
+
+
+def _material(glb: _Document, part: Part, appearance: Appearance) -> dict[str, Any]:
+    reflectance: dict[str, Any] = {
+        "metallicFactor": appearance.metallic,
+        "roughnessFactor": appearance.roughness,
+    }
+    # Scans have open and inverted faces, and the renderer shows both sides.
+    material: dict[str, Any] = {"pbrMetallicRoughness": reflectance, "doubleSided": True}
     if appearance.specular != 0.5:
-        material["extensions"] = {
-            "KHR_materials_specular": {"specularFactor": min(1.0, 2 * appearance.specular)}
-        }
-        document["extensionsUsed"] = ["KHR_materials_specular"]
-    return material
-
-
-def _add_textures(
-    document: dict[str, Any], glb: _Buffer, material: dict[str, Any], part: Part, mipmaps: bool
-) -> None:
-    assert part.texture is not None
-    sampler: dict[str, int] = {"magFilter": LINEAR, "wrapS": REPEAT, "wrapT": REPEAT}
-    if not mipmaps:
-        sampler["minFilter"] = LINEAR
-    document["samplers"] = [sampler]
-    reflectance = material["pbrMetallicRoughness"]
-    opaque = bool((part.texture[..., 3] == 255).all())
-    texture = part.texture[..., :3] if opaque else part.texture
-    reflectance["baseColorTexture"] = {"index": _add_image(document, glb, texture)}
-    if not opaque:
-        material["alphaMode"] = "BLEND" if part.alpha_cutoff is None else "MASK"
-        if part.alpha_cutoff is not None:
-            material["alphaCutoff"] = part.alpha_cutoff
+        specular = {"specularFactor": min(1.0, 2 * appearance.specular)}
+        material["extensions"] = {"KHR_materials_specular": specular}
+    if part.texture is not None:
+        opaque = bool((part.texture[..., 3] == 255).all())
+        reflectance["baseColorTexture"] = glb.texture(part.texture[..., :3] if opaque else part.texture)
+        if not opaque:
+            material["alphaMode"] = "BLEND" if part.alpha_cutoff is None else "MASK"
+            if part.alpha_cutoff is not None:
+                material["alphaCutoff"] = part.alpha_cutoff
     if part.metallic_roughness is not None:
-        index = _add_image(document, glb, part.metallic_roughness)
-        reflectance |= {
-            "metallicRoughnessTexture": {"index": index},
-            "metallicFactor": 1.0,
-            "roughnessFactor": 1.0,
-        }
-
-
-def _add_image(document: dict[str, Any], glb: _Buffer, pixels: np.ndarray) -> int:
-    """Store an image as PNG and return the index of a texture of it."""
-    encoded = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(encoded, "PNG")
-    images, textures = document.setdefault("images", []), document.setdefault("textures", [])
-    images.append({"bufferView": glb.view(encoded.getvalue()), "mimeType": "image/png"})
-    textures.append({"source": len(images) - 1, "sampler": 0})
-    return len(textures) - 1
+        maps = glb.texture(part.metallic_roughness)
+        reflectance |= {"metallicRoughnessTexture": maps, "metallicFactor": 1.0, "roughnessFactor": 1.0}
+    return material
 
 
 def _copyright(credit: Credit) -> dict[str, str]:
@@ -218,9 +192,3 @@ def _unit(normals: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     # A face without area has no normal, and glTF wants one of unit length.
     return np.where(length > 1e-12, normals / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
-
-
-def _linear(encoded: np.ndarray) -> np.ndarray:
-    from objectfolder.vision.compositing import srgb_decode
-
-    return np.concatenate([srgb_decode(encoded[..., :3]), encoded[..., 3:]], axis=-1)

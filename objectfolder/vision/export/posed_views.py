@@ -1,7 +1,9 @@
 """The views of a product as exporters need them: named, posed in a frame of choice, not yet decoded."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +12,7 @@ from objectfolder.errors import FormatError
 from objectfolder.products.store import Product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import focal_length_px
+from objectfolder.vision.export.files import write_exr, write_png
 
 FrameName = Literal["unit", "object"]
 NEEDED = ("rgba", "camera_to_world", "light_position", "held_out")
@@ -99,6 +102,21 @@ class PosedViews:
     def focal_length_px(self) -> float:
         """Focal length in pixels, the same for both axes: pixels are square."""
         return focal_length_px(self.size, self.field_of_view_deg)
+
+    def write_images(self, folder: Path, linear: Path | None, names: Sequence[str]) -> None:
+        """Write a PNG of each view below one folder, and its scene-linear OpenEXR below another if given.
+
+        Raises
+        ------
+        InputError
+            OpenEXR cannot be written.
+        """
+        for name, rgba in zip(names, self.rgba, strict=True):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            write_png(folder / f"{name}.png", rgba)
+            if linear is not None:
+                (linear / name).parent.mkdir(parents=True, exist_ok=True)
+                write_exr(linear / f"{name}.exr", rgba)
 
     def described_frame(self) -> dict[str, Any]:
         """Return the frame of poses and lights as JSON, with the way to metres."""

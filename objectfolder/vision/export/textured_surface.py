@@ -11,7 +11,7 @@ from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.atlas import Atlas, pack
-from objectfolder.vision.export.credit import Credit
+from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.gltf import Part, write_glb
 
 # sRGB-encoded RGBA (n, 4) in 0..1 at barycentric coordinates (n, 3) of faces (n,) of the surface.

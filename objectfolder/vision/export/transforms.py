@@ -18,9 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.vision.export.credit import Credit
-from objectfolder.vision.export.folder import write_json
-from objectfolder.vision.export.images import write_exr, write_png
+from objectfolder.vision.export.files import Credit, write_json
 from objectfolder.vision.export.posed_views import PosedViews
 
 # There is no third set. Readers of the Blender-synthetic layout demand one.
@@ -44,14 +42,8 @@ def write_transforms(folder: Path, views: PosedViews, credit: Credit, *, exr: bo
     list of str
         The camera files written.
     """
-    for split in ("train", "test"):
-        (folder / split).mkdir()
-        if exr:
-            (folder / "linear" / split).mkdir(parents=True)
-    for index, name in enumerate(views.names):
-        write_png(folder / f"{_stem(name)}.png", views.rgba[index])
-        if exr:
-            write_exr(folder / "linear" / f"{_stem(name)}.exr", views.rgba[index])
+    stems = [_stem(name) for name in views.names]
+    views.write_images(folder, folder / "linear" if exr else None, stems)
     shared = {
         "light": LIGHT,
         "frame": views.described_frame(),

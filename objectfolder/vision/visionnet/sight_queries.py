@@ -15,7 +15,13 @@ from objectfolder.vision.visionnet.visionnet import VisionNet
 
 
 class SightQueries:
-    """Images of an object; a part of `ObjectFile`, which has the attributes named here."""
+    """Images of an object; a part of `ObjectFile`, which has the attributes named here.
+
+    Passes beside the image are of the pixel's centre, as in the ground truth, and do not depend on light or
+    sub-rays: ``depth`` (n, h, w) float32, metres along the camera's -z axis (not along the ray), infinity
+    where the object is not; ``normal`` (n, h, w, 3) float32, the unit shading normal on the camera's side,
+    object frame, 0 where the object is not; ``mask`` (n, h, w) bool.
+    """
 
     frame: UnitFrame
     vision: VisionNet
@@ -39,18 +45,11 @@ class SightQueries:
     ) -> dict[str, np.ndarray]: ...  # fmt: skip
 
     def render(
-        self,
-        camera_to_world: np.ndarray,
-        light_position: np.ndarray,
-        resolution: int | tuple[int, int] = 256,
-        field_of_view: float = 39.6,
-        linear: bool = False,
-        sub_rays: int | None = None,
-        *,
-        light_colour: np.ndarray | None = None,
-        crop: tuple[int, int, int, int] | None = None,
-        passes: Collection[str] | None = None,
-    ) -> np.ndarray | dict[str, np.ndarray]:
+        self, camera_to_world: np.ndarray, light_position: np.ndarray,
+        resolution: int | tuple[int, int] = 256, field_of_view: float = 39.6, linear: bool = False,
+        sub_rays: int | None = None, *, light_colour: np.ndarray | None = None,
+        crop: tuple[int, int, int, int] | None = None, passes: Collection[str] | None = None,
+    ) -> np.ndarray | dict[str, np.ndarray]:  # fmt: skip
         """Render views under one or several point lights each.
 
         Parameters
@@ -61,10 +60,8 @@ class SightQueries:
             (3,), one light for all views; (n, 3), one a view; or (n, k, 3), k a view; metres, object frame.
             Their power is that of the data set, whose lights lie at one `frame.scale` from the centre, and
             falls off with the square of the distance.
-        resolution
-            Pixels of a side, or (height, width).
-        field_of_view
-            Of the longer side, degrees.
+        resolution, field_of_view
+            Pixels of a side, or (height, width); of the longer side, degrees.
         linear
             Return premultiplied scene-linear RGBA instead of 8-bit sRGB on white.
         sub_rays
@@ -75,16 +72,12 @@ class SightQueries:
         crop
             (top, left, height, width) in pixels: that part of the image, equal to it bit for bit.
         passes
-            Any of ``image``, ``depth``, ``normal``, ``mask``. The last three are of the pixel's centre, as in
-            the ground truth, and do not depend on light or sub-rays.
+            Any of ``image`` and the others that the class names.
 
         Returns
         -------
         ndarray or dict
-            The image: (n, h, w, 3) uint8, or (n, h, w, 4) float32 if `linear`. With `passes` a dict of them:
-            ``depth`` (n, h, w) float32, metres along the camera's -z axis (not along the ray), infinity where
-            the object is not; ``normal`` (n, h, w, 3) float32, the unit shading normal on the camera's side,
-            object frame, 0 where the object is not; ``mask`` (n, h, w) bool.
+            The image: (n, h, w, 3) uint8, or (n, h, w, 4) float32 if `linear`. With `passes` a dict of them.
 
         Raises
         ------
@@ -99,15 +92,10 @@ class SightQueries:
                 raise QueryError("passes", f"{name!r}", f"Use {', '.join(names)}.")
         query = view_query(camera_to_world, light_position, light_colour)
         drawn = self.vision.render(
-            self.frame.camera_to_unit(query.cameras),
-            self.frame.to_unit(query.lights),
-            resolution,
-            field_of_view,
-            sub_rays,
-            light_colour=query.colours,
-            crop=crop,
+            self.frame.camera_to_unit(query.cameras), self.frame.to_unit(query.lights), resolution,
+            field_of_view, sub_rays, light_colour=query.colours, crop=crop,
             passes=[names[name] for name in wanted],
-        )
+        )  # fmt: skip
         if "depth" in drawn:
             drawn["depth"] = drawn["depth"] * np.float32(self.frame.scale)
         if "rgba" in drawn:

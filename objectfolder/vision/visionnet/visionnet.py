@@ -202,58 +202,21 @@ class VisionNet:
     ) -> dict[str, np.ndarray]: ...  # fmt: skip
 
     def render(
-        self,
-        camera_to_world: np.ndarray,
-        light_position: np.ndarray,
-        resolution: int | tuple[int, int],
-        field_of_view_deg: float,
-        sub_rays: int | None = None,
-        *,
-        light_colour: np.ndarray | None = None,
-        crop: tuple[int, int, int, int] | None = None,
-        passes: Collection[str] | None = None,
-    ) -> np.ndarray | dict[str, np.ndarray]:
+        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
+        field_of_view_deg: float, sub_rays: int | None = None, *, light_colour: np.ndarray | None = None,
+        crop: tuple[int, int, int, int] | None = None, passes: Collection[str] | None = None,
+    ) -> np.ndarray | dict[str, np.ndarray]:  # fmt: skip
         """Render views; each is computed alone, so a batch equals its views one by one, bit for bit.
 
-        Light adds up: along a ray the radiance under several lights is the sum of that under each. In an
-        image each pixel's share of the rays follows from what all lights together show.
-
-        Parameters
-        ----------
-        camera_to_world
-            (n, 4, 4) or (4, 4) rigid poses, unit frame.
-        light_position
-            (3,), one point light for all views; (n, 3), one a view; or (n, k, 3), k a view; unit frame.
-            Memory does not grow with k.
-        resolution
-            Pixels a side, or (height, width).
-        field_of_view_deg
-            Angle over the longer side.
-        sub_rays
-            Rays in a pixel where something ends, and an eighth of them elsewhere; by default the
-            `sub_rays` of this VisionNet.
-        light_colour
-            (3,), (k, 3) or (n, k, 3) linear factors of the data set's light, red, green, blue; 1 if None.
-        crop
-            (top, left, height, width) in pixels: that part of the image, equal to it bit for bit.
-        passes
-            Any of ``rgba``, ``depth``, ``normal``, ``mask``. The last three are of the pixel's centre, as in
-            the ground truth, and do not depend on light or sub-rays.
+        Arguments, passes and errors are those of `SightQueries.render`, in the unit frame. Light adds up:
+        along a ray the radiance under several lights is the sum of that under each. In an image each pixel's
+        share of the rays follows from what all lights together show. Memory does not grow with the lights.
 
         Returns
         -------
         np.ndarray or dict
             (n, height, width, 4) float32 scene-linear premultiplied RGBA; alpha 0 where the object is not.
-            With `passes` a dict of them: ``depth`` (n, h, w) float32, distance along the camera's -z axis
-            (not along the ray) in the unit frame, infinity where the object is not; ``normal`` (n, h, w, 3)
-            float32, the unit shading normal on the camera's side in the object's axes, 0 where it is not;
-            ``mask`` (n, h, w) bool.
-
-        Raises
-        ------
-        QueryError
-            Shapes that do not match, values that are not finite, poses that are not rigid, no pixels, no
-            sub-rays, a crop outside the image, an unknown pass.
+            With `passes`, any of ``rgba``, ``depth``, ``normal``, ``mask``, a dict of them.
         """
         wanted = ("rgba",) if passes is None else tuple(passes)
         for name in wanted:
@@ -265,60 +228,28 @@ class VisionNet:
         rays = self.sub_rays if sub_rays is None else sub_rays
         resolution, field_of_view_deg, rays = image_query(resolution, field_of_view_deg, rays, MOST_SUB_RAYS)
         size = image_size(resolution)
-        try:
-            part = image_crop(crop, size)
-        except (OverflowError, TypeError, ValueError) as error:
-            if isinstance(error, QueryError):
-                raise
-            raise QueryError("crop", reprlib.repr(crop), "Give (top, left, height, width).") from error
-        views: list[dict[str, np.ndarray]] = []
-        for camera, light, colour in zip(query.cameras, query.lights, query.colours, strict=True):
-            view: dict[str, np.ndarray] = {}
+        part = _part(crop, size)
+        stacked: dict[str, np.ndarray] = {
+            name: np.zeros((len(query.cameras), *part[2:], *PASSES[name][0]), PASSES[name][1])
+            for name in wanted
+        }
+        for index, camera in enumerate(query.cameras):
             if "rgba" in wanted:
-                bands = [
-                    self._rendering().render(camera, light, colour, size, field_of_view_deg, rays, band)
-                    for band in _bands(part)
-                ]
-                view["rgba"] = np.concatenate(bands)
+                lights = query.lights[index], query.colours[index]
+                for rows, band in _bands(part):
+                    drawn = self._rendering().render(camera, *lights, size, field_of_view_deg, rays, band)
+                    stacked["rgba"][index, rows] = drawn
             if set(wanted) - {"rgba"}:
                 centres = cast_pixel_centres(self._surface, camera, size, field_of_view_deg, part)
-                view.update(depth=centres.depth, normal=centres.normal, mask=centres.mask)
-            views.append(view)
-        if views:
-            stacked = {name: np.stack([view[name] for view in views]) for name in wanted}
-        else:
-            stacked = {name: np.zeros((0, *part[2:], *PASSES[name][0]), PASSES[name][1]) for name in wanted}
+                for name in set(wanted) - {"rgba"}:
+                    stacked[name][index] = getattr(centres, name)
         return stacked["rgba"] if passes is None else stacked
 
     def radiance(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        light_position: np.ndarray,
-        *,
+        self, origins: np.ndarray, directions: np.ndarray, light_position: np.ndarray, *,
         light_colour: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Return the radiance along rays; a ray's answer does not depend on the others.
-
-        Parameters
-        ----------
-        origins, directions
-            (n, 3) unit frame, directions of any length; or one origin (3,) for all.
-        light_position
-            (3,) or (k, 3) point lights that shine on all of them, unit frame.
-        light_colour
-            (3,) or (k, 3) linear factors of the data set's light; 1 if None.
-
-        Returns
-        -------
-        np.ndarray
-            (n, 4) float32 scene-linear RGBA: alpha is 1 where the ray meets the object, all is 0 elsewhere.
-
-        Raises
-        ------
-        QueryError
-            Shapes that do not match, values that are not finite, a direction without length.
-        """
+    ) -> np.ndarray:  # fmt: skip
+        """Return the radiance (n, 4) along rays as `SightQueries.radiance`, in the unit frame."""
         starts, along = ray_query(origins, directions)
         lights = point_rows(light_position, "light_position")
         require_near("origins", starts)
@@ -327,9 +258,19 @@ class VisionNet:
         return self._rendering().radiance(starts, along, lights, colours)
 
 
-def _bands(part: tuple[int, int, int, int]) -> Iterator[tuple[int, int, int, int]]:
-    """Yield bands (top, left, height, width) of a part of an image, of about `BAND_PIXELS` each."""
+def _part(crop: tuple[int, int, int, int] | None, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    try:
+        return image_crop(crop, size)
+    except (OverflowError, TypeError, ValueError) as error:
+        if isinstance(error, QueryError):
+            raise
+        raise QueryError("crop", reprlib.repr(crop), "Give (top, left, height, width).") from error
+
+
+def _bands(part: tuple[int, int, int, int]) -> Iterator[tuple[slice, tuple[int, int, int, int]]]:
+    """Yield rows of a part of an image, and that band (top, left, height, width), of about `BAND_PIXELS`."""
     top, left, height, width = part
-    rows = max(1, BAND_PIXELS // width)
-    for start in range(0, height, rows):
-        yield top + start, left, min(rows, height - start), width
+    step = max(1, BAND_PIXELS // width)
+    for start in range(0, height, step):
+        rows = min(step, height - start)
+        yield slice(start, start + rows), (top + start, left, rows, width)

@@ -12,8 +12,8 @@ from objectfolder.products.tensor_file import read_metadata
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.base_colour import nearest_texture_colour, network_colour
-from objectfolder.vision.export.colmap_views import write_colmap
-from objectfolder.vision.export.folder import new_folder
+from objectfolder.vision.export.colmap import write_colmap
+from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
 from objectfolder.vision.export.transforms import write_transforms

@@ -12,8 +12,7 @@ from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata
-from objectfolder.vision.export.credit import Credit
-from objectfolder.vision.export.folder import MANIFEST, write_json
+from objectfolder.vision.export.files import MANIFEST, Credit, write_json
 from pipeline.dataset.records import RECORDS, read_records
 from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, VIEWS
 
