@@ -76,8 +76,7 @@ def _area(low, high):
 def _split(low, high, order, first, last):
     """Partition order[first:last] by the cheapest of BINS planes an axis; return where, or the middle."""
     least, most = np.empty(3), np.empty(3)
-    for axis in range(3):
-        least[axis], most[axis] = np.inf, -np.inf
+    least[:], most[:] = np.inf, -np.inf
     for position in range(first, last):
         face = order[position]
         for axis in range(3):
@@ -92,10 +91,7 @@ def _split(low, high, order, first, last):
         extent = most[axis] - least[axis]
         if not extent > 0:
             continue
-        for bin_ in range(BINS):
-            number[bin_] = 0
-            for k in range(3):
-                bin_low[bin_, k], bin_high[bin_, k] = np.inf, -np.inf
+        number[:], bin_low[:], bin_high[:] = 0, np.inf, -np.inf
         for position in range(first, last):
             face = order[position]
             centre = low[face, axis] + high[face, axis]
@@ -105,8 +101,7 @@ def _split(low, high, order, first, last):
                 bin_low[bin_, k] = min(bin_low[bin_, k], low[face, k])
                 bin_high[bin_, k] = max(bin_high[bin_, k], high[face, k])
         count = 0
-        for k in range(3):
-            swept_low[k], swept_high[k] = np.inf, -np.inf
+        swept_low[:], swept_high[:] = np.inf, -np.inf
         for bin_ in range(BINS - 1, 0, -1):
             count += number[bin_]
             for k in range(3):
@@ -114,8 +109,7 @@ def _split(low, high, order, first, last):
                 swept_high[k] = max(swept_high[k], bin_high[bin_, k])
             right[bin_] = _area(swept_low, swept_high) * count if count else 0.0
         count = 0
-        for k in range(3):
-            swept_low[k], swept_high[k] = np.inf, -np.inf
+        swept_low[:], swept_high[:] = np.inf, -np.inf
         for bin_ in range(BINS - 1):
             count += number[bin_]
             for k in range(3):

@@ -130,25 +130,7 @@ class CompiledRenderer:
     ) -> np.ndarray:
         """Render one view under point lights, whose contributions add up.
 
-        Parameters
-        ----------
-        camera_to_world
-            (4, 4) pose, unit frame.
-        light_position, light_colour
-            (k, 3) unit frame, and linear RGB factors.
-        size
-            (height, width) of the whole image, pixels.
-        field_of_view_deg
-            Angle over the longer side.
-        sub_rays
-            Quality: 1, 4, 16 or 64; see `Effort`.
-        crop
-            (top, left, height, width) of the part wanted; equal to that part of the whole.
-
-        Returns
-        -------
-        np.ndarray
-            (h, w, 4) float32 scene-linear premultiplied RGBA.
+        Arguments and answer are those of `TorchRenderer.render`; of `sub_rays` see `Effort`.
 
         Raises
         ------
@@ -308,7 +290,8 @@ class CompiledRenderer:
 def _lights(position: np.ndarray, colour: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield position and colour (3,) of each light that shines at all."""
     for light, factor in zip(
-        np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3),
+        # A copy: kernels would be compiled a second time for an array that may not be written.
+        np.array(position, dtype=np.float64).reshape(-1, 3),
         np.asarray(colour, dtype=np.float64).reshape(-1, 3),
         strict=True,
     ):

@@ -8,27 +8,21 @@ import numpy as np
 from objectfolder.jit import kernel
 
 
-@kernel
-def samples_to_ask(label, rows, rays, groups):
+def samples_to_ask(
+    label: np.ndarray, rows: np.ndarray, rays: int, groups: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (n,) rows of `label` (p, s) and sub-samples: about `rays` of each of `rows`.
 
-    These are every so many of the lattice's samples, and all of a group that has none of them.
+    These are evenly spaced samples of the lattice, and all of a group that has none of them.
     """
-    count = label.shape[1]
-    step = max(1, count // rays)
-    pixel, sample = np.empty(len(rows) * count, np.int64), np.empty(len(rows) * count, np.int64)
-    total = 0
-    met = np.zeros(groups, np.bool_)
-    for p in rows:
-        met[:] = False
-        for s in range(step // 2, count, step):
-            if label[p, s] >= 0:
-                met[label[p, s]] = True
-        for s in range(count):
-            if label[p, s] >= 0 and (s % step == step // 2 or not met[label[p, s]]):
-                pixel[total], sample[total] = p, s
-                total += 1
-    return pixel[:total], sample[:total]
+    chosen = label[rows]
+    step = max(1, chosen.shape[1] // rays)
+    regular = np.arange(chosen.shape[1]) % step == step // 2
+    met = np.zeros((len(rows), groups + 1), dtype=bool)  # the last is that of no group
+    np.put_along_axis(met, chosen[:, regular].astype(np.int64), True, axis=1)
+    known = np.take_along_axis(met, chosen.astype(np.int64), axis=1)
+    row, sample = np.nonzero((chosen >= 0) & (regular | ~known))
+    return rows[row], sample
 
 
 @kernel
