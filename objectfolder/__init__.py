@@ -1,9 +1,4 @@
-"""ObjectFolder Factory: what an object looks, sounds and feels like, in one small file.
-
->>> import objectfolder
->>> mug = objectfolder.load("025_mug.safetensors")   # doctest: +SKIP
->>> images = mug.render(*mug.sample_views(4, seed=0))  # doctest: +SKIP
-"""
+"""ObjectFolder Factory: what an object looks, sounds and feels like, in one small file."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +10,15 @@ __version__ = "0.1.0"
 
 
 def load(path: Path | str) -> "ObjectFile":
-    """Open an Object File; see `objectfolder.object_file.ObjectFile`."""
+    """Open an Object File; see `objectfolder.object_file.ObjectFile`.
+
+    Examples
+    --------
+    >>> import objectfolder
+    >>> bar = objectfolder.load("bar.safetensors")
+    >>> bar.description["object"]["name"], bar.description["material"]["name"]
+    ('Glass bar', 'glass')
+    """
     from objectfolder.object_file import ObjectFile
 
     return ObjectFile.load(path)

@@ -22,6 +22,7 @@ from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.fidelity.verification import verify_object
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.object_file.encoding import encode_object
+from objectfolder.products.store import write_product
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.vision.appearance import Appearance
@@ -120,7 +121,10 @@ def glass_bar() -> TexturedMesh:
 
 @pytest.fixture(scope="session")
 def small_file(glass_bar: TexturedMesh, make_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
-    """A verified Object File of the bar, simulated and fitted at a very small size by the real tasks."""
+    """A verified Object File of the bar, simulated and fitted at a very small size by the real tasks.
+
+    Its truth lies beside it: ``views.zarr.zip``, ``modes.zarr.zip`` and ``touches.zarr.zip``.
+    """
     return make_once("object", lambda folder: _make_object_file(glass_bar, folder)) / "bar.safetensors"
 
 
@@ -157,3 +161,5 @@ def _make_object_file(glass_bar: TexturedMesh, folder: Path) -> None:
         surface, views, modes, sensor, described, visionnet={"steps": 60}, audionet={}, seed=0
     )
     verify_object(file, views, modes, touches).file.save(folder / "bar.safetensors")
+    for name, truth in {"views": views, "modes": modes, "touches": touches}.items():
+        write_product(folder / f"{name}.zarr.zip", truth)

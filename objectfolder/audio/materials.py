@@ -61,6 +61,12 @@ def read_materials(path: Path | str) -> dict[str, Material]:
     InputError
         Naming the file, row and column of a value that is missing, not a number or impossible; of a name
         that comes twice; of a column that is missing.
+
+    Examples
+    --------
+    >>> glass = read_materials("materials.csv")["glass"]
+    >>> glass.density_kg_m3, glass.youngs_modulus_pa
+    (2600.0, 62000000000.0)
     """
     path = Path(path)
     try:

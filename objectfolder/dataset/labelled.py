@@ -36,6 +36,12 @@ def open_xarray(product: Path | str, *, chunks: Any = None) -> "xarray.Dataset":
         Not a readable product.
     InputError
         xarray is not installed.
+
+    Examples
+    --------
+    >>> views = open_xarray("views.zarr.zip")
+    >>> views.rgba.dims, views.rgba.shape
+    (('view', 'y', 'x', 'channel_4'), (8, 24, 24, 4))
     """
     try:
         import xarray

@@ -1,10 +1,4 @@
-"""Published data sets in PyTorch and in xarray: truth and Object Files, query by query.
-
->>> from objectfolder.dataset import ObjectFolderDataset
->>> samples = ObjectFolderDataset("my-data-set", "touch", "training")  # doctest: +SKIP
->>> samples[0]["image"].shape  # doctest: +SKIP
-torch.Size([3, 160, 120])
-"""
+"""Published data sets in PyTorch and in xarray: truth and Object Files, query by query."""
 
 import difflib
 import json
@@ -82,6 +76,12 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
         A sense, split, source or object that there is not, or no truth where it is asked for.
     FormatError
         A damaged product.
+
+    Examples
+    --------
+    >>> samples = ObjectFolderDataset("bar.safetensors", "touch", source="object_file", queries=3)
+    >>> len(samples), tuple(samples[0]["image"].shape)
+    (3, (3, 160, 120))
     """
 
     def __init__(

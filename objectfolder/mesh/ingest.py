@@ -56,6 +56,13 @@ def ingest_object(
     ------
     InputError
         Anything that keeps the object from being used, with object or file, finding and remedy.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> bar = ingest_object(Path("bar.obj"), None, 0.24, "bar")  # twice as large
+    >>> [round(side, 3) for side in bar.attributes["length"]["extents_m"]]
+    [0.24, 0.06, 0.016]
     """
     where = f"{object_id} ({mesh_path})"
     try:

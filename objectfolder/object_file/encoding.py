@@ -49,6 +49,18 @@ def encode_object(
     -------
     ObjectFile
         Its fidelity not measured yet.
+
+    Examples
+    --------
+    >>> import objectfolder
+    >>> from objectfolder.products.store import read_product
+    >>> from objectfolder.touch.sensor.sensor import Sensor
+    >>> views, modes = read_product("views.zarr.zip"), read_product("modes.zarr.zip")
+    >>> bar = objectfolder.load("bar.safetensors")
+    >>> fit = {"visionnet": {"steps": 2}, "audionet": {}, "seed": 0}
+    >>> file = encode_object(bar.surface, views, modes, Sensor(), bar.description, **fit)
+    >>> len(file.modes.frequencies_hz) == len(modes["frequencies_hz"])
+    True
     """
     tensors = encode_surface(surface)
     stored = decode_surface(tensors)

@@ -104,6 +104,17 @@ class ObjectFile(SightQueries, SoundQueries):
         description
             Keys ``object``, ``material``, ``body``, ``provenance`` and ``fidelity``; None
             for what is not known yet.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> from objectfolder.surface.codec import encode_surface
+        >>> surface = encode_surface(bar.surface)
+        >>> told = bar.description
+        >>> same = bar.of_encoders(surface, bar.frame, bar.vision, bar.modes, bar.touch, told)
+        >>> same.bytes_by_part() == bar.bytes_by_part()
+        True
         """
         tensors = {**surface_tensors, **vision.tensors(), **modes.tensors(), **touch.tensors()}
         said = {
@@ -121,7 +132,16 @@ class ObjectFile(SightQueries, SoundQueries):
 
     @classmethod
     def of_tensors(cls, tensors: Mapping[str, np.ndarray], description: Mapping[str, Any]) -> "ObjectFile":
-        """Build the object from stored tensors, checking every one of them."""
+        """Build the object from stored tensors, checking every one of them.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> same = bar.of_tensors(bar.content().tensors, bar.description)
+        >>> same.content().tensors.keys() == bar.content().tensors.keys()
+        True
+        """
         surface = decode_surface(dict(tensors))
         frame = _frame_around(surface, description["frame"])
         check_body(description["body"])
@@ -141,6 +161,13 @@ class ObjectFile(SightQueries, SoundQueries):
             A truncated or foreign file, an unknown version, or a tensor of a wrong shape.
         FileNotFoundError
             No such file.
+
+        Examples
+        --------
+        >>> from objectfolder.object_file import ObjectFile
+        >>> ObjectFile.load("materials.csv")
+        Traceback (most recent call last):
+        objectfolder.errors.FormatError: materials.csv: ...
         """
         where = str(path)
         content = read_tensor_file(path)
@@ -164,7 +191,15 @@ class ObjectFile(SightQueries, SoundQueries):
             ) from error
 
     def with_description(self, **more: Any) -> "ObjectFile":
-        """Return the same object with parts of its description replaced."""
+        """Return the same object with parts of its description replaced.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> bar.with_description(fidelity=None).description["fidelity"] is None
+        True
+        """
         described = {**self.description, **more}
         return ObjectFile(
             self.surface, self.frame, self.vision, self.modes, self.touch, described, self._tensors
@@ -177,6 +212,13 @@ class ObjectFile(SightQueries, SoundQueries):
         ------
         QueryError
             A device that is not at hand.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> str(bar.on("cpu").vision.device)
+        'cpu'
         """
         seen = self.vision.on(device)
         return ObjectFile(
@@ -184,17 +226,43 @@ class ObjectFile(SightQueries, SoundQueries):
         )
 
     def content(self) -> TensorFile:
-        """Return the file's tensors and metadata; equal objects give equal bytes."""
+        """Return the file's tensors and metadata; equal objects give equal bytes.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> bar.content().metadata["format"], bar.content().metadata["format_version"]
+        ('objectfolder', '2')
+        """
         metadata: dict[str, Any] = {"format": FORMAT, "format_version": str(FORMAT_VERSION)}
         metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in REQUIRED})
         return TensorFile(self._tensors, metadata)
 
     def save(self, path: Path | str) -> None:
-        """Write the file, atomically."""
+        """Write the file, atomically.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> bar.save("copy.safetensors")
+        >>> objectfolder.load("copy.safetensors").bytes_by_part() == bar.bytes_by_part()
+        True
+        """
         write_tensor_file(path, self.content())
 
     def bytes_by_part(self) -> dict[str, int]:
-        """Return the bytes of the tensors of each part: surface, vision, audio, touch."""
+        """Return the bytes of the tensors of each part: surface, vision, audio, touch.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> parts = bar.bytes_by_part()
+        >>> max(parts, key=parts.get), parts["touch"]
+        ('vision', 0)
+        """
         parts = dict.fromkeys(("surface", "vision", "audio", "touch"), 0)
         for name, tensor in self._tensors.items():
             parts[name.split(".")[0]] += tensor.nbytes
@@ -239,6 +307,15 @@ class ObjectFile(SightQueries, SoundQueries):
         QueryError
             A contact off the surface (with its distance), or a depth, force, size or model that the
             sensor cannot answer.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> points, _ = bar.sample_contacts(2, seed=0)
+        >>> touches = bar.press(points, depth=0.001)
+        >>> touches.rgb.shape, touches.penetration_m.tolist()
+        ((2, 160, 120, 3), [0.001, 0.001])
         """
         return self.touch.press(
             self.project(points).points,
@@ -255,6 +332,14 @@ class ObjectFile(SightQueries, SoundQueries):
         ------
         QueryError
             A contact farther than `surface_tolerance_m`, named with its distance.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> top = bar.project([0.0, 0.0, 0.0045])  # the bar is 8 mm thick: this is 0.5 mm above it
+        >>> top.points.round(4).tolist(), top.distance.round(4).tolist()
+        ([[0.0, 0.0, 0.004]], [0.0005])
         """
         contacts = point_rows(points, "points")
         closest = self.surface.closest_points(contacts)
@@ -269,7 +354,16 @@ class ObjectFile(SightQueries, SoundQueries):
         return closest
 
     def sample_contacts(self, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3)."""
+        """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3).
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> points, normals = bar.sample_contacts(1000, seed=0)
+        >>> points.shape, float(abs(points).max(axis=0)[0].round(2))
+        ((1000, 3), 0.06)
+        """
         samples = self.surface.sample(count, seed)
         return samples.points, samples.normals
 

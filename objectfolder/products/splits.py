@@ -26,6 +26,11 @@ def object_split(object_id: str, material: str) -> str:
         Identifier of the object in the table of objects.
     material
         Name of its material.
+
+    Examples
+    --------
+    >>> object_split("bell", "iron"), object_split("mug", "ceramic")
+    ('validation', 'train')
     """
     digest = hashlib.sha256(f"{RULE}\n{material}\n{object_id}".encode()).digest()
     place = int.from_bytes(digest[:4], "big") / 2**32

@@ -134,6 +134,12 @@ def read_product(path: Path | str, names: tuple[str, ...] | None = None) -> Prod
     ------
     FormatError
         A truncated or foreign file, or an array that is not there.
+
+    Examples
+    --------
+    >>> views = read_product("views.zarr.zip", ("held_out",))
+    >>> int(views["held_out"].sum())  # of eight views
+    2
     """
     path = Path(path)
     group = _open(path)

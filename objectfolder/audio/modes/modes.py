@@ -68,6 +68,17 @@ def simulate_modes(
     ------
     SimulationError
         No solid came of the surface, or the modes found fail the count.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from objectfolder.audio.materials import read_materials
+    >>> from objectfolder.mesh.readers.load import load_mesh
+    >>> bar, glass = load_mesh(Path("bar.obj")).surface, read_materials("materials.csv")["glass"]
+    >>> counts = {"training_points": 10, "held_out_points": 2, "seed": 0}
+    >>> modes = simulate_modes(bar, glass, max_frequency_hz=5000, **counts)
+    >>> [round(float(hertz), -1) for hertz in modes["frequencies_hz"]]  # a slender beam: 2790
+    [2750.0]
     """
     started = _cpu_seconds()
     solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, name=name)

@@ -51,6 +51,12 @@ class Listener:
     offset_m : (3,) from the body's centre
     radius_m : of the sphere that stands for the body
     air : the medium
+
+    Examples
+    --------
+    >>> listener = Listener.at([1.0, 0, 0], [0, 0, 0], area_m2=0.01)
+    >>> round(1e3 * listener.delay_s, 2)  # milliseconds
+    2.83
     """
 
     offset_m: Floats

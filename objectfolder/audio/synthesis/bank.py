@@ -83,6 +83,15 @@ def mode_bank(
     ------
     QueryError
         Values that are not finite or out of the ranges above, or shapes that do not agree.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tone = mode_bank([(2 * np.pi * 440) ** 2], [3.0], [1.0], duration_s=1.0, sample_rate_hz=44100)
+    >>> tone.shape, float(tone[0, 0])  # an impulse makes the velocity jump to its amplitude
+    ((1, 44100), 1.0)
+    >>> int(abs(np.fft.rfft(tone[0])).argmax())  # hertz
+    440
     """
     oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
     given = np.atleast_2d(np.asarray(amplitudes))

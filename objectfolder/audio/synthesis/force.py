@@ -57,6 +57,15 @@ def driven_bank(
     ------
     QueryError
         As for `mode_bank`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> push = np.zeros((100, 1))
+    >>> push[50] = 44100.0  # newtons, over one sample: an impulse of 1 N s
+    >>> tone = driven_bank([(2 * np.pi * 440) ** 2], [3.0], [[1.0]], push, 0.1, 44100)
+    >>> bool((tone[0, :50] == 0).all()), float(tone[0, 51].round(2))
+    (True, 1.0)
     """
     oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
     fields, pushes = _checked(gains, forces, len(oscillators))

@@ -27,6 +27,15 @@ class ContactBody:
     youngs_modulus_pa, poisson_ratio : of its material
     radius_m : of curvature at the contact; inf for flat
     mass_kg : inf for a support that does not move
+
+    Examples
+    --------
+    >>> from objectfolder.audio.synthesis import HertzContact
+    >>> ball = ContactBody(2e11, 0.29, radius_m=0.01, mass_kg=0.033)
+    >>> floor = ContactBody(2e11, 0.29, radius_m=float("inf"), mass_kg=float("inf"))
+    >>> contact = HertzContact.between(ball, floor)
+    >>> float(contact.duration_s(1.0).round(6))  # seconds
+    7.1e-05
     """
 
     youngs_modulus_pa: float
@@ -113,6 +122,15 @@ def mass_at_contact(
 
     1 / m_eff = 1 / m + (r x n) . I^-1 (r x n), r from the centre of mass; a push beside the centre also
     turns the body, which gives way more easily. B. Mirtich, PhD thesis, Berkeley 1996, section 3.2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> ball = 0.4 * np.eye(3)  # 1 kg, of a radius of 1 m
+    >>> mass_at_contact(1.0, ball, [0, 0, 0], [0, 0, 1], [0, 0, 1])  # pushed through its centre
+    1.0
+    >>> round(mass_at_contact(1.0, ball, [0, 0, 0], [0, 0, 1], [1, 0, 0]), 3)  # pushed along its surface
+    0.286
     """
     arm = np.asarray(point_m, dtype=np.float64) - np.asarray(centre_of_mass_m, dtype=np.float64)
     direction = np.asarray(normal, dtype=np.float64)

@@ -84,6 +84,18 @@ class SoundQueries(ABC):
             object of unknown mass.
         FormatError
             A file whose gains no body of its mass has.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> import numpy as np
+        >>> points, normals = bar.sample_contacts(1, seed=0)
+        >>> sound = bar.strike(points, -normals, duration=1.0)
+        >>> sound.shape, sound.dtype.name
+        ((1, 44100), 'float32')
+        >>> bool(np.allclose(bar.strike(points, -2 * normals, 1.0), 2 * sound))  # twice as hard
+        True
         """
         contacts, pushes, ears = self._sound_query(points, forces, listener)
         duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
@@ -106,7 +118,16 @@ class SoundQueries(ABC):
         pulse: Pulse = None,
         listener: np.ndarray | None = None,
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Sound any number of contacts in bounded memory: yield rows and what `strike` answers for them."""
+        """Sound any number of contacts in bounded memory: yield rows and what `strike` answers for them.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> points, normals = bar.sample_contacts(100, seed=0)
+        >>> sum(len(part) for rows, part in bar.strikes(points, -normals, duration=0.1))
+        100
+        """
         contacts, pushes, ears = self._sound_query(points, forces, listener)
         duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
         _check_pulse(pulse)
@@ -121,6 +142,16 @@ class SoundQueries(ABC):
         ----------
         listener
             As for `strike`.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> stream = bar.stream()
+        >>> stream.strike([0, 0, 0.004], [0, 0, -0.1])
+        >>> block = stream.block(512)
+        >>> block.shape, stream.now, stream.silent
+        ((1, 512), 512, False)
         """
         ears = None if listener is None else point_rows(listener, "listener")
         return ObjectStream(self._struck_body(None), self._sound_query, sample_rate, ears)

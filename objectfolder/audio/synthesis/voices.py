@@ -46,6 +46,14 @@ class Voices:
     Attributes
     ----------
     now : samples given so far, the index of the next one
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> voices = Voices.of_modes([(2 * np.pi * 440) ** 2], [3.0], 44100)
+    >>> voices.strike([1.0])
+    >>> float(voices.block(256)[0]), voices.now
+    (1.0, 256)
     """
 
     def __init__(

@@ -15,7 +15,13 @@ LISTENING_PEAK = 10 ** (-3 / 20)  # 3 dB below full scale, 1: what players clip 
 
 
 def listening_gain(peak: float) -> float:
-    """Return the factor that brings a peak to 3 dB below full scale; 1 for silence."""
+    """Return the factor that brings a peak to 3 dB below full scale; 1 for silence.
+
+    Examples
+    --------
+    >>> round(listening_gain(200.0), 5), listening_gain(0.0)
+    (0.00354, 1.0)
+    """
     return LISTENING_PEAK / peak if peak > 0 else 1.0
 
 
@@ -35,6 +41,12 @@ def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: 
     ------
     QueryError
         Values that are not finite (as float32), a shape or rate that WAV cannot hold, or over 4 GB.
+
+    Examples
+    --------
+    >>> gain = write_wav("tone.wav", [0.0, 2.0, -4.0], 44100)
+    >>> round(4 * gain, 3)  # the peak, 3 dB below full scale
+    0.708
     """
     values = np.atleast_2d(np.asarray(sound, dtype=np.float64))
     if gain is None:

@@ -51,6 +51,13 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
     InputError
         Missing, unsupported, unreadable or empty file; coordinates that are not finite; a texture that is
         missing or has no texture coordinates to go with it.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> mesh = load_mesh(Path("bar.obj"))
+    >>> round(float(mesh.surface.area), 4)  # square metres: 2 (0.12 0.03 + 0.12 0.008 + 0.03 0.008)
+    0.0096
     """
     path = Path(path)
     if not is_file(path):

@@ -116,6 +116,17 @@ def solve_contact(
         force, a force below 0 or one with nothing to press on.
     SimulationError
         No convergence.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from objectfolder.touch.elastic.elastomer import Elastomer
+    >>> y, z = np.meshgrid(*[np.linspace(-0.004, 0.004, 65)] * 2)
+    >>> ball = (y**2 + z**2) / (2 * 0.02)  # of a radius of 20 mm
+    >>> contact = solve_contact(ball, 0.000125, Elastomer(1e6, 0.5, None), indentation_m=0.0002)
+    >>> hertz_n = 4 / 3 * 1e6 / (1 - 0.5**2) * 0.02**0.5 * 0.0002**1.5
+    >>> round(contact.force_n / hertz_n, 2)
+    1.0
     """
     gap, pitch = _checked(gap_m, pitch_m)
     _check_load(gap, indentation_m, force_n, initial_pressure_pa)
@@ -145,6 +156,16 @@ def force_depth_curve(
     """Contacts at indentations (n,), each solved from the one before.
 
     Parameters and errors are those of `solve_contact`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from objectfolder.touch.elastic.elastomer import Elastomer
+    >>> y, z = np.meshgrid(*[np.linspace(-0.004, 0.004, 65)] * 2)
+    >>> ball, gel = (y**2 + z**2) / (2 * 0.02), Elastomer(1e6, 0.5, None)
+    >>> one, two = force_depth_curve(ball, 0.000125, gel, np.array([0.0001, 0.0002]))
+    >>> round(two.force_n / one.force_n, 1)  # Hertz: 2 to the power of 1.5
+    2.8
     """
     contacts: list[Contact] = []
     for indentation in np.asarray(indentations_m, dtype=np.float64):

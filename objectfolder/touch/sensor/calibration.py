@@ -62,6 +62,16 @@ def fit_table(
     ------
     InputError
         Arrays of other shapes, a curved gel, or no contact in any image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from objectfolder.touch.sensor.sensor_file import read_sensor
+    >>> gelsight = read_sensor("gelsight")
+    >>> grey = np.full((gelsight.image_height, gelsight.image_width, 3), 128, np.uint8)
+    >>> table = fit_table(gelsight, grey[None], np.zeros((1, 2)), np.array([0.001]), 0.004, grey)
+    >>> table.coefficients[:, 0, 0, 0].round(2).tolist()  # as grey when flat
+    [0.5, 0.5, 0.5]
     """
     _check(sensor, images, centres_m, depths_m, untouched)
     grid = ray_grid(sensor, 1)

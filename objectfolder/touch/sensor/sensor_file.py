@@ -99,6 +99,12 @@ def read_sensor(source: Path | str, root: Path | None = None) -> Sensor:
     InputError
         A file that is not there or not YAML, a missing or unknown key, a value of a wrong kind, or a
         sensor that cannot be; it names the file and the field.
+
+    Examples
+    --------
+    >>> digit = read_sensor("digit")
+    >>> (digit.image_height, digit.image_width), digit.gel_youngs_modulus_pa
+    ((160, 120), 560000.0)
     """
     path = sensor_path(source, root)
     content = _yaml(path)
@@ -112,6 +118,11 @@ def make_table(source: Path | str) -> PhotometricTable:
     ------
     InputError
         As `read_sensor`, but for the table, which need not be there yet; no such section; or a curved gel.
+
+    Examples
+    --------
+    >>> make_table("gelsight").coefficients.shape  # channels, slopes, directions, terms
+    (3, 13, 24, 6)
     """
     path = sensor_path(source)
     illumination = read_illumination(path)

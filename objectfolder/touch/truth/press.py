@@ -44,6 +44,8 @@ def press(
     A box of two centimetres, pressed by a DIGIT in the middle of its top:
 
     >>> import numpy as np
+    >>> from objectfolder.surface.surface import Surface
+    >>> from objectfolder.touch.sensor.sensor import Sensor
     >>> from objectfolder.touch.truth.touches import Press
     >>> vertices = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * 0.02
     >>> faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]

@@ -60,6 +60,16 @@ def simulate_touches(
         ``first_contact_offset_m``, ``penetration_m``, ``contact_area_m2``, ``force_n``, ``saturated``,
         ``held_out``; and ``no_contact`` (y, x, channel), the image of the untouched gel. Attributes:
         ``sensor``, ``contact``, ``samples``, ``seed``, ``reachable_fraction``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from objectfolder.mesh.readers.load import load_mesh
+    >>> from objectfolder.touch.sensor.sensor import Sensor
+    >>> bar = load_mesh(Path("bar.obj")).surface
+    >>> touches = simulate_touches(bar, Sensor(), touches=1, held_out_touches=2, seed=0)
+    >>> touches["rgb"].shape, touches["held_out"].tolist()
+    ((3, 160, 120, 3), [False, True, True])
     """
     training = _vertices(surface, touches, seed) if at_vertices else surface.sample(touches, seed).points
     held_out_seed = int(np.random.SeedSequence([seed, HELD_OUT_STREAM]).generate_state(1)[0])

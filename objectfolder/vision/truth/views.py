@@ -89,6 +89,17 @@ def simulate_views(
         A count or size that is not positive.
     SimulationError
         Blender is missing or failed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from objectfolder.mesh.readers.load import load_mesh
+    >>> from objectfolder.vision.appearance import Appearance
+    >>> bar = load_mesh(Path("bar.obj"))
+    >>> counts = {"training_views": 1, "training_samples": 1, "held_out_views": 0, "held_out_samples": 1}
+    >>> views = simulate_views(bar, Appearance(0.4, 0.0), resolution=16, **counts)
+    >>> views["rgba"].shape, views["camera_to_world"].shape
+    ((1, 16, 16, 4), (1, 4, 4))
     """
     size = image_size(resolution)
     _require_positive(training_views=training_views, training_samples=training_samples,

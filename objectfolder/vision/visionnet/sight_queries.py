@@ -84,6 +84,18 @@ class SightQueries:
         QueryError
             Poses that are not rigid, values that are not finite, numbers of poses, lights and colours that
             differ, a crop outside the image, an unknown pass.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> cameras, lights = bar.sample_views(4, seed=0)
+        >>> images = bar.render(cameras, lights, resolution=64)
+        >>> images.shape, images.dtype.name, images[0, 0, 0].tolist()  # white beside the bar
+        ((4, 64, 64, 3), 'uint8', [255, 255, 255])
+        >>> depth = bar.render(cameras, lights, resolution=64, passes=["depth"])["depth"]
+        >>> round(float(depth[0].min()), 1)  # metres
+        0.3
         """
         wanted = ("image",) if passes is None else tuple(passes)
         names = {"image": "rgba", "depth": "depth", "normal": "normal", "mask": "mask"}
@@ -130,6 +142,14 @@ class SightQueries:
         ------
         QueryError
             Shapes that do not match, values that are not finite, a direction without length.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> down = bar.radiance([[0, 0, 0.1], [1, 1, 0.1]], [[0, 0, -1], [0, 0, -1]], [0, 0, 0.2])
+        >>> down[:, 3].tolist()  # the first ray meets the bar, the second does not
+        [1.0, 0.0]
         """
         starts, along = ray_query(origins, directions)
         lights = point_rows(light_position, "light_position")
@@ -144,6 +164,14 @@ class SightQueries:
 
         Distributed as the data set's: cameras uniform on the sphere of `camera_radius` (unit frame), lights
         on the unit sphere.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> cameras, lights = bar.sample_views(4, seed=0)
+        >>> cameras.shape, lights.shape
+        ((4, 4, 4), (4, 3))
         """
         random = np.random.default_rng(seed)
         cameras = look_at(uniform_on_sphere(count, camera_radius, random))

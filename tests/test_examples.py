@@ -1,0 +1,70 @@
+"""The examples of the public interface, run as they stand in the docstrings."""
+
+import doctest
+import importlib
+import inspect
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trimesh
+
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.object_file import ObjectFile
+
+REPOSITORY = Path(__file__).parents[1]
+REFERENCE = (REPOSITORY / "docs" / "api.md").read_text(encoding="utf-8")
+DOCUMENTED = re.findall(r"^::: ([\w.]+)$", REFERENCE, flags=re.MULTILINE)
+
+
+def found(path: str) -> Any:
+    """What a dotted path of docs/api.md names."""
+    module, _, name = path.rpartition(".")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except AttributeError:
+        return importlib.import_module(path)
+
+
+def public() -> dict[str, Callable[..., Any]]:
+    """The functions of the reference, its classes with an example, and the methods of an Object File."""
+    named = {path: found(path) for path in DOCUMENTED}
+    for path, module in list(named.items()):
+        named |= {f"{path}.{name}": getattr(module, name) for name in getattr(module, "__all__", ())}
+    methods = inspect.getmembers(ObjectFile, inspect.isroutine)
+    named |= {f"ObjectFile.{name}": method for name, method in methods if not name.startswith("_")}
+    return {
+        path: one
+        for path, one in named.items()
+        if inspect.isroutine(one) or (inspect.isclass(one) and ">>>" in str(one.__doc__))
+    }
+
+
+PUBLIC = public()
+
+
+@pytest.fixture(scope="module")
+def examples(small_file: Path, glass_bar: TexturedMesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that docs/api.md promises: a bar's Object File, mesh and truth, and the materials."""
+    folder = tmp_path_factory.mktemp("examples")
+    for path in sorted(small_file.parent.iterdir()):
+        shutil.copy(path, folder)
+    shutil.copy(REPOSITORY / "data" / "materials.csv", folder)
+    trimesh.Trimesh(glass_bar.vertices, glass_bar.faces, process=False).export(folder / "bar.obj")
+    return folder
+
+
+@pytest.mark.parametrize("name", sorted(PUBLIC))
+def test_example_yields_what_it_says(name, examples, monkeypatch, capsys):
+    monkeypatch.chdir(examples)
+    documented = PUBLIC[name]
+    own = {documented.__name__: documented}  # what else an example needs, it imports
+    tests = doctest.DocTestFinder(recurse=False).find(documented, name, globs=own)
+    assert sum(len(test.examples) for test in tests) > 0, f"{name} has no example"
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    for test in tests:
+        runner.run(test)
+    assert runner.failures == 0, capsys.readouterr().out
