@@ -15,7 +15,7 @@ from objectfolder.vision.network.network_layout import MIRROR_WIDTH, has_mirrors
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
 
 # Points at a time: a block's matrices stay in the first cache. Every block is whole, its last point repeated:
-# the vector loop and the loop over what is left after it would round alike points differently.
+# the vector loop and the loop over the points after it would round alike points differently.
 BLOCK = 64
 # The inputs that this module computes; a network laid out otherwise is refused.
 ANGLES, SURROUNDINGS = 12, 31

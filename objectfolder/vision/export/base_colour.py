@@ -83,8 +83,8 @@ def network_colour(
 
     The network's factors have no meaning apart (its albedo head is free up to what multiplies it), but their
     product has: the share of light from all directions that leaves along the normal,
-    rho = 1/pi * integral of f cos. A conductor's base colour is rho; a dielectric's is what is left without
-    its clear coat, (rho - 0.04) / 0.96.
+    rho = 1/pi * integral of f cos. A conductor's base colour is rho; a dielectric's is rho without its
+    clear coat, (rho - 0.04) / 0.96.
 
     Parameters
     ----------
