@@ -23,6 +23,7 @@ from pipeline.dataset.archives import (
     CENTRAL_MARK,
     END,
     END_MARK,
+    GROUP,
     LARGEST_JSON_BYTES,
     LOCAL,
     read_json,
@@ -30,7 +31,6 @@ from pipeline.dataset.archives import (
 from pipeline.dataset.products import TENSORS
 
 REMEDY = "See `objectfolder verify`; fetch it again (`dvc fetch`), or delete it and run `dvc repro`."
-GROUP = "zarr.json"
 TAIL_BYTES = 1 << 16
 # An entry of an archive's list: its mark, checksum and sizes, length of its name, first folder and rest. An
 # audit of a thousand objects reads ten thousand lists: too many for zipfile.

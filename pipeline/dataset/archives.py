@@ -4,19 +4,21 @@ An archive fetched from elsewhere is not trusted. Zarr's own reader would follow
 size that it declares; this looks at the declarations first, and decodes no array.
 """
 
+import contextlib
 import json
 import math
 import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError
 
 REMEDY = "Delete it; a run makes it again."
+GROUP = "zarr.json"
 LARGEST_JSON_BYTES = 64_000_000
 LARGEST_PRODUCT_BYTES = 8_000_000_000  # of all arrays together, as they are in memory
 MOST_CHUNKS = 1_000_000
@@ -51,77 +53,63 @@ def read_attributes(path: Path) -> dict[str, Any]:
         No such file.
     """
     path.stat()
-    attributes: dict[str, Any] = json.loads(dict(read_entries(path, ()))["zarr.json"])["attributes"]
-    return attributes
+    with errors_of(path), zipfile.ZipFile(path) as archive:
+        return describe(archive, ())[0]
 
 
 def check(path: Path) -> None:
-    """Check every entry of a product's archive, and its checksum; raises as `read_entries` does."""
-    for _ in read_entries(path):
-        pass
+    """Check every entry of a product's archive, and its checksum; FormatError for what no product has."""
+    with errors_of(path), zipfile.ZipFile(path) as archive:
+        _, arrays = describe(archive)
+        for name in archive.namelist():
+            if not name.endswith("zarr.json"):
+                read_chunk(archive, name, arrays)
 
 
-def read_entries(path: Path, arrays: Container[str] | None = None) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content of the entries of `arrays` of a product's archive, checked; None means all.
-
-    Raises
-    ------
-    FormatError
-        A damaged archive or entry, a name that leads out of it, or a type, codec, or size that no product
-        has; a file that is not there.
-    """
+@contextlib.contextmanager
+def errors_of(path: Path) -> Iterator[None]:
+    """Raise FormatError for whatever the readers of a damaged or hostile archive raise."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            yield from _read_entries(archive, arrays)
+        yield
     except UNREADABLE as error:
         raise FormatError(str(path), f"unreadable ({error})", REMEDY) from error
 
 
-def _read_entries(archive: zipfile.ZipFile, wanted: Container[str] | None) -> Iterator[tuple[str, bytes]]:
+def describe(
+    archive: zipfile.ZipFile, wanted: Container[str] | None = None
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Return the attributes of a product, and what it says of its arrays, or of those `wanted`; checked.
+
+    A damaged one makes this raise any of `UNREADABLE`; so does a name that leads out of it, or a type, codec
+    or size that no product has.
+    """
     names = archive.namelist()
     if len(set(names)) != len(names):
         raise ValueError("an entry is there twice")
-    if "zarr.json" not in names:
+    if GROUP not in names:
         raise ValueError("no group of Zarr 3")
-    entries = [
-        entry
-        for entry in archive.infolist()
-        if wanted is None or entry.filename == "zarr.json" or entry.filename.partition("/")[0] in wanted
-    ]
-    arrays: dict[str, int] = {}
-    total = 0
-    for entry in entries:
+    group = read_json(archive, archive.getinfo(GROUP))
+    _check_group(group)
+    arrays: dict[str, dict[str, Any]] = {}
+    for entry in archive.infolist():
         name, _, rest = entry.filename.partition("/")
-        if entry.filename == "zarr.json":
-            content = _read_small(archive, entry)
-            _check_group(json.loads(content))
-            yield entry.filename, content
-        elif not rest or not _NAME.fullmatch(name):
+        if entry.filename == GROUP or (wanted is not None and name not in wanted):
+            continue
+        if not rest or not _NAME.fullmatch(name):
             raise ValueError(f"entry {entry.filename!r} is no part of a product")
-        elif rest == "zarr.json":
-            content = _read_small(archive, entry)
-            arrays[name], whole = described_bytes(name, json.loads(content))
-            total += whole
-            yield entry.filename, content
+        if rest == GROUP:
+            arrays[name] = read_json(archive, entry)
+    total = sum(described_bytes(name, said)[1] for name, said in arrays.items())
     if total > LARGEST_PRODUCT_BYTES:
         raise ValueError(f"its arrays would take {total} bytes")
-    for entry in entries:
-        name, _, rest = entry.filename.partition("/")
-        if rest and rest != "zarr.json":
-            if name not in arrays or not _CHUNK.fullmatch(rest):
-                raise ValueError(f"entry {entry.filename!r} is no part of a product")
-            yield entry.filename, _read_chunk(archive, entry, arrays[name])
+    return group["attributes"], arrays
 
 
 def read_json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
     """Return what an entry of JSON holds; raises ValueError for one that no product has."""
-    return json.loads(_read_small(archive, entry))
-
-
-def _read_small(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > LARGEST_JSON_BYTES:
         raise ValueError(f"entry {entry.filename} is compressed or of {entry.file_size} bytes")
-    return archive.read(entry)
+    return json.loads(archive.read(entry))
 
 
 def _check_group(said: dict[str, Any]) -> None:
@@ -158,11 +146,15 @@ def described_bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
     return chunk, max(math.prod(shape) * item, chunk)
 
 
-def _read_chunk(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, expected: int) -> bytes:
-    if entry.compress_type != zipfile.ZIP_STORED:
-        raise ValueError(f"entry {entry.filename} is compressed twice")
-    content = archive.read(entry)
+def read_chunk(archive: zipfile.ZipFile, name: str, arrays: Mapping[str, dict[str, Any]]) -> bytes:
+    """Return an entry that is a chunk of one of these arrays, compressed; raises as `describe` does."""
+    array, _, rest = name.partition("/")
+    if array not in arrays or not _CHUNK.fullmatch(rest):
+        raise ValueError(f"entry {name!r} is no part of a product")
+    if archive.getinfo(name).compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"entry {name} is compressed twice")
+    content, (expected, _) = archive.read(name), described_bytes(array, arrays[array])
     declared = int.from_bytes(content[4:8], "little")
     if len(content) < BLOSC_HEADER_BYTES or declared != expected:
-        raise ValueError(f"entry {entry.filename} holds {declared} bytes where {expected} are described")
+        raise ValueError(f"entry {name} holds {declared} bytes where {expected} are described")
     return content

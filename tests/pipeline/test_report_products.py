@@ -19,6 +19,7 @@ from pipeline.publish.report.contacts import (
     contacts,
     find_touches,
     gel_corners,
+    in_sight,
     sides_showing,
 )
 from pipeline.publish.report.object_products import ObjectProducts
@@ -121,7 +122,7 @@ def test_a_contact_is_marked_where_it_is(tmp_path: Path) -> None:
 
 def test_a_side_is_drawn_to_scale() -> None:
     vertices, faces = cube()
-    side = Side(Surface(vertices, faces), (1.0, 0.0, 0.0))
+    side = Side(Surface(vertices, faces), np.array([1.0, 0.0, 0.0]))
     pixels = side.project(vertices)
     # From +x: +y is right, +z is up, and the near face hides the far one.
     assert np.array_equal(np.sign(pixels - PIXELS / 2), np.sign(vertices[:, 1:]) * [1, -1])
@@ -135,9 +136,8 @@ def test_a_side_is_drawn_to_scale() -> None:
 
 def test_a_hidden_point_is_said_to_be_hidden() -> None:
     surface = Surface(*cube())
-    front = Side(surface, (1.0, 0.0, 0.0))
     points = np.array([[SIDE_M / 2, 0.01, 0.0], [-SIDE_M / 2, 0.01, 0.0]])
-    assert front.shows(points).tolist() == [True, False]
+    assert in_sight(surface, points, np.array([[1.0, 0.0, 0.0]])).tolist() == [[True, False]]
     ((_, inside),) = sides_showing(surface, np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
     assert not inside
 

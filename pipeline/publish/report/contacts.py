@@ -1,6 +1,6 @@
 """Where on the object the touches of a page were made, drawn on its surface in plain clay."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -18,7 +18,8 @@ WIDTH, ARROW = 1.2, 0.22
 UP = np.array([0.0, 0.0, 1.0])
 # Directions to the eye, from above before from below.
 TURNS = np.radians(np.arange(0, 360, 45) + 22.5)
-SIDES = [(np.cos(turn), np.sin(turn), height) for height in (0.7, -0.7) for turn in TURNS]
+SIDES = np.array([(np.cos(turn), np.sin(turn), height) for height in (0.7, -0.7) for turn in TURNS])
+SIDES /= np.linalg.norm(SIDES, axis=1, keepdims=True)
 # Least cosine between the surface's normal and the direction to the eye where a contact is well in sight.
 LEAST_FACING = 0.3
 # In diagonals: what hides a point lies farther before it than this.
@@ -64,19 +65,14 @@ class Side:
         Direction from the object to the eye.
     """
 
-    def __init__(self, surface: Surface, eye: Sequence[float]) -> None:
-        self.surface, self.axes = surface, axes_towards(np.array(eye), UP)
+    def __init__(self, surface: Surface, eye: np.ndarray) -> None:
+        self.surface, self.axes = surface, axes_towards(eye, UP)
         self.direction, self._centre = self.axes[2], surface.bounds.mean(axis=0)
         self._far, self._scale = _size(surface), PIXELS / (WIDTH * _size(surface))
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return (n, 2) pixels, x right and y down, of (n, 3) points."""
         return PIXELS / 2 + self._scale * ((points - self._centre) @ self.axes[:2].T) * (1, -1)
-
-    def shows(self, points: np.ndarray) -> np.ndarray:
-        """Return (n,) whether nothing of the surface hides points of it."""
-        from_points = points + NEAR * self._far * self.direction
-        return ~self.surface.occluded(from_points, from_points + self._far * self.direction)
 
     def faces(self) -> np.ndarray:
         """Return (PIXELS, PIXELS) the face of each pixel, -1 beside the object."""
@@ -92,19 +88,25 @@ class Side:
         return indexed_uri(np.where(faces >= 0, levels[faces], np.uint8(0)), CLAY, transparent=0)
 
 
+def in_sight(surface: Surface, points: np.ndarray, eyes: np.ndarray) -> np.ndarray:
+    """Return (sides, n) whether nothing of the surface hides (n, 3) points from (sides, 3) directions."""
+    far = _size(surface)
+    starts = points + NEAR * far * eyes[:, None]
+    hidden = surface.occluded(starts.reshape(-1, 3), (starts + far * eyes[:, None]).reshape(-1, 3))
+    return ~hidden.reshape(len(eyes), len(points))
+
+
 def sides_showing(surface: Surface, points: np.ndarray, normals: np.ndarray) -> list[tuple[Side, bool]]:
     """Return a side for each of (n, 3) points, few sides in all, and whether it shows the point."""
-    sides = [Side(surface, eye) for eye in SIDES]
-    shown = np.array([side.shows(points) & (normals @ side.direction > LEAST_FACING) for side in sides])
-    chosen, left = np.zeros(len(points), dtype=int), shown.any(axis=0)
+    seen = in_sight(surface, points, SIDES)
+    well = seen & (SIDES @ normals.T > LEAST_FACING)
+    chosen, left = np.zeros(len(points), dtype=int), well.any(axis=0)
     while left.any():
-        best = np.argmax((shown & left).sum(axis=1))
-        chosen[shown[best] & left] = best
-        left &= ~shown[best]
-    return [
-        (sides[index], bool(sides[index].shows(point[None])[0]))
-        for index, point in zip(chosen, points, strict=True)
-    ]
+        best = int(np.argmax((well & left).sum(axis=1)))
+        chosen[well[best] & left] = best
+        left &= ~well[best]
+    sides = {index: Side(surface, SIDES[index]) for index in set(chosen.tolist())}
+    return [(sides[index], bool(seen[index, row])) for row, index in enumerate(chosen.tolist())]
 
 
 def contacts(truth: np.ndarray, products: ObjectProducts) -> list[Contact | None]:

@@ -94,32 +94,34 @@ class ObjectPage:
         findings
             What was left out, beside what cannot be read here.
         """
-        subject, products, environment = self.subject, self.products, _environment()
-        fidelity, modes = Product({}), []
-        with products.reading("fidelity"):
-            fidelity = products.arrays("fidelity")
-        from pipeline.publish.report.queries import modal_table, queries  # matplotlib takes half a second
+        products = self.products
+        with products.opened:
+            subject, environment = self.subject, _environment()
+            fidelity, modes = Product({}), []
+            with products.reading("fidelity"):
+                fidelity = products.arrays("fidelity")
+            from pipeline.publish.report.queries import modal_table, queries  # matplotlib takes half a second
 
-        shown = queries(fidelity, products, self.pairs)
-        with products.reading("modal table"):
-            modes = modal_table(products, subject.attributes)
-        small = thumbnail(None)
-        with products.reading("views"):
-            if "vision_truth" in fidelity:
-                small = thumbnail(fidelity["vision_truth"])
-        page = environment.get_template("object.html.j2").render(
-            page=self,
-            player=player,
-            record=subject,
-            queries=shown,
-            modes=modes,
-            origins=_origins(products),
-            filling=_filling(subject, products),
-            unreadable=list(dict.fromkeys([*products.unreadable, *findings])),
-            fingerprint=fingerprint,
-            policy=security_policy(environment, SCRIPTS),
-        )
-        return page, small
+            shown = queries(fidelity, products, self.pairs)
+            with products.reading("modal table"):
+                modes = modal_table(products, subject.attributes)
+            small = thumbnail(None)
+            with products.reading("views"):
+                if "vision_truth" in fidelity:
+                    small = thumbnail(fidelity["vision_truth"])
+            page = environment.get_template("object.html.j2").render(
+                page=self,
+                player=player,
+                record=subject,
+                queries=shown,
+                modes=modes,
+                origins=_origins(products),
+                filling=_filling(subject, products),
+                unreadable=list(dict.fromkeys([*products.unreadable, *findings])),
+                fingerprint=fingerprint,
+                policy=security_policy(environment, SCRIPTS),
+            )
+            return page, small
 
 
 def page_name(object_id: str) -> str:

@@ -4,22 +4,20 @@ import contextlib
 import hashlib
 import os
 import struct
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import EllipsisType
 from typing import Any
 
 import numpy as np
-import zarr
-from zarr.buffer.cpu import Buffer
-from zarr.storage import MemoryStore
+from numcodecs import Blosc
 
 from objectfolder.errors import FormatError
 from objectfolder.products.provenance import canonical_json, file_digest
 from objectfolder.products.store import Array, Product
 from objectfolder.products.tensor_file import read_metadata
-from pipeline.dataset.archives import END, REMEDY, UNREADABLE, read_entries
-from pipeline.dataset.products import read_description
+from pipeline.dataset.archives import END, describe, errors_of, read_chunk
+from pipeline.dataset.products import ZARR, read_description
 from pipeline.dataset.stages import ENCODED, OBJECT_FILES, STAGES
 
 SUFFIXES = {kind.name: kind.suffix for stage in STAGES.values() for kind in stage.products}
@@ -41,11 +39,15 @@ class ObjectProducts:
     ----------
     unreadable
         What could not be read, one finding a product.
+    opened
+        Closes the archives that were opened.
     """
 
     def __init__(self, data: Path, name: str) -> None:
         self._data, self._name = data, name
         self.unreadable: list[str] = []
+        self.opened = contextlib.ExitStack()
+        self._archives: dict[str, zipfile.ZipFile] = {}
 
     def path(self, kind: str) -> Path:
         """Return the path of a product."""
@@ -60,7 +62,7 @@ class ObjectProducts:
         found[OBJECT_FILES.name] = _digest(file_digest, self.path(OBJECT_FILES.name))
         return found
 
-    def arrays(self, kind: str, *names: str, rows: slice | EllipsisType = ...) -> Product:
+    def arrays(self, kind: str, *names: str, rows: slice = slice(None)) -> Product:
         """Return an archive with `rows` of these arrays of it, or of all where none is named.
 
         Nothing else of the archive is read.
@@ -72,24 +74,31 @@ class ObjectProducts:
         FormatError
             It is damaged, is not what a stage writes, or lacks an array.
         """
-        path = self.path(kind)
-        path.stat()
-        entries = dict(read_entries(path, names or None))
-        there = [name.partition("/")[0] for name in entries if name.endswith("/zarr.json")]
-        if missing := set(names).difference(there):
-            raise FormatError(str(path), f"no array {sorted(missing)}", REMEDY)
-        store = MemoryStore({name: Buffer.from_bytes(content) for name, content in entries.items()})
-        try:
-            group = zarr.open_group(store, mode="r", zarr_format=3)
-            return Product({name: _read(group, name, rows) for name in there}, dict(group.attrs))
-        except UNREADABLE as error:
-            raise FormatError(str(path), f"damaged product ({error})", REMEDY) from error
+        archive = self._archive(kind)
+        with errors_of(self.path(kind)):
+            attributes, said = describe(archive, names or None)
+            if missing := set(names).difference(said):
+                raise ValueError(f"no array {sorted(missing)}")
+            return Product({name: _read(archive, name, said, rows) for name in said}, attributes)
 
     def attributes(self, kind: str) -> dict[str, Any]:
         """Return the attributes of a product, empty where it cannot be read."""
         with self.reading(kind):
-            return read_description(self.path(kind))
+            if SUFFIXES[kind] != ZARR:
+                return read_description(self.path(kind))
+            archive = self._archive(kind)
+            with errors_of(self.path(kind)):
+                return describe(archive, ())[0]
         return {}
+
+    def _archive(self, kind: str) -> zipfile.ZipFile:
+        """Return an archive, opened once: its directory may have thousands of entries."""
+        path = self.path(kind)
+        path.stat()
+        if kind not in self._archives:
+            with errors_of(path):
+                self._archives[kind] = self.opened.enter_context(zipfile.ZipFile(path))
+        return self._archives[kind]
 
     @contextlib.contextmanager
     def reading(self, what: str) -> Iterator[None]:
@@ -104,11 +113,29 @@ class ObjectProducts:
             self.unreadable.append(f"{what}: not what a report can show ({type(error).__name__}: {error})")
 
 
-def _read(group: zarr.Group, name: str, rows: slice | EllipsisType) -> Array:
-    stored = group[name]
-    assert isinstance(stored, zarr.Array)
-    dims = tuple(f"axis_{axis}" for axis in range(stored.ndim))  # a page asks for none
-    return Array(np.asarray(stored[rows]), dims, str(stored.attrs["units"]), str(stored.attrs["long_name"]))
+def _read(archive: zipfile.ZipFile, name: str, said: dict[str, dict[str, Any]], rows: slice) -> Array:
+    """Decode rows of an array, whose chunks hold whole rows, as stages write them.
+
+    Zarr's own reader takes ten times as long: it hands each chunk to another thread.
+    """
+    stated, attributes = said[name], said[name]["attributes"]
+    shape, chunk = stated["shape"], stated["chunk_grid"]["configuration"]["chunk_shape"]
+    if not shape or chunk[1:] != [max(1, size) for size in shape[1:]]:
+        raise ValueError(f"{name} does not lie row by row")
+    kind, asked = np.dtype(stated["data_type"]), range(*rows.indices(shape[0]))
+    first, last = asked.start // chunk[0], -(-asked.stop // chunk[0])
+    blocks = [np.zeros((0, *chunk[1:]), kind)]
+    for index in range(first, last):
+        entry = f"{name}/c/{index}" + "/0" * (len(shape) - 1)
+        if entry in archive.NameToInfo:
+            content = Blosc().decode(read_chunk(archive, entry, said))
+            blocks.append(np.frombuffer(content, kind).reshape(chunk))
+        else:
+            blocks.append(np.full(chunk, stated["fill_value"], kind))
+    begin = asked.start - first * chunk[0]
+    values = np.concatenate(blocks)[begin : begin + len(asked), *map(slice, shape[1:])]
+    dims = tuple(f"axis_{axis}" for axis in range(len(shape)))  # a page asks for none
+    return Array(values, dims, str(attributes["units"]), str(attributes["long_name"]))
 
 
 def _digest(read: Callable[[Path], str], path: Path) -> str:

@@ -137,9 +137,10 @@ def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
             player = ""
             findings = [f"player: {_unexpected(error)[0]}"]
     text, small = page.render(fingerprint, player, findings)
-    for target, content in ((path.with_suffix(".webp"), small), (path, text.encode())):
-        with atomic_write(target) as file:
-            file.write(content)
+    folder.mkdir(parents=True, exist_ok=True)
+    path.with_suffix(".webp").write_bytes(small)  # the page, written last, says that all is there
+    with atomic_write(path) as file:
+        file.write(text.encode())
     return files
 
 
