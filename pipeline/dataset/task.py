@@ -107,4 +107,4 @@ def failure_of(object_id: str, error: BaseException, detail: str = "") -> Failur
     if isinstance(error, SystemExit):
         return Failure(object_id, f"the task called exit({error.code!r})", "Report this as a defect.", detail)
     message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return Failure(object_id, message, "Its traceback is in the failure record under runs/.", detail)
+    return Failure(object_id, message, "Its traceback is in the record of the run, under runs/.", detail)
