@@ -7,7 +7,7 @@ import os
 import pickle
 import tracemalloc
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +137,9 @@ BLOSC = {
 }
 
 
-def array(shape: list[int], data_type: Any = "float64", codecs: Any = None, **more: Any) -> dict[str, Any]:
+def array(
+    shape: Sequence[float], data_type: Any = "float64", codecs: Any = None, **more: Any
+) -> dict[str, Any]:
     """``zarr.json`` of an array."""
     return {
         "zarr_format": 3,
@@ -237,7 +239,7 @@ GREEDY: dict[str, dict[str, Any]] = {
         )
     },
     "a negative shape": {"x/zarr.json": array([-1])},
-    "a shape of numbers with a point": {"x/zarr.json": array([1.5])},  # type: ignore[list-item]
+    "a shape of numbers with a point": {"x/zarr.json": array([1.5])},
     "a chunk that unpacks to more": {
         "x/zarr.json": array([1]),
         "x/c/0": bytes([2, 1, 0x91, 8]) + (0x7FFFFF00).to_bytes(4, "little") + bytes(8),

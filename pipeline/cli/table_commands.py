@@ -113,8 +113,8 @@ def fetch(
 ) -> int:
     """Fetch objects of published collections (YCB, Google Scanned Objects, Poly Haven), checked.
 
-    What is there and whole is not fetched again; what was interrupted is resumed. Without --table
-    files are where data/objects.csv expects them.
+    A whole file is not fetched again; an interrupted download is resumed. Without --table files are where
+    data/objects.csv expects them.
 
     Parameters
     ----------

@@ -51,8 +51,7 @@ def audit(
     from pipeline.dataset.stages import STAGES
     from pipeline.publish.report.audit_page import write_page
 
-    stages = tuple(STAGES.values())
-    allowed = thresholds(max_loss)
+    stages, allowed = tuple(STAGES.values()), thresholds(max_loss)
     gc.disable()  # among a million dictionaries without reference cycles, to search for these takes seconds
     try:
         with Contents(root, remote) as contents:

@@ -44,8 +44,8 @@ class Summary:
     @property
     def counts(self) -> dict[str, int]:
         """Number of objects by what happened to them."""
-        kept, restored, computed = len(self.kept), len(self.restored), len(self.computed)
-        return {"kept": kept, "restored": restored, "computed": computed, "failed": len(self.failures)}
+        made = {name: len(getattr(self, name)) for name in (KEPT, RESTORED, COMPUTED)}
+        return made | {"failed": len(self.failures)}
 
     def exit_code(self, allow_failures: bool) -> int:
         """Return 0 if later stages may run: no failure, or failures allowed and at least one object made."""
@@ -168,8 +168,8 @@ def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
 
 def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: Sequence[FailedObject]) -> Summary:
     kept, restored, computed = (
-        tuple(object_id for object_id, one in flow.outcomes(stage).items() if one == outcome)
+        tuple(object_id for object_id, one in flow.outcomes[stage].items() if one == outcome)
         for outcome in (KEPT, RESTORED, COMPUTED)
     )
-    failures = (*refused, *flow.failures(stage))
+    failures = (*refused, *flow.failures[stage])
     return Summary(stage, kept, restored, tuple(sorted(computed)), removed, failures)

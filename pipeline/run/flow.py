@@ -57,8 +57,9 @@ class Flow:
         self._rows = rows
         self._verified = verified
         self._on_settled = on_settled
-        self._outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
-        self._failures: dict[str, list[FailedObject]] = {name: [] for name in self._stages}
+        # `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` of those settled, by stage and object; and failures.
+        self.outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
+        self.failures: dict[str, list[FailedObject]] = {name: [] for name in self._stages}
         self._fingerprints: dict[str, dict[str, str]] = {name: {} for name in self._stages}
         self._running: set[tuple[str, str]] = set()
 
@@ -82,18 +83,10 @@ class Flow:
 
     def unsettled(self) -> Iterator[tuple[str, str, float]]:
         """Yield stage, object and expected wall seconds of what is still to be made or looked at."""
-        for name, outcomes in self._outcomes.items():
+        for name, outcomes in self.outcomes.items():
             for object_id in self._rows:
                 if object_id not in outcomes:
                     yield name, object_id, self._estimates.of(name, object_id, None).wall_s
-
-    def outcomes(self, stage: str) -> Mapping[str, str]:
-        """Return `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` by object, for those settled."""
-        return self._outcomes[stage]
-
-    def failures(self, stage: str) -> Sequence[FailedObject]:
-        """Return why objects failed in a stage."""
-        return self._failures[stage]
 
     @cached_property
     def _estimates(self) -> "Estimates":
@@ -105,9 +98,9 @@ class Flow:
     def _advance(self, object_id: str) -> list[Job]:
         jobs = []
         for name, stage in self._stages.items():
-            if object_id in self._outcomes[name] or (name, object_id) in self._running:
+            if object_id in self.outcomes[name] or (name, object_id) in self._running:
                 continue
-            before = (self._outcomes[other] for other in stage.follows if other in self._stages)
+            before = (self.outcomes[other] for other in stage.follows if other in self._stages)
             if all(object_id in outcomes for outcomes in before):
                 job = self._plan(stage, object_id)
                 if job is not None:
@@ -162,13 +155,13 @@ class Flow:
         return own.wall_s + max(expected_s), own.late_s + max(late_s)
 
     def _settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
-        self._outcomes[stage][object_id] = outcome
+        self.outcomes[stage][object_id] = outcome
         self._on_settled(stage, object_id, outcome, seconds)
 
     def _fail(self, stage: Stage, object_id: str, failure: Failure, seconds: float = 0.0) -> None:
         """Note a failure, and remove the object's earlier products."""
         self._settle(stage.name, object_id, FAILED, seconds)
         wanted = self._fingerprints[stage.name].get(object_id, "")
-        self._failures[stage.name].append(FailedObject.of(stage.name, failure, wanted))
+        self.failures[stage.name].append(FailedObject.of(stage.name, failure, wanted))
         for path in stage.targets(self._root, object_id):
             path.unlink(missing_ok=True)

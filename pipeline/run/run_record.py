@@ -81,7 +81,8 @@ class RunRecord:
             "end", tasks=self._tasks, error=None if error is None else f"{type(error).__name__}: {error}"
         )
         os.close(self._file)
-        prune(self._root)
+        for path in excess(self._root):
+            path.unlink(missing_ok=True)
         if self._tasks:
             compact(self._root)
 
@@ -124,14 +125,8 @@ def records(root: Path) -> list[Path]:
     return sorted((root / "runs").glob(PATTERN))
 
 
-def prune(root: Path) -> None:
-    """Remove the oldest records beyond the limits of number and size."""
-    for path in excess(root):
-        path.unlink(missing_ok=True)
-
-
 def excess(root: Path) -> list[Path]:
-    """Return the records that `prune` removes."""
+    """Return the oldest records beyond the limits of number and size."""
     room, found = MOST_BYTES, []
     for index, path in enumerate(reversed(records(root))):
         room -= path.stat().st_size

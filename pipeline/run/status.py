@@ -41,9 +41,9 @@ class Status:
     object_id, stage
         Which.
     state
-        ``current``; ``stale`` (made from something else); ``missing``; ``failed`` (in the last run, from
-        what is there now); ``waiting`` (for an input that is none of `current`: what is there may do or
-        not); ``unlisted`` (no longer in the table: the next run removes it).
+        ``current``; ``stale`` (made from something else); ``missing``; ``failed`` (in the last run, from the
+        inputs of now); ``waiting`` (for an input that is not `current`, so that nothing is known of the
+        product); ``unlisted`` (no longer in the table: the next run removes it).
     reasons
         Why, for people.
     differences

@@ -2,7 +2,7 @@
 
 The driver publishes a job's inputs and collects its products; the `Shipment` between the two runs in the
 worker's child process. Everything in the store is named by its content (products by
-fingerprint, source files by SHA-256), so what is there already is not sent again, and a second writer
+fingerprint, source files by SHA-256). So a file that the store has is not sent again, and a second writer
 changes nothing.
 """
 

@@ -7,17 +7,6 @@ returns `objectfolder.products.store.Product` for a ``.zarr.zip`` or
 `objectfolder.products.tensor_file.TensorFile` for a ``.safetensors``. The framework adds
 ``fingerprint`` and ``provenance`` and writes the files.
 
-====================================  ===========================================================
-``objects.prepare_object``            source files -> ``data/objects``; attribute ``digests`` holds
-                                      ``geometry``, ``texture``
-``views.render_views``                objects -> ``data/views``
-``modes.compute_modes``               objects -> ``data/modes``
-``touches.press_sensor``              objects -> ``data/touches``
-``encode.encode_object``              objects, views, modes, touches -> ``data/encoded`` (TensorFile)
-``verify.verify_object``              objects, views, modes, touches, encoded -> (``data/object_files``
-                                      TensorFile, ``data/fidelity`` Product)
-====================================  ===========================================================
-
 ``request.inputs`` has the paths under the kind's name (``request.inputs["views"]``),
 ``request.parameters`` the declared sections as dictionaries (``request.parameters["vision"]``).
 The record of an object: ``name``, ``material`` (all values, a dictionary), ``appearance``

@@ -15,7 +15,7 @@ from typing import Any
 
 import psutil
 from chaos import Killed, Watcher, kill, redone, unexplained, victims
-from ground import REPOSITORY, Ground, wait_for
+from ground import GENEROUS_S, REPOSITORY, Ground, wait_for
 
 SCHEDULER, DRIVER, WORKER, CHILD = "scheduler", "driver", "worker", "child"
 LOCAL, ADDRESS = "local", "address"
@@ -130,16 +130,13 @@ class Round:
         return self._driver
 
     def _kill_one(self, kind: str, kills_left: int) -> None:
-        """Kill at a random moment of what is left to do, so that the others have their share of it."""
+        """Kill at a random moment of the remaining work, so that the other kills have their share of it."""
         while True:
             driver = self._running_driver()
             begun = len(self.ground.executions())
             left = len(self.ground.works) - len({one.work for one in self.ground.executions()})
             more = self._chance.randint(1, max(1, left // kills_left))
-            wait_for(
-                lambda: len(self.ground.executions()) >= begun + more or driver.poll() is not None,  # noqa: B023
-                "tasks begin",
-            )
+            self._wait_for_tasks(begun + more, driver)
             delay_s = self._chance.uniform(0.0, self._task_s)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 driver.wait(delay_s)
@@ -157,6 +154,10 @@ class Round:
                 if kind == SCHEDULER:
                     self._start_scheduler()
                 return
+
+    def _wait_for_tasks(self, count: int, driver: subprocess.Popen[bytes]) -> None:
+        """Wait until this number of tasks has begun, or the driver has ended."""
+        wait_for(lambda: len(self.ground.executions()) >= count or driver.poll() is not None, "tasks begin")
 
     def _candidates(self, kind: str, driver: subprocess.Popen[bytes]) -> list[psutil.Process]:
         if kind in (DRIVER, SCHEDULER):
@@ -178,7 +179,7 @@ class Round:
     def _finish(self, kills: int) -> None:
         for _ in range(kills + MOST_RUNS):
             driver = self._running_driver()
-            wait_for(lambda: driver.poll() is not None, "the run ends")  # noqa: B023
+            driver.wait(GENEROUS_S)
             if driver.returncode == 0:
                 break
         self.exit_codes.append(self._driver.returncode if self._driver else -1)

@@ -1,6 +1,6 @@
 """A data set of toys of realistic shape: three stages, four products an object, tasks of 50 to 200 ms.
 
-Its tasks write down when they begin, its runs are processes, and what is left of them can be found.
+Its tasks write down when they begin, its runs are processes, and those that they leave behind can be found.
 """
 
 import contextlib
@@ -200,7 +200,7 @@ class Ground:
         return marked(str(self.root))
 
     def end(self) -> None:
-        """End what is left of its runs."""
+        """End the processes that its runs left behind."""
         for process in self.processes():
             with contextlib.suppress(psutil.Error):
                 process.kill()

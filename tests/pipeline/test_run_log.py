@@ -195,10 +195,12 @@ def test_records_are_capped_in_number_and_in_size(tmp_path, monkeypatch):
     assert [path.name[:8] for path in records(tmp_path)][:2] == ["20260105", "20260106"]
     assert records(tmp_path)[-1] == record.path
     monkeypatch.setattr(run_record, "MOST_BYTES", 1500 + record.path.stat().st_size)
-    run_record.prune(tmp_path)
+    for path in run_record.excess(tmp_path):
+        path.unlink()
     assert [path.name[:8] for path in records(tmp_path)][:-1] == ["20260106"]
     monkeypatch.setattr(run_record, "MOST_BYTES", 1)
-    run_record.prune(tmp_path)
+    for path in run_record.excess(tmp_path):
+        path.unlink()
     assert records(tmp_path) == [record.path]  # the last one stays
     assert (tmp_path / "runs" / "views.jsonl").exists()
 

@@ -78,13 +78,20 @@ class Server:
         self.address = ""
 
 
+class _Quiet(ThreadingHTTPServer):
+    """A server that says nothing of clients that hang up."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing."""
+
+
 @contextlib.contextmanager
 def serving(server: Server) -> Iterator[Server]:
     """Serve while the context lasts."""
     handler = type("Handler", (_Handler,), {"server_state": server})
-    http = ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    http.daemon_threads = True
-    http.handle_error = lambda *_: None  # type: ignore[method-assign]  # clients that hang up
+    http = _Quiet(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=http.serve_forever, args=(0.05,), daemon=True)
     thread.start()
     server.address = f"http://127.0.0.1:{http.server_address[1]}"

@@ -82,7 +82,7 @@ class Fetcher:
     hashes
         Table of what is known of files, which is added to.
     refresh
-        Ask the source anew for what is there and whole.
+        Ask the source anew for objects that are here and whole.
     accept_changed
         Likewise, and take and record content that is another than is known.
     """
