@@ -50,9 +50,8 @@ def environment_here(packages: Iterable[str], modules: Iterable[str]) -> Environ
 
 def environment_of(stages: Iterable[Any]) -> Environment:
     """Return the environment that the driver's fingerprints of `stages` name."""
-    stages = tuple(stages)
-    packages = {name for stage in stages for name in stage.packages}
-    return environment_here(packages, (stage.task.partition(":")[0] for stage in stages))
+    wanted = [(stage.packages, stage.task.partition(":")[0]) for stage in stages]
+    return environment_here({name for names, _ in wanted for name in names}, [task for _, task in wanted])
 
 
 def differences_of(wanted: Environment, found: Environment) -> list[str]:

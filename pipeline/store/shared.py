@@ -29,8 +29,7 @@ class Cache:
     def __init__(self, url: str) -> None:
         self._url = url
         self._store: Store | None = None
-        self._rests_until = 0.0
-        self._warned = False
+        self._rests_until, self._warned = 0.0, False
 
     def attempt(self, action: Callable[..., object], *arguments: object) -> bool:
         """Call a method of `Store`; return False where it does so or fails.
