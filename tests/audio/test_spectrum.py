@@ -184,6 +184,16 @@ def test_a_silent_body_costs_one_count() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("below", [4.0, 7.9])
+def test_a_compact_body_near_the_limit_is_silent_without_a_solution_in_all_functions(below: float) -> None:
+    """A cube's first eta^2 is 8.16."""
+    cube = box((4, 4, 4), (1, 1, 1))
+    found = adapted(cube, 5.0, below=below)
+    assert len(found.eta_squared) == 0
+    assert found.unknowns == 3 * space_on(cube, 2, 1.0)[0].size
+    assert len(adapted(cube, 5.0, below=8.3).eta_squared) == 2
+
+
 def test_a_thin_body_whose_first_mode_lies_near_the_limit_is_not_called_silent() -> None:
     """A strip on two cells: order 2 has its first eigenvalue 44 % high, far above the limit."""
     size = (1, 0.1, 0.01)
