@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from objectfolder.audio.modes.canonical import canonical_modes, canonical_rotation, clusters
+from objectfolder.audio.modes.canonical import canonical_rotation, clusters
 
 
 def on_sphere(count: int, seed: int) -> np.ndarray:
@@ -53,6 +53,10 @@ def mixed(eigenvalues: np.ndarray, shapes: np.ndarray, seed: int) -> np.ndarray:
         size = cluster.stop - cluster.start
         result[:, :, cluster] = shapes[:, :, cluster] @ random_rotation(size, 1000 * seed + number)
     return result
+
+
+def canonical_modes(eigenvalues: list | np.ndarray, shapes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return np.asarray(shapes @ canonical_rotation(eigenvalues, shapes, points))
 
 
 def relative(a: np.ndarray, b: np.ndarray) -> float:

@@ -123,19 +123,6 @@ def canonical_rotation(
     return rotation
 
 
-def canonical_modes(
-    eigenvalues: ArrayLike,
-    shapes: ArrayLike,
-    points: ArrayLike,
-    weights: ArrayLike | None = None,
-    *,
-    tolerance: float = RELATIVE_TOLERANCE,
-) -> Floats:
-    """Mode shapes (p, 3, m) in the canonical basis; parameters as for `canonical_rotation`."""
-    rotation = canonical_rotation(eigenvalues, shapes, points, weights, tolerance=tolerance)
-    return np.asarray(np.asarray(shapes, dtype=np.float64) @ rotation)
-
-
 def _diagonalise(block: Floats, functionals: list[Functional], densities: list[Floats]) -> Floats:
     """Eigenvectors (k, k) of the first functional that parts them well, or of the one that does best."""
     best, parted = np.eye(block.shape[2]), -1.0
