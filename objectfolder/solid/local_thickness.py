@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
-NEIGHBOURS = 5  # a median over so many samples is deaf to single rays that slip through a crack
+NEIGHBOURS = 5  # the median over these samples ignores single rays that slip through a crack
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ CONTROL_POINTS = (60, 120, 240, 400, 640, 1000, 1500, 2000, 3000)
 MANY, ROOM_USED = 2000, 0.7
 # So many control points are spread evenly; more go where the fit to these is worst.
 SPREAD = 640
-# The local error of a fit is the mean over so many training points.
+# Training points over which the local error of a fit is the mean.
 NEIGHBOURS = 8
 # Control points for which kernels are compared.
 COMPARED = 320
@@ -60,7 +60,7 @@ SHARE_OF_WIDEST = 0.15
 NORMAL_REACH = 0.03
 # Rounding up from 0.6 rather than 0.5 saves more bytes than a finer step would cost for the same error.
 ROUND_UP_FROM = 0.6
-# Of the error at the goal the rounding may make up so much.
+# Share of the error at the goal that the rounding may make up.
 ROUNDING_SHARE = 0.5
 # Where the goal is not met, the rounding may be this share of the error, which makes it 3 % larger.
 ROUNDING_SHARE_SHORT = 0.25

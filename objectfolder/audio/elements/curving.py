@@ -41,9 +41,9 @@ QUADRATIC = 10  # functions of an element up to that order
 LEAST_BEND = 2e-3
 # Smallest Jacobian of a bent element over its own mean, and of an element with moved corners over before.
 LEAST_JACOBIAN, LEAST_SHRINKING = 0.1, 0.4
-# A boundary point may move by so much of the length of the shortest edge at it.
+# Share of the shortest edge at a boundary point that the point may move by.
 FARTHEST = 0.5
-# Edges are bent and faces fitted with so many points along each side.
+# Points along each side with which edges are bent and faces fitted.
 DIVISIONS = 4
 FITS = 3
 # Weight of staying where it is against that of the target.

@@ -19,7 +19,7 @@ from objectfolder.audio.elements.space import Space
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-# Values held at once by the dense part of an assembly, and kept for the next use of the same elements.
+# Values at once in the dense part of an assembly, and kept for the next use of the same elements.
 CHUNK_VALUES = 12_000_000
 KEPT_VALUES = 40_000_000
 # Bent elements of order 2 are integrated as those of order 3: their integrand is rational.

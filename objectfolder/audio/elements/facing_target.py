@@ -17,7 +17,7 @@ SHARP_TURN = 35.0
 # Degrees between faces up to which they stand for a round surface, and from which on they are what they say:
 # sixteen sides are round, an octagon is an octagon.
 ROUND, FACETED = 24.0, 34.0
-# A face so many times as deep as the next one around a turn is flat: the turn is a bevel's.
+# Depth of a face over that of the next one around a turn, from which on it is flat: the turn is a bevel's.
 EVEN, BEVELLED = 2.0, 4.0
 FLAT_TURN = 2.0
 LEAST_FACING = 0.3  # cosine between a normal given and that of a place

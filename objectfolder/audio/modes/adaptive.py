@@ -287,7 +287,7 @@ def _continued(of_function: NDArray[Any], space: Space) -> NDArray[Any]:
 def _most_useful(
     space: Space, gains: Floats, chosen: NDArray[np.bool_], allowed: float, at_most: int
 ) -> Integers:
-    """All functions of the fewest elements such that what is left gains no mode more than `allowed`.
+    """All functions of the fewest elements such that the others gain no mode more than `allowed`.
 
     Elements are taken whole: in a thin one, functions that gain next to nothing alone let others bend freely.
 

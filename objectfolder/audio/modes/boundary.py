@@ -10,7 +10,7 @@ from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-# A bent face is drawn with so many triangles along each side.
+# Triangles along each side of a bent face as drawn.
 DIVISIONS = 4
 
 

@@ -74,7 +74,7 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class _Band:
-    """What is wanted: eta^2 below a limit, at most so many modes, cut at one of the last `choices`."""
+    """What is wanted: eta^2 below a limit, at most `max_modes` modes, cut at one of the last `choices`."""
 
     below: float
     max_modes: int

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 FLOOR_DB = -220.0
 LOWEST_FLOOR_DB = -600.0  # beyond, numbers would leave the range of full precision
 LONGEST_BLOCK = 1024
-CHUNK_NUMBERS = 1 << 20  # of coefficients held at once
+CHUNK_NUMBERS = 1 << 20  # of coefficients at once
 PRODUCT_NUMBERS = 1 << 17  # of weighted rows multiplied at once: they stay in the cache
 SEGMENT_BLOCKS = 512
 
@@ -148,7 +148,7 @@ def ring(
 
 
 class Bank:
-    """Tables of oscillators for sounds of up to so many samples.
+    """Tables of oscillators for sounds of up to `samples` samples.
 
     Attributes
     ----------
@@ -325,7 +325,7 @@ def _durations(pulse_s: float | ArrayLike | None, contacts: int) -> Floats | Non
 def _groups(
     durations: Floats | None, contacts: int, most: int
 ) -> Iterator[tuple[slice | NDArray[np.int64], float | None]]:
-    """Rows of contacts with pulses of one duration, at most so many at a time."""
+    """Rows of contacts with pulses of one duration, at most `most` at a time."""
     if durations is None or len(durations) == 0 or (durations == durations[0]).all():
         count = contacts if durations is None else len(durations)
         common = None if durations is None or len(durations) == 0 else float(durations[0])

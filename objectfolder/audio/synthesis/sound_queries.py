@@ -60,7 +60,7 @@ class SoundQueries(ABC):
         sample_rate
             Hertz; modes above 0.45 of it are left out, they would alias.
         modes
-            Sound only so many of the lowest modes; all by default.
+            Number of the lowest modes to sound; all by default.
         pulse
             How an impulse is spent: None, at once; seconds, one or (n,), as half a sine of that length; or
             a `ContactBody` that strikes and parts again without loss, whose Hertz contact with the object

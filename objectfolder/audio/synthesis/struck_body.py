@@ -15,7 +15,7 @@ from objectfolder.errors import QueryError
 
 Floats = NDArray[np.float64]
 Pulse = float | ArrayLike | ContactBody | None
-CHUNK_NUMBERS = 1 << 22  # of gains and of samples held at once
+CHUNK_NUMBERS = 1 << 22  # of gains and of samples at once
 FLAT = np.inf
 
 

@@ -214,7 +214,7 @@ class Voices:
         return math.ceil(at), math.ceil(at) - at
 
     def _make_room(self, samples: float) -> None:
-        """Refuse a contact of so many samples that would make the memory grow without bound."""
+        """Refuse a contact whose number of samples would make the memory grow without bound."""
         waiting = sum(len(voice.onset) for voice in self._voices)
         if len(self._voices) >= MOST_VOICES or waiting + samples > MOST_ONSET_SAMPLES:
             finding = f"{len(self._voices)} contacts wait, {waiting} samples of them"
@@ -248,7 +248,7 @@ class Voices:
         return np.asarray(rows @ self._fine[: len(rows), :samples])
 
     def _later(self, coefficients: Floats, samples: int) -> Floats:
-        """Coefficients (2, modes) so many samples later."""
+        """Coefficients (2, modes) some samples later."""
         living = coefficients.shape[1]
         first, second = (part[samples : samples + 1, :living] for part in self._basis)
         modes = self._bank.oscillators if living == self._ringing.shape[1] else self._shorter(living)
