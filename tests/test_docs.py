@@ -1,6 +1,7 @@
 """The site of the documents: built strictly, without a broken link and without a request to elsewhere."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -29,6 +30,15 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def parts(page: Path) -> list[tuple[str, dict[str, str]]]:
     tree = html5lib.parse(page.read_bytes(), namespaceHTMLElements=False)
     return [(str(element.tag), element.attrib) for element in tree.iter()]
+
+
+def test_readme_is_short_and_begins_with_how_to_start():
+    readme = (REPOSITORY / "README.md").read_bytes()
+    assert len(readme) <= 6000
+    for wanted in (b".png)", b"make dataset", b"make test", b"## What you get"):
+        assert wanted in readme[:1000]
+    prose = re.sub(r"```.*?```", "", readme.decode(), flags=re.DOTALL)
+    assert len(re.findall(r"(?<![\w.])\.?\d[\d.,]*", prose)) <= 25
 
 
 @pytest.mark.slow
