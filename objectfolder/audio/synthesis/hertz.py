@@ -60,6 +60,16 @@ class HertzContact:
     modulus_pa : effective, 1 / E* = (1 - nu1^2) / E1 + (1 - nu2^2) / E2
     radius_m : effective, 1 / R = 1 / R1 + 1 / R2
     mass_kg : effective, 1 / m = 1 / m1 + 1 / m2
+
+    Examples
+    --------
+    >>> from objectfolder.audio.synthesis import ContactBody
+    >>> ball = ContactBody(2e11, 0.29, radius_m=0.01, mass_kg=0.033)
+    >>> contact = HertzContact.between(ball, ball)
+    >>> round(contact.radius_m, 4), round(contact.mass_kg, 4)
+    (0.005, 0.0165)
+    >>> float(contact.impulse_n_s(1.0).round(4))  # newton seconds, without loss
+    0.033
     """
 
     modulus_pa: float

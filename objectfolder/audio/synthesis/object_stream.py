@@ -25,6 +25,16 @@ class ObjectStream:
         Of the sound.
     listeners
         (channels, 3) metres, or None for the surface velocity, which is one channel.
+
+    Examples
+    --------
+    >>> import objectfolder
+    >>> bar = objectfolder.load("bar.safetensors")
+    >>> stream = bar.stream()
+    >>> stream.strike([0, 0, 0.004], [0, 0, -0.1], at=100)
+    >>> block = stream.block(256)
+    >>> bool((block[0, :100] == 0).all()), bool(abs(block[0, 100]) > 0)
+    (True, True)
     """
 
     def __init__(

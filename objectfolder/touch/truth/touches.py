@@ -37,6 +37,11 @@ class Press:
         Under the elastic model, about the size of the cells of gel that pressure is constant on. Contacts
         less than four cells in radius are a few per cent off. By default about what a pixel of 120 x 160
         shows of a DIGIT's gel.
+
+    Examples
+    --------
+    >>> Press(force_n=2.0).contact_model, Press(depth_m=0.001).contact_model
+    ('elastic', 'rigid')
     """
 
     depth_m: float | np.ndarray | None = None
@@ -137,6 +142,14 @@ class Touches:
     force_n
         (n,) float64 newtons: force along the sensor's axis; not a number under the rigid model, whose gel
         gives way without any.
+
+    Examples
+    --------
+    >>> import objectfolder
+    >>> bar = objectfolder.load("bar.safetensors")
+    >>> touches = bar.press([[0, 0, 0.004]], depth=0.001)
+    >>> touches.mask.shape, touches.reachable.tolist(), touches.normals.round(3).tolist()
+    ((1, 160, 120), [True], [[0.0, 0.0, 1.0]])
     """
 
     rgb: np.ndarray
