@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from objectfolder.audio.audionet.audionet import AudioNet
-from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.errors import FormatError, QueryError
+from objectfolder.object_file.html import NotebookCard
 from objectfolder.products.stored_values import check_body, check_material, number, numbers
 from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
@@ -24,7 +24,6 @@ from objectfolder.surface.surface import ClosestPoints, Surface
 from objectfolder.touch.touchnet import TouchNet
 from objectfolder.touch.truth.touches import Press, Touches
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH
-from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 FORMAT = "objectfolder"
@@ -44,7 +43,7 @@ REQUIRED = (
 )
 
 
-class ObjectFile(SightQueries, SoundQueries):
+class ObjectFile(NotebookCard):
     """What an object looks, sounds and feels like.
 
     Open one with `objectfolder.load`; an encoder makes one with `ObjectFile.of_encoders`.
@@ -158,7 +157,7 @@ class ObjectFile(SightQueries, SoundQueries):
         Raises
         ------
         FormatError
-            A truncated or foreign file, an unknown version, or a tensor of a wrong shape.
+            A truncated or foreign file or a folder, an unknown version, or a tensor of a wrong shape.
         FileNotFoundError
             No such file.
 
@@ -170,6 +169,12 @@ class ObjectFile(SightQueries, SoundQueries):
         objectfolder.errors.FormatError: materials.csv: ...
         """
         where = str(path)
+        if Path(path).is_dir():
+            held = sorted(Path(path).glob("*.safetensors"))
+            remedy = (
+                f"Open a file in it, such as {held[0]}." if held else "Name an Object File (.safetensors)."
+            )
+            raise FormatError(where, "a folder, not an Object File", remedy)
         content = read_tensor_file(path)
         if content.metadata.get("format") != FORMAT:
             raise FormatError(where, "a safetensors file, but not an Object File", "Build one from a mesh.")

@@ -26,7 +26,15 @@ def listening_gain(peak: float) -> float:
 
 
 def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: float | None = None) -> float:
-    """Write a sound times a gain, and return that gain.
+    """Write a sound times a gain, and return that gain; see `wav_bytes`."""
+    content, gain = wav_bytes(sound, sample_rate_hz, gain=gain)
+    with atomic_write(path) as file:
+        file.write(content)
+    return gain
+
+
+def wav_bytes(sound: ArrayLike, sample_rate_hz: int, *, gain: float | None = None) -> tuple[bytes, float]:
+    """Return a WAV file of a sound times a gain, and that gain.
 
     Parameters
     ----------
@@ -75,7 +83,4 @@ def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: 
         + b"data"
         + struct.pack("<I", frames.nbytes)
     )
-    with atomic_write(path) as file:
-        file.write(b"RIFF" + struct.pack("<I", len(chunks) + frames.nbytes) + chunks)
-        file.write(frames.tobytes())
-    return gain
+    return b"RIFF" + struct.pack("<I", len(chunks) + frames.nbytes) + chunks + frames.tobytes(), gain

@@ -8,9 +8,16 @@ import numpy as np
 from objectfolder.errors import QueryError
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.points import point_rows
-from objectfolder.vision.cameras import CAMERA_RADIUS, LIGHT_RADIUS, look_at, uniform_on_sphere
+from objectfolder.vision.cameras import (
+    CAMERA_RADIUS,
+    FIELD_OF_VIEW_DEG,
+    LIGHT_RADIUS,
+    look_at,
+    uniform_on_sphere,
+)
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.rendering.view_query import ray_query, view_query
+from objectfolder.vision.studio import exposed, studio_lights, turntable
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 
@@ -177,3 +184,20 @@ class SightQueries:
         cameras = look_at(uniform_on_sphere(count, camera_radius, random))
         lights = uniform_on_sphere(count, LIGHT_RADIUS, random)
         return self.frame.camera_to_object(cameras), self.frame.to_object(lights)
+
+    def pictures(self, count: int, resolution: int | tuple[int, int] = 256) -> np.ndarray:
+        """Show the object from all round in a studio's light, as bright as shows it best.
+
+        For people: `render` answers views of the data set's single lamp, which this is not.
+
+        Returns
+        -------
+        ndarray
+            (n, h, w, 3) uint8, sRGB on white.
+        """
+        poses = turntable(count)
+        lamps, colours = studio_lights(poses)
+        drawn = self.vision.render(
+            poses, lamps, resolution, FIELD_OF_VIEW_DEG, light_colour=colours, passes=["rgba"]
+        )
+        return exposed(drawn["rgba"])

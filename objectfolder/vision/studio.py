@@ -1,0 +1,48 @@
+"""Views for people: cameras round an object, a studio's lamps that stand with the camera, and an exposure.
+
+A lamp's colour is a factor of the power of the data set's light.
+"""
+
+import numpy as np
+
+from objectfolder.vision.cameras import CAMERA_RADIUS, GOLDEN_RATIO, look_at
+from objectfolder.vision.compositing import on_white
+
+ELEVATION_DEG = 25.0
+LAMP_RADIUS = 3.0  # unit-frame lengths from the centre: far, so that no side of the object is burnt
+# Directions in the camera's axes (right, up, towards it) and powers: key, fill, rim.
+LAMPS = np.array([[-0.6, 0.7, 0.8], [0.9, 0.2, 0.6], [0.2, 0.9, -0.7]])
+POWERS = np.array([1.0, 0.35, 0.5])
+# The sky around them: lamps spread over a sphere, from its ground to its top.
+SKY = 12
+GROUND_POWER, TOP_POWER = 0.03, 0.1
+WHITE_SHARE = 0.95  # of the object's pixels are darker than the level below
+WHITE_LEVEL = 0.79  # linear; 0.9 as displayed
+
+
+def turntable(count: int) -> np.ndarray:
+    """Return (count, 4, 4) poses on a circle about the z axis, unit frame, looking slightly down."""
+    angles = np.deg2rad(-60.0) + 2 * np.pi * np.arange(count) / max(1, count)
+    elevation = np.deg2rad(ELEVATION_DEG)
+    around = [np.cos(elevation) * np.cos(angles), np.cos(elevation) * np.sin(angles)]
+    return look_at(CAMERA_RADIUS * np.stack([*around, np.full(count, np.sin(elevation))], axis=1))
+
+
+def studio_lights(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (n, k, 3) of lamps, unit frame, for (n, 4, 4) poses, and their colours (k, 3)."""
+    index = np.arange(SKY)
+    height, angle = 1 - (2 * index + 1) / SKY, 2 * np.pi * GOLDEN_RATIO * index
+    ring = np.sqrt(1 - height**2)
+    sky = np.stack([ring * np.cos(angle), height, ring * np.sin(angle)], axis=1)
+    lamps = np.concatenate([LAMPS / np.linalg.norm(LAMPS, axis=1, keepdims=True), sky])
+    powers = np.concatenate([POWERS, GROUND_POWER + (TOP_POWER - GROUND_POWER) * (height + 1) / 2])
+    positions = np.einsum("nij,kj->nki", poses[:, :3, :3], LAMP_RADIUS * lamps)
+    return positions, np.repeat(LAMP_RADIUS**2 * powers[:, None], 3, axis=1)
+
+
+def exposed(rgba: np.ndarray) -> np.ndarray:
+    """Return (n, h, w, 3) uint8 on white of linear images of one object, as bright as shows it best."""
+    seen = rgba[..., :3].max(axis=-1)[rgba[..., 3] > 0.5]
+    level = float(np.quantile(seen, WHITE_SHARE)) if len(seen) else 0.0
+    gain = WHITE_LEVEL / level if level > 0 else 1.0
+    return on_white(rgba * np.array([gain, gain, gain, 1.0]))
