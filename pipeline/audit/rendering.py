@@ -14,7 +14,7 @@ from rich.filesize import decimal
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import Audit, change, cost, counts, groups, names, numbered, totals, value
-from pipeline.audit.history import ObjectVersion, Unreadable
+from pipeline.audit.history import GONE, ObjectVersion, Unreadable
 from pipeline.audit.recomputation import Remade
 from pipeline.audit.verification import Verified
 
@@ -89,7 +89,8 @@ def history_text(
     together: dict[str, list[str]] = defaultdict(list)
     for commit, error in unreadable:
         together[str(error)].append(commit.short)
-    return _rendered("history", width, object_id=object_id, versions=found, unreadable=together)
+    count = sum(one.state != GONE for one in found)  # a commit that removed it is listed, and is no version
+    return _rendered("history", width, object_id=object_id, count=count, versions=found, unreadable=together)
 
 
 def _rendered(template: str, width: int, **found: object) -> str:

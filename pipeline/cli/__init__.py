@@ -1,11 +1,12 @@
 """The `objectfolder` command: one module a group of commands, options and printing only.
 
 Exit status: 0 fine; 1 an error that a user can act on, or a check whose answer is no; 2 wrong usage; 130
-interrupted. An error is a line on standard error.
+interrupted; 141 nobody reads the output any more, as after `| head`. An error is a line on standard error.
 """
 
 import contextlib
 import errno
+import os
 import signal
 import sys
 import threading
@@ -25,7 +26,7 @@ from pipeline.cli import version_commands as versions
 from pipeline.cli.options import option_name
 from pipeline.cli.printing import FAILED, FINE, print_error
 
-USAGE, INTERRUPTED = 2, 130
+USAGE, INTERRUPTED, UNREAD = 2, 130, 141
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 EPILOG = """Examples:
 
@@ -33,7 +34,7 @@ EPILOG = """Examples:
 objectfolder build mug.obj --material ceramic --length 0.16 -o mug.safetensors
 objectfolder info mug.safetensors
 objectfolder sample mug.safetensors --views 8 --contacts 8 --seed 0 -o queries
-objectfolder render mug.safetensors --views queries/views.npy -o images
+objectfolder render mug.safetensors --turntable -o images
 objectfolder strike mug.safetensors --points queries/points.npy --forces queries/forces.npy -o sounds
 objectfolder press mug.safetensors --points queries/points.npy --depth 0.001 -o touches
 objectfolder modes mug.obj --material ceramic --max-frequency 20000 --json
@@ -83,6 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print_error=False,
                 result_action="return_value",
             )
+            sys.stdout.flush()
         return int(status or FINE)
     except CycloptsError as error:
         print_error(f"{error} See objectfolder --help.")
@@ -91,6 +93,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print_error(error)
     except FileNotFoundError as error:
         print_error(f"{error.filename}: no such file. Check the path.")
+    except BrokenPipeError:
+        # What is still buffered would fail again when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREAD
     except OSError as error:
         if error.errno in NO_SPACE:
             from pipeline.store.storage import disk_error

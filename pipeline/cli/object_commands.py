@@ -8,15 +8,16 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive
 
-from pipeline.cli.options import Fields, Json, Mesh, ObjectFilePath, Output
+from pipeline.cli.options import Fields, Json, MeshOrFile, ObjectFilePath, Output
 from pipeline.publish.queries.requests import ModesOfMesh, Pressing, Rendering, Striking
 from pipeline.run.single_build import Building
 
 one_pulse = Group(show=False, validator=MutuallyExclusive())
 one_goal = Group(show=False, validator=MutuallyExclusive())
+ANY_MODES, ANY_VIEWS, ANY_STRIKES, ANY_PRESSES = ModesOfMesh(), Rendering(), Striking(), Pressing()
 
 
-def build(mesh: Mesh, /, *, wanted: Annotated[Building, Fields], output: Output) -> None:
+def build(wanted: Annotated[Building, Fields], *, output: Output) -> None:
     """Make one verified Object File from a mesh, a material and a size.
 
     Parameters
@@ -28,8 +29,10 @@ def build(mesh: Mesh, /, *, wanted: Annotated[Building, Fields], output: Output)
     from pipeline.publish.queries.description import fidelity_lines
     from pipeline.run.single_build import build_object_file
 
-    seconds = build_object_file(mesh, wanted, output)
+    seconds, findings = build_object_file(wanted, output)
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
+    for finding in findings:
+        print(f"warning      {finding}")
     print("\n".join(fidelity_lines(objectfolder.load(output))))
     steps = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items())
     print(f"cost         {sum(seconds.values()):.1f} CPU-s ({steps})")
@@ -69,7 +72,9 @@ def sample(
     print(sample_queries(file, views, contacts, seed, output))
 
 
-def render(file: ObjectFilePath, /, *, wanted: Annotated[Rendering, Fields], output: Output) -> None:
+def render(
+    file: ObjectFilePath, /, *, wanted: Annotated[Rendering, Fields] = ANY_VIEWS, output: Output
+) -> None:
     """Render views to PNG.
 
     Parameters
@@ -86,7 +91,7 @@ def strike(
     file: ObjectFilePath,
     /,
     *,
-    wanted: Annotated[Striking, Fields],
+    wanted: Annotated[Striking, Fields] = ANY_STRIKES,
     pulse_s: Annotated[float | None, Parameter(group=one_pulse)] = None,
     striker: Annotated[tuple[str, float, float] | None, Parameter(group=one_pulse)] = None,
     output: Output,
@@ -111,7 +116,7 @@ def press(
     file: ObjectFilePath,
     /,
     *,
-    wanted: Annotated[Pressing, Fields],
+    wanted: Annotated[Pressing, Fields] = ANY_PRESSES,
     depth_m: Annotated[float | None, Parameter(group=one_goal)] = None,
     force_n: Annotated[float | None, Parameter(group=one_goal)] = None,
     output: Output,
@@ -132,12 +137,14 @@ def press(
     print(press_points(file, wanted, output, depth_m, force_n))
 
 
-def modes(mesh: Mesh, /, *, wanted: Annotated[ModesOfMesh, Fields], json: Json = False) -> None:
-    """Solve the modes of a mesh: frequencies, dampings, certificate, error estimate."""
+def modes(
+    mesh: MeshOrFile, /, *, wanted: Annotated[ModesOfMesh, Fields] = ANY_MODES, json: Json = False
+) -> None:
+    """Solve the modes of a mesh, or list those of an Object File: frequencies, dampings, error estimate."""
     from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
 
     result = solve_modes(mesh, wanted)
-    print(json_text.dumps(result) if json else modes_table(result, wanted.material))
+    print(json_text.dumps(result) if json else modes_table(result))
 
 
 def view(file: ObjectFilePath, /, *, port: int = 0, no_browser: bool = False) -> None:

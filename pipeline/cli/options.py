@@ -23,7 +23,7 @@ AtLeastOne = Parameter(validator=Number(gte=1))
 Root = Annotated[Path, Parameter(help="folder of the data set")]
 Output = Annotated[Path, Parameter(alias="-o")]
 ObjectFilePath = Annotated[Path, Parameter(help="an Object File (.safetensors)")]
-Mesh = Annotated[Path, Parameter(help="OBJ, glTF, GLB, PLY or STL")]
+MeshOrFile = Annotated[Path, Parameter(help="OBJ, glTF, GLB, PLY or STL; or an Object File (.safetensors)")]
 Materials = Annotated[Path, Parameter(help="materials table (CSV)")]
 Json = Annotated[bool, Parameter(help="print JSON")]
 Remote = Annotated[str, Parameter(help="DVC remote to read from (default: the repository's)")]

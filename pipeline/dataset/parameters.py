@@ -77,9 +77,10 @@ class TouchParameters:
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class VisionNetParameters:
-    """Effort of fitting VisionNet: steps of its optimiser."""
+    """Effort of fitting VisionNet: steps of its optimiser, and the finest features it may store."""
 
     steps: int
+    grid_corners: int = 100_000
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
@@ -130,8 +131,8 @@ class ParametersFile(CommonParameters):
     sizes: dict[str, SizeParameters]
 
 
-def read_parameters(path: Path) -> Parameters:
-    """Read ``params.yaml``: the common keys, and the sections of the size it selects.
+def read_parameters(path: Path, size: str | None = None) -> Parameters:
+    """Read ``params.yaml``: the common keys, and the sections of a size, by default the one it selects.
 
     Raises
     ------
@@ -139,10 +140,9 @@ def read_parameters(path: Path) -> Parameters:
         A missing or unknown key, a value of a wrong type, a size that is not described.
     """
     file = validated(path.name, ParametersFile, read_yaml(path), {"root": path.parent})
-    if file.size not in file.sizes:
+    size = size or file.size
+    if size not in file.sizes:
         known = ", ".join(file.sizes)
-        raise InputError(path.name, f"size: {file.size!r} is not described", f"Known sizes are {known}.")
-    shared = {
-        name: value for name, value in vars(file).items() if name in CommonParameters.__dataclass_fields__
-    }
-    return Parameters(**shared, **vars(file.sizes[file.size]))
+        raise InputError(path.name, f"size: {size!r} is not described", f"Known sizes are {known}.")
+    shared = {name: getattr(file, name) for name in CommonParameters.__dataclass_fields__ if name != "size"}
+    return Parameters(size=size, **shared, **vars(file.sizes[size]))

@@ -1,7 +1,7 @@
-"""Files of the project that a command takes where none is named."""
+"""Files that a command takes where none is named; in a checkout they are links to those of the data set."""
 
 from pathlib import Path
 
-REPOSITORY = Path(__file__).parents[2]
-MATERIALS = REPOSITORY / "data" / "materials.csv"
-PARAMETERS = REPOSITORY / "params.yaml"
+DEFAULTS = Path(__file__).parents[1] / "defaults"
+MATERIALS = DEFAULTS / "materials.csv"
+PARAMETERS = DEFAULTS / "params.yaml"

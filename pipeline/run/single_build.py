@@ -1,7 +1,6 @@
 """One Object File from one mesh, by the pipeline's own stages, without DVC."""
 
 import contextlib
-import math
 import re
 import shutil
 import tempfile
@@ -11,57 +10,48 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError, SimulationError
-from pipeline.dataset.project_files import MATERIALS, PARAMETERS
+from pipeline.dataset.described_object import DescribedObject
+from pipeline.dataset.project_files import PARAMETERS
 
 if TYPE_CHECKING:
     from objectfolder.catalogue import ObjectRecord
+    from objectfolder.mesh.walls import WallFinding
 
 
 @dataclass(frozen=True, kw_only=True)
-class Building:
+class Building(DescribedObject):
     """What is known of a mesh, and how its Object File is made.
 
     Parameters
     ----------
-    material
-        a row of the materials table
-    length_m
-        longest side in metres (default: as in the file)
-    texture
-        base colour image (default: the mesh's own)
-    object_id
-        identifier (default: the name of the Object File)
-    name
-        name in words (default: the identifier)
-    source
-        where the mesh is from
     licence
         licence of the mesh
     attribution
         whom to name
-    materials
-        materials table (CSV)
     params
         parameters (params.yaml)
+    size
+        one of their sizes (default: the one they select)
     keep
         folder that keeps the ground truth; a later build resumes from it
     """
 
-    material: str
-    length_m: float | None = None
-    texture: Path | None = None
-    object_id: str | None = None
-    name: str | None = None
-    source: str = ""
     licence: str = "not stated"
     attribution: str = "not stated"
-    materials: Path = MATERIALS
     params: Path = PARAMETERS
+    size: str | None = None
     keep: Path | None = None
 
 
-def build_object_file(mesh: Path, wanted: Building, output: Path) -> dict[str, float]:
-    """Build, verify and save an Object File; return the CPU seconds of each stage.
+def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float], tuple["WallFinding", ...]]:
+    """Build, verify and save an Object File.
+
+    Returns
+    -------
+    seconds
+        CPU seconds of each stage.
+    findings
+        What is doubtful about the object's walls and mass.
 
     Raises
     ------
@@ -71,17 +61,19 @@ def build_object_file(mesh: Path, wanted: Building, output: Path) -> dict[str, f
         A stage that failed, with its error and remedy.
     """
     from objectfolder.audio.materials import find_material, read_materials
+    from objectfolder.mesh.walls import WallMeasures, wall_findings
+    from objectfolder.products.store import read_attributes
     from pipeline.cluster.cluster import runner
     from pipeline.cluster.places import Place
     from pipeline.dataset.parameters import read_parameters
     from pipeline.dataset.records import row_of
-    from pipeline.dataset.stages import OBJECT_FILES, STAGES
+    from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, STAGES
     from pipeline.run.converge import converge
     from pipeline.run.costs import costs_path, read_costs
 
-    record = _record(mesh, wanted, output)
+    record = _record(wanted, output)
     material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
-    parameters = read_parameters(wanted.params)
+    parameters = read_parameters(wanted.params, wanted.size)
     rows = {record.id: row_of(record, material)}
     kept = contextlib.nullcontext(wanted.keep) if wanted.keep else None
     with kept or tempfile.TemporaryDirectory(prefix="objectfolder-") as folder:
@@ -96,36 +88,45 @@ def build_object_file(mesh: Path, wanted: Building, output: Path) -> dict[str, f
                 raise SimulationError(f"{record.id}, stage {name}", failure.error, failure.remedy)
         output.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(OBJECT_FILES.path(root, record.id), output)
-        return {
+        findings = wall_findings(
+            WallMeasures(**read_attributes(OBJECTS.path(root, record.id))["walls"]),
+            material=material.name,
+            density_kg_m3=material.density_kg_m3,
+            mass_kg=wanted.mass_kg,
+            wall_m=wanted.wall_m,
+            shell_m=wanted.shell_m,
+        )
+        seconds = {
             cost.stage: cost.cpu_s
             for cost in read_costs(costs_path(root))
             if cost.object_id == record.id and cost.stage in STAGES and cost.cpu_s is not None
         }
+        return seconds, findings
 
 
-def _record(mesh: Path, wanted: Building, output: Path) -> "ObjectRecord":
+def _record(wanted: Building, output: Path) -> "ObjectRecord":
     """Return the object as a table would have it."""
     from objectfolder.catalogue import ObjectRecord
 
     if output.suffix != ".safetensors":
         raise InputError(str(output), "does not end in .safetensors", "Name the Object File so.")
-    for path in (mesh, wanted.texture):
+    for path in (wanted.mesh, wanted.texture):
         if path is not None and not path.is_file():
             raise InputError(str(path), "no such file", "Check the path.")
-    length_m = wanted.length_m
-    if length_m is not None and not (math.isfinite(length_m) and length_m > 0):
-        raise InputError("--length", f"{length_m} m", "Give the longest side in metres, above 0.")
+    wanted.check_numbers()
     object_id = wanted.object_id or re.sub(r"[^A-Za-z0-9_.-]", "_", output.stem).lstrip(".") or "object"
     return ObjectRecord(
         id=object_id,
         name=wanted.name or object_id,
-        mesh=mesh.resolve(),
+        mesh=wanted.mesh.resolve(),
         texture=wanted.texture.resolve() if wanted.texture else None,
         material=wanted.material,
-        length_m=length_m,
+        length_m=wanted.length_m,
         source=wanted.source,
         licence=wanted.licence,
         attribution=wanted.attribution,
-        roughness=None,
-        metallic=None,
+        roughness=wanted.roughness,
+        metallic=wanted.metallic,
+        wall_m=wanted.wall_m,
+        shell_m=wanted.shell_m,
     )

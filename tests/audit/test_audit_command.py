@@ -258,7 +258,7 @@ def test_history_of_an_object(run):
     assert second["stages"] == ["fidelity"]
     assert second["fidelity"]["vision.psnr_db"] == pytest.approx(first["fidelity"]["vision.psnr_db"] - 1.5)
     _, out, _ = run("history", "cup")
-    assert out.startswith("cup: 1 versions")
+    assert out.startswith("cup: 1 version\n")
 
 
 def test_history_of_an_object_that_never_was(run):

@@ -16,7 +16,7 @@ from scipy.io import wavfile
 
 import objectfolder
 from objectfolder.audio.synthesis import ContactBody
-from objectfolder.errors import InputError
+from objectfolder.errors import FormatError, InputError
 from pipeline.cli import COMMANDS, main
 from tests.conftest import REPOSITORY
 
@@ -144,18 +144,20 @@ def test_sampled_queries_feed_render_strike_and_press(
     assert main(["sample", file, "--views", "2", "--contacts", "3", "--seed", "4", "-o", str(queries)]) == 0
     views = np.load(queries / "views.npy")
     assert views.shape == (2, 6)
-    np.testing.assert_allclose(np.linalg.norm(views[:, :3], axis=1), 2.5)
-    np.testing.assert_allclose(np.linalg.norm(views[:, 3:], axis=1), 1.0)
+    bar = objectfolder.load(small_file)
+    np.testing.assert_allclose(np.linalg.norm(bar.frame.to_unit(views[:, :3]), axis=1), 2.5)
+    np.testing.assert_allclose(np.linalg.norm(bar.frame.to_unit(views[:, 3:]), axis=1), 1.0)
 
     images = tmp_path / "images"
     assert (
         main(["render", file, "--views", str(queries / "views.npy"), "--resolution", "20", "-o", str(images)])
         == 0
     )
-    bar = objectfolder.load(small_file)
     cameras, lights = bar.sample_views(2, seed=4)
     for index, expected in enumerate(bar.render(cameras, lights, resolution=20)):
-        np.testing.assert_array_equal(np.asarray(Image.open(images / f"{index:04d}.png")), expected)
+        found = np.asarray(Image.open(images / f"{index:04d}.png")).astype(int)
+        # A pose is made again from its position, to rounding.
+        assert np.abs(found - expected).max() <= 1
 
     sounds, contacts = tmp_path / "sounds", ["--points", str(queries / "points.npy")]
     strike = ["strike", file, *contacts, "--forces", str(queries / "forces.npy"), "--duration", "0.1"]
@@ -203,6 +205,81 @@ def test_sampled_queries_feed_render_strike_and_press(
     expected_touches = bar.press(points, 0.0015)
     np.testing.assert_array_equal(np.load(touches / "depth.npy"), expected_touches.depth)
     np.testing.assert_array_equal(np.asarray(Image.open(touches / "0002.png")), expected_touches.rgb[2])
+
+
+def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path) -> None:
+    file, bar = str(small_file), objectfolder.load(small_file)
+    views, strikes, touches = tmp_path / "views", tmp_path / "strikes", tmp_path / "touches"
+    assert main(["render", file, "--views", "2", "--seed", "4", "--resolution", "20", "-o", str(views)]) == 0
+    for index, expected in enumerate(bar.render(*bar.sample_views(2, seed=4), resolution=20)):
+        np.testing.assert_array_equal(np.asarray(Image.open(views / f"{index:04d}.png")), expected)
+    few = ["--points", "2", "--seed", "5"]
+    assert main(["strike", file, *few, "--duration", "0.1", "--gain", "1", "-o", str(strikes)]) == 0
+    points, normals = bar.sample_contacts(2, seed=5)
+    for index, expected in enumerate(bar.strike(points, -normals, duration=0.1)):
+        np.testing.assert_array_equal(wavfile.read(strikes / f"{index:04d}.wav")[1], expected)
+    assert main(["press", file, *few, "-o", str(touches)]) == 0
+    np.testing.assert_array_equal(np.load(touches / "depth.npy"), bar.press(points).depth)
+    np.save(tmp_path / "points.npy", points)
+    read = ["strike", file, "--points", str(tmp_path / "points.npy"), "--duration", "0.1", "--gain", "1"]
+    assert main([*read, "-o", str(tmp_path / "again")]) == 0
+    sound = wavfile.read(tmp_path / "again" / "0001.wav")[1]
+    np.testing.assert_allclose(sound, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_a_turntable_is_of_lit_pictures(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turn = ["render", str(small_file), "--turntable", "-o", str(tmp_path)]
+    assert main([*turn, "--views", "3", "--resolution", "32"]) == 0
+    pictures = np.stack([np.asarray(Image.open(tmp_path / f"000{index}.png")) for index in range(3)])
+    brightest = pictures[(pictures < 250).any(axis=-1)].max(axis=-1) / 255
+    assert 0.8 <= np.quantile(brightest, 0.95) <= 0.95
+    assert np.mean(brightest < 0.05) < 0.1
+    with Image.open(tmp_path / "turntable.gif") as turning:
+        assert turning.n_frames == 3
+    assert main([*turn, "--light", "0", "0", "1", "1", "1", "1"]) == 1
+    assert "--turntable has its own cameras and light" in capsys.readouterr().err.replace(":", "")
+
+
+def test_a_folder_is_no_object_file(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(tmp_path)]) == 1
+    assert "a folder, not an Object File. Name an Object File" in _last_line(capsys)
+    with pytest.raises(FormatError, match=r"a folder, not an Object File\. Open .*bar\.safetensors"):
+        objectfolder.load(small_file.parent)
+
+
+# rich, which prints the help, ends the process by itself.
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [(["modes", str(objectfolder.EXAMPLES / "mug.safetensors")], 141), (["--help"], 1)],
+    ids=["a table", "help"],
+)
+def test_output_that_nobody_reads_ends_a_command_silently(words: list[str], status: int) -> None:
+    command = [sys.executable, "-m", "pipeline.cli", *words]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=REPOSITORY, text=True
+    ) as child:
+        assert child.stdout is not None
+        assert child.stderr is not None
+        child.stdout.close()
+        error = child.stderr.read()
+        assert child.wait() == status
+    assert error == ""
+
+
+def test_modes_of_an_object_file_are_those_it_stores(
+    small_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored = objectfolder.load(small_file).modes.frequencies_hz
+    assert main(["modes", str(small_file), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frequencies_hz"] == stored.tolist()
+    assert main(["modes", str(small_file)]) == 0
+    assert f"{len(stored)} modes below 20000 Hz in glass" in capsys.readouterr().out
+    assert main(["modes", "box.obj"]) == 1
+    assert "--material: not given" in _last_line(capsys)
 
 
 def test_errors_are_one_line_with_a_remedy(

@@ -28,7 +28,7 @@ def bar(small_file: Path) -> ObjectFile:
 def command(small_file: Path, tmp_path: Path) -> list[str]:
     np.save(tmp_path / "cameras.npy", CAMERAS)
     return ["render", str(small_file), "--views", str(tmp_path / "cameras.npy"), "--resolution", "24",
-            "-o", str(tmp_path / "images")]  # fmt: skip
+            "--frame", "unit", "-o", str(tmp_path / "images")]  # fmt: skip
 
 
 def expected(bar: ObjectFile, lights: np.ndarray, **more: Any) -> Any:
@@ -55,6 +55,23 @@ def test_lights_crop_and_passes_are_those_of_the_query(
         np.testing.assert_array_equal(np.load(stem + "_depth.npy"), drawn["depth"][index])
         np.testing.assert_array_equal(np.load(stem + "_normal.npy"), drawn["normal"][index])
     assert drawn["mask"].any()
+
+
+def test_positions_are_in_metres_of_the_object_unless_said_otherwise(
+    bar: ObjectFile, command: list[str], tmp_path: Path
+) -> None:
+    lamp = np.array([0.2, -0.6, 0.8])
+    shift = bar.frame.to_object(np.concatenate([CAMERAS, [lamp]]))
+    np.save(tmp_path / "metres.npy", shift[:2])
+    written = []
+    for more in (["--light", *map(repr, lamp.tolist())],
+                 ["--views", str(tmp_path / "metres.npy"), "--frame", "object",
+                  "--light", *map(repr, shift[2].tolist())]):  # fmt: skip
+        words = command if "--views" not in more else [*command[:2], *command[4:6], *command[8:]]
+        assert main([*words, *more, "1", "1", "1"]) == 0
+        written.append(np.asarray(Image.open(tmp_path / "images" / "0001.png")).astype(int))
+    assert (written[0] < 255).any()
+    assert np.abs(written[0] - written[1]).max() <= 1
 
 
 @pytest.mark.parametrize("suffix", ["exr", "hdr"])

@@ -1,6 +1,5 @@
 """One object put into a table: everything checked before anything is written."""
 
-import math
 import os
 import shutil
 from collections.abc import Iterable, Mapping
@@ -119,7 +118,7 @@ def check_object(wanted: Wanted) -> Checked:
     licence = _licence(wanted.licence)
     object_id = wanted.object_id or object_id_of(wanted.mesh)
     check_id(object_id, "--id")
-    _check_numbers(wanted)
+    wanted.check_numbers()
     for path, option in ((wanted.mesh, "MESH"), (wanted.texture, "--texture")):
         if path is not None and not path.is_file():
             raise InputError(f"{option} {path}", "no such file", "Correct the path")
@@ -226,19 +225,6 @@ def _licence(said: str) -> str:
         f"{said!r} is no licence that SPDX knows",
         f"{hint}Use an identifier of https://spdx.org/licenses, such as CC-BY-4.0, or LicenseRef-NAME",
     )
-
-
-def _check_numbers(wanted: Wanted) -> None:
-    for option, value in (("--roughness", wanted.roughness), ("--metallic", wanted.metallic)):
-        if value is not None and not 0 <= value <= 1:
-            raise InputError(option, f"{value:g} is not in 0..1", "Correct it, or leave it out")
-    lengths = (wanted.length_m, wanted.wall_m, wanted.shell_m, wanted.mass_kg)
-    for option, value in zip(("--length", "--wall", "--shell", "--mass"), lengths, strict=True):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise InputError(option, f"{value:g} is not a positive number", "Correct it, or leave it out")
-    if wanted.wall_m is not None and wanted.shell_m is not None:
-        remedy = "State --wall for an open vessel with thin walls, --shell for one that is scanned solid"
-        raise InputError("--shell", "is stated together with --wall", remedy)
 
 
 def _remove_unused(table_path: Path, folder_of_objects: Path, mesh_cell: str) -> None:

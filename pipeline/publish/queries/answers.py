@@ -17,6 +17,7 @@ import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.synthesis import ContactBody, listening_gain, write_wav
 from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
 from objectfolder.touch.sensor.reading import synthetic_background
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.truth.environment import RADIUS, environment_lights
@@ -25,13 +26,15 @@ from pipeline.publish.queries.requests import Pressing, Rendering, Striking
 LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",
           "sensor_to_object")  # fmt: skip
 
+VIEWS, FRAMES = 8, 24  # where no number is named: views, and pictures of a turntable
+
 
 def sample_queries(path: Path, views: int, contacts: int, seed: int, output: Path) -> str:
-    """Write valid queries: views in the unit frame, as published tools have them; contacts in metres."""
+    """Write valid queries, in metres of the object frame."""
     file = objectfolder.load(path)
     cameras, lights = file.sample_views(views, seed)
     points, normals = file.sample_contacts(contacts, seed)
-    drawn = np.concatenate([file.frame.to_unit(cameras[:, :3, 3]), file.frame.to_unit(lights)], axis=1)
+    drawn = np.concatenate([cameras[:, :3, 3], lights], axis=1)
     output.mkdir(parents=True, exist_ok=True)
     np.save(output / "views.npy", drawn)
     np.save(output / "points.npy", points)
@@ -41,19 +44,27 @@ def sample_queries(path: Path, views: int, contacts: int, seed: int, output: Pat
 
 def render_views(path: Path, wanted: Rendering, output: Path) -> str:
     """Render views to PNG, further passes to PNG and .npy."""
+    if wanted.turntable:
+        return _turntable(path, wanted, output)
     file = objectfolder.load(path).on(wanted.device)
-    lights = _lights(wanted, file.vision.radiance_scale)
-    columns = (6,) if lights is None else (3, 6)
-    views = _read_numbers(wanted.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
+    lights, colours = _lights(wanted, file)
+    if not isinstance(wanted.views, Path):
+        count = VIEWS if wanted.views is None else wanted.views
+        cameras, lamps = file.sample_views(count, wanted.seed)
+    else:
+        columns = (6,) if lights is None else (3, 6)
+        views = _read_numbers(wanted.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
+        positions = _in_object_frame(views.reshape(len(views), -1, 3), wanted, file)
+        cameras, lamps = look_at(positions[:, 0], file.frame.centre), positions[:, -1]
     output.mkdir(parents=True, exist_ok=True)
-    for index, view in enumerate(views):
+    for index, (camera, lamp) in enumerate(zip(cameras, lamps, strict=True)):
         drawn = file.render(
-            file.frame.camera_to_object(look_at(view[:3])),
-            file.frame.to_object(view[None, 3:] if lights is None else lights[:, :3])[None],
+            camera,
+            (lamp[None] if lights is None else lights)[None],
             wanted.resolution,
             wanted.field_of_view_deg,
             sub_rays=wanted.sub_rays,
-            light_colour=None if lights is None else lights[:, 3:],
+            light_colour=colours,
             crop=wanted.crop,
             passes=["image", *wanted.passes],
         )
@@ -66,7 +77,26 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> str:
     shown = "" if lights is None else f", {len(lights)} light{'s' * (len(lights) != 1)}"
     _, _, height, width = wanted.crop or (0, 0, wanted.resolution, wanted.resolution)
     more = f" with {', '.join(wanted.passes)}" if wanted.passes else ""
-    return f"{output}: {len(views)} images of {height} x {width} pixels{more}{shown} ({file.vision.device})"
+    return f"{output}: {len(cameras)} images of {height} x {width} pixels{more}{shown} ({file.vision.device})"
+
+
+def _turntable(path: Path, wanted: Rendering, output: Path) -> str:
+    """Write pictures from all round, and a GIF that turns the object once in three seconds."""
+    if isinstance(wanted.views, Path) or wanted.light or wanted.environment or wanted.passes:
+        finding = "has its own cameras and light"
+        raise InputError("--turntable", finding, "Give a number of --views with it, and no light or passes.")
+    file = objectfolder.load(path).on(wanted.device)
+    count = FRAMES if wanted.views is None else wanted.views
+    output.mkdir(parents=True, exist_ok=True)
+    pictures = [Image.fromarray(one) for one in file.pictures(count, wanted.resolution)]
+    for index, picture in enumerate(pictures):
+        picture.save(output / f"{index:04d}.png")
+    if pictures:
+        pause_ms = max(20, 3000 // len(pictures))
+        pictures[0].save(
+            output / "turntable.gif", save_all=True, append_images=pictures[1:], duration=pause_ms, loop=0
+        )
+    return f"{output}: {len(pictures)} pictures from all round, and turntable.gif"
 
 
 def strike_points(
@@ -87,11 +117,11 @@ def strike_points(
         name, radius_m, mass_kg = striker
         material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
         body = ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius_m, mass_kg)
-    points = _read_numbers(wanted.points, (3,))
+    points, normals = _contacts(file, wanted.points, wanted.seed)
     strikes = functools.partial(
         file.strikes,
         points,
-        _read_numbers(wanted.forces, (3,), (2, 3)),
+        -normals if wanted.forces is None else _read_numbers(wanted.forces, (3,), (2, 3)),
         wanted.duration_s,
         wanted.sample_rate_hz,
         pulse=body or pulse_s,
@@ -117,7 +147,7 @@ def press_points(
     sensor = file.touch.sensor
     resolution = wanted.resolution or (sensor.image_height, sensor.image_width)
     touches = file.press(
-        _read_numbers(wanted.points, (3,)),
+        _contacts(file, wanted.points, wanted.seed)[0],
         depth_m,
         wanted.tilt_deg,
         wanted.azimuth_deg,
@@ -155,22 +185,39 @@ def _read_numbers(
     return values
 
 
-def _lights(wanted: Rendering, radiance_scale: float) -> np.ndarray | None:
-    """Return (k, 6) positions, unit frame, and colours; None where the views have their own."""
+def _contacts(file: ObjectFile, wanted: int | Path, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return contacts (n, 3), drawn or read, and the outward unit normals there."""
+    if isinstance(wanted, int):
+        return file.sample_contacts(wanted, seed)
+    points = _read_numbers(wanted, (3,))
+    closest = file.project(points)
+    return points, file.surface.normals_at(closest.face, closest.barycentric)
+
+
+def _in_object_frame(positions: np.ndarray, wanted: Rendering, file: ObjectFile) -> np.ndarray:
+    return positions if wanted.frame == "object" else file.frame.to_object(positions)
+
+
+def _lights(wanted: Rendering, file: ObjectFile) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return (k, 3) positions, object frame, and colours; None where the views have their own."""
     if not wanted.light and wanted.environment is None:
-        return None
+        return None, None
     lights = np.array(wanted.light, dtype=np.float64).reshape(-1, 6)
     if not np.isfinite(lights).all():
         raise InputError("--light", f"{wanted.light} is not finite", "Give X Y Z R G B as numbers.")
+    positions, colours = _in_object_frame(lights[:, :3], wanted, file), lights[:, 3:]
     if wanted.environment is None:
-        return lights
-    around = environment_lights(
+        return positions, colours
+    radius = wanted.environment_radius
+    if radius is not None and wanted.frame == "object":
+        radius /= file.frame.scale
+    around, radiance = environment_lights(
         _environment(wanted.environment),
         wanted.environment_lights,
-        radiance_scale=radiance_scale,
-        radius=RADIUS if wanted.environment_radius is None else wanted.environment_radius,
+        radiance_scale=file.vision.radiance_scale,
+        radius=RADIUS if radius is None else radius,
     )
-    return np.concatenate([lights, np.concatenate(around, axis=1)])
+    return np.concatenate([positions, file.frame.to_object(around)]), np.concatenate([colours, radiance])
 
 
 def _environment(path: Path) -> np.ndarray:

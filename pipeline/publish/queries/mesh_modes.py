@@ -1,16 +1,20 @@
-"""The modal sound of a mesh, without making an Object File."""
+"""The modal sound of a mesh, without making an Object File; or of an Object File, as it stores it."""
 
 import math
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas
 
+import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.object_file import ObjectFile
 from pipeline.publish.queries.requests import ModesOfMesh
 
 POINTS = 8  # with mode shapes; the command shows none
@@ -19,6 +23,8 @@ POINTS = 8  # with mode shapes; the command shows none
 def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     """Return frequencies, dampings, error estimates and the certificate of their count, as JSON has them.
 
+    Of an Object File only what it stores: there is no certificate, and one error estimate for all.
+
     Raises
     ------
     InputError
@@ -26,6 +32,10 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     SimulationError
         The solver did not reach its accuracy.
     """
+    if mesh.suffix == ".safetensors":
+        return _stored_modes(objectfolder.load(mesh))
+    if wanted.material is None:
+        raise InputError("--material", "not given", "Name a row of the materials table, such as ceramic.")
     material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
     started = time.process_time()
     surface = textured_mesh_of(
@@ -46,13 +56,11 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         name=mesh.name,
         seconds=seconds,
     )
-    dampings = modes["dampings_per_s"].tolist()
     errors = modes["error_estimates_cents"].tolist()
     said = ("count_certificate", "error_estimate_cents", "geometry_error_estimate_cents", "discretisation")
     return {
-        "frequencies_hz": modes["frequencies_hz"].tolist(),
-        "dampings_per_s": dampings,
-        "t60_s": [math.log(1000) / damping if damping > 0 else None for damping in dampings],
+        "material": material.name,
+        **_ringing(modes["frequencies_hz"], modes["dampings_per_s"]),
         "error_estimates_cents": [None if math.isnan(error) else error for error in errors],
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
         **{name: modes.attributes[name] for name in said},
@@ -60,14 +68,41 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     }
 
 
-def modes_table(result: dict[str, Any], material: str) -> str:
+def _ringing(frequencies_hz: np.ndarray, dampings_per_s: np.ndarray) -> dict[str, Any]:
+    """Return frequencies, dampings and the times after which modes are 60 dB down, as JSON has them."""
+    dampings = dampings_per_s.tolist()
+    return {
+        "frequencies_hz": frequencies_hz.tolist(),
+        "dampings_per_s": dampings,
+        "t60_s": [math.log(1000) / damping if damping > 0 else None for damping in dampings],
+    }
+
+
+def _stored_modes(file: ObjectFile) -> dict[str, Any]:
+    said = file.description
+    return {
+        "material": said["material"]["name"] if said["material"] else "unknown material",
+        **_ringing(file.modes.frequencies_hz, file.modes.dampings_per_s),
+        "frequency_limit_hz": said["audio"]["frequency_limit_hz"],
+        "error_estimate_cents": ((said["fidelity"] or {}).get("audio") or {}).get(
+            "solver_error_estimate_cents"
+        ),
+    }
+
+
+def modes_table(result: dict[str, Any]) -> str:
     """Return the result of `solve_modes` for people."""
     count, limit_hz = len(result["frequencies_hz"]), result["frequency_limit_hz"]
-    lines = [f"{count} modes below {limit_hz:.0f} Hz in {material}"]
+    lines = [f"{count} modes below {limit_hz:.0f} Hz in {result['material']}"]
     if count:
         columns = ("frequencies_hz", "dampings_per_s", "t60_s", "error_estimates_cents")
-        table = pandas.DataFrame({name: result[name] for name in columns}, dtype=float)
-        lines.append(table.to_string(float_format="{:.2f}".format, na_rep="unknown"))
+        shown = {name: result[name] for name in columns if name in result}
+        lines.append(
+            pandas.DataFrame(shown, dtype=float).to_string(float_format="{:.2f}".format, na_rep="unknown")
+        )
+    if "count_certificate" not in result:
+        cents = result["error_estimate_cents"]
+        return "\n".join([*lines, f"error: {'unknown' if cents is None else f'about {cents:.1f} cents'}"])
     certificate = result["count_certificate"]
     lines.append(
         f"count: {certificate['counted']} eigenvalues below the limit = {certificate['rigid']} rigid + "

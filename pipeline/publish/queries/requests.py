@@ -14,16 +14,23 @@ class Rendering:
     Parameters
     ----------
     views
-        .npy file, (n, 6): camera and light positions, unit frame; (n, 3) with --light or --environment
+        a number of views, drawn as the data set's are; or a .npy file, (n, 6): positions of camera and
+        light, metres, object frame; (n, 3) with --light or --environment (default: 8, a turntable of 24)
+    turntable
+        pictures from all round in a studio's light, and turntable.gif of them
+    seed
+        of the draw
+    frame
+        of positions: metres as in Python, or the papers' with the object at the origin, longest side 1
     light
-        X Y Z R G B: a light for all views, unit frame, with linear colour factors (white: 1 1 1); may be
-        given several times
+        X Y Z R G B: a light for all views, with linear colour factors (white: 1 1 1); may be given several
+        times
     environment
         light all views by an equirectangular .exr or .hdr map of linear radiance, oriented as in Blender
     environment_lights
         lights that stand for the map
     environment_radius
-        distance of these lights from the centre, unit frame (default: that of the data set's lights)
+        distance of these lights from the centre (default: that of the data set's lights)
     resolution
         pixels a side
     field_of_view_deg
@@ -39,7 +46,10 @@ class Rendering:
         where VisionNet runs: on the CPU by compiled kernels, by CUDA with torch
     """
 
-    views: Path
+    views: int | Path | None = None
+    turntable: bool = False
+    seed: int = 0
+    frame: Literal["object", "unit"] = "object"
     light: tuple[tuple[float, float, float, float, float, float], ...] = ()
     environment: Path | None = None
     environment_lights: int = 64
@@ -59,9 +69,12 @@ class Striking:
     Parameters
     ----------
     points
-        .npy file, (n, 3) metres, object frame
+        a number of points to draw, or a .npy file, (n, 3) metres, object frame
     forces
-        .npy file, (n, 3) impulses in newton seconds, or (n, k, 3) newtons at the samples
+        .npy file, (n, 3) impulses in newton seconds, or (n, k, 3) newtons at the samples (default: 1 N s
+        along the inward normal)
+    seed
+        of the draw
     duration_s
         seconds
     sample_rate_hz
@@ -76,8 +89,9 @@ class Striking:
         materials table (CSV)
     """
 
-    points: Path
-    forces: Path
+    points: int | Path = 8
+    forces: Path | None = None
+    seed: int = 0
     duration_s: float = 2.0
     sample_rate_hz: int = 44100
     listener: tuple[tuple[float, float, float], ...] = ()
@@ -92,7 +106,9 @@ class Pressing:
     Parameters
     ----------
     points
-        .npy file, (n, 3) metres, object frame
+        a number of points to draw, or a .npy file, (n, 3) metres, object frame
+    seed
+        of the draw
     tilt_deg
         degrees from the surface normal
     azimuth_deg
@@ -107,7 +123,8 @@ class Pressing:
         add the sensor's noise (default: none)
     """
 
-    points: Path
+    points: int | Path = 8
+    seed: int = 0
     tilt_deg: float = 0.0
     azimuth_deg: float = 0.0
     contact: Literal["rigid", "elastic"] | None = None
@@ -118,12 +135,12 @@ class Pressing:
 
 @dataclass(frozen=True, kw_only=True)
 class ModesOfMesh:
-    """Modes of a mesh to solve.
+    """Modes of a mesh to solve; an Object File has them.
 
     Parameters
     ----------
     material
-        a row of the materials table
+        a row of the materials table (an Object File has its own)
     materials
         materials table (CSV)
     length_m
@@ -142,7 +159,7 @@ class ModesOfMesh:
         of the points
     """
 
-    material: str
+    material: str | None = None
     materials: Path = MATERIALS
     length_m: float | None = None
     max_frequency_hz: float = 20000.0

@@ -1,0 +1,71 @@
+"""An object as its owner describes it, for one Object File or a row of a table; light to import."""
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+
+from objectfolder.errors import InputError
+from pipeline.dataset.project_files import MATERIALS
+
+
+@dataclass(frozen=True)
+class DescribedObject:
+    """A mesh and what is known of the object; None where the files tell.
+
+    Parameters
+    ----------
+    mesh
+        OBJ, glTF, GLB, PLY or STL
+    material
+        a row of the materials table
+    materials
+        materials table (CSV)
+    length_m
+        longest side in metres (default: as in the file)
+    object_id
+        identifier (default: from the name of the file)
+    name
+        name in words (default: from the identifier)
+    texture
+        base colour image (default: the mesh's own)
+    source
+        where the mesh is from
+    wall_m
+        least thickness of walls, metres, where too thin
+    shell_m
+        wall of a container that was scanned solid, metres
+    roughness
+        0..1 (default: the material's)
+    metallic
+        0..1 (default: the material's)
+    mass_kg
+        mass in kilograms where it is known: a check
+    """
+
+    mesh: Path
+    _: KW_ONLY
+    material: str
+    materials: Path = MATERIALS
+    length_m: float | None = None
+    object_id: str | None = None
+    name: str | None = None
+    texture: Path | None = None
+    source: str = ""
+    wall_m: float | None = None
+    shell_m: float | None = None
+    roughness: float | None = None
+    metallic: float | None = None
+    mass_kg: float | None = None
+
+    def check_numbers(self) -> None:
+        """Raise `InputError` for a number that cannot be, or two that exclude each other, by its option."""
+        for option, value in (("--roughness", self.roughness), ("--metallic", self.metallic)):
+            if value is not None and not 0 <= value <= 1:
+                raise InputError(option, f"{value:g} is not in 0..1", "Correct it, or leave it out")
+        lengths = (self.length_m, self.wall_m, self.shell_m, self.mass_kg)
+        for option, value in zip(("--length", "--wall", "--shell", "--mass"), lengths, strict=True):
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InputError(option, f"{value:g} is not a positive number", "Correct it, or leave it out")
+        if self.wall_m is not None and self.shell_m is not None:
+            remedy = "State --wall for an open vessel with thin walls, --shell for one that is scanned solid"
+            raise InputError("--shell", "is stated together with --wall", remedy)
