@@ -9,8 +9,11 @@ unexport PYTHONPATH
 # Tests and tasks start hundreds of processes: they share what is compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
+EXAMPLE := --size example --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
+	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
+
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset hundred test lint docs stages lock
+.PHONY: help environment dataset hundred examples test lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -29,6 +32,11 @@ dataset: $(STAMP) ## Make the data set: what is missing or out of date
 hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the data set of them
 	objectfolder fetch --table data/objects.csv
 	$(MAKE) --no-print-directory dataset OBJECTS=data/objects.csv
+
+examples: $(STAMP) ## Make the Object Files inside the package again
+	objectfolder starter
+	objectfolder build data/starter/mug/model.obj --id mug --name "Mug with a handle" --material ceramic $(EXAMPLE)/mug.safetensors
+	objectfolder build data/starter/bell/model.obj --id bell --name "Bell with a knob" --material iron $(EXAMPLE)/bell.safetensors
 
 # One process more than there are processors: tests of clusters wait most of their time.
 test: $(STAMP) ## Check style, types and imports, and run all tests

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Make the environment: environment.sh FOLDER. Python 3.11 (Blender's module needs it), the pinned
-# packages, and the system libraries, installed where this user may and named where not.
+# Make the environment: environment.sh FOLDER. Python 3.11 (Blender's module needs it; fetched by uv where
+# it is missing), the pinned packages, and the system libraries, installed where this user may and named
+# where not.
 # TORCH_INDEX, if set, is the package index to take torch from (a CPU or a CUDA build).
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -32,10 +33,12 @@ need_packages() {
   fi
 }
 
+# Print the path of a Python 3.11 that can make environments.
 find_python() {
-  local candidate
-  for candidate in python3.11 python3 python; do
-    if "$candidate" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null; then
+  local candidate fetched=""
+  if [ "${#uv[@]}" -gt 0 ]; then fetched=$("${uv[@]}" python find 3.11 2>/dev/null || true); fi
+  for candidate in python3.11 python3 python ${fetched:+"$fetched"}; do
+    if "$candidate" -c 'import sys, ensurepip; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null; then
       command -v "$candidate"
       return
     fi
@@ -43,20 +46,29 @@ find_python() {
   return 1
 }
 
+uv=()
 if ! "$folder/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null; then
-  if ! find_python >/dev/null; then
-    if command -v apt-cache >/dev/null && as_root true && apt-cache show python3.11 >/dev/null 2>&1; then
+  if ! python=$(find_python); then
+    # uv fetches a Python for this user alone; any Python 3 can install uv.
+    if command -v uv >/dev/null; then
+      uv=(uv)
+    elif python3 -m venv "$folder-uv" 2>/dev/null && "$folder-uv/bin/python" -m pip install -qq uv; then
+      uv=("$folder-uv/bin/uv")
+    fi
+    if [ "${#uv[@]}" -gt 0 ] && "${uv[@]}" python install -q 3.11; then
+      :
+    elif command -v apt-cache >/dev/null && as_root true && apt-cache show python3.11 >/dev/null 2>&1; then
       need_packages python3.11 python3.11-venv
     else
-      echo "Python 3.11 is needed and was not found. Get it from your system's packages, with pyenv" >&2
-      echo "(pyenv install 3.11), uv (uv python install 3.11) or from python.org, and put it on the PATH." >&2
+      echo "Python 3.11 is needed, was not found, and uv could not fetch it. Get it from your system's" >&2
+      echo "packages, with pyenv (pyenv install 3.11) or from python.org, and put it on the PATH." >&2
       exit 1
     fi
+    python=$(find_python)
   fi
-  python=$(find_python)
-  "$python" -c 'import ensurepip' 2>/dev/null || need_packages python3.11-venv
   echo "Making $folder with $("$python" --version)"
   "$python" -m venv --clear "$folder"
+  rm -rf "$folder-uv"
 fi
 
 if command -v dpkg-query >/dev/null; then

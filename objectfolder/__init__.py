@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from objectfolder.object_file import ObjectFile
 
 __version__ = "0.1.0"
+EXAMPLES = Path(__file__).with_name("examples")
 
 
 def load(path: Path | str) -> "ObjectFile":
@@ -22,3 +23,19 @@ def load(path: Path | str) -> "ObjectFile":
     from objectfolder.object_file import ObjectFile
 
     return ObjectFile.load(path)
+
+
+def example(name: str = "mug") -> "ObjectFile":
+    """Open an Object File of this package: ``"mug"`` or ``"bell"``.
+
+    Raises
+    ------
+    QueryError
+        Another name.
+    """
+    known = sorted(path.stem for path in EXAMPLES.glob("*.safetensors"))
+    if name not in known:
+        from objectfolder.errors import QueryError
+
+        raise QueryError("name", f"{name!r} is no example", f"Use {' or '.join(known)}.")
+    return load(EXAMPLES / f"{name}.safetensors")

@@ -1,0 +1,45 @@
+"""What a notebook shows of an Object File."""
+
+import base64
+import io
+import re
+
+import numpy as np
+from PIL import Image
+from scipy.io import wavfile
+
+import objectfolder
+from objectfolder.object_file.html import png_bytes
+
+
+def test_an_image_is_read_as_it_was_written() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png_bytes(image)))), image)
+
+
+def test_a_notebook_shows_a_picture_a_strike_fidelity_and_licence() -> None:
+    mug = objectfolder.example("mug")
+    shown = mug._repr_html_()
+    content = dict(re.findall(r'src="data:([a-z/]+);base64,([^"]+)"', shown))
+    with Image.open(io.BytesIO(base64.b64decode(content["image/png"]))) as picture:
+        np.testing.assert_array_equal(np.asarray(picture), mug.pictures(1)[0])
+    rate, sound = wavfile.read(io.BytesIO(base64.b64decode(content["audio/wav"])))
+    assert len(sound) == rate
+    assert 0.7 < np.abs(sound).max() < 0.71
+    fidelity = mug.description["fidelity"]
+    for said in (
+        fidelity["vision"]["psnr_db"],
+        fidelity["audio"]["gain_error_db"],
+        fidelity["touch"]["psnr_contact_db"],
+    ):
+        assert f"{said:.1f} dB" in shown
+    assert "licence CC0-1.0" in shown
+    assert "http" not in shown
+
+
+def test_names_of_a_file_from_elsewhere_are_text_only() -> None:
+    mug = objectfolder.example("mug")
+    named = {**mug.description["object"], "name": "<script>x</script>"}
+    shown = mug.with_description(object=named, fidelity=None)._repr_html_()
+    assert "<script" not in shown
+    assert "fidelity not measured" in shown

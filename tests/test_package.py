@@ -1,0 +1,136 @@
+"""The package as it is installed: from a wheel, in another folder, with nothing but what it depends on."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import objectfolder
+from objectfolder.errors import QueryError
+from tests.conftest import REPOSITORY
+
+EXAMPLES = ("bell", "mug")
+LARGEST_BYTES = 1_200_000
+# Torch is kept away: it is no dependency.
+SENSES = """
+import sys
+sys.modules["torch"] = None
+import objectfolder
+assert objectfolder.__file__.startswith({folder!r}), objectfolder.__file__
+mug = objectfolder.example("mug")
+points, normals = mug.sample_contacts(1, seed=0)
+assert mug.pictures(1, 32).std() > 0
+assert abs(mug.strike(points, -normals, 0.1)).max() > 0
+assert mug.press(points).depth.max() > 0
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(make_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """A folder with the package as the wheel has it."""
+
+    def install(folder: Path) -> None:
+        source = folder / "source"
+        for name in (
+            "objectfolder",
+            "pipeline",
+            "data",
+            "pyproject.toml",
+            "params.yaml",
+            "README.md",
+            "LICENSE",
+        ):
+            path = REPOSITORY / name
+            if path.is_dir():
+                tracked = subprocess.run(
+                    ["git", "ls-files", "-z", name],
+                    cwd=REPOSITORY,
+                    capture_output=True,
+                    check=True,
+                    text=True,
+                ).stdout
+                for file in filter(None, tracked.split("\0")):
+                    (source / file).parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copy2(REPOSITORY / file, source / file, follow_symlinks=False)
+            else:
+                source.mkdir(exist_ok=True)
+                shutil.copy2(path, source / name)
+        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-cache-dir"]
+        offline = ["--no-deps", "--no-build-isolation", "--no-index"]
+        subprocess.run([*pip, "wheel", "-q", *offline, "-w", str(folder), str(source)], check=True)
+        (wheel,) = folder.glob("*.whl")
+        subprocess.run(
+            [*pip, "install", "-q", *offline, "--target", str(folder / "site"), str(wheel)], check=True
+        )
+        shutil.rmtree(source)
+
+    return make_once("installed", install) / "site"
+
+
+def _run(installed: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    environment = {"PYTHONPATH": str(installed), "PATH": "/usr/bin:/bin", "HOME": str(folder)}
+    return subprocess.run(
+        [sys.executable, "-P", *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_a_wheel_answers_with_all_senses_without_torch(installed: Path, tmp_path: Path) -> None:
+    done = _run(installed, tmp_path, "-c", SENSES.format(folder=str(installed)))
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_commands_of_a_wheel_find_their_tables(installed: Path, tmp_path: Path) -> None:
+    trimesh.creation.box((0.1, 0.04, 0.01)).export(tmp_path / "box.stl")
+    cli, box = ("-m", "pipeline.cli"), ["box.stl", "--material", "steel"]
+    added = _run(
+        installed, tmp_path, *cli, "add", *box, "--licence", "CC0-1.0", "--table", "t.csv", "--no-preview"
+    )
+    assert added.returncode == 0, added.stderr
+    checked = _run(installed, tmp_path, *cli, "check", "t.csv", "--no-meshes")
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    wrong = _run(installed, tmp_path, *cli, "build", *box, "--size", "none", "-o", "box.safetensors")
+    assert "Known sizes are default" in wrong.stderr, wrong.stderr
+    solved = _run(installed, tmp_path, *cli, "modes", *box, "--max-modes", "4")
+    assert solved.returncode == 0, solved.stderr
+    entry = (installed / "bin" / "objectfolder").read_text()
+    assert "from pipeline.cli import main" in entry
+
+
+def test_examples_are_small_and_say_how_faithful_they_are() -> None:
+    assert sorted(path.stem for path in objectfolder.EXAMPLES.iterdir()) == list(EXAMPLES)
+    assert sum(path.stat().st_size for path in objectfolder.EXAMPLES.iterdir()) <= LARGEST_BYTES
+    for name in EXAMPLES:
+        said = objectfolder.example(name).description
+        assert said["object"]["licence"] == "CC0-1.0"
+        assert said["fidelity"]["vision"]["psnr_db"] > 45
+        assert said["fidelity"]["audio"]["gain_error_db"] < -41
+        assert said["fidelity"]["touch"]["psnr_contact_db"] > 58
+        assert "/" not in str(said["provenance"]["inputs"])
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_answer_sight_sound_and_touch(name: str) -> None:
+    file = objectfolder.example(name)
+    points, normals = file.sample_contacts(2, seed=0)
+    pictures = file.pictures(2, 48)
+    assert pictures.shape == (2, 48, 48, 3)
+    assert (pictures < 250).any(axis=-1).mean() > 0.1
+    assert np.abs(file.strike(points, -normals, 0.2)).max() > 0
+    assert file.press(points).depth.max() > 0
+
+
+def test_another_example_is_refused() -> None:
+    with pytest.raises(QueryError, match="'cup' is no example"):
+        objectfolder.example("cup")
