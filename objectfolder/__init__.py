@@ -32,6 +32,13 @@ def example(name: str = "mug") -> "ObjectFile":
     ------
     QueryError
         Another name.
+
+    Examples
+    --------
+    >>> import objectfolder
+    >>> mug = objectfolder.example("mug")
+    >>> mug.description["material"]["name"], len(mug.modes.frequencies_hz)
+    ('ceramic', 44)
     """
     known = sorted(path.stem for path in EXAMPLES.glob("*.safetensors"))
     if name not in known:

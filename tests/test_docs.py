@@ -35,7 +35,7 @@ def parts(page: Path) -> list[tuple[str, dict[str, str]]]:
 def test_readme_is_short_and_begins_with_how_to_start():
     readme = (REPOSITORY / "README.md").read_bytes()
     assert len(readme) <= 6000
-    for wanted in (b".png)", b"make dataset", b"make test", b"## What you get"):
+    for wanted in (b".png)", b"make dataset", b"make test", b"import objectfolder"):
         assert wanted in readme[:1000]
     prose = re.sub(r"```.*?```", "", readme.decode(), flags=re.DOTALL)
     assert len(re.findall(r"(?<![\w.])\.?\d[\d.,]*", prose)) <= 25
@@ -57,6 +57,14 @@ def test_every_link_and_every_picture_leads_to_something(site):
                 broken.append((page.name, link))
     assert broken == []
     assert followed > 1000
+
+
+@pytest.mark.slow
+def test_lists_and_tables_are_drawn_as_such(site):
+    for page in sorted(site.rglob("*.html")):
+        tree = html5lib.parse(page.read_bytes(), namespaceHTMLElements=False)
+        texts = ["".join(paragraph.itertext()) for paragraph in tree.iter("p")]
+        assert [text for text in texts if re.search(r"^(- |\|)", text, re.MULTILINE)] == [], page
 
 
 @pytest.mark.slow

@@ -26,7 +26,14 @@ def listening_gain(peak: float) -> float:
 
 
 def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: float | None = None) -> float:
-    """Write a sound times a gain, and return that gain; see `wav_bytes`."""
+    """Write a sound times a gain, and return that gain; see `wav_bytes`.
+
+    Examples
+    --------
+    >>> gain = write_wav("tone.wav", [0.0, 2.0, -4.0], 44100)
+    >>> round(4 * gain, 3)  # the peak, 3 dB below full scale
+    0.708
+    """
     content, gain = wav_bytes(sound, sample_rate_hz, gain=gain)
     with atomic_write(path) as file:
         file.write(content)
@@ -49,12 +56,6 @@ def wav_bytes(sound: ArrayLike, sample_rate_hz: int, *, gain: float | None = Non
     ------
     QueryError
         Values that are not finite (as float32), a shape or rate that WAV cannot hold, or over 4 GB.
-
-    Examples
-    --------
-    >>> gain = write_wav("tone.wav", [0.0, 2.0, -4.0], 44100)
-    >>> round(4 * gain, 3)  # the peak, 3 dB below full scale
-    0.708
     """
     values = np.atleast_2d(np.asarray(sound, dtype=np.float64))
     if gain is None:

@@ -194,6 +194,14 @@ class SightQueries:
         -------
         ndarray
             (n, h, w, 3) uint8, sRGB on white.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> pictures = bar.pictures(3, resolution=64)
+        >>> pictures.shape, pictures[0, 0, 0].tolist()  # white beside the bar
+        ((3, 64, 64, 3), [255, 255, 255])
         """
         poses = turntable(count)
         lamps, colours = studio_lights(poses)
