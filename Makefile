@@ -27,7 +27,7 @@ $(STAMP): pyproject.toml requirements.lock environment.sh
 
 dataset: $(STAMP) ## Make the data set: what is missing or out of date
 	@objectfolder select $(if $(OBJECTS),--table "$(OBJECTS)") --only "$(ONLY)"
-	@dvc repro
+	@dvc repro && status=0 || status=$$?; objectfolder report --summary; exit $$status
 
 hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the data set of them
 	objectfolder fetch --table data/objects.csv

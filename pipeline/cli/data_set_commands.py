@@ -44,11 +44,20 @@ def starter(*, root: Root = Path(".")) -> None:
         write_starter_set(root.absolute() / "data" / "starter")
 
 
-def report(*, root: Root = Path(".")) -> None:
-    """Write the tables, the pages and the cards of the data set."""
-    from pipeline.publish.data_set import make_report
+def report(*, summary: bool = False, root: Root = Path(".")) -> None:
+    """Write the tables, the pages and the cards of the data set.
 
-    make_report(root.absolute())
+    Parameters
+    ----------
+    summary
+        write nothing; say what the last report found, and how to look at it
+    """
+    from pipeline.publish.data_set import make_report, summary_of
+
+    if summary:
+        print(summary_of(root))
+    else:
+        make_report(root.absolute())
 
 
 def failures(*, root: Root = Path(".")) -> int:

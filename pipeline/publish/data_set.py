@@ -1,5 +1,6 @@
 """The report of a data set: metrics, tables, pages and cards of the whole data set."""
 
+import json
 from pathlib import Path
 
 from objectfolder.products.atomic import atomic_write
@@ -13,14 +14,42 @@ from pipeline.run.costs import costs_path
 from pipeline.run.exclusive import exclusive
 
 REPORTS = "reports"
+SUMMARISED = (
+    ("Sight:        PSNR of held-out views", "vision", "psnr_db"),
+    ("Sound:        gain error at held-out points", "audio", "gain_error_db"),
+    ("Touch:        PSNR in contact, held-out touches,", "touch", "psnr_contact_db"),
+)
 
 
 def make_report(root: Path) -> None:
-    """Write the tables, the pages and the cards of the data set, and say where they are."""
+    """Write the tables, the pages and the cards of the data set."""
     with exclusive(root, "stage report"):
         write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, read_failures(root))
         write_cards(root, root / REPORTS)
-    print(f"Object Files: {OBJECT_FILES.folder}/\nReport:       {REPORTS}/index.html")
+    print(f"Report: {REPORTS}/index.html")
+
+
+def summary_of(root: Path) -> str:
+    """Return how faithful the data set is by its last report, a line a sense, and how to look at it.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no report yet.
+    """
+    metrics = json.loads((root / REPORTS / "metrics.json").read_bytes())
+    lines = []
+    for title, sense, measure in SUMMARISED:
+        found = metrics.get(sense, {}).get(measure)
+        figures = (
+            f"{found['mean']:.1f} dB in the mean, {found['worst']:.1f} at worst" if found else "none measured"
+        )
+        lines.append(f"{title} {figures}")
+    files = sorted((root / OBJECT_FILES.folder).glob("*.safetensors"))
+    look = [f"Look:         objectfolder view {files[0].relative_to(root)}"] if files else []
+    return "\n".join(
+        [*lines, f"Object Files: {OBJECT_FILES.folder}/", f"Report:       {REPORTS}/index.html", *look]
+    )
 
 
 def write_cards(root: Path, folder: Path) -> list[Path]:

@@ -40,6 +40,7 @@ class FlowProgress:
         self._expected, self._took = dict.fromkeys(stages, 0.0), dict.fromkeys(stages, 0.0)  # ended tasks
         self._earliest: dict[str, float] = {}  # object to the time before which it cannot be ready
         self._busy, self._total = 0, 1
+        self._spent, self._spent_at = 0.0, clock()  # worker seconds on tasks that have not ended, and when
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._show, daemon=True)
@@ -56,13 +57,16 @@ class FlowProgress:
             self._outcomes[stage][outcome] += 1
             expected = self._left[stage].pop(object_id, 0.0)
             if seconds > 0:
+                self._spent = max(0.0, self._spent_now() - seconds)
                 self._expected[stage] += expected
                 self._took[stage] += seconds
             self._earliest[object_id] = self._clock() + self._chain(object_id)
 
     def workers(self, busy: int, total: int) -> None:
         """Note how many workers there are and how many are busy; the first call begins to show."""
-        self._busy, self._total = busy, total
+        with self._lock:
+            self._spent_now()
+            self._busy, self._total = busy, total
         if not self._thread.ident and any(self._left.values()):
             self._thread.start()
 
@@ -78,8 +82,9 @@ class FlowProgress:
         """Return work left over workers, or the longest chain of one object: no schedule is faster."""
         with self._lock:
             work = sum(self._pace(stage) * sum(left.values()) for stage, left in self._left.items())
+            work -= self._spent_now()
             chain = max(self._earliest.values(), default=0.0) - self._clock()
-        return max(work / max(1, self._total), chain)
+        return max(0.0, work / max(1, self._total), chain)
 
     def line(self) -> str:
         """Return the state in one line."""
@@ -109,11 +114,24 @@ class FlowProgress:
         return [(stage, done, done + len(self._left[stage])) for stage, done in settled.items()]
 
     def _status(self) -> str:
-        return f"{duration(self.seconds_to_go())} to go, {self._busy} of {self._total} workers busy"
+        seconds = self.seconds_to_go()
+        overdue = seconds == 0 and any(self._left.values())
+        to_go = "longer than expected" if overdue else f"{duration(seconds)} to go"
+        return f"{to_go}, {self._busy} of {self._total} workers busy"
 
     def _pace(self, stage: str) -> float:
-        """Return the ratio of seconds taken to seconds expected."""
-        return self._took[stage] / self._expected[stage] if self._expected[stage] else 1.0
+        """Return the ratio of seconds taken to expected: of this stage, or of all where none of it ended."""
+        if self._expected[stage]:
+            return self._took[stage] / self._expected[stage]
+        expected = sum(self._expected.values())
+        return sum(self._took.values()) / expected if expected else 1.0
+
+    def _spent_now(self) -> float:
+        """Return the worker seconds on tasks that have not ended, as of now."""
+        now = self._clock()
+        self._spent += self._busy * (now - self._spent_at)
+        self._spent_at = now
+        return self._spent
 
     def _chain(self, object_id: str) -> float:
         """Return the seconds of the longest chain of tasks left of an object."""

@@ -368,3 +368,25 @@ def test_build_makes_a_verified_file_and_resumes(tmp_path: Path, capsys: pytest.
     assert main(build) == 0
     assert output.read_bytes() == first
     assert (tmp_path / "truth" / "data" / "views" / "box.zarr.zip").stat().st_mtime_ns == views
+
+
+def test_the_last_report_is_summed_up_in_a_line_a_sense(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", "--summary", "--root", str(tmp_path)]) == 1
+    assert "metrics.json: no such file" in _last_line(capsys)
+    (tmp_path / "reports").mkdir()
+    metrics = {
+        "vision": {"psnr_db": {"mean": 52.83, "worst": 47.1}},
+        "audio": {"silent_objects": 1},
+        "touch": {},
+    }
+    (tmp_path / "reports" / "metrics.json").write_text(json.dumps(metrics))
+    (tmp_path / "data" / "object_files").mkdir(parents=True)
+    (tmp_path / "data" / "object_files" / "mug.safetensors").touch()
+    assert main(["report", "--summary", "--root", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "Sight:        PSNR of held-out views 52.8 dB in the mean, 47.1 at worst"
+    assert lines[1] == "Sound:        gain error at held-out points none measured"
+    assert lines[2].startswith("Touch:")
+    assert lines[-1] == "Look:         objectfolder view data/object_files/mug.safetensors"

@@ -133,6 +133,32 @@ def test_time_to_go_follows_the_seconds_that_tasks_took_and_not_those_of_kept_ob
     assert progress.seconds_to_go() == pytest.approx(50 * 20)
 
 
+def test_time_to_go_falls_while_a_task_runs_and_says_when_it_is_overdue(clock):
+    progress = FlowProgress({"views": ()}, io.StringIO(), clock)
+    for name in ("mug", "bell"):
+        progress.expect("views", name, 100.0)
+    progress.workers(1, 1)
+    clock.now += 60
+    assert progress.seconds_to_go() == pytest.approx(140)
+    clock.now += 60
+    progress.settle("views", "mug", "computed", 120.0)
+    assert progress.seconds_to_go() == pytest.approx(120)
+    clock.now += 100
+    assert progress.seconds_to_go() == pytest.approx(20)
+    clock.now += 30
+    assert progress.line().startswith("longer than expected, 1 of 1 workers busy")
+    progress.close()
+
+
+def test_a_slow_machine_shows_in_stages_that_have_not_begun(clock):
+    progress = FlowProgress(STAGES, io.StringIO(), clock)
+    progress.expect("views", "mug", 50.0)
+    progress.expect("encode", "mug", 30.0)
+    clock.now += 150
+    progress.settle("views", "mug", "computed", 150.0)
+    assert progress.seconds_to_go() == pytest.approx(90)
+
+
 def test_durations_are_short():
     said = [duration(seconds) for seconds in (-1, 3, 99, 600, 20_000, 1_000_000)]
     assert said == ["0 s", "3 s", "99 s", "10 min", "5.6 h", "11.6 days"]
