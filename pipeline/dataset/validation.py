@@ -34,6 +34,9 @@ def read_yaml(path: Path) -> Any:
     """
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        remedy = "Check the path, or go to the root of the data set."
+        raise InputError(str(path), "no such file", remedy) from error
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
 

@@ -370,6 +370,14 @@ def test_build_makes_a_verified_file_and_resumes(tmp_path: Path, capsys: pytest.
     assert (tmp_path / "truth" / "data" / "views" / "box.zarr.zip").stat().st_mtime_ns == views
 
 
+@pytest.mark.parametrize("command", ["status", "products", "plan", "audit", "verify"])
+def test_outside_a_data_set_a_command_says_where_to_go(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "--root", str(tmp_path)]) == 1
+    assert "o to the root of" in _last_line(capsys)
+
+
 def test_the_last_report_is_summed_up_in_a_line_a_sense(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
