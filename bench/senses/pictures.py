@@ -1,7 +1,8 @@
-"""The pictures of docs/results.md, drawn from a finished data set: held-out views, touches and one strike.
+"""The pictures of README and docs/results.md, drawn from a finished data set.
 
-Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes ``sight.png``, ``touch.png``
-and ``sound.png`` into docs/. Views are the best lit of each object, touches those with the largest contact.
+Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes into docs/. ``hero.png`` is
+what Object Files answer. ``sight.png``, ``touch.png`` and ``sound.png`` are held-out queries beside the
+truth: views are the best lit of each object, touches those with the largest contact.
 """
 
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+import objectfolder
 from bench.record import REPOSITORY, arguments
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.products.store import Product, read_product
@@ -21,6 +23,24 @@ RANGE_DB = 80.0
 SHOWN_S = 0.5
 TOUCHED = 4
 GREY, DIFFERENCE_FACTOR = 128, 8
+
+
+def draw_hero(path: Path, data: Path, products: dict[str, Product]) -> None:
+    """Draw each object in a studio; below it the touch with the largest contact and a strike take turns."""
+    bare = {"frame_on": False, "xticks": [], "yticks": []}
+    figure, axes = pyplot.subplots(2, len(products), figsize=(15, 4), height_ratios=(3, 2), subplot_kw=bare)
+    for index, (name, product) in enumerate(products.items()):
+        file = objectfolder.load(data / "object_files" / f"{name}.safetensors")
+        shown = file.pictures(1, 512)[0]
+        axes[0, index].imshow(shown[np.ix_((shown < 255).any((1, 2)), (shown < 255).any((0, 2)))])
+        strikes, touches = product["strike_answer"], product["touch_answer"]
+        if index % 2 == 0 and len(strikes) and strikes[0].any():
+            level = _level(_frames(strikes[0].astype(np.float64)))[:, :512].T
+            axes[1, index].imshow(level, origin="lower", aspect="auto", cmap="magma", vmin=-RANGE_DB)
+        else:
+            axes[1, index].imshow(touches[touches.reshape(len(touches), -1).std(axis=1).argmax()])
+    figure.savefig(path, dpi=90, bbox_inches="tight")
+    pyplot.close(figure)
 
 
 def best_lit(fidelity: Product) -> int:
@@ -63,7 +83,7 @@ def draw_strike(path: Path, fidelity: Product, name: str) -> None:
     figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.2), width_ratios=(1, 1, 1.2), layout="constrained")
     top = max(np.abs(_frames(sound)).max() for sound in sounds)
     for axis, sound, title in zip(axes, sounds, ("truth", "Object File"), strict=False):
-        level = 20 * np.log10(np.maximum(np.abs(_frames(sound)) / top, 1e-12))
+        level = _level(_frames(sound), top)
         image = axis.imshow(
             level.T, origin="lower", aspect="auto", cmap="magma", vmin=-RANGE_DB, vmax=0,
             extent=(0, SHOWN_S, 0, SAMPLE_RATE_HZ / 2000),
@@ -89,12 +109,15 @@ def _frames(sound: np.ndarray) -> np.ndarray:
     return np.fft.rfft(frames * np.hanning(WINDOW), axis=1)
 
 
+def _level(frames: np.ndarray, top: float | None = None) -> np.ndarray:
+    """Return decibels below `top`, which is the highest magnitude by default."""
+    return 20 * np.log10(np.maximum(np.abs(frames) / (top or np.abs(frames).max()), 1e-12))
+
+
 def main() -> None:
-    """Draw the three pictures."""
+    """Draw the pictures."""
     parser = arguments(__doc__)
-    parser.add_argument(
-        "--data", type=Path, default=REPOSITORY / "data", help="folder of a finished data set"
-    )
+    parser.add_argument("--data", type=Path, default=REPOSITORY / "data", help="of a finished data set")
     parser.add_argument("--strike", default="mug", help="object whose sound is drawn")
     given = parser.parse_args()
     products = {
@@ -102,6 +125,7 @@ def main() -> None:
         for path in sorted((given.data / "fidelity").glob("*.zarr.zip"))
     }
     folder = REPOSITORY / "docs"
+    draw_hero(folder / "hero.png", given.data, products)
     pyplot.imsave(folder / "sight.png", sight(list(products.values())))
     pyplot.imsave(folder / "touch.png", touch(list(products.values())))
     draw_strike(folder / "sound.png", products[given.strike], given.strike)
