@@ -9,7 +9,9 @@ unexport PYTHONPATH
 # Tests and tasks start hundreds of processes: they share what is compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-EXAMPLE := --size example --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
+# The parameters of the examples: the default size with fewer features, so that a file is half as large.
+EXAMPLE_PARAMETERS := .objectfolder/examples.yaml
+EXAMPLE := --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
 
 .DEFAULT_GOAL := help
@@ -35,6 +37,7 @@ hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the 
 
 examples: $(STAMP) ## Make the Object Files inside the package again
 	objectfolder starter
+	sed 's/^      visionnet:$$/&\n        grid_corners: 55000/' params.yaml > $(EXAMPLE_PARAMETERS)
 	objectfolder build data/starter/mug/model.obj --id mug --name "Mug with a handle" --material ceramic $(EXAMPLE)/mug.safetensors
 	objectfolder build data/starter/bell/model.obj --id bell --name "Bell with a knob" --material iron $(EXAMPLE)/bell.safetensors
 
