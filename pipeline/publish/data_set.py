@@ -40,11 +40,11 @@ def summary_of(root: Path) -> str:
     metrics = json.loads((root / REPORTS / "metrics.json").read_bytes())
     lines = []
     for title, sense, measure in SUMMARISED:
-        found = metrics.get(sense, {}).get(measure)
-        figures = (
-            f"{found['mean']:.1f} dB in the mean, {found['worst']:.1f} at worst" if found else "none measured"
-        )
-        lines.append(f"{title} {figures}")
+        found = metrics.get(sense, {}).get(measure, {"mean": None})
+        if found["mean"] is None:  # all failed, or all are silent
+            lines.append(f"{title} none measured")
+        else:
+            lines.append(f"{title} {found['mean']:.1f} dB in the mean, {found['worst']:.1f} at worst")
     files = sorted((root / OBJECT_FILES.folder).glob("*.safetensors"))
     look = [f"Look:         objectfolder view {files[0].relative_to(root)}"] if files else []
     return "\n".join(

@@ -386,7 +386,7 @@ def test_the_last_report_is_summed_up_in_a_line_a_sense(
     (tmp_path / "reports").mkdir()
     metrics = {
         "vision": {"psnr_db": {"mean": 52.83, "worst": 47.1}},
-        "audio": {"silent_objects": 1},
+        "audio": {"silent_objects": 1, "gain_error_db": {"mean": None, "worst": None}},
         "touch": {},
     }
     (tmp_path / "reports" / "metrics.json").write_text(json.dumps(metrics))
