@@ -6,8 +6,6 @@ BIN := $(CURDIR)/$(VENV)/bin
 export PATH := $(BIN):$(PATH)
 export DVC_NO_ANALYTICS := 1
 unexport PYTHONPATH
-# Tests and tasks start hundreds of processes: they share what is compiled.
-unexport PYTHONDONTWRITEBYTECODE
 
 # The parameters of the examples: the default size with fewer features, so that a file is half as large.
 EXAMPLE_PARAMETERS := .objectfolder/examples.yaml

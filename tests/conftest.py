@@ -10,6 +10,9 @@ from unittest import mock
 
 # Before numpy is there: tests run beside each other, and a task of the pipeline has one thread, too.
 os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+# Tests edit code and start processes that import it: within one second, and at one size, Python would take
+# the bytecode of before the edit for that of the new text.
+os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 
 import numpy as np
 import pytest
