@@ -80,7 +80,8 @@ def repository(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_life_of_a_data_set(repository):
+def test_life_of_a_data_set(tmp_path):
+    repository = Repository(tmp_path / "checkout")
     # From nothing, `dvc repro` alone makes all of it, each task once and by its first command.
     repository.repro()
     assert repository.tasks() == sorted(
