@@ -55,7 +55,7 @@ PLAN = {
     "child, real stages": Kind(LOCAL, CHILD, 2, 2, real=True),
     "driver, real stages": Kind(LOCAL, DRIVER, 2, 2, real=True),
 }
-REAL_TASK_S = 6.0
+REAL_TASK_S = 1.5
 COMPARED = (
     "products of disturbed runs against those of an undisturbed one, byte by byte; executions of each task "
     "and object, written down by the tasks themselves, against when their products stood; every product and "

@@ -191,9 +191,14 @@ class Round:
         return {}
 
     def _failed_runs(self) -> list[int]:
-        """A task that kills met twice fails, as it should: a spared one may begin before a kill arrives."""
-        met = Counter(work for killed in self.kills if killed.what == CHILD for work in killed.running)
-        if all(killed.what in SURVIVED for killed in self.kills) and max(met.values(), default=0) < 2:
+        """A task that kills met twice fails, as it should: a spared one may begin before a kill arrives.
+
+        A child that was killed between two tasks may have been handed one that had not yet begun.
+        """
+        children = [killed for killed in self.kills if killed.what == CHILD]
+        met = Counter(work for killed in children for work in killed.running)
+        most = max(met.values(), default=0) + any(not killed.running for killed in children)
+        if all(killed.what in SURVIVED for killed in self.kills) and most < 2:
             return [code for code in self.exit_codes if code]
         return self.exit_codes[-1:] if self.exit_codes[-1] else []
 
