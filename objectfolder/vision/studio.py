@@ -14,8 +14,8 @@ LAMP_RADIUS = 3.0  # unit-frame lengths from the centre: far, so that no side of
 LAMPS = np.array([[-0.6, 0.7, 0.8], [0.9, 0.2, 0.6], [0.2, 0.9, -0.7]])
 POWERS = np.array([1.0, 0.35, 0.5])
 # The sky around them: lamps spread over a sphere, from its ground to its top.
-SKY = 12
-GROUND_POWER, TOP_POWER = 0.03, 0.1
+SKY = 6
+GROUND_POWER, TOP_POWER = 0.06, 0.2
 WHITE_SHARE = 0.95  # of the object's pixels are darker than the level below
 WHITE_LEVEL = 0.79  # linear; 0.9 as displayed
 
@@ -40,9 +40,13 @@ def studio_lights(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return positions, np.repeat(LAMP_RADIUS**2 * powers[:, None], 3, axis=1)
 
 
-def exposed(rgba: np.ndarray) -> np.ndarray:
-    """Return (n, h, w, 3) uint8 on white of linear images of one object, as bright as shows it best."""
+def exposure(rgba: np.ndarray) -> float:
+    """Return the factor of linear images (n, h, w, 4) of one object that shows it best."""
     seen = rgba[..., :3].max(axis=-1)[rgba[..., 3] > 0.5]
     level = float(np.quantile(seen, WHITE_SHARE)) if len(seen) else 0.0
-    gain = WHITE_LEVEL / level if level > 0 else 1.0
-    return on_white(rgba * np.array([gain, gain, gain, 1.0]))
+    return WHITE_LEVEL / level if level > 0 else 1.0
+
+
+def exposed(rgba: np.ndarray, factor: float) -> np.ndarray:
+    """Return (n, h, w, 3) uint8 on white of linear images times a factor."""
+    return on_white(rgba * np.array([factor, factor, factor, 1.0]))

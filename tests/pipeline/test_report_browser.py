@@ -96,6 +96,43 @@ def test_nothing_leaves_runs_or_overflows(reports: Path, open_page: Callable[...
         assert watched.errors == []
 
 
+def test_tiles_and_table_fit_the_page_and_share_order_and_filter(
+    reports: Path, open_page: Callable[..., Any]
+) -> None:
+    for size in (PHONE, {"width": 1280, "height": 900}, {"width": 1920, "height": 900}):
+        page = open_page(reports / "index.html", viewport=size).page
+        for _ in range(2):
+            assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+            page.click("#view")
+        page.click("#view")
+        region = "document.querySelector('.scroll:has(#table)')"
+        if size["width"] >= 1280:
+            assert page.evaluate(f"{region}.scrollWidth <= {region}.clientWidth"), "columns that do not fit"
+    page.select_option("#order", "1 descending")
+    page.click("#view")
+    assert column(page, 1)[0] == "wood"
+    page.click("button[type=reset]")
+    until(page, "document.querySelector('#order').value === '4 ascending'")
+    assert names(page)[0].startswith("<script>document.title")
+
+
+def test_a_tile_strikes_its_object(reports: Path, open_page: Callable[..., Any]) -> None:
+    watched = open_page(reports / "index.html")
+    page = watched.page
+    page.evaluate("""window.heard = [];
+        HTMLMediaElement.prototype.play = function () {
+            this.addEventListener('loadedmetadata', () => heard.push([this.src, this.duration]));
+            this.load();
+        }; undefined""")
+    page.fill("#search", "mug")
+    page.click(".hear")
+    until(page, "heard.length === 1")
+    source, duration = page.evaluate("heard[0]")
+    assert source.endswith("objects/mug.wav")
+    assert 0.1 < duration <= 0.8
+    assert watched.errors == []
+
+
 def test_a_policy_stops_what_would_run(reports: Path, open_page: Callable[..., Any]) -> None:
     """Were markup let through, the browser still would neither run nor fetch it."""
     watched = open_page(reports / "index.html")
@@ -115,6 +152,7 @@ def test_a_policy_stops_what_would_run(reports: Path, open_page: Callable[..., A
 
 def test_the_table_is_sorted_by_its_headers(reports: Path, open_page: Callable[..., Any]) -> None:
     page = open_page(reports / "index.html").page
+    page.click("#view")
     margins = numbers(column(page, 4))
     assert margins == sorted(margins), "worst first"
     assert names(page)[0].startswith("<script>document.title")

@@ -46,6 +46,7 @@ def test_the_image_is_the_files_own(live, small_file):
     second = pixels(live.page)
     assert (first != second).any()
     assert np.array_equal(second, python_answers(live.page)["image"])
+    live.page.get_by_label("One lamp, as in the data").check()
     live.page.get_by_label("Lamp, round").fill("60")
     live.page.get_by_label("Lamp, round").dispatch_event("change")
     at_rest(live.page)

@@ -1,6 +1,7 @@
 """What an Object File answers when it is looked at."""
 
 from collections.abc import Collection
+from functools import cached_property
 from typing import overload
 
 import numpy as np
@@ -10,14 +11,13 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.points import point_rows
 from objectfolder.vision.cameras import (
     CAMERA_RADIUS,
-    FIELD_OF_VIEW_DEG,
     LIGHT_RADIUS,
     look_at,
     uniform_on_sphere,
 )
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.rendering.view_query import ray_query, view_query
-from objectfolder.vision.studio import exposed, studio_lights, turntable
+from objectfolder.vision.studio import exposed, exposure, studio_lights, turntable
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 
@@ -185,10 +185,24 @@ class SightQueries:
         lights = uniform_on_sphere(count, LIGHT_RADIUS, random)
         return self.frame.camera_to_object(cameras), self.frame.to_object(lights)
 
-    def pictures(self, count: int, resolution: int | tuple[int, int] = 256) -> np.ndarray:
-        """Show the object from all round in a studio's light, as bright as shows it best.
+    def pictures(
+        self,
+        cameras: int | np.ndarray,
+        resolution: int | tuple[int, int] = 256,
+        *,
+        sub_rays: int | None = None,
+    ) -> np.ndarray:
+        """Show the object in a studio's light, as bright as shows it best.
 
-        For people: `render` answers views of the data set's single lamp, which this is not.
+        For people: `render` answers views of the data set's single lamp, which this is not. The lamps stand
+        with the camera. All pictures of an object have one exposure.
+
+        Parameters
+        ----------
+        cameras
+            A number of cameras all round the object, or their poses as for `render`.
+        resolution, sub_rays
+            As for `render`.
 
         Returns
         -------
@@ -203,9 +217,19 @@ class SightQueries:
         >>> pictures.shape, pictures[0, 0, 0].tolist()  # white beside the bar
         ((3, 64, 64, 3), [255, 255, 255])
         """
-        poses = turntable(count)
+        if isinstance(cameras, int | np.integer):
+            poses = self.frame.camera_to_object(turntable(int(cameras)))
+        else:
+            poses = view_query(cameras, np.zeros(3), None).cameras
+        return exposed(self._in_studio(poses, resolution, sub_rays), self._exposure)
+
+    @cached_property
+    def _exposure(self) -> float:
+        return exposure(self._in_studio(self.frame.camera_to_object(turntable(3)), 64, 4))
+
+    def _in_studio(
+        self, poses: np.ndarray, resolution: int | tuple[int, int], sub_rays: int | None
+    ) -> np.ndarray:
         lamps, colours = studio_lights(poses)
-        drawn = self.vision.render(
-            poses, lamps, resolution, FIELD_OF_VIEW_DEG, light_colour=colours, passes=["rgba"]
-        )
-        return exposed(drawn["rgba"])
+        around = self.frame.to_object(lamps)
+        return self.render(poses, around, resolution, linear=True, sub_rays=sub_rays, light_colour=colours)

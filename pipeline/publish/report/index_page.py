@@ -52,7 +52,7 @@ COLUMNS = (
 
 
 class Row(NamedTuple):
-    """An object in the table; `page` is empty for an object without one, `numbers` are those of `COLUMNS`."""
+    """An object in the table; `page` is empty for one without, `numbers` are those of `COLUMNS`."""
 
     object_id: str
     name: str
@@ -60,6 +60,7 @@ class Row(NamedTuple):
     material: str = ""
     source: str = ""
     status: str = "failed"
+    rings: bool = False
     numbers: Sequence[float | None] = (None,) * len(COLUMNS)
 
 
@@ -120,7 +121,9 @@ def _row(one: MeasuredObject, failed: set[str], pages: dict[str, str]) -> Row:
     material, source = (one.description.get(name) for name in ("material", "source"))
     numbers = [_number(one, column) for column in COLUMNS]
     page = pages.get(one.object_id, "")
-    return Row(one.object_id, one.name, page, str(material or ""), _source_group(source), status, numbers)
+    rings = one.part("audio").get("audible") is True
+    words = str(material or ""), _source_group(source), status
+    return Row(one.object_id, one.name, page, *words, rings, numbers)
 
 
 def _number(one: MeasuredObject, column: Column) -> float | None:

@@ -19,7 +19,7 @@ from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
-from pipeline.publish.report.pictures import thumbnail
+from pipeline.publish.report.pictures import sprite
 from pipeline.publish.report.summary import definitions_of, split
 from pipeline.publish.report.templates import security_policy, template_environment
 
@@ -84,8 +84,13 @@ class ObjectPage:
         }
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
-    def render(self, fingerprint: str, player: str, findings: Sequence[str]) -> tuple[str, bytes]:
-        """Return the page as HTML that carries `fingerprint`, and a thumbnail of the object as WebP.
+    @property
+    def tile(self) -> tuple[str, ...]:
+        """Suffixes of the files for the first page: pictures, and a strike where it rings."""
+        return (".webp",) if self.subject.part("audio").get("audible") is not True else (".webp", ".wav")
+
+    def render(self, fingerprint: str, player: str, findings: Sequence[str]) -> tuple[str, dict[str, bytes]]:
+        """Return the page as HTML that carries `fingerprint`, and the files of `tile` by suffix.
 
         Parameters
         ----------
@@ -105,10 +110,15 @@ class ObjectPage:
             shown = queries(fidelity, products, self.pairs)
             with products.reading("modal table"):
                 modes = modal_table(products, subject.attributes)
-            small = thumbnail(None)
-            with products.reading("views"):
-                if "vision_truth" in fidelity:
-                    small = thumbnail(fidelity["vision_truth"])
+            beside = {suffix: b"" for suffix in self.tile} | {".webp": sprite(None)}
+            with products.reading("pictures"):
+                if "turntable" in fidelity:
+                    beside[".webp"] = sprite(fidelity["turntable"])
+            with products.reading("strikes"):
+                if ".wav" in beside:
+                    from pipeline.publish.report.sounds import short_sound
+
+                    beside[".wav"] = short_sound(fidelity["strike_answer"][0])
             page = environment.get_template("object.html.j2").render(
                 page=self,
                 player=player,
@@ -121,7 +131,7 @@ class ObjectPage:
                 fingerprint=fingerprint,
                 policy=security_policy(environment, SCRIPTS),
             )
-            return page, small
+            return page, beside
 
 
 def page_name(object_id: str) -> str:

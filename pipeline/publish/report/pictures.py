@@ -1,4 +1,4 @@
-"""Pictures as data URIs, and thumbnails."""
+"""Pictures as data URIs, and the frames of a turning object in one file."""
 
 import base64
 import io
@@ -7,8 +7,7 @@ import zlib
 import numpy as np
 
 GREY = 128
-THUMBNAIL_PIXELS = 96
-NEARLY_WHITE = 250
+QUALITY = 80  # of WebP
 
 
 def picture_uri(image: np.ndarray) -> str:
@@ -36,26 +35,16 @@ def indexed_uri(levels: np.ndarray, palette: np.ndarray, transparent: int | None
     return _uri(buffer.getvalue())
 
 
-def thumbnail(views: np.ndarray | None) -> bytes:
-    """Return a small WebP of the best lit of (n, h, w, 3) uint8 views on white; grey for none."""
+def sprite(frames: np.ndarray | None) -> bytes:
+    """Return (n, h, w, 3) uint8 frames side by side as a WebP; a grey pixel for none."""
     from PIL import Image
 
-    if views is None or not len(views):
-        chosen = np.full((1, 1, 3), GREY, np.uint8)
-    else:
-        chosen = views[int(np.argmax([_brightness(view) for view in views]))]
-    image = Image.fromarray(np.ascontiguousarray(chosen))
-    image.thumbnail((THUMBNAIL_PIXELS, THUMBNAIL_PIXELS))
+    if frames is None or not len(frames):
+        frames = np.full((1, 1, 1, 3), GREY, np.uint8)
     buffer = io.BytesIO()
-    image.save(buffer, "WEBP", quality=80, method=0)
+    Image.fromarray(np.concatenate(list(frames), axis=1)).save(buffer, "WEBP", quality=QUALITY, method=2)
     return buffer.getvalue()
 
 
 def _uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
-
-
-def _brightness(view: np.ndarray) -> float:
-    """Return the mean brightness of what is not white, less where little of the picture is covered."""
-    shown = view[(view < NEARLY_WHITE).any(axis=-1)]
-    return float(shown.mean() * len(shown) ** 0.25) if len(shown) else 0.0

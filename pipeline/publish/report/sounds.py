@@ -13,6 +13,7 @@ from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from pipeline.publish.report.pictures import indexed_uri
 
 LONGEST_S = 1.0
+SHORT_S = 0.8
 SHORTEST_S = 0.1
 FADE_S = 0.01
 PEAK = 0.9
@@ -37,6 +38,18 @@ class SoundPair(NamedTuple):
     answer: str
     spectrograms: list[str]
     difference_db: float | None
+
+
+def short_sound(sound: np.ndarray) -> bytes:
+    """Return a WAV of the first `SHORT_S` seconds of a sound (samples,), at half the sample rate."""
+    length = min(int(SHORT_S * SAMPLE_RATE_HZ), len(sound)) // 2
+    kept = sound[: 2 * length].reshape(length, 2).mean(axis=1)
+    kept[-length // 4 :] *= np.linspace(1, 0, len(kept[-length // 4 :]))
+    loudest = float(np.abs(kept).max(initial=0.0))
+    buffer = io.BytesIO()
+    levels = np.rint(kept * (PEAK * 32767 / loudest if loudest > 0 else 0.0)).astype("<i2")
+    wavfile.write(buffer, round(SAMPLE_RATE_HZ / 2), levels)
+    return buffer.getvalue()
 
 
 def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:

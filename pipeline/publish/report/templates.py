@@ -111,7 +111,7 @@ def security_policy(environment: jinja2.Environment, scripts: Sequence[str]) -> 
     return (
         f"default-src 'none'; script-src {hashes} blob: 'self' file:; "
         "style-src 'unsafe-inline' 'self' file:; img-src data: blob: 'self' file:; "
-        "media-src data: blob:; worker-src blob:; base-uri 'none'; form-action 'none'"
+        "media-src data: blob: 'self' file:; worker-src blob:; base-uri 'none'; form-action 'none'"
     )
 
 

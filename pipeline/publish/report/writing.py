@@ -119,7 +119,7 @@ def _write_pages(
 def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
     """Write the files of a page where they are not there already; return their names."""
     path = folder / page_name(page.subject.object_id)
-    files = {path.name, path.with_suffix(".webp").name}
+    files = {path.name, *(path.with_suffix(suffix).name for suffix in page.tile)}
     fingerprint = page.fingerprint
     shown, has_player = shown_fingerprint(path)
     player = page.player
@@ -136,9 +136,10 @@ def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
         except (ObjectFolderError, *UNEXPECTED) as error:
             player = ""
             findings = [f"player: {_unexpected(error)[0]}"]
-    text, small = page.render(fingerprint, player, findings)
+    text, beside = page.render(fingerprint, player, findings)
     folder.mkdir(parents=True, exist_ok=True)
-    path.with_suffix(".webp").write_bytes(small)  # the page, written last, says that all is there
+    for suffix, content in beside.items():
+        path.with_suffix(suffix).write_bytes(content)  # the page, written last, says that all is there
     with atomic_write(path) as file:
         file.write(text.encode())
     return files

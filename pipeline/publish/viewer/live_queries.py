@@ -58,18 +58,20 @@ class LiveObject:
         return facts, b""
 
     def render(self, asked: Mapping[str, Any]) -> Answer:
-        """Return an image of ``resolution``, from ``camera_to_world`` and ``light_position``.
+        """Return an image of ``resolution``, from ``camera_to_world``, under the lamp at ``light_position``.
 
-        ``sub_rays`` may be null. The bytes are (resolution, resolution, 3).
+        A ``light_position`` of null asks for the studio; ``sub_rays`` may be null, too. The bytes are
+        (resolution, resolution, 3).
         """
         resolution = int(_number(asked, "resolution", 1, MOST_PIXELS))
         sub_rays = asked.get("sub_rays")
-        image = self.file.render(
-            _numbers(asked, "camera_to_world", (4, 4)),
-            _numbers(asked, "light_position", (3,)),
-            resolution,
-            sub_rays=None if sub_rays is None else int(_number(asked, "sub_rays", 1, 1024)),
-        )[0]
+        rays = None if sub_rays is None else int(_number(asked, "sub_rays", 1, 1024))
+        camera = _numbers(asked, "camera_to_world", (4, 4))
+        if asked.get("light_position") is None:
+            image = self.file.pictures(camera, resolution, sub_rays=rays)[0]
+        else:
+            lamp = _numbers(asked, "light_position", (3,))
+            image = self.file.render(camera, lamp, resolution, sub_rays=rays)[0]
         return {"resolution": resolution}, image.tobytes()
 
     def strike(self, asked: Mapping[str, Any]) -> Answer:
@@ -128,8 +130,7 @@ class LiveObject:
 
     def warm_images(self) -> None:
         """Compile, or read from the cache, what images need."""
-        cameras, lights = self.file.sample_views(1, seed=0)
-        self.file.render(cameras, lights, 16)
+        self.file.pictures(1, 16)
 
     def warm_contacts(self) -> None:
         """Prepare what contacts need, once."""

@@ -15,12 +15,14 @@
   );
   const text = (element) => element.textContent.trim();
   const rows = [...body.rows].map((element, index) => {
-    const [name, ...words] = [...element.cells].slice(0, 4).map(text);
+    const [, ...words] = [...element.cells].slice(0, 4).map(text);
+    const [name, ...more] = [...element.cells[0].querySelectorAll("a, code")].map(text);
+    words.unshift([name ?? text(element.cells[0]), ...more].join(" "));
     element.classList.remove("late");
     return {
       element,
-      texts: [name, ...words],
-      words: [name, ...words].join("\n").toLowerCase(),
+      texts: words,
+      words: words.join("\n").toLowerCase(),
       numbers: values[index],
     };
   });
@@ -63,21 +65,66 @@
   };
 
   const headers = [...table.tHead.rows[0].cells];
+  const sets = document.getElementById("order");
   headers.forEach((header, place) => {
     const column = header.dataset.sort === "text" ? `text${place}` : Number(header.dataset.sort);
+    for (const [sign, direction] of [["↑", "ascending"], ["↓", "descending"]]) {
+      const name = [...header.childNodes].map((one) => one.textContent).join(" ").trim();
+      const first = header.getAttribute("aria-sort") === direction;
+      sets.append(new Option(`${name} ${sign}`, `${place} ${direction}`, first, first));
+    }
     const button = document.createElement("button");
     button.type = "button";
     button.append(...header.childNodes);
     header.append(button);
-    button.addEventListener("click", () => {
-      const ascending = header.getAttribute("aria-sort") !== "ascending";
+    header.sort = (direction) => {
       for (const other of headers) other.removeAttribute("aria-sort");
-      header.setAttribute("aria-sort", ascending ? "ascending" : "descending");
-      sorted = [...initial].sort(compared(column, ascending ? 1 : -1));
+      header.setAttribute("aria-sort", direction);
+      sets.value = `${place} ${direction}`;
+      sorted = [...initial].sort(compared(column, direction === "ascending" ? 1 : -1));
       first = 0;
       show();
-    });
+    };
+    button.addEventListener("click", () =>
+      header.sort(header.getAttribute("aria-sort") === "ascending" ? "descending" : "ascending"),
+    );
   });
+  sets.addEventListener("change", () => {
+    const [place, direction] = sets.value.split(" ");
+    headers[place].sort(direction);
+  });
+
+  // Columns that do not fit are left out, the source and then the last first; a button brings them back.
+  const [view, all] = ["view", "all"].map((id) => document.getElementById(id));
+  const places = [2, ...[...headers.keys()].slice(6).reverse()];
+  const fit = () => {
+    const tiled = table.classList.contains("tiled");
+    for (const place of places) table.classList.remove(`without-${place}`);
+    const wide = () => table.scrollWidth > table.parentElement.clientWidth + 1;
+    all.hidden = tiled || !wide();
+    if (tiled || all.getAttribute("aria-pressed") === "true") return;
+    for (const place of places) if (wide()) table.classList.add(`without-${place}`);
+  };
+  view.hidden = false;
+  view.addEventListener("click", () => {
+    view.setAttribute("aria-pressed", String(!table.classList.toggle("tiled")));
+    fit();
+  });
+  all.addEventListener("click", () => {
+    all.setAttribute("aria-pressed", String(all.getAttribute("aria-pressed") !== "true"));
+    fit();
+  });
+  addEventListener("resize", fit);
+  const player = new Audio();
+  for (const { element } of rows) {
+    const button = element.querySelector(".hear");
+    if (!button) continue;
+    button.hidden = false;
+    button.addEventListener("click", () => {
+      player.src = button.dataset.sound;
+      player.play();
+    });
+  }
 
   const restart = () => {
     first = 0;
@@ -86,7 +133,7 @@
   search.addEventListener("input", restart);
   for (const select of [material, source, status]) select.addEventListener("change", restart);
   form.addEventListener("submit", (event) => event.preventDefault());
-  form.addEventListener("reset", () => setTimeout(restart));
+  form.addEventListener("reset", () => setTimeout(() => sets.dispatchEvent(new Event("change"))));
   const turn = (by) => () => {
     first = Math.max(0, first + by);
     show();

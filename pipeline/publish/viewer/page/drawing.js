@@ -1,4 +1,4 @@
-// The surface drawn by WebGL: colours of the surface under the one lamp of the data set, on white.
+// The surface drawn by WebGL: colours of the surface in a studio, or under the one lamp of the data set, on white.
 "use strict";
 (function (viewer) {
   const { dot, plus, times } = viewer.algebra;
@@ -8,20 +8,27 @@
     uniform mat4 projection;
     out vec3 place; out vec3 facing; out vec3 base;
     void main() { place = position; facing = normal; base = colour; gl_Position = projection * vec4(position, 1.0); }`;
-  // Radiance = scale * (cos / d^2 + a little from everywhere) * colour, as the data set's point light; no shadows.
+  // Directions in the camera's axes (right, up, towards it), distance and powers of `objectfolder.vision.studio`,
+  // whose sky is even here.
+  const STUDIO = [[-0.6, 0.7, 0.8, 1.0], [0.9, 0.2, 0.6, 0.35], [0.2, 0.9, -0.7, 0.5]];
+  const [RADIUS, SKY, LEVEL, SHARE] = [3, 0.2, 0.79, 0.95];
+  // Radiance = scale * (power * cos / d^2 of each lamp + sky) * colour; no shadows.
   const FRAGMENT = `#version 300 es
     precision highp float;
     in vec3 place; in vec3 facing; in vec3 base;
-    uniform vec3 lamp; uniform vec3 eye; uniform float scale;
+    uniform vec4 lamps[3]; uniform vec3 eye; uniform float scale; uniform float sky;
     out vec4 pixel;
     void main() {
-      vec3 toEye = normalize(eye - place), toLamp = lamp - place;
-      float squared = max(dot(toLamp, toLamp), 0.01);
+      vec3 toEye = normalize(eye - place);
       vec3 n = normalize(facing);
       if (dot(n, toEye) < 0.0) n = -n;
-      float direct = max(dot(n, toLamp), 0.0) * inversesqrt(squared) / squared;
-      float sky = 0.10 + 0.06 * n.z;
-      vec3 linear = clamp(scale * base * (direct + sky), 0.0, 1.0);
+      float light = sky * (1.0 + 0.5 * n.z);
+      for (int i = 0; i < 3; i++) {
+        vec3 toLamp = lamps[i].xyz - place;
+        float squared = max(dot(toLamp, toLamp), 0.01);
+        light += lamps[i].w * max(dot(n, toLamp), 0.0) * inversesqrt(squared) / squared;
+      }
+      vec3 linear = clamp(scale * base * light, 0.0, 1.0);
       vec3 low = 12.92 * linear, high = 1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055;
       pixel = vec4(mix(high, low, lessThanEqual(linear, vec3(0.0031308))), 1.0);
     }`;
@@ -63,6 +70,12 @@
     return parts;
   }
 
+  // Linear colour of which `SHARE` of the places are darker.
+  function brightest(colours) {
+    const levels = Array.from({ length: colours.length / 3 }, (_, place) => Math.max(...colours.subarray(3 * place, 3 * place + 3)));
+    return linear((levels.sort((a, b) => a - b)[Math.floor(SHARE * (levels.length - 1))] ?? 255) / 255);
+  }
+
   class Drawing {
     constructor(canvas, surface, colours, header) {
       const gl = canvas.getContext("webgl2", { antialias: true, alpha: false, preserveDrawingBuffer: true });
@@ -71,6 +84,7 @@
       this.gl = gl;
       this.frame = header.frame;
       this.scale = header.radiance_scale;
+      this.bright = Math.max(brightest(colours), 1e-3);
       this.program = linked(gl);
       const attributes = refined(surface, colours, this.frame);
       this.count = attributes.position.length / 3;
@@ -94,12 +108,17 @@
       gl.useProgram(this.program);
       const { right, up, backward, position } = orbit.axes();
       const { centre, scale } = this.frame;
-      const lamp = orbit.lightPosition().map((value, axis) => (value - centre[axis]) / scale);
+      const one = orbit.lightPosition()?.map((value, axis) => (value - centre[axis]) / scale);
+      const lamps = one ? [...one, 1, ...Array(8).fill(0)] : STUDIO.flatMap(([x, y, z, power]) => {
+        const away = [0, 1, 2].map((axis) => x * right[axis] + y * up[axis] + z * backward[axis]);
+        return [...times(away, RADIUS / Math.hypot(...away)), power * RADIUS ** 2];
+      });
       const at = (name) => gl.getUniformLocation(this.program, name);
       gl.uniformMatrix4fv(at("projection"), false, projection(right, up, backward, position));
-      gl.uniform3fv(at("lamp"), lamp);
+      gl.uniform4fv(at("lamps"), lamps);
+      gl.uniform1f(at("sky"), one ? 0.1 : SKY);
       gl.uniform3fv(at("eye"), position);
-      gl.uniform1f(at("scale"), this.scale);
+      gl.uniform1f(at("scale"), one ? this.scale : LEVEL / this.bright);
       gl.drawArrays(gl.TRIANGLES, 0, this.count);
       return side;
     }

@@ -23,6 +23,7 @@
       const whole = (1.03 * this.reach) / Math.sin((FIELD_OF_VIEW_DEG * DEGREE) / 2);
       Object.assign(this, { azimuth: -60, elevation: 28, radius: clamp(whole, NEAREST, FARTHEST) });
       this.lamp = { across: -20, up: 28, radius: 1 };
+      this.studio = true;
     }
 
     turn(across, up) {
@@ -57,7 +58,9 @@
       return [0, 1, 2].map((row) => [right[row], up[row], backward[row], at[row]]).concat([[0, 0, 0, 1]]);
     }
 
+    // Of the one lamp; null in the studio, whose lamps stand with the camera.
     lightPosition() {
+      if (this.studio) return null;
       const { right, up, backward } = this.axes();
       const [across, high] = [this.lamp.across * DEGREE, this.lamp.up * DEGREE];
       const level = plus(times(right, Math.sin(across)), times(backward, Math.cos(across)));

@@ -28,12 +28,16 @@
       object.attach(this.canvas);
       viewer.gestures(this.canvas, {
         turn: (across, up) => this._moved(() => this.orbit.turn(across, up)),
-        lamp: (across, up) => this._moved(() => this.orbit.moveLamp(across, up)),
+        lamp: (across, up) => {
+          this._lit("lamp");
+          this._moved(() => this.orbit.moveLamp(across, up));
+        },
         zoom: (factor) => this._moved(() => this.orbit.zoom(factor)),
         rest: () => this.redraw(false),
         act: (x, y, time) => this.act(x, y, time),
       });
       this._toolChosen("strike");
+      this._lit("studio");
       new ResizeObserver(() => this.redraw(false)).observe(this.canvas);
     }
 
@@ -71,6 +75,11 @@
       this.lampUp = slider("Lamp, up", {
         low: -90, high: 90, step: 1, value: this.orbit.lamp.up, shown: degrees, changed: lamp("up"),
       });
+      this.lampControls = element("div", { class: "player-controls" }, this.lampAcross.label, this.lampUp.label);
+      this.light = choice("Light", [["studio", "Studio"], ["lamp", "One lamp, as in the data"]], "studio", (kind) => {
+        this._lit(kind);
+        this.redraw(false);
+      });
       for (const { input } of [this.lampAcross, this.lampUp]) input.addEventListener("change", () => this.redraw(false));
       const direction = element(
         "select", { onchange: (event) => (this.settings.along = event.target.value) },
@@ -106,7 +115,7 @@
         "div", { class: "player-side" },
         tools.length > 1 ? choice("A click will", tools, "strike", (tool) => this._toolChosen(tool)) : null,
         this.strikeControls, this.pressControls,
-        element("div", { class: "player-controls" }, this.lampAcross.label, this.lampUp.label),
+        this.light, this.lampControls,
         touchMiddle, this.said, this.answer,
       );
     }
@@ -135,8 +144,15 @@
         : "Click the object to strike it there.";
     }
 
+    _lit(kind) {
+      this.orbit.studio = kind === "studio";
+      this.lampControls.hidden = this.orbit.studio;
+      this.light.querySelector(`[value="${kind}"]`).checked = true;
+    }
+
     _home() {
       this.orbit.reset();
+      this._lit("studio");
       this._moved(() => {}, false);
       this.redraw(false);
     }

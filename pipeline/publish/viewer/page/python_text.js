@@ -12,8 +12,12 @@
       "",
       `file = objectfolder.load(${JSON.stringify(file)})`,
       `camera_to_world = np.array(${matrix(view.camera_to_world)})  # object frame, metres`,
-      `light_position = np.array(${row(view.light_position)})`,
-      `image = file.render(camera_to_world, light_position, resolution=${view.resolution})[0]`,
+      ...(view.light_position
+        ? [
+            `light_position = np.array(${row(view.light_position)})`,
+            `image = file.render(camera_to_world, light_position, resolution=${view.resolution})[0]`,
+          ]
+        : [`image = file.pictures(camera_to_world, resolution=${view.resolution})[0]`]),
     ];
     const contact = strike || press;
     if (contact) {
