@@ -10,6 +10,12 @@ from typing import BinaryIO
 PARTIAL = ".partial"
 
 
+def write_whole(path: Path | str, content: bytes | str) -> None:
+    """Write a file as `atomic_write` does; text in UTF-8."""
+    with atomic_write(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
 @contextlib.contextmanager
 def atomic_write(path: Path | str) -> Iterator[BinaryIO]:
     """Yield a file to write; it takes the name `path` when all is written and on disk.

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import canonical_json
 
 DTYPES: dict[str, np.dtype[Any]] = {
@@ -60,9 +60,7 @@ def write_tensor_file(path: Path | str, content: TensorFile) -> None:
     ValueError
         An array of a type that the format does not know, or metadata that JSON does not.
     """
-    data = to_bytes(content)
-    with atomic_write(path) as file:
-        file.write(data)
+    write_whole(path, to_bytes(content))
 
 
 def to_bytes(content: TensorFile) -> bytes:
@@ -106,8 +104,13 @@ def read_metadata(path: Path | str) -> dict[str, str]:
         A truncated or foreign file.
     """
     with open(path, "rb") as file:
-        header, length = _read_header(str(path), file)
-        return _checked_metadata(str(path), header, os.fstat(file.fileno()).st_size - length)
+        return metadata_of(str(path), file)
+
+
+def metadata_of(where: str, file: BinaryIO) -> dict[str, str]:
+    """Read only the metadata of an open file, called `where` in errors (see `read_metadata`)."""
+    header, length = _read_header(where, file)
+    return _checked_metadata(where, header, file.seek(0, os.SEEK_END) - length)
 
 
 def read_tensor_file(path: Path | str) -> TensorFile:
@@ -135,7 +138,8 @@ def read_tensor_file(path: Path | str) -> TensorFile:
 
 def _read_header(where: str, file: BinaryIO) -> tuple[dict[str, Any], int]:
     """Return the header and the number of bytes before the data."""
-    size = os.fstat(file.fileno()).st_size
+    size = file.seek(0, os.SEEK_END)
+    file.seek(0)
     length = int.from_bytes(file.read(8), "little")
     if size < 8 or length > min(LARGEST_HEADER, size - 8):
         raise FormatError(where, f"not a safetensors file, or truncated ({size} bytes)", REMEDY)

@@ -10,6 +10,7 @@ from rich.filesize import decimal
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.versions import PER_OBJECT, Version
+from pipeline.dataset.lock_file import is_folder
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import number
 
@@ -75,14 +76,14 @@ def _hashes(contents: Contents, version: Version, other: Version, unlisted: set[
     Outputs whose list of files cannot be read are put to the unlisted. What git has is not fetched by DVC.
     """
     found = {path: lying for path in version.folders if (lying := version.lying(path))}
-    same = {out.md5 for out in other.lock.outs.values()}
-    for path, out in version.lock.outs.items():
-        if path in found or path in version.texts or (out.md5 in same and not other.lying(path)):
+    same = set(other.lock.outs.values())
+    for path, md5 in version.lock.outs.items():
+        if path in found or path in version.texts or (md5 in same and not other.lying(path)):
             continue
-        found[path] = {out.md5}
-        if out.is_folder:
+        found[path] = {md5}
+        if is_folder(md5):
             try:
-                found[path] = set(contents.folder(out.md5, path).values())
+                found[path] = set(contents.folder(md5, path).values())
             except (ObjectFolderError, OSError):
                 unlisted.add(path)
     return found

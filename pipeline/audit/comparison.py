@@ -13,9 +13,10 @@ from pipeline.audit.descriptions import Description
 from pipeline.audit.fidelity import FidelityChange, changes, worst_first
 from pipeline.audit.findings import Audit, ObjectChange, StageChange, State
 from pipeline.audit.product_comparison import ProductComparison
-from pipeline.audit.reasons import Circumstances, Reason
+from pipeline.audit.reasons import Circumstances
 from pipeline.audit.reproducibility import Arrays
 from pipeline.audit.versions import Version
+from pipeline.dataset.differences import Reason
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECTS, STAGES

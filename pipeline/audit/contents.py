@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import BinaryIO, cast
 
 import diskcache
 
@@ -165,9 +164,8 @@ class Contents(Stores):
         if path is None:
             return None
         try:
-            with open(path, "rb", buffering=0) as near:
-                size = os.fstat(near.fileno()).st_size
-                return descriptions.read(cast(BinaryIO, near), size, content.suffix, content.where)
+            with path.open("rb") as near:
+                return descriptions.read(near, content.suffix, content.where)
         except FileNotFoundError:
             return None  # removed just now
         except OSError as error:
@@ -179,9 +177,8 @@ class Contents(Stores):
         try:
             if self.remote is not None:
                 path = self.remote.oid_to_path(content.md5)
-                with self.remote.fs.open(path, "rb", block_size=TAIL_BYTES, cache_type="none") as file:
-                    size = self.remote.fs.size(path)
-                    return descriptions.read(file, size, content.suffix, content.where)
+                with self.remote.fs.open(path, "rb", block_size=TAIL_BYTES) as file:
+                    return descriptions.read(file, content.suffix, content.where)
         except ObjectFolderError as error:
             return error
         except FileNotFoundError:

@@ -18,16 +18,8 @@ from typing import Any, BinaryIO
 from pydantic_core import from_json
 
 from objectfolder.errors import FormatError
-from pipeline.dataset.archives import (
-    CENTRAL,
-    CENTRAL_MARK,
-    END,
-    END_MARK,
-    GROUP,
-    LARGEST_JSON_BYTES,
-    LOCAL,
-    read_json,
-)
+from objectfolder.products.tensor_file import metadata_of
+from pipeline.dataset.archives import END, GROUP, UNREADABLE, attributes_of, describe
 from pipeline.dataset.products import TENSORS
 
 REMEDY = "See `objectfolder verify`; fetch it again (`dvc fetch`), or delete it and run `dvc repro`."
@@ -37,7 +29,7 @@ TAIL_BYTES = 1 << 16
 _ENTRY = re.compile(
     rb"PK\x01\x02.{12}(.{12})(..)\0{4}.{12}([\x20-\x2e0-\x7e]+)([\x20-\x7e]*)(?=PK\x01\x02|\Z)", re.DOTALL
 )
-_ZIP64 = 0xFFFF, 0xFFFFFFFF
+ENTRY_BYTES = 46  # of it, up to the name
 
 
 @dataclass(frozen=True)
@@ -58,7 +50,7 @@ class Description:
     @cached_property
     def provenance(self) -> Mapping[str, Any]:
         """What it was made from."""
-        return _mapping(self.attributes.get("provenance"))
+        return mapping(self.attributes.get("provenance"))
 
     @property
     def fingerprint(self) -> str:
@@ -77,20 +69,18 @@ class Description:
         """
         found = _ENTRY.findall(self.listing)
         names = sum(struct.unpack(f"<{len(found)}H", b"".join([entry[1] for entry in found])))
-        if CENTRAL.size * len(found) + names != len(self.listing):
+        if ENTRY_BYTES * len(found) + names != len(self.listing):
             raise ValueError("its list of entries is damaged")
         if names != len(b"".join([entry[2] + entry[3] for entry in found])):
             raise ValueError("its list of entries is damaged: a name is longer or shorter than it says")
         return set(found)
 
 
-def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
+def read(file: BinaryIO, suffix: str, where: str) -> Description:
     """Read the description of a product; only parts of the file are read.
 
     Parameters
     ----------
-    size
-        Length of the file, bytes.
     suffix
         `pipeline.dataset.products.ZARR` or `TENSORS`.
     where
@@ -102,80 +92,29 @@ def read(file: BinaryIO, size: int, suffix: str, where: str) -> Description:
         Not a product, or a damaged one.
     """
     try:
-        found = _of_tensors(file, size) if suffix == TENSORS else _of_archive(file, size)
-        if not isinstance(found.attributes, dict):
-            raise ValueError("its attributes have no names")
-    except (
-        zipfile.BadZipFile, struct.error, LookupError, TypeError, ValueError, RuntimeError, EOFError,
-    ) as error:  # fmt: skip
+        return Description(metadata_of(where, file)) if suffix == TENSORS else _of_archive(file)
+    except UNREADABLE as error:
         raise FormatError(where, f"not a readable product ({error})", REMEDY) from error
-    return found
 
 
-def _of_archive(file: BinaryIO, size: int) -> Description:
-    """Read the end of an archive; one that does not lie there as a product's does is left to zipfile."""
-    first = max(0, size - TAIL_BYTES)
-    tail = _span(file, first, size)
-    if len(tail) < END.size:
-        raise ValueError(f"{size} bytes are no archive")
-    mark, *disks, _, count, length, start, comment = END.unpack_from(tail, len(tail) - END.size)
-    end = size - END.size
-    if (mark, *disks, comment) != (END_MARK, 0, 0, 0) or count == _ZIP64[0] or start + length != end:
-        return _by_zipfile(file)
-    if start < first and length <= LARGEST_JSON_BYTES:
-        first, tail = start, _span(file, start, size)
-    listing = tail[max(0, start - first) : end - first]
-    # The last entry, where the writer puts the attributes.
-    last = len(listing) - CENTRAL.size - len(GROUP)
-    if start < first or last < 0 or not listing.endswith(GROUP.encode()):
-        return _by_zipfile(file)
-    mark, _, _, flags, method, _, _, checksum, packed, plain, *lengths = CENTRAL.unpack_from(listing, last)
-    begin = lengths[-1] + LOCAL.size + len(GROUP)
-    if (mark, flags, method, *lengths[:3]) != (CENTRAL_MARK, 0, zipfile.ZIP_STORED, len(GROUP), 0, 0):
-        return _by_zipfile(file)
-    if plain > LARGEST_JSON_BYTES or packed != plain or begin + plain != start:
-        raise ValueError(f"its attributes of {plain} bytes do not lie where a product has them")
-    text = tail[begin - first : start - first] if begin >= first else _span(file, begin, start)
-    if zlib.crc32(text) != checksum:
-        raise ValueError("its attributes are damaged")
-    return Description(from_json(text)["attributes"], listing)
+def _of_archive(file: BinaryIO) -> Description:
+    """Read the end of an archive, which has the attributes, the list of entries, and where that begins."""
+    first = max(0, file.seek(0, io.SEEK_END) - TAIL_BYTES)
+    file.seek(first)
+    tail = file.read(TAIL_BYTES)
+    *_, length, start, _ = END.unpack(tail[-END.size :])
+    file.seek(start)
+    listing = tail[start - first : -END.size] if start >= first else file.read(length)
+    if listing.endswith(GROUP.encode()):
+        checksum, _, count = struct.unpack_from("<3L", listing, len(listing) - len(GROUP) - ENTRY_BYTES + 16)
+        text = tail[start - first - count : start - first]
+        if zlib.crc32(text) == checksum:
+            return Description(attributes_of(text), listing)
+    with zipfile.ZipFile(file) as archive:  # long attributes, or in another place; or a damaged archive
+        return Description(describe(archive, ())[0], listing)
 
 
-def _by_zipfile(file: BinaryIO) -> Description:
-    """Read an archive of more entries than the plain form of the format can name, or of another order."""
-    with zipfile.ZipFile(file) as archive:
-        attributes = read_json(archive, archive.getinfo(GROUP))["attributes"]
-        listing = io.BytesIO()
-        for one in archive.infolist():
-            name = one.filename.encode()
-            numbers = (0, 0, 0, 0, 0, 0, one.CRC, one.file_size & _ZIP64[1], one.file_size & _ZIP64[1])
-            listing.write(CENTRAL.pack(CENTRAL_MARK, *numbers, len(name), 0, 0, 0, 0, 0, 0) + name)
-    return Description(attributes, listing.getvalue())
-
-
-def _of_tensors(file: BinaryIO, size: int) -> Description:
-    head = _span(file, 0, min(size, TAIL_BYTES))
-    length = int.from_bytes(head[:8], "little")
-    if size < 8 or length > min(LARGEST_JSON_BYTES, size - 8):
-        raise ValueError(f"not a safetensors file, or truncated ({size} bytes)")
-    text = head[8 : 8 + length] if 8 + length <= len(head) else _span(file, 8, 8 + length)
-    header = from_json(text)
-    attributes = header.get("__metadata__", {})
-    ends = [entry["data_offsets"][1] for name, entry in header.items() if name != "__metadata__"]
-    if max(ends, default=0) != size - 8 - length:
-        raise ValueError(f"truncated: {size} bytes where {8 + length + max(ends, default=0)} are described")
-    return Description(attributes)
-
-
-def _span(file: BinaryIO, begin: int, end: int) -> bytes:
-    file.seek(begin)
-    data = file.read(end - begin)
-    if len(data) != end - begin:
-        raise EOFError(f"it ends before byte {end}")
-    return data
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
+def mapping(value: Any) -> Mapping[str, Any]:
     """Return a mapping that may be stored as JSON text; empty for anything else."""
     if isinstance(value, str):
         try:

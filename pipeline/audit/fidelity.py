@@ -10,10 +10,10 @@ from objectfolder.errors import InputError
 from pipeline.dataset.measures import BYTES, HEADLINE, Measure
 
 OTHERS = (
-    Measure("touch.ssim", "Touch, structural similarity", "", "", 4, True),
-    Measure("audio.stft_distance", "Sound, spectrogram distance", "", "", 6, False),
-    Measure("audio.envelope_distance", "Sound, envelope distance", "", "", 6, False),
-    Measure("audio.damping_error_relative", "Modal damping, largest relative error", "", "", 6, False),
+    Measure("touch.ssim", "Touch, structural similarity", "", 4, True),
+    Measure("audio.stft_distance", "Sound, spectrogram distance", "", 6, False),
+    Measure("audio.envelope_distance", "Sound, envelope distance", "", 6, False),
+    Measure("audio.damping_error_relative", "Modal damping, largest relative error", "", 6, False),
 )
 MEASURES = {measure.key: measure for measure in (*HEADLINE, *OTHERS, BYTES)}
 # How much of each a person would notice: by this, losses of different measures are put in one order.

@@ -9,8 +9,9 @@ from enum import StrEnum
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.change_costs import Fetch
 from pipeline.audit.fidelity import MEASURES, FidelityChange
-from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, Reason, distinct
+from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, distinct
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays
+from pipeline.dataset.differences import Reason
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stages import STAGES
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from objectfolder.errors import FormatError, ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.descriptions import Description
-from pipeline.audit.reasons import BYTES, CORRUPTED, UNREADABLE, Circumstances, Reason, why
+from pipeline.audit.reasons import BYTES, CORRUPTED, UNREADABLE, Circumstances, why
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays, compare, stored_tolerances
 from pipeline.dataset.archives import GROUP
+from pipeline.dataset.differences import Reason
 from pipeline.dataset.stage import Stage
 
 MOST_PRODUCTS = 32  # pairs that are read without being asked to

@@ -4,11 +4,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import pydantic
-
 from objectfolder.products.provenance import fingerprint
 from pipeline.audit.descriptions import Description
-from pipeline.dataset.differences import ABSENT, SECTIONS, Difference, differences
+from pipeline.dataset.differences import SECTIONS, Reason, differences
 from pipeline.dataset.stage import Stage
 
 MESH, TEXTURE, SOURCE, MATERIAL, ROW, RECORD = (
@@ -22,38 +20,6 @@ TOLERANCE, BYTES, CORRUPTED, MISLABELLED, UNREADABLE = (
 BESIDE = ("fingerprints", "tolerances")
 # Faults of a product, in place of differences in its parts.
 DEFECTS = (CORRUPTED, MISLABELLED, UNREADABLE)
-
-
-@pydantic.dataclasses.dataclass(frozen=True)
-class Reason:
-    """One reason, of a `kind` above; a `note` says what else is known.
-
-    Parameters
-    ----------
-    name
-        Which one, dotted; a module for code, a stage and what is read of it for upstream.
-    old, new
-        Values, digests for files and code; None where they say nothing.
-    """
-
-    kind: str
-    name: str = ""
-    old: Any = None
-    new: Any = None
-    note: str = ""
-
-    @pydantic.computed_field
-    def text(self) -> str:
-        """In words."""
-        return str(self)
-
-    def __str__(self) -> str:
-        what = f"{self.kind} {self.name}".strip()
-        if self.kind in (MESH, TEXTURE, SOURCE, CODE, UPSTREAM):
-            what += " is new" if self.old == ABSENT else " is gone" if self.new == ABSENT else " changed"
-        elif self.old is not None or self.new is not None:
-            what += f" {_shown(self.old)} -> {_shown(self.new)}"
-        return f"{what} ({self.note})" if self.note else what
 
 
 @dataclass(frozen=True)
@@ -136,8 +102,8 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
     return found or [Reason(BYTES, note="made from the same, other bytes")]
 
 
-def _explained(stage: Stage, difference: Difference, around: Circumstances) -> Iterator[Reason]:
-    part, name, old, new = difference.part, difference.name, difference.old, difference.new
+def _explained(stage: Stage, difference: Reason, around: Circumstances) -> Iterator[Reason]:
+    part, name, old, new = difference.kind, difference.name, difference.old, difference.new
     if part == "input":
         if stage.sources is None:
             kind, _, what = name.partition(".")
@@ -156,7 +122,7 @@ def _explained(stage: Stage, difference: Difference, around: Circumstances) -> I
         else:
             yield Reason(SEED, "", old, new)
     else:
-        yield Reason(part, name, old, new)
+        yield difference
 
 
 def _source(role: str, old: Any, new: Any, around: Circumstances) -> Reason:
@@ -222,9 +188,3 @@ def _tolerances(old: Any, new: Any) -> list[Reason]:
     # As parts of a fingerprint, to be compared like them.
     changed = differences({"parameters": old}, {"parameters": new})
     return [Reason(TOLERANCE, one.name, one.old, one.new) for one in changed]
-
-
-def _shown(value: Any) -> str:
-    """Return a value as a short text: it may come from an untrusted file."""
-    text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

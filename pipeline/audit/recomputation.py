@@ -11,11 +11,12 @@ from typing import Any
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.products.provenance import code_identity, file_digest, package_versions
 from pipeline.audit.contents import Content, Contents
+from pipeline.audit.descriptions import mapping
 from pipeline.audit.findings import sentences
-from pipeline.audit.reasons import Reason
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays, compare, stored_tolerances
 from pipeline.audit.versions import Version
 from pipeline.dataset.differences import differences
+from pipeline.dataset.lock_file import is_folder
 from pipeline.dataset.parameters import ObjectsParameters
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, read_table
@@ -118,8 +119,8 @@ class _Bench:
         request = Request(
             object_id,
             self._inputs(stage, object_id, parts),
-            _mapping(parts, "parameters"),
-            _mapping(parts, "record"),
+            mapping(parts.get("parameters")),
+            mapping(parts.get("record")),
             _seed(parts, there[-1].where),
         )
         targets = tuple(stage.targets(self._root / "again", object_id))
@@ -156,7 +157,7 @@ class _Bench:
             finding = "its row in the table is not here"
             raise InputError(object_id, finding, "Make it again from its own work tree.")
         for role, path in stage.sources(self._rows[object_id]).items():
-            if _mapping(parts, "inputs").get(role) != file_digest(path):
+            if mapping(parts.get("inputs")).get(role) != file_digest(path):
                 finding = f"the {role} here is not the one that it was made from"
                 raise InputError(str(path), finding, "Fetch the version's own files.")
             found[role] = path
@@ -171,9 +172,9 @@ class _Bench:
         for path in (name, MATERIALS.as_posix()):
             if path in self._version.texts:
                 self._inside(path).write_bytes(self._version.texts[path])
-        for path, out in self._version.lock.outs.items():
-            if out.is_folder and path not in self._version.folders:
-                for inner, md5 in self._contents.folder(out.md5, path).items():
+        for path, folder in self._version.lock.outs.items():
+            if is_folder(folder) and path not in self._version.folders:
+                for inner, md5 in self._contents.folder(folder, path).items():
                     self._place(Content(md5, where=f"{path}/{inner}"))
         return read_table(self._root, ObjectsParameters(name, ())).rows
 
@@ -193,11 +194,6 @@ class _Bench:
         return path
 
 
-def _mapping(parts: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    found = parts.get(name)
-    return found if isinstance(found, dict) else {}
-
-
 def _seed(parts: Mapping[str, Any], where: str) -> int:
     """Return the seed that a product names; another seed would make another product."""
     found = parts.get("seed")
@@ -208,7 +204,7 @@ def _seed(parts: Mapping[str, Any], where: str) -> int:
 
 def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> list[str]:
     """Say where today's code and packages differ from those that a product names."""
-    packages = _mapping(parts, "packages")
-    was = {"code": _mapping(parts, "code"), "packages": packages}
+    packages = mapping(parts.get("packages"))
+    was = {"code": mapping(parts.get("code")), "packages": packages}
     now = {"code": code, "packages": package_versions(packages)}
-    return sentences([Reason(one.part, one.name, one.old, one.new) for one in differences(was, now)])
+    return sentences(differences(was, now))

@@ -18,7 +18,7 @@ from pipeline.audit.reasons import is_labelled_truly
 from pipeline.audit.stores import md5_of
 from pipeline.audit.versions import Version
 from pipeline.dataset import products
-from pipeline.dataset.lock_file import LOCK
+from pipeline.dataset.lock_file import LOCK, is_folder
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.stage import Stage
 
@@ -103,17 +103,17 @@ def _items(
     items: list[_Item] = []
     findings: list[Finding] = []
     lying = version.commit is None
-    for path, out in sorted(version.lock.outs.items()):
-        place = contents.root / path if lying else contents.path(out.md5)
-        if not out.is_folder:
+    for path, listed_md5 in sorted(version.lock.outs.items()):
+        place = contents.root / path if lying else contents.path(listed_md5)
+        if not is_folder(listed_md5):
             # What DVC does not cache is in git.
-            items.append(_Item(path, out.md5, place, text=None if lying else version.texts.get(path)))
+            items.append(_Item(path, listed_md5, place, text=None if lying else version.texts.get(path)))
             continue
-        listing = contents.path(out.md5)
+        listing = contents.path(listed_md5)
         if listing is not None:
-            items.append(_Item(f"{path} (its list of files in the cache)", out.md5[:32], listing))
+            items.append(_Item(f"{path} (its list of files in the cache)", listed_md5[:32], listing))
         try:
-            files = contents.folder(out.md5, path)
+            files = contents.folder(listed_md5, path)
         except ObjectFolderError as error:
             findings.append(Finding(path, MISSING, error.finding, error.remedy))
             continue

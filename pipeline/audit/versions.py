@@ -11,7 +11,7 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
 from pipeline.dataset.failures import FailedObject, read_failures
-from pipeline.dataset.lock_file import LOCK, Lock, read_lock
+from pipeline.dataset.lock_file import LOCK, Lock, is_folder, read_lock
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, RECORDS, Records, parse_records
 from pipeline.dataset.stage import Stage
@@ -154,7 +154,7 @@ def read_version(contents: Contents, stages: Sequence[Stage], revision: str | No
         raise InputError(f"{revision} ({commit.short})", f"it has no {LOCK}", remedy)
     lock = read_lock(f"{LOCK} of {revision}", texts[LOCK])
     # Outputs that DVC does not cache are in git, and so is the table of objects.
-    more = [path for path, out in lock.outs.items() if not out.is_folder]
+    more = [path for path, md5 in lock.outs.items() if not is_folder(md5)]
     texts |= _texts(git, commit, [*more, lock.table])
     folders = {kind.folder: _locked(contents, lock, kind) for stage in stages for kind in stage.products}
     return Version(commit, lock, texts, folders)
@@ -191,20 +191,20 @@ def _texts(git: GitRepository, commit: Commit, paths: Sequence[str]) -> dict[str
 
 def _locked(contents: Contents, lock: Lock, kind: ProductKind) -> Folder:
     """Products of a kind as a ``dvc.lock`` names them."""
-    out = lock.outs.get(kind.folder)
-    if out is None:
+    folder = lock.outs.get(kind.folder)
+    if folder is None:
         return Folder(made=False)
     try:
-        files = contents.folder(out.md5, kind.folder) if out.is_folder else {}
+        files = contents.folder(folder, kind.folder) if is_folder(folder) else {}
     except (ObjectFolderError, OSError) as error:
         problem = error if isinstance(error, ObjectFolderError) else FormatError(kind.folder, str(error))
-        return Folder(out.md5, problem=problem)
+        return Folder(folder, problem=problem)
     products = {
         name.removesuffix(kind.suffix): Content(md5, kind.suffix, f"{kind.folder}/{name}")
         for name, md5 in files.items()
         if name.endswith(kind.suffix) and "/" not in name
     }
-    return Folder(out.md5, products)
+    return Folder(folder, products)
 
 
 def _lying(contents: Contents, kind: ProductKind) -> Folder:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.dataset.failures import FAILURES
 from pipeline.dataset.records import MATERIALS, RECORDS
 from pipeline.dataset.stage import Stage
@@ -57,8 +57,7 @@ def write(path: Path = Path("dvc.yaml")) -> None:
         content["stages"][name].update(declared(stage))
     text = io.StringIO()
     yaml.dump(content, text)
-    with atomic_write(path) as file:
-        file.write(HEAD_OF_STAGE.sub(r"\n\n\1", text.getvalue()).encode())
+    write_whole(path, HEAD_OF_STAGE.sub(r"\n\n\1", text.getvalue()))
 
 
 if __name__ == "__main__":

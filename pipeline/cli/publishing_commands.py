@@ -131,10 +131,9 @@ def listen(
     duration_s
         seconds of each sound
     """
-    from objectfolder.products.atomic import atomic_write
+    from objectfolder.products.atomic import write_whole
     from pipeline.publish.listening.listening_page import draw_pairs, page_text
 
     pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)
-    with atomic_write(output) as file:
-        file.write(page_text(pairs, seed).encode())
+    write_whole(output, page_text(pairs, seed))
     print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")

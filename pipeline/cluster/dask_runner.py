@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import cloudpickle
@@ -99,9 +98,7 @@ class DaskRunner:
         self._client.register_plugin(self._plugin, self._plugin.name)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         # After an error the plugin stays, to end the child processes of tasks that are cancelled now.
         if error is None and not self._tasks:
             self._client.unregister_worker_plugin(self._plugin.name)

@@ -64,8 +64,8 @@ def differences_of(wanted: Environment, found: Environment) -> list[str]:
         for one in (wanted, found)
     )
     changed = differences(before, now)
-    parts = [f"{one.name} {one.new} instead of {one.old}" for one in changed if one.part == "package"]
-    if modules := [one.name for one in changed if one.part == "code"]:
+    parts = [f"{one.name} {one.new} instead of {one.old}" for one in changed if one.kind == "package"]
+    if modules := [one.name for one in changed if one.kind == "code"]:
         more = f" and {len(modules) - NAMED} more" if len(modules) > NAMED else ""
         parts.append(f"other code in {', '.join(modules[:NAMED])}{more}")
     return parts

@@ -106,7 +106,7 @@ def _child(root: Path, settings: ChildSettings) -> Child:
     made = getattr(_of_thread, "made", None)
     if made is None or made[0] != (root, settings):
         if made is not None:
-            made[1].__exit__(None, None, None)
+            made[1].__exit__()
         made = _of_thread.made = ((root, settings), Child(root, settings))
     child: Child = made[1]
     return child

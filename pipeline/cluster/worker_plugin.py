@@ -10,6 +10,7 @@ import contextlib
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from typing import Any
 
 from distributed import Status, WorkerPlugin
@@ -25,6 +26,7 @@ GIVEN_UP = ("executing", "released")  # Dask's state of a running task that was 
 CHECK_LIMIT_S = 600.0
 
 
+@dataclass(eq=False)
 class Admission(WorkerPlugin):
     """Admits a worker whose environment is the driver's, and ends child processes of cancelled tasks.
 
@@ -44,21 +46,12 @@ class Admission(WorkerPlugin):
         Memory of a worker that tasks may take; None for what the worker says.
     """
 
-    def __init__(
-        self,
-        name: str,
-        environment: str | None,
-        folder: str,
-        marker: str,
-        folder_needed: bool,
-        memory_gb: float | None,
-    ) -> None:
-        self.name = name
-        self._environment = environment
-        self._folder = folder
-        self._marker = marker
-        self._folder_needed = folder_needed
-        self._memory_gb = memory_gb
+    name: str
+    environment: str | None
+    folder: str
+    marker: str
+    folder_needed: bool
+    memory_gb: float | None
 
     def setup(self, worker: Any) -> None:
         """Begin to check a worker, which may still be starting."""
@@ -95,17 +88,17 @@ class Admission(WorkerPlugin):
 
     def _difference(self) -> str:
         """Return why this worker may not work, as seen from where its children run; empty where it may."""
-        sees_folder = os.access(self._marker, os.R_OK)
-        if self._folder_needed and not sees_folder:
-            return f"it does not see the data folder {self._folder}. {SHARE}"
-        if self._environment is None:
+        sees_folder = os.access(self.marker, os.R_OK)
+        if self.folder_needed and not sees_folder:
+            return f"it does not see the data folder {self.folder}. {SHARE}"
+        if self.environment is None:
             return ""
         answer = subprocess.run(
             [sys.executable, "-m", "pipeline.cluster.environment_check"],
-            input=self._environment,
+            input=self.environment,
             capture_output=True,
             text=True,
-            cwd=self._folder if sees_folder else None,
+            cwd=self.folder if sees_folder else None,
             timeout=CHECK_LIMIT_S,
             check=False,
         )
@@ -116,5 +109,5 @@ class Admission(WorkerPlugin):
 
     def _usable_bytes(self, limit_bytes: int | None) -> int:
         """Return what tasks may take: what the worker or the place says, else most of what Dask allots."""
-        stated_gb = os.environ.get(MEMORY) or self._memory_gb
+        stated_gb = os.environ.get(MEMORY) or self.memory_gb
         return int(1e9 * float(stated_gb) if stated_gb else USABLE * (limit_bytes or MEMORY_LIMIT))

@@ -5,7 +5,6 @@ size that it declares; this looks at the declarations first, and decodes no arra
 """
 
 import contextlib
-import json
 import math
 import re
 import struct
@@ -14,6 +13,8 @@ import zlib
 from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+from pydantic_core import from_json
 
 from objectfolder.errors import FormatError
 
@@ -33,11 +34,7 @@ ITEM_BYTES = {
 CODECS = ("bytes", "blosc")
 # Four of versions, flags and size of an item, then bytes before and after compression, and of a block.
 BLOSC_HEADER_BYTES = 16
-# The last record of an archive without a comment; an entry of its directory, and the header before an
-# entry's content, each up to the name that follows it.
-END, END_MARK = struct.Struct("<4s4H2LH"), b"PK\5\6"
-CENTRAL, CENTRAL_MARK = struct.Struct("<4s6H3L5H2L"), b"PK\1\2"
-LOCAL, LOCAL_MARK = struct.Struct("<4s5H3L2H"), b"PK\3\4"
+END = struct.Struct("<4s4H2LH")  # the last record of an archive without a comment
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 _CHUNK = re.compile(r"c(/\d{1,9}){0,32}")
 
@@ -88,8 +85,7 @@ def describe(
         raise ValueError("an entry is there twice")
     if GROUP not in names:
         raise ValueError("no group of Zarr 3")
-    group = read_json(archive, archive.getinfo(GROUP))
-    _check_group(group)
+    attributes = attributes_of(_json_text(archive, archive.getinfo(GROUP)))
     arrays: dict[str, dict[str, Any]] = {}
     for entry in archive.infolist():
         name, _, rest = entry.filename.partition("/")
@@ -98,25 +94,27 @@ def describe(
         if not rest or not _NAME.fullmatch(name):
             raise ValueError(f"entry {entry.filename!r} is no part of a product")
         if rest == GROUP:
-            arrays[name] = read_json(archive, entry)
+            arrays[name] = from_json(_json_text(archive, entry))
     total = sum(described_bytes(name, said)[1] for name, said in arrays.items())
     if total > LARGEST_PRODUCT_BYTES:
         raise ValueError(f"its arrays would take {total} bytes")
-    return group["attributes"], arrays
+    return attributes, arrays
 
 
-def read_json(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Any:
-    """Return what an entry of JSON holds; raises ValueError for one that no product has."""
+def _json_text(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > LARGEST_JSON_BYTES:
         raise ValueError(f"entry {entry.filename} is compressed or of {entry.file_size} bytes")
-    return json.loads(archive.read(entry))
+    return archive.read(entry)
 
 
-def _check_group(said: dict[str, Any]) -> None:
+def attributes_of(text: bytes) -> dict[str, Any]:
+    """Return the attributes that a group's JSON holds; raises ValueError or TypeError for any other JSON."""
+    said = from_json(text)
     if {**said, "attributes": {}} != {"zarr_format": 3, "node_type": "group", "attributes": {}}:
         raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(said)}")
     if not isinstance(said["attributes"], dict):
         raise TypeError("its attributes have no names")
+    return said["attributes"]
 
 
 def described_bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:

@@ -3,9 +3,14 @@
 import math
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
 from pipeline.dataset.project_files import MATERIALS
+
+if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material
+    from objectfolder.mesh.walls import WallFinding, WallMeasures
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,11 @@ class DescribedObject:
     metallic: float | None = None
     mass_kg: float | None = None
 
-    def check_numbers(self) -> None:
-        """Raise `InputError` for a number that cannot be, or two that exclude each other, by its option."""
+    def check(self) -> None:
+        """Raise `InputError` for an absent file, a number that cannot be, or two that exclude each other."""
+        for option, path in (("MESH", self.mesh), ("--texture", self.texture)):
+            if path is not None and not path.is_file():
+                raise InputError(f"{option} {path}", "no such file", "Correct the path")
         for option, value in (("--roughness", self.roughness), ("--metallic", self.metallic)):
             if value is not None and not 0 <= value <= 1:
                 raise InputError(option, f"{value:g} is not in 0..1", "Correct it, or leave it out")
@@ -69,3 +77,16 @@ class DescribedObject:
         if self.wall_m is not None and self.shell_m is not None:
             remedy = "State --wall for an open vessel with thin walls, --shell for one that is scanned solid"
             raise InputError("--shell", "is stated together with --wall", remedy)
+
+    def wall_findings(self, walls: "WallMeasures", material: "Material") -> "tuple[WallFinding, ...]":
+        """Return what is doubtful about the walls and the mass of the object in a material."""
+        from objectfolder.mesh.walls import wall_findings
+
+        return wall_findings(
+            walls,
+            material=material.name,
+            density_kg_m3=material.density_kg_m3,
+            mass_kg=self.mass_kg,
+            wall_m=self.wall_m,
+            shell_m=self.shell_m,
+        )

@@ -1,38 +1,47 @@
 """Which parts of two fingerprints differ: the reason why a product is not what the inputs ask for."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
+import pydantic
+
 ABSENT = "absent"
+# Their values are digests, which say nothing to people.
+DIGESTS = ("input", "code", "mesh", "texture", "source file", "upstream")
 
 
-@dataclass(frozen=True)
-class Difference:
-    """One part that differs.
+@pydantic.dataclasses.dataclass(frozen=True)
+class Reason:
+    """One reason why a product is not what is wanted; a `note` says what else is known.
 
     Parameters
     ----------
-    part
-        ``input``, ``parameter``, ``record``, ``code``, ``package``, ``seed`` or ``task``.
+    kind
+        A value of `SECTIONS`, or one of `pipeline.audit.reasons`.
     name
-        Which one, dotted; a module for code.
+        Which one, dotted; a module for code, a stage and what is read of it for upstream.
     old, new
-        Values, digests for inputs and code; ``absent`` for a missing one.
+        Values, digests for files and code; ``absent`` for a missing one; None where they say nothing.
     """
 
-    part: str
-    name: str
-    old: Any
-    new: Any
+    kind: str
+    name: str = ""
+    old: Any = None
+    new: Any = None
+    note: str = ""
+
+    @pydantic.computed_field
+    def text(self) -> str:
+        """In words."""
+        return str(self)
 
     def __str__(self) -> str:
-        what = f"{self.part} {self.name}".strip()
-        if self.part in ("input", "code"):
-            if self.old == ABSENT:
-                return f"{what} is new"
-            return f"{what} is gone" if self.new == ABSENT else f"{what} changed"
-        return f"{what} {self.old} -> {self.new}"
+        what = f"{self.kind} {self.name}".strip()
+        if self.kind in DIGESTS:
+            what += " is new" if self.old == ABSENT else " is gone" if self.new == ABSENT else " changed"
+        elif self.old is not None or self.new is not None:
+            what += f" {_shown(self.old)} -> {_shown(self.new)}"
+        return f"{what} ({self.note})" if self.note else what
 
 
 SECTIONS = {
@@ -46,7 +55,7 @@ SECTIONS = {
 }
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Difference]:
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Reason]:
     """Return what differs between the parts of two fingerprints, in JSON values.
 
     Parameters
@@ -62,7 +71,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Differen
         for name in sorted({*before, *after}):
             was, wanted = before.get(name, ABSENT), after.get(name, ABSENT)
             if was != wanted:
-                found.append(Difference(part, name, was, wanted))
+                found.append(Reason(part, name, was, wanted))
     return found
 
 
@@ -73,3 +82,9 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
             yield from _flat(f"{name}.{key}" if name else key, inner)
     else:
         yield name, value
+
+
+def _shown(value: Any) -> str:
+    """Return a value as a short text: it may come from an untrusted file."""
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from objectfolder.errors import InputError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
@@ -83,8 +83,7 @@ def write_failures(
         if one.stage not in known
         or not any((one.object, before) in failed for before in known[one.stage].follows)
     ]
-    with atomic_write(root / FAILURES) as file:
-        file.write((json.dumps(entries, indent=1, ensure_ascii=False) + "\n").encode())
+    write_whole(root / FAILURES, json.dumps(entries, indent=1, ensure_ascii=False) + "\n")
 
 
 def failure_table(failures: Sequence[FailedObject], width: int | None = None) -> str:

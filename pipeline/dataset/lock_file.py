@@ -21,34 +21,10 @@ MD5 = re.compile(r"[0-9a-f]{32}(\.dir)?")
 
 
 @dataclass(frozen=True)
-class Out:
-    """An output of a stage.
-
-    Parameters
-    ----------
-    stage
-        Which stage.
-    md5
-        Of its content; ends in ``.dir`` for a folder.
-    size
-        Bytes of all its files; None where the version does not say.
-    """
-
-    stage: str
-    md5: str
-    size: int | None = None
-
-    @property
-    def is_folder(self) -> bool:
-        """Whether it is a folder."""
-        return self.md5.endswith(DIRECTORY)
-
-
-@dataclass(frozen=True)
 class Lock:
-    """Outputs by path, parameters by stage, and paths of all that any stage reads or makes."""
+    """MD5 of outputs by path, parameters by stage, and paths of all that any stage reads or makes."""
 
-    outs: Mapping[str, Out] = field(default_factory=dict)
+    outs: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     paths: frozenset[str] = frozenset()
 
@@ -61,6 +37,11 @@ class Lock:
     def parameter(self, name: str) -> Any:
         """Return a parameter that any stage has, None where none has it."""
         return next((said[name] for said in self.parameters.values() if name in said), None)
+
+
+def is_folder(md5: str) -> bool:
+    """Whether an output is a folder, by its hash."""
+    return md5.endswith(DIRECTORY)
 
 
 def read_lock(where: str, text: bytes) -> Lock:
@@ -76,7 +57,7 @@ def read_lock(where: str, text: bytes) -> Lock:
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         content = loader(text).get_single_data()
         stages = content.get("stages", {}) if "schema" in content else content
-        outs: dict[str, Out] = {}
+        outs: dict[str, str] = {}
         parameters: dict[str, dict[str, Any]] = {}
         paths: set[str] = set()
         for stage, said in stages.items():
@@ -84,8 +65,7 @@ def read_lock(where: str, text: bytes) -> Lock:
                 md5 = out.get("md5")
                 if not isinstance(md5, str) or not MD5.fullmatch(md5):
                     continue  # in no cache by MD5: a cloud's own version, or another file system's
-                size = out.get("size")
-                outs[str(out["path"])] = Out(str(stage), md5, size if isinstance(size, int) else None)
+                outs[str(out["path"])] = md5
             paths |= {str(one["path"]) for one in (*said.get("outs", ()), *said.get("deps", ()))}
             parameters[str(stage)] = {
                 str(name): value

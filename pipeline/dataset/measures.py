@@ -1,4 +1,4 @@
-"""The measures a report is about: direction, unit, target, trivial answer and definition of each."""
+"""The measures a report is about: direction, unit, target and trivial answer of each."""
 
 import math
 from collections.abc import Mapping
@@ -18,8 +18,6 @@ class Measure:
         Where it stands in the attributes of a fidelity product, ``"sense.name"``.
     label
         How it is called.
-    definition
-        Used where the product has none of its own.
     unit, decimals
         How it is printed.
     higher_is_better
@@ -32,7 +30,6 @@ class Measure:
 
     key: str
     label: str
-    definition: str = ""
     unit: str = "dB"
     decimals: int = 1
     higher_is_better: bool = True
@@ -82,68 +79,32 @@ def number_at(attributes: Mapping[str, Any], key: str) -> float | None:
 
 
 HEADLINE = (
+    Measure("vision.psnr_db", "View, full image", target=40.0, trivial="trivial_psnr_db"),
     Measure(
-        "vision.psnr_db",
-        "View, full image",
-        "Peak signal-to-noise ratio of sRGB images on white, all pixels, mean over held-out views.",
-        target=40.0,
-        trivial="trivial_psnr_db",
-    ),
-    Measure(
-        "vision.psnr_foreground_db",
-        "View, foreground",
-        "As the full image, over the pixels that the object covers: a white background flatters.",
-        target=32.0,
-        trivial="trivial_psnr_foreground_db",
+        "vision.psnr_foreground_db", "View, foreground", target=32.0, trivial="trivial_psnr_foreground_db"
     ),
     Measure(
         "vision.ssim",
         "View, structural similarity",
-        "Structural similarity (Wang et al. 2004) of the full image, mean over held-out views.",
         unit="",
         decimals=4,
         target=0.985,
         trivial="trivial_ssim",
     ),
     Measure(
-        "audio.frequency_error_cents",
-        "Modal frequency",
-        "Largest interval between a frequency of the Object File and the solver's, 1200 log2 of the ratio.",
-        unit="cents",
-        decimals=3,
-        higher_is_better=False,
+        "audio.frequency_error_cents", "Modal frequency", unit="cents", decimals=3, higher_is_better=False
     ),
     Measure(
         "audio.solver_error_estimate_cents",
         "Solver's own error, estimated",
-        "Largest estimated error of the solver's first 50 frequencies: what the mesh and the order cost.",
         unit="cents",
         higher_is_better=False,
     ),
-    Measure(
-        "audio.gain_error_db",
-        "Modal gain",
-        "Relative rms error of mode shapes at held-out surface points; silence scores 0 dB.",
-        higher_is_better=False,
-        target=-26.0,
-    ),
-    Measure(
-        "touch.psnr_db",
-        "Touch, whole image",
-        "Peak signal-to-noise ratio of tactile images, all pixels, mean over held-out touches.",
-        trivial="empty_psnr_db",
-    ),
-    Measure(
-        "touch.psnr_contact_db",
-        "Touch, contact region",
-        "As the whole image, over the contact region alone: most of a tactile image is untouched gel.",
-        target=42.0,
-        trivial="empty_psnr_contact_db",
-    ),
+    Measure("audio.gain_error_db", "Modal gain", higher_is_better=False, target=-26.0),
+    Measure("touch.psnr_db", "Touch, whole image", trivial="empty_psnr_db"),
+    Measure("touch.psnr_contact_db", "Touch, contact region", target=42.0, trivial="empty_psnr_contact_db"),
 )
-BYTES = Measure(
-    "bytes.total", "Object File", "Size of the file, the surface counted once.", "bytes", 0, False, 3e6
-)
+BYTES = Measure("bytes.total", "Object File", "bytes", 0, False, 3e6)
 BYTE_PARTS = ("total", "surface", "vision", "audio", "touch", "metadata")
 # These three are decibels of the same kind, so their margins can be compared.
 RANKING = tuple(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from objectfolder.errors import InputError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.dataset.parameters import ObjectsParameters
 from pipeline.dataset.task import Failure, failure_of
 
@@ -90,8 +90,7 @@ def write_records(root: Path, records: Records) -> None:
         },
         "refused": [asdict(failure) for failure in records.refused],
     }
-    with atomic_write(root / RECORDS) as file:
-        file.write(json.dumps(content, indent=1, ensure_ascii=False).encode() + b"\n")
+    write_whole(root / RECORDS, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
 def read_records(root: Path) -> Records:

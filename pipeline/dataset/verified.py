@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 from pydantic_core import to_json
 
 from objectfolder.errors import FormatError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import code_identity, file_digest
 from pipeline.dataset import products
 
@@ -111,12 +111,11 @@ class Verified:
             return False
         return True
 
-    def add(self, path: Path, fingerprint: str | None = None) -> None:
-        """Note a product as checked, its fingerprint with it where that is known."""
+    def add(self, path: Path, fingerprint: str) -> None:
+        """Note a product with this fingerprint as checked."""
         entry = self._product(path)
         entry.whole = self._changed = True
-        if fingerprint is not None:
-            entry.attributes[FINGERPRINT] = fingerprint
+        entry.attributes[FINGERPRINT] = fingerprint
 
     def source_digest(self, path: Path) -> str:
         """Return the SHA-256 of a source file.
@@ -182,8 +181,8 @@ def _read(path: Path, kind: type[Kind]) -> Kind:
 
 
 def _write(path: Path, content: object) -> None:
-    with contextlib.suppress(OSError), atomic_write(path) as file:
-        file.write(to_json(content))
+    with contextlib.suppress(OSError):
+        write_whole(path, to_json(content))
 
 
 def _state(path: Path) -> State:

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.publish.cards.croissant import croissant_text
@@ -72,6 +72,5 @@ def write_cards(root: Path, folder: Path) -> list[Path]:
         folder / "CITATION.cff": citation_text(data_set),
     }
     for path, text in texts.items():
-        with atomic_write(path) as file:
-            file.write(text.encode())
+        write_whole(path, text)
     return list(texts)

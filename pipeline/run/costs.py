@@ -16,7 +16,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from objectfolder.errors import InputError, SimulationError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.dataset.task import Outcome
 
 COLUMNS = (
@@ -141,8 +141,7 @@ def compact(root: Path) -> None:
             last.setdefault((row[0], row[1], row[6]), deque(maxlen=KEPT_ROWS)).append(index)
         kept = sorted(index for indices in last.values() for index in indices)
         if len(kept) <= len(rows) // 2:
-            with atomic_write(path) as whole:
-                whole.write(_text([rows[index] for index in kept]).encode())
+            write_whole(path, _text([rows[index] for index in kept]))
 
 
 def _cost(row: Mapping[str, str | None]) -> Cost:

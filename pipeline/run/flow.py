@@ -86,7 +86,7 @@ class Flow:
         for name, outcomes in self.outcomes.items():
             for object_id in self._rows:
                 if object_id not in outcomes:
-                    yield name, object_id, self._estimates.of(name, object_id, None).wall_s
+                    yield name, object_id, self._estimates.of(name, object_id).wall_s
 
     @cached_property
     def _estimates(self) -> "Estimates":
@@ -138,19 +138,15 @@ class Flow:
 
     def _job(self, stage: Stage, call: Call, prepared: Prepared) -> Job:
         object_id = call.request.object_id
-        size = next((path.stat().st_size for path in call.request.inputs.values()), None)
-        own = self._estimates.of(stage.name, object_id, size)
-        expected_s, late_s = self._chain_seconds(stage, object_id, size)
+        own = self._estimates.of(stage.name, object_id)
+        expected_s, late_s = self._chain_seconds(stage, object_id)
         return Job(call, own.wall_s, expected_s, late_s, own.memory_bytes, stage.needs, prepared.inputs)
 
-    def _chain_seconds(self, stage: Stage, object_id: str, size: int | None) -> tuple[float, float]:
+    def _chain_seconds(self, stage: Stage, object_id: str) -> tuple[float, float]:
         """Return the seconds of the longest chain from `stage` on: expected, and those that few exceed."""
-        own = self._estimates.of(stage.name, object_id, size)
-        behind = [
-            self._chain_seconds(other, object_id, size if stage.inputs else None)
-            for other in self._stages.values()
-            if stage.name in other.follows
-        ]
+        own = self._estimates.of(stage.name, object_id)
+        after = [other for other in self._stages.values() if stage.name in other.follows]
+        behind = [self._chain_seconds(other, object_id) for other in after]
         expected_s, late_s = zip(*behind, strict=True) if behind else ((0.0,), (0.0,))
         return own.wall_s + max(expected_s), own.late_s + max(late_s)
 

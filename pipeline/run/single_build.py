@@ -61,7 +61,7 @@ def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float],
         A stage that failed, with its error and remedy.
     """
     from objectfolder.audio.materials import find_material, read_materials
-    from objectfolder.mesh.walls import WallMeasures, wall_findings
+    from objectfolder.mesh.walls import WallMeasures
     from objectfolder.products.store import read_attributes
     from pipeline.cluster.cluster import runner
     from pipeline.cluster.places import Place
@@ -88,20 +88,13 @@ def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float],
                 raise SimulationError(f"{record.id}, stage {name}", failure.error, failure.remedy)
         output.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(OBJECT_FILES.path(root, record.id), output)
-        findings = wall_findings(
-            WallMeasures(**read_attributes(OBJECTS.path(root, record.id))["walls"]),
-            material=material.name,
-            density_kg_m3=material.density_kg_m3,
-            mass_kg=wanted.mass_kg,
-            wall_m=wanted.wall_m,
-            shell_m=wanted.shell_m,
-        )
+        walls = WallMeasures(**read_attributes(OBJECTS.path(root, record.id))["walls"])
         seconds = {
             cost.stage: cost.cpu_s
             for cost in read_costs(costs_path(root))
             if cost.object_id == record.id and cost.stage in STAGES and cost.cpu_s is not None
         }
-        return seconds, findings
+        return seconds, wanted.wall_findings(walls, material)
 
 
 def _record(wanted: Building, output: Path) -> "ObjectRecord":
@@ -110,10 +103,7 @@ def _record(wanted: Building, output: Path) -> "ObjectRecord":
 
     if output.suffix != ".safetensors":
         raise InputError(str(output), "does not end in .safetensors", "Name the Object File so.")
-    for path in (wanted.mesh, wanted.texture):
-        if path is not None and not path.is_file():
-            raise InputError(str(path), "no such file", "Check the path.")
-    wanted.check_numbers()
+    wanted.check()
     object_id = wanted.object_id or re.sub(r"[^A-Za-z0-9_.-]", "_", output.stem).lstrip(".") or "object"
     return ObjectRecord(
         id=object_id,

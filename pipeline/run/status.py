@@ -14,7 +14,7 @@ from typing import Any
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.provenance import canonical_json, fingerprint
-from pipeline.dataset.differences import Difference, differences
+from pipeline.dataset.differences import Reason, differences
 from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.products import read_description
@@ -58,7 +58,7 @@ class Status:
     stage: str
     state: str
     reasons: tuple[str, ...] = ()
-    differences: tuple[Difference, ...] = ()
+    differences: tuple[Reason, ...] = ()
     warnings: tuple[str, ...] = ()
     wanted: str = ""
 
@@ -164,7 +164,7 @@ def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:
     return tuple(text for text in said if isinstance(text, str)) if isinstance(said, list) else ()
 
 
-def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Difference, ...]:
+def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Reason, ...]:
     try:
         old = read_description(path).get("provenance", {})
     except (FileNotFoundError, FormatError):

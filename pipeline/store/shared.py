@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.dataset import products
 from pipeline.dataset.validation import number_of
 from pipeline.store.storage import DEFAULT_PATIENCE_S, PATIENCE, STORE, Store
@@ -63,8 +63,8 @@ def share(state: Path, name: str, path: Path) -> None:
     if (cache := _cache()) is None:
         return
     note = state / OUTBOX / name.replace("/", ".")
-    with contextlib.suppress(OSError), atomic_write(note) as file:
-        file.write(f"{name}\n{path}".encode())
+    with contextlib.suppress(OSError):
+        write_whole(note, f"{name}\n{path}")
     with contextlib.suppress(InputError):
         if cache.attempt(Store.put, path, name):
             note.unlink(missing_ok=True)

@@ -48,7 +48,10 @@ class Store:
     Raises
     ------
     InputError
-        A URL that names no store, or no credentials for it.
+        A URL that names no store, or no credentials for it; from every method: no such bucket, or no right
+        to do this.
+    SimulationError
+        From every method: the store cannot be reached, or a disk is full.
     """
 
     def __init__(self, url: str, patience_s: float | None = None) -> None:
@@ -63,15 +66,7 @@ class Store:
             raise InputError(url, "a relative path", f"Give {STORE} a URL or an absolute path.")
 
     def check(self) -> None:
-        """Look whether the store can be used.
-
-        Raises
-        ------
-        InputError
-            No such bucket, or no right to list it.
-        SimulationError
-            It cannot be reached.
-        """
+        """Look whether the store can be used."""
         with self._errors():
             if self._folder is not None:
                 self._folder.mkdir(parents=True, exist_ok=True)
@@ -86,15 +81,7 @@ class Store:
         return None
 
     def put(self, source: Path, name: str) -> None:
-        """Copy a file into the store.
-
-        Raises
-        ------
-        InputError
-            No such bucket, or no right to write.
-        SimulationError
-            The store is full or cannot be reached.
-        """
+        """Copy a file into the store."""
         path = self._path(name)
         with self._errors():
             if isinstance(path, Path):
@@ -103,15 +90,7 @@ class Store:
                 self._files.put(path, source, use_multipart=False)  # one request: all of it, or nothing
 
     def get(self, name: str, target: Path) -> bool:
-        """Copy a file from the store, atomically; False if it is not there.
-
-        Raises
-        ------
-        InputError
-            No such bucket, or no right to read.
-        SimulationError
-            The store cannot be reached, or the disk is full.
-        """
+        """Copy a file from the store, atomically; False if it is not there."""
         path = self._path(name)
         with contextlib.suppress(FileNotFoundError), self._errors(target.parent):
             if isinstance(path, Path):

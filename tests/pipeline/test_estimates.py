@@ -36,7 +36,7 @@ def test_an_objects_own_last_run_comes_first(tmp_path):
     for seconds in (40.0, 20.0):
         note(tmp_path, "modes", "cup", seconds, memory_bytes=seconds * 1e8)
     note(tmp_path, "modes", "dish", 7.0)
-    found = Estimates(tmp_path).of("modes", "cup", 10)
+    found = Estimates(tmp_path).of("modes", "cup")
     assert (found.wall_s, found.cpu_s) == (20.0, 10.0)
     # A later peak may miss that of child processes, so the largest counts.
     assert found.memory_bytes == int(4e9 * MEMORY_MARGIN)
@@ -146,7 +146,7 @@ def test_costs_that_somebody_else_wrote_are_not_there(content, tmp_path):
     path = costs_path(tmp_path)
     path.parent.mkdir()
     path.write_bytes(content)
-    assert Estimates(tmp_path).of("views", "mug", 1000) == Estimates(tmp_path / "none").of("views", "mug")
+    assert Estimates(tmp_path).of("views", "mug") == Estimates(tmp_path / "none").of("views", "mug")
 
 
 def test_an_object_that_measures_nonsense_has_the_usual_estimate(tmp_path):
@@ -171,7 +171,7 @@ def test_a_thousand_objects_are_estimated_at_once(tmp_path):
     estimates = Estimates(tmp_path)
     for index in range(1000):
         for stage in STAGES:
-            estimates.of(stage, f"o{index}", 1000)
+            estimates.of(stage, f"o{index}")
     assert time.process_time() - begin < 2.0  # 0.1 s on an idle machine
 
 

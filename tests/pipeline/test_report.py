@@ -233,9 +233,7 @@ def test_a_chart_needs_two_settings_that_differ() -> None:
 
 
 def test_charts_follow_the_colours_of_the_page_and_hold_text_of_any_kind() -> None:
-    summary = MeasureSummary(
-        Measure("a.b", HOSTILE, "", "$", target=3.0), [(1.0, "x"), (2.0, "y"), (4.0, "z")]
-    )
+    summary = MeasureSummary(Measure("a.b", HOSTILE, "$", target=3.0), [(1.0, "x"), (2.0, "y"), (4.0, "z")])
     chart, within = histogram(summary)
     assert within
     assert not re.search("#[0-9a-f]{6}", chart)

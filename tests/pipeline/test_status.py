@@ -7,7 +7,7 @@ import pytest
 from workshop import made as all_made
 
 from pipeline.cli import main
-from pipeline.dataset.differences import Difference, differences
+from pipeline.dataset.differences import Reason, differences
 from pipeline.dataset.stages import ENCODED, MODES, OBJECTS, STAGES, VIEWS
 from pipeline.run import status as status_module
 from pipeline.run.exclusive import exclusive
@@ -179,7 +179,7 @@ def test_command(workshop, monkeypatch, capsys):
     assert main(["status", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert found[1]["differences"] == [
-        {"part": "parameter", "name": "vision.resolution", "old": 128, "new": 64}
+        {"kind": "parameter", "name": "vision.resolution", "old": 128, "new": 64, "note": ""}
     ]
 
 
@@ -192,11 +192,11 @@ def test_differences_of_every_part():
         "record": {"x": None},
     }
     assert differences(old, new) == [
-        Difference("input", "modes", "absent", "d"),
-        Difference("input", "objects.digests.body", "b", "absent"),
-        Difference("input", "views", "a", "c"),
-        Difference("record", "x", "absent", None),
-        Difference("package", "numpy", "1", "2"),
+        Reason("input", "modes", "absent", "d"),
+        Reason("input", "objects.digests.body", "b", "absent"),
+        Reason("input", "views", "a", "c"),
+        Reason("record", "x", "absent", None),
+        Reason("package", "numpy", "1", "2"),
     ]
     assert [str(one) for one in differences(old, new)] == [
         "input modes is new",

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from objectfolder.errors import QueryError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 
 FLOAT_FORMAT = 3  # WAVE_FORMAT_IEEE_FLOAT
 LARGEST_BYTES = 2**32 - 64
@@ -35,8 +35,7 @@ def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: 
     0.708
     """
     content, gain = wav_bytes(sound, sample_rate_hz, gain=gain)
-    with atomic_write(path) as file:
-        file.write(content)
+    write_whole(path, content)
     return gain
 
 

@@ -118,10 +118,7 @@ def check_object(wanted: Wanted) -> Checked:
     licence = _licence(wanted.licence)
     object_id = wanted.object_id or object_id_of(wanted.mesh)
     check_id(object_id, "--id")
-    wanted.check_numbers()
-    for path, option in ((wanted.mesh, "MESH"), (wanted.texture, "--texture")):
-        if path is not None and not path.is_file():
-            raise InputError(f"{option} {path}", "no such file", "Correct the path")
+    wanted.check()
     where = f"{object_id} ({wanted.mesh})"
     if wanted.length_m is None:
         check_unit(where, float(load_mesh(wanted.mesh, with_textures=False).extents.max()))
@@ -135,14 +132,7 @@ def check_object(wanted: Wanted) -> Checked:
     if wanted.wall_m is not None:
         thicken(mesh.surface, wanted.wall_m, where)
     walls = WallMeasures(**product.attributes["walls"])
-    findings = wall_findings(
-        walls,
-        material=material.name,
-        density_kg_m3=material.density_kg_m3,
-        mass_kg=wanted.mass_kg,
-        wall_m=wanted.wall_m,
-        shell_m=wanted.shell_m,
-    )
+    findings = wanted.wall_findings(walls, material)
     by_geometry = {str(finding) for finding in wall_findings(walls)}
     warnings = [text for text in product.attributes["warnings"] if text not in by_geometry]
     if wanted.length_m is None:

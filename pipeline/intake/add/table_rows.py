@@ -9,7 +9,7 @@ from pathlib import Path
 
 from objectfolder.catalogue import COLUMNS
 from objectfolder.errors import InputError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.intake import disk
 
 BYTE_ORDER_MARK = "\ufeff"
@@ -111,8 +111,7 @@ def with_row(table: Table, row: Mapping[str, str], replaced: int | None = None) 
 
 def write_table(path: Path, text: str) -> None:
     """Put the table in its place whole; where the path is a link, the file it leads to."""
-    with atomic_write(path.resolve()) as file:
-        file.write(text.encode("utf-8"))
+    write_whole(path.resolve(), text)
 
 
 def locked(path: Path) -> AbstractContextManager[object]:

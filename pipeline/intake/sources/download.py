@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import json
 import os
 import re
 import tempfile
@@ -13,10 +12,11 @@ from typing import Any
 from urllib.parse import unquote
 
 import requests
+from pydantic import TypeAdapter, ValidationError
 from urllib3.exceptions import HTTPError, MaxRetryError
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.http_client import (
     LEAST_BYTES,
@@ -72,7 +72,7 @@ class CachedFile:
     def resumable(self) -> tuple[int, str]:
         """Return the bytes that are there and the ETag of their version; 0 where they cannot be used."""
         try:
-            return self.partial.stat().st_size, self._version.read_text("latin-1")
+            return self.partial.stat().st_size, self._version.read_text("utf-8")
         except FileNotFoundError:
             return 0, ""
 
@@ -82,8 +82,7 @@ class CachedFile:
         self.discard()
         self.partial.touch()
         if re.fullmatch(r'"[!#-~]*"', etag):  # a strong one: it changes with every byte
-            with atomic_write(self._version) as file:
-                file.write(etag.encode("latin-1"))
+            write_whole(self._version, etag)
 
     def finish(self) -> None:
         """Give the whole file its name."""
@@ -162,15 +161,17 @@ class Downloader:
         """
         return self._file(self._cache, Expected(url, md5, size, limit_bytes))
 
-    def json(self, url: str, limit_bytes: int = LIMIT_JSON_BYTES) -> Any:
-        """Return a small document, which is not kept; see `file` for what is raised."""
+    def json(self, url: str, kind: Any = Any, limit_bytes: int = LIMIT_JSON_BYTES) -> Any:
+        """Return a small document as `kind`; it is not kept. See `file` for what is raised."""
         with tempfile.TemporaryDirectory() as folder:
             content = self._file(Path(folder), Expected(url, None, None, limit_bytes)).read_bytes()
         try:
-            return json.loads(content)
-        except (ValueError, RecursionError) as error:
-            remedy = "Open it in a browser: a proxy may answer in its place."
-            raise FormatError(url, "its server answers with no JSON", remedy) from error
+            return TypeAdapter(kind).validate_json(content)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            finding = f"its server answers with no JSON of the form that is known ({first['msg']})"
+            remedy = "Open it in a browser: a proxy may answer in its place. Or use a mirror."
+            raise FormatError(url, finding, remedy) from error
 
     def forget(self, url: str) -> None:
         """Remove what the cache has of an address, as when its content turns out to be damaged."""

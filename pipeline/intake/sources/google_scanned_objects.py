@@ -1,9 +1,9 @@
 """Google Scanned Objects, as Gazebo Fuel serves them: a zip an object."""
 
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
-from objectfolder.errors import FormatError
 from pipeline.intake.sources.download import Downloader
 from pipeline.intake.sources.http_client import AbsentError
 from pipeline.intake.sources.source import Download, Source, obj_texture
@@ -47,15 +47,13 @@ class GoogleScannedObjects(Source):
         for page in range(1, MOST_PAGES + 1):
             address = f"{FUEL}models?page={page}&per_page={PER_PAGE}"
             try:
-                entries = documents.json(address)
+                entries = documents.json(address, list[dict[str, Any]])
             except AbsentError:
                 if page == 1:
                     raise
                 break
-            if not isinstance(entries, list):
-                raise FormatError(address, "no list of models", "Look at it in a browser, or use a mirror.")
             before = len(found)
-            found |= {str(entry["name"]) for entry in entries if isinstance(entry, dict) and "name" in entry}
+            found |= {str(entry["name"]) for entry in entries if "name" in entry}
             if len(found) == before:  # a server that repeats its last page, or answers an empty one
                 break
         return sorted(found)

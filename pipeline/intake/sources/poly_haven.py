@@ -2,10 +2,10 @@
 
 import re
 from pathlib import Path, PurePosixPath
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import unquote, urlsplit
 
-from pydantic import BaseModel, Field, StrictInt, ValidationError
+from pydantic import BaseModel, Field, StrictInt
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.mesh.readers.gltf_file import read_gltf_file
@@ -62,10 +62,7 @@ class PolyHaven(Source):
             No such object.
         """
         address = f"{API}files/{name}"
-        try:
-            forms = _Answer.model_validate(documents.json(address)).gltf
-        except ValidationError as problem:
-            raise FormatError(address, f"no list of files ({problem})", "Its API has changed.") from problem
+        forms = documents.json(address, _Answer).gltf
         if resolution not in forms:
             there = ", ".join(sorted(forms, key=lambda one: (len(one), one)))
             raise InputError(
@@ -90,12 +87,8 @@ class PolyHaven(Source):
 
     def names(self, documents: Downloader) -> list[str]:
         """Return the slugs of all models."""
-        address = f"{API}assets?type=models"
-        listed = documents.json(address)
-        entries = list(listed.values()) if isinstance(listed, dict) else []
-        if not entries or not all(isinstance(entry, dict) for entry in entries):
-            raise FormatError(address, "no list of models", "Look at it in a browser, or use a mirror.")
-        return sorted(listed)
+        models = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
+        return sorted(documents.json(f"{API}assets?type=models", models))
 
     def object_page(self, name: str) -> str:
         """Return the page of a model."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from objectfolder.errors import InputError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import file_digest
 from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.source import SourceObject
@@ -115,8 +115,7 @@ def record_hashes(
             writer = csv.writer(text, lineterminator="\n")
             writer.writerow(COLUMNS)
             writer.writerows((*key, one.bytes, one.sha256) for key, one in sorted((known | new).items()))
-            with atomic_write(path) as file:
-                file.write(text.getvalue().encode())
+            write_whole(path, text.getvalue())
     return len(new)
 
 
@@ -157,8 +156,7 @@ def write_forms(folder: Path, asked: SourceObject, forms: Mapping[str, Form]) ->
         "resolution": asked.resolution,
         "resolutions": {key: asdict(value) for key, value in sorted(forms.items())},
     }
-    with atomic_write(folder / RECORD) as file:
-        file.write((json.dumps(said, indent=1, ensure_ascii=False) + "\n").encode())
+    write_whole(folder / RECORD, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
 
 
 def read_forms(folder: Path) -> dict[str, Form]:

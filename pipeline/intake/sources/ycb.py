@@ -3,7 +3,8 @@
 import re
 from pathlib import Path, PurePosixPath
 
-from objectfolder.errors import FormatError
+from pydantic import BaseModel
+
 from pipeline.intake.sources.download import Downloader
 from pipeline.intake.sources.source import Download, Source, obj_texture
 
@@ -11,6 +12,10 @@ BUCKET = "https://ycb-benchmarks.s3.amazonaws.com/data/"
 LIST = BUCKET + "objects.json"
 # Other forms of the same mesh stand beside the one that is read; archives made on a Mac have "._" twins.
 _WANTED = re.compile(r"(?!\._).*\.(obj|mtl|png|jpe?g|xml|txt)", re.IGNORECASE)
+
+
+class _Listed(BaseModel):
+    objects: list[str]
 
 
 class YCB(Source):
@@ -44,11 +49,7 @@ class YCB(Source):
 
     def names(self, documents: Downloader) -> list[str]:
         """Return the names of the list, of which not all were scanned by Google."""
-        listed = documents.json(LIST)
-        found = listed.get("objects") if isinstance(listed, dict) else None
-        if not isinstance(found, list) or not all(isinstance(name, str) for name in found):
-            raise FormatError(LIST, "no list of objects", "Look at it in a browser, or use a mirror.")
-        return sorted(found)
+        return sorted(documents.json(LIST, _Listed).objects)
 
     def object_page(self, name: str) -> str:
         """Return the address of the archive: objects have no pages."""

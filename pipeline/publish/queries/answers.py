@@ -20,7 +20,7 @@ from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 from objectfolder.touch.sensor.reading import synthetic_background
 from objectfolder.vision.cameras import look_at
-from objectfolder.vision.truth.environment import RADIUS, environment_lights
+from objectfolder.vision.truth.environment import environment_lights
 from pipeline.publish.queries.requests import Pressing, Rendering, Striking
 
 LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",
@@ -208,14 +208,10 @@ def _lights(wanted: Rendering, file: ObjectFile) -> tuple[np.ndarray | None, np.
     positions, colours = _in_object_frame(lights[:, :3], wanted, file), lights[:, 3:]
     if wanted.environment is None:
         return positions, colours
-    radius = wanted.environment_radius
-    if radius is not None and wanted.frame == "object":
-        radius /= file.frame.scale
     around, radiance = environment_lights(
         _environment(wanted.environment),
         wanted.environment_lights,
         radiance_scale=file.vision.radiance_scale,
-        radius=RADIUS if radius is None else radius,
     )
     return np.concatenate([positions, file.frame.to_object(around)]), np.concatenate([colours, radiance])
 

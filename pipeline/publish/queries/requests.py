@@ -29,8 +29,6 @@ class Rendering:
         light all views by an equirectangular .exr or .hdr map of linear radiance, oriented as in Blender
     environment_lights
         lights that stand for the map
-    environment_radius
-        distance of these lights from the centre (default: that of the data set's lights)
     resolution
         pixels a side
     field_of_view_deg
@@ -53,7 +51,6 @@ class Rendering:
     light: tuple[tuple[float, float, float, float, float, float], ...] = ()
     environment: Path | None = None
     environment_lights: int = 64
-    environment_radius: float | None = None
     resolution: int = 256
     field_of_view_deg: float = 39.6
     sub_rays: int | None = None

@@ -12,7 +12,7 @@ from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTE_PARTS, BYTES, HEADLINE, SENSES, Measure, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
 
-COST = Measure("cpu_seconds", "Cost, mesh to verified file", "", "CPU s", 0, False, 240.0)
+COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, 240.0)
 
 
 @dataclass(frozen=True)
@@ -89,13 +89,10 @@ def stage_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
 
 
 def definitions_of(objects: Sequence[MeasuredObject]) -> dict[str, str]:
-    """Return measure to definition: the products' own words in their order, ours for a headline without."""
+    """Return measure to definition: the products' own words in their order."""
     own: dict[str, str] = {}
     for one in objects:
         own |= {str(name): str(text) for name, text in one.part("definitions").items()}
-    for measure in HEADLINE:
-        if measure.key not in own and measure.name not in own:
-            own[measure.key] = measure.definition
     return own
 
 

@@ -37,9 +37,7 @@ LATE_ERRORS = 2.0  # standard errors by which few tasks exceed their estimates
 ENOUGH_ROWS = 10  # to fit a power of the load
 MOST_ROWS = 100  # of this data set that set its pace
 RENDERING = "views"
-# Of a stage that is known nowhere: long enough for a cluster, and in the order of the bytes that it reads.
-UNKNOWN_SECONDS, UNKNOWN_SECONDS_A_BYTE = 60.0, 1e-6
-UNKNOWN_MEMORY_BYTES = 500_000_000
+UNKNOWN = 60.0, 60.0, 500_000_000  # of a stage that is known nowhere: long enough for a cluster
 
 # The default size, at which the packaged costs were taken: camera rays, pixels of views, pixels of touches.
 PACKAGED_RAYS = (100 * 32 + 12 * 256) * 128**2
@@ -110,24 +108,13 @@ class Estimates:
         self._own = last_costs(known_costs(root))
         self._models: dict[str, Model | None] = {}
 
-    def of(self, stage: str, object_id: str, size_bytes: int | None = None) -> Estimate:
-        """Return the expected cost of the task of an object.
-
-        Parameters
-        ----------
-        stage
-            Name of the stage.
-        object_id
-            Of an object, known or not.
-        size_bytes
-            Bytes of the first file it reads: orders the tasks of a stage of which no cost is known.
-        """
+    def of(self, stage: str, object_id: str) -> Estimate:
+        """Return the expected cost of the task of an object, known or not, in a stage by its name."""
         if stage not in self._models:
             self._models[stage] = self._model(stage)
         model = self._models[stage]
         if model is None:
-            seconds = UNKNOWN_SECONDS + UNKNOWN_SECONDS_A_BYTE * (size_bytes or 0)
-            return Estimate(seconds, seconds, UNKNOWN_MEMORY_BYTES, 0)
+            return Estimate(*UNKNOWN)
         own = self._own.get((object_id, stage))
         if own is None:
             return model.at(self.load(stage, object_id))
