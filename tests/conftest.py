@@ -1,9 +1,13 @@
 """Shared fixtures."""
 
+# ruff: noqa: E402
+
 import dataclasses
+import gc
 import importlib
 import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest import mock
@@ -13,6 +17,9 @@ os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", OPENBLAS_NUM_THREADS
 # Tests edit code and start processes that import it: within one second, and at one size, Python would take
 # the bytecode of before the edit for that of the new text.
 os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+# Of the checkout there is bytecode: what pytest makes of the tests takes half of the time of collecting them.
+sys.dont_write_bytecode = False
+gc.disable()  # nothing of a million objects goes while tests are collected
 
 import numpy as np
 import pytest
@@ -45,6 +52,13 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 def pytest_configure() -> None:
     """Import DVC: it logs to the stream that it finds then, and that of a test's own is closed after it."""
     importlib.import_module("dvc.logger")
+
+
+def pytest_collection_finish() -> None:
+    """Write no bytecode of what tests make, and look for garbage among what they make alone."""
+    sys.dont_write_bytecode = True
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)

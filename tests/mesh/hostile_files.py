@@ -39,10 +39,10 @@ def png_of(width: int, height: int, *, rows: int | None = None, interlaced: bool
     return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", head) + _chunk(b"IDAT", content) + _chunk(b"IEND", b"")
 
 
-def _textured(picture: bytes) -> Callable[[Path], Path]:
+def _textured(picture: Callable[[], bytes]) -> Callable[[Path], Path]:
     def build(folder: Path) -> Path:
         path = write_obj_box(folder)
-        path.with_name("skin.png").write_bytes(picture)
+        path.with_name("skin.png").write_bytes(picture())
         return path
 
     return build
@@ -156,16 +156,16 @@ def _names_itself(folder: Path) -> Path:
 VERTICES = "property float x\nproperty float y\nproperty float z\n"
 BOX_TEXT = obj_text(box(OBJ_SIDES), BOX_QUADS, material="")
 HOSTILE: dict[str, Callable[[Path], Path]] = {
-    "PNG of 16384 x 16384": _textured(png_of(16384, 16384, rows=0)),
-    "PNG of 12000 x 11000, black": _textured(png_of(12000, 11000)),
-    "PNG of 8192 x 8192, black": _textured(png_of(8192, 8192)),
-    "PNG of two billion a side": _textured(png_of(2**31 - 1, 2**31 - 1, rows=0)),
-    "PNG with more rows than it says": _textured(png_of(64, 8, rows=2_000_000)),
-    "PNG of 12000 x 11000, interlaced": _textured(png_of(12000, 11000, rows=3, interlaced=True)),
-    "JPEG of 65500 a side": _textured(jpeg_of(65500, 65500)),
-    "JPEG of 16000 x 8000": _textured(jpeg_of(16000, 8000)),
-    "webp of a large canvas": _textured(webp_canvas(16384, 16384)),
-    "webp of a canvas of 2^32": _textured(webp_canvas(2**24, 2**8)),
+    "PNG of 16384 x 16384": _textured(lambda: png_of(16384, 16384, rows=0)),
+    "PNG of 12000 x 11000, black": _textured(lambda: png_of(12000, 11000)),
+    "PNG of 8192 x 8192, black": _textured(lambda: png_of(8192, 8192)),
+    "PNG of two billion a side": _textured(lambda: png_of(2**31 - 1, 2**31 - 1, rows=0)),
+    "PNG with more rows than it says": _textured(lambda: png_of(64, 8, rows=2_000_000)),
+    "PNG of 12000 x 11000, interlaced": _textured(lambda: png_of(12000, 11000, rows=3, interlaced=True)),
+    "JPEG of 65500 a side": _textured(lambda: jpeg_of(65500, 65500)),
+    "JPEG of 16000 x 8000": _textured(lambda: jpeg_of(16000, 8000)),
+    "webp of a large canvas": _textured(lambda: webp_canvas(16384, 16384)),
+    "webp of a canvas of 2^32": _textured(lambda: webp_canvas(2**24, 2**8)),
     "JSON nested deeply": _json("[" * 1_000_000),
     "JSON nested deeply inside": _json(
         '{"asset":{"version":"2.0"},"nodes":' + "[" * 500_000 + "]" * 500_000 + "}"
