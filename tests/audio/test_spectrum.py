@@ -38,6 +38,7 @@ def test_ball_has_lambs_modes() -> None:
     np.testing.assert_allclose(eta[10:13], 3.42453, rtol=8e-3)
 
 
+@pytest.mark.slow
 def test_cube_has_demarests_modes_and_the_exact_lame_mode() -> None:
     eta = np.sqrt(spectrum(box((3, 3, 3), (1, 1, 1)), 1.0, 0.3, 15).eta_squared)
     reference = np.repeat([2.85608, 3.84599, 3.91127, 4.44288, 4.57281], [2, 3, 3, 3, 3])
@@ -88,7 +89,9 @@ def plate_truth() -> np.ndarray:
     return np.sqrt(spectrum(box((7, 7, 1), (1, 1, 0.02)), 1.0, 0.3, 20, order=4).eta_squared)
 
 
-@pytest.mark.parametrize("accuracy_cents", [30.0, 8.0, 2.0])
+@pytest.mark.parametrize(
+    "accuracy_cents", [30.0, *(pytest.param(cents, marks=pytest.mark.slow) for cents in (8.0, 2.0))]
+)
 def test_a_wanted_accuracy_is_reached_and_the_estimate_is_of_the_size_of_the_error(
     accuracy_cents: float, plate_truth: np.ndarray
 ) -> None:
@@ -150,6 +153,7 @@ def test_modes_from_a_start_are_those_found_from_scratch(max_modes: int) -> None
     assert np.linalg.svd(one.T @ weigh(mass, other), compute_uv=False).min() > 1 - 1e-5
 
 
+@pytest.mark.slow
 def test_a_start_that_lacks_modes_is_not_believed() -> None:
     solid, space = plate()
     settings: dict[str, Any] = {"below": 25.0, "max_modes": 60, "seed": 0}
@@ -194,6 +198,7 @@ def test_a_compact_body_near_the_limit_is_silent_without_a_solution_in_all_funct
     assert len(adapted(cube, 5.0, below=8.3).eta_squared) == 2
 
 
+@pytest.mark.slow
 def test_a_thin_body_whose_first_mode_lies_near_the_limit_is_not_called_silent() -> None:
     """A strip on two cells: order 2 has its first eigenvalue 44 % high, far above the limit."""
     size = (1, 0.1, 0.01)
@@ -205,6 +210,7 @@ def test_a_thin_body_whose_first_mode_lies_near_the_limit_is_not_called_silent()
     assert len(adapted(box((2, 1, 1), size), 5.0, below=0.9 * truth).eta_squared) == 0
 
 
+@pytest.mark.slow
 def test_six_rigid_motions_a_body_are_dropped_by_count() -> None:
     cube = box((2, 2, 2), (1, 1, 1))
     bodies = together(cube, moved(cube, (1.5, 0, 0)), moved(cube, (0, 3, 0)))

@@ -99,7 +99,13 @@ def products_of_a_former_run(root):
                 write_product(path, Product({}, {**made, **more}))
 
 
-def wanted(root, **changes):
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory):
+    """What is known of files and of the code, which takes a second to read."""
+    return Verified(tmp_path_factory.mktemp("verified"))
+
+
+def wanted(root, verified, **changes):
     """Fingerprint of every stage for a steel mug with `changes` to its record."""
     mesh = root / "mug.obj"
     mesh.write_text("v 0 0 0\n")
@@ -110,7 +116,6 @@ def wanted(root, **changes):
     record = ObjectRecord(**described)
     row = row_of(record, MATERIALS[record.material])
     parameters = read_parameters(REPOSITORY / "params.yaml")
-    verified = Verified(root)
     return {
         name: fingerprint(stage.prepare(root, parameters, "mug", row, verified).parts)
         for name, stage in STAGES.items()
@@ -130,15 +135,15 @@ def wanted(root, **changes):
         ({"shell_m": 0.002}, {"modes"}),
     ],
 )
-def test_a_change_concerns_the_stages_that_read_it(tmp_path, change, stages):
+def test_a_change_concerns_the_stages_that_read_it(tmp_path, verified, change, stages):
     products_of_a_former_run(tmp_path)
-    before, after = wanted(tmp_path), wanted(tmp_path, **change)
+    before, after = wanted(tmp_path, verified), wanted(tmp_path, verified, **change)
     assert {name for name in STAGES if before[name] != after[name]} == stages
 
 
-def test_new_modes_are_encoded_and_verified_and_nothing_else(tmp_path):
+def test_new_modes_are_encoded_and_verified_and_nothing_else(tmp_path, verified):
     products_of_a_former_run(tmp_path)
-    before = wanted(tmp_path)
+    before = wanted(tmp_path, verified)
     write_product(MODES.path(tmp_path, "mug"), Product({}, {"fingerprint": "made again"}))
-    after = wanted(tmp_path)
+    after = wanted(tmp_path, verified)
     assert {name for name in STAGES if before[name] != after[name]} == {"encode", "fidelity"}

@@ -8,14 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.products.store import write_product
+from objectfolder.products.store import read_product, write_product
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.record import simulate_touches
-from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.truth.views import simulate_views
 
 # The servers that tests of the pipeline stand up are modules of its folder.
 sys.path.append(str(Path(__file__).parents[1] / "pipeline"))
@@ -25,28 +21,13 @@ sys.path.append(str(Path(__file__).parents[1] / "pipeline"))
 def small_set(
     glass_bar: TexturedMesh, small_file: Path, make_once: Callable[[str, Callable[[Path], None]], Path]
 ) -> Path:
-    """Root of a data set of two objects, the bar of `small_file` twice, with really simulated truth."""
+    """Root of a data set of two objects, the bar of `small_file` twice, with its truth and more touches."""
     return make_once("set", lambda root: _make_set(glass_bar, small_file, root))
 
 
 def _make_set(glass_bar: TexturedMesh, small_file: Path, root: Path) -> None:
-    glass = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")["glass"]
-    made = {
-        "views": simulate_views(
-            glass_bar,
-            Appearance(glass.roughness, glass.metallic),
-            resolution=24,
-            field_of_view_deg=39.6,
-            camera_radius=2.5,
-            training_views=3,
-            training_samples=4,
-            held_out_views=2,
-            held_out_samples=16,
-            seed=1,
-        ),
-        "modes": simulate_modes(glass_bar.surface, glass, training_points=120, held_out_points=20, seed=0),
-        "touches": simulate_touches(glass_bar.surface, Sensor(), touches=3, held_out_touches=6, seed=0),
-    }
+    made = {kind: read_product(small_file.with_name(f"{kind}.zarr.zip")) for kind in ("views", "modes")}
+    made["touches"] = simulate_touches(glass_bar.surface, Sensor(), touches=3, held_out_touches=6, seed=0)
     for object_id in ("bar", "rod"):
         for kind, product in made.items():
             write_product(root / "data" / kind / f"{object_id}.zarr.zip", product)

@@ -43,7 +43,7 @@ SHAPES = {
         "azimuth_deg": ((), torch.float32),
     },
 }
-COUNTS = {"vision": (3, 2), "audio": (120, 20), "touch": (3, 6)}
+COUNTS = {"vision": (6, 2), "audio": (120, 20), "touch": (3, 6)}
 KINDS = {"vision": "views", "audio": "modes", "touch": "touches"}
 
 
@@ -120,7 +120,12 @@ def test_sounds_are_those_that_fidelity_compares(small_set):
 
 
 @pytest.mark.parametrize(
-    ("context", "source"), [("fork", "truth"), ("spawn", "truth"), ("fork", "object_file")]
+    ("context", "source"),
+    [
+        ("fork", "truth"),
+        pytest.param("spawn", "truth", marks=pytest.mark.slow),
+        ("fork", "object_file"),
+    ],
 )
 def test_workers_give_the_same_samples(small_set, context, source):
     samples = of(small_set, "touch", source=source)
