@@ -26,19 +26,7 @@ Pair = tuple[Content | None, Content | None]
 
 
 class Comparison:
-    """A comparison of two versions.
-
-    Parameters
-    ----------
-    contents
-        Where products are read from.
-    old, new
-        The versions.
-    stages
-        Each after those whose products it reads.
-    read_arrays
-        Read the arrays of changed products, rather than compare their checksums.
-    """
+    """A comparison of two versions; of changed products arrays are read, too, where `read_arrays` says so."""
 
     def __init__(
         self,
@@ -96,13 +84,7 @@ class Comparison:
         )  # fmt: skip
 
     def stages(self, was: str, object_id: str) -> tuple[tuple[StageChange, ...], list[FidelityChange]]:
-        """Return the stages whose products of an object changed, and what that did to fidelity.
-
-        Parameters
-        ----------
-        was, object_id
-            Its id in the earlier and in the later version.
-        """
+        """Return the stages whose products of an object (formerly `was`) changed, and their fidelity."""
         changed = {kind: pair for kind in self._compared if (pair := self._pair(kind, was, object_id))}
         if not changed:
             return (), []

@@ -61,19 +61,10 @@ Unreadable = tuple[Commit, ObjectFolderError]
 def history(
     contents: Contents, object_id: str, stages: Sequence[Stage], revision: str = "HEAD"
 ) -> tuple[list[ObjectVersion], list[Unreadable]]:
-    """Return the versions of an object, oldest first, and the commits that cannot be read here.
+    """Return the versions of an object up to a revision, oldest first, and the commits not readable here.
 
     Only commits that changed ``dvc.lock`` are looked at, and of those only where products of the object
     changed, their attributes are read.
-
-    Parameters
-    ----------
-    contents
-        Where versions are read from.
-    object_id, stages
-        The object, and all stages.
-    revision
-        The last commit to be looked at.
 
     Raises
     ------

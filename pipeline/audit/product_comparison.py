@@ -22,15 +22,7 @@ ASK = "made from the same, other bytes: --arrays reads them"
 
 
 class ProductComparison:
-    """Compares products, reading few of them whole unless it was asked to read all.
-
-    Parameters
-    ----------
-    contents
-        Where they are read from.
-    read_arrays
-        Whether all are to be read whole; then what is far is fetched, too.
-    """
+    """Compares products, reading few of them whole unless it was asked to read all, far ones too."""
 
     def __init__(self, contents: Contents, read_arrays: bool) -> None:
         self.read_arrays = read_arrays
@@ -44,13 +36,7 @@ class ProductComparison:
         said: tuple[Description, Description],
         around: Circumstances,
     ) -> tuple[Arrays, list[Reason]]:
-        """Return how the arrays of two products of a stage compare, and why they differ.
-
-        Parameters
-        ----------
-        contents, said
-            The products and what they say of themselves, the earlier one first.
-        """
+        """Return how the arrays of two products, the earlier one first, compare, and why they differ."""
         reasons = why(stage, *said, around)
         suspicious = all(one.kind == BYTES for one in reasons)
         arrays, defects = _by_checksums(*said)

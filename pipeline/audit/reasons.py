@@ -69,13 +69,6 @@ def is_labelled_truly(found: Description) -> bool:
 def why(stage: Stage, old: Description, new: Description, around: Circumstances) -> list[Reason]:
     """Return why two products of an object differ, what the product itself is made from first.
 
-    Parameters
-    ----------
-    stage
-        Which makes them.
-    old, new
-        What they say of themselves; their bytes differ.
-
     Returns
     -------
     list of Reason

@@ -60,21 +60,11 @@ def recompute(
     seed: int,
     started: Callable[[str, str], None] = lambda *_: None,
 ) -> list[Remade]:
-    """Make products again, drawn at random, and compare them within the tolerances that they carry.
+    """Make `count` products again, drawn at random, and compare them within the tolerances that they carry.
 
     Each is made by its stage's own task, in a child process as in any run, from the parameters, the record
-    and the seed that the product names, and the inputs that the version has.
-
-    Parameters
-    ----------
-    contents, version
-        Where files lie, and which are to be made.
-    stages
-        All stages.
-    count, seed
-        Number of products, all of them where the version has fewer, and the seed of the draw.
-    started
-        Called with stage and object before each.
+    and the seed that the product names, and the inputs that the version has. `started` is called with stage
+    and object before each.
 
     Raises
     ------

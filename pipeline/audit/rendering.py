@@ -39,19 +39,7 @@ def as_json(content: Mapping[str, Any]) -> str:
 def audit_text(
     audit: Audit, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float], width: int
 ) -> str:
-    """Return what an audit found, for people.
-
-    Parameters
-    ----------
-    audit
-        What it found.
-    exceeded
-        What lost more than was allowed.
-    allowed
-        The largest loss allowed by measure.
-    width
-        Columns of the terminal.
-    """
+    """Return what an audit found, and what of it exceeds the largest loss allowed by measure, for people."""
     felt = [one for one in audit.fidelity if abs(one.weight) >= LEAST_WEIGHT]
     rows = [("object", "measure", "before", "after", "change")]
     for one in felt[:FIDELITY_ROWS]:

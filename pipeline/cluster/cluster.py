@@ -112,15 +112,6 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
     The client's scheduler may have no worker yet, and workers may come and go. A worker that does not start,
     or ends, is started again.
 
-    Parameters
-    ----------
-    place
-        Where to run.
-    root
-        The data folder, absolute.
-    tasks_at_most
-        Tasks that there will be: no more threads are asked for.
-
     Yields
     ------
     distributed.Client

@@ -46,16 +46,8 @@ def run_task(
 ) -> Answer:
     """Run a call in the child process of this worker thread.
 
-    Parameters
-    ----------
-    call
-        What to run where the worker sees the data folder.
-    shipment
-        The same for a worker that does not; None if its inputs are not in the store yet.
-    root, marker
-        The driver's data folder, and a file in it that only workers which share the folder can read.
-    settings, expected_bytes
-        How children run, and the memory that the call is expected to take.
+    Where the worker cannot read the marker, a file in the data folder `root`, the shipment is run in its
+    place, which is None if its inputs are not in the store yet.
     """
     from distributed import get_worker
 

@@ -56,15 +56,7 @@ SECTIONS = {
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Reason]:
-    """Return what differs between the parts of two fingerprints, in JSON values.
-
-    Parameters
-    ----------
-    old
-        Of a product, as its provenance holds them.
-    new
-        As they are wanted.
-    """
+    """Return what differs between what a product was made from and what is wanted, in JSON values."""
     found = []
     for section, part in SECTIONS.items():
         before, after = (dict(_flat("", parts.get(section, {}))) for parts in (old, new))

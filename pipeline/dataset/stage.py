@@ -127,17 +127,6 @@ class Stage:
     ) -> Prepared:
         """Return what the task of an object gets, and what its products are made from.
 
-        Parameters
-        ----------
-        root
-            Root of the data set.
-        parameters
-            Of the whole run.
-        object_id, row
-            The object, and what the table says of it.
-        verified
-            What is known of files and code.
-
         Raises
         ------
         InputError

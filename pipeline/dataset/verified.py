@@ -49,13 +49,7 @@ class _Kept:
 
 
 class Verified:
-    """A cache beside the data set; losing it costs time only.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    """
+    """A cache beside the data set at `root`; losing it costs time only."""
 
     def __init__(self, root: Path) -> None:
         self._prefix = f"{root}{os.sep}"

@@ -53,16 +53,7 @@ class Removable:
 
 
 def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False) -> None:
-    """List what may be removed, and remove it where that is asked for.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    remove
-        Remove what is listed.
-    with_memo
-        Also products of other settings, which then are computed again.
+    """List what may be removed, with the memo also products of other settings; `remove` it if asked to.
 
     Raises
     ------

@@ -24,16 +24,7 @@ WAIT = "OBJECTFOLDER_WAIT"
 
 @contextlib.contextmanager
 def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[None]:
-    """Lock the checkout for a run, once no other run has it.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    what
-        What runs, for those who wait.
-    stream
-        Where it says that it waits; standard error by default.
+    """Lock the checkout for a run, once no other run has it; `what` runs is said to those who wait.
 
     Raises
     ------

@@ -24,22 +24,10 @@ KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
 
 
 class Flow:
-    """The state of every object in every stage.
+    """The state of every object in every stage; for arguments see `converge`.
 
-    Parameters
-    ----------
-    stages
-        Each after those whose products it reads.
-    root
-        Root of the data set, absolute.
-    parameters
-        Of the whole run.
-    rows
-        The listed objects.
-    verified
-        Which products were checked whole.
-    on_settled
-        Told of each object that is settled in a stage, and the wall seconds of its task, 0 if none ran.
+    `on_settled` is told of each object that is settled in a stage, and the wall seconds of its task, 0 if
+    none ran.
     """
 
     def __init__(

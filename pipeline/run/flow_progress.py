@@ -18,14 +18,7 @@ LOG_INTERVAL_S = 30.0
 class FlowProgress:
     """Objects settled and left in each of several stages, busy workers and time to go.
 
-    Parameters
-    ----------
-    stages
-        Names of the stages in order, each with those it waits for.
-    stream
-        Where it shows; standard error by default.
-    clock
-        Returns seconds that grow.
+    Each stage stands with those that it waits for.
     """
 
     def __init__(

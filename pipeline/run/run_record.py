@@ -32,14 +32,7 @@ DETAIL_CHARACTERS = 2000
 
 
 class RunRecord:
-    """The open record of a run, or of a part of one.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    stages
-        Names of what runs.
+    """The open record of a run of stages, or of a part of one.
 
     Raises
     ------

@@ -69,16 +69,9 @@ def status(
     parameters: Parameters | None = None,
     rows: Mapping[str, Row] | None = None,
 ) -> list[Status]:
-    """Return the state of every object in every stage.
+    """Return the state of every object in every stage, each after those whose products it reads.
 
-    Parameters
-    ----------
-    root
-        Root of the data set, absolute.
-    stages
-        Each after those whose products it reads.
-    parameters, rows
-        What to compare with; read from ``params.yaml`` and the table it names where they are not given.
+    Parameters and rows are those of ``params.yaml`` and the table that it names where they are not given.
 
     Raises
     ------

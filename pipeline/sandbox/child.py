@@ -72,15 +72,7 @@ def execute(call: Call) -> Outcome:
 
 
 def serve(guard: int, scratch: str) -> NoReturn:
-    """Serve calls until standard input ends.
-
-    Parameters
-    ----------
-    guard
-        The process that forked this one, with which it ends.
-    scratch
-        Folder to work in.
-    """
+    """Serve calls in a scratch folder until standard input ends, or the `guard` that forked this process."""
     end_with(guard)
     code = _LoadedCode(known_sources(Path.cwd()))
     os.chdir(scratch)

@@ -19,15 +19,7 @@ DEFAULT_GB = 20.0
 
 
 class InputCache:
-    """A folder of files by their names in a store.
-
-    Parameters
-    ----------
-    folder
-        Where; made at need.
-    cap_bytes
-        Size above which the files longest unused go.
-    """
+    """A folder of files by their names in a store; above `cap_bytes`, the files longest unused go."""
 
     def __init__(self, folder: Path, cap_bytes: int) -> None:
         self._folder = folder.absolute()

@@ -163,12 +163,9 @@ def _row(wanted: Wanted, object_id: str, material: str, licence: str) -> dict[st
 
 
 def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
-    """Copy the files beside the table, then add the row: never a row without its files.
+    """Copy the files beside the table, then add the row, in place of one of the same id if `replace`.
 
-    Parameters
-    ----------
-    replace
-        Let the object take the place of one of the same id.
+    There is never a row without its files.
 
     Raises
     ------

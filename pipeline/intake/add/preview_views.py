@@ -77,14 +77,7 @@ def side_m(mesh: TexturedMesh, views: list[View]) -> float:
 def look(surface: Surface, axes: Floats, side: float, pixels: int, before: float) -> Hits:
     """Return what parallel rays first hit, a ray a pixel of a square, row by row from the top.
 
-    Parameters
-    ----------
-    axes
-        As those of a `View`.
-    side
-        Of the square, metres; its centre is the surface's.
-    before
-        How far before the centre the rays begin, metres.
+    In metres are the `side` of the square, whose centre is the surface's, and how far before it rays begin.
     """
     steps = ((np.arange(pixels) + 0.5) / pixels - 0.5) * side
     x, y = np.meshgrid(steps, -steps)

@@ -65,16 +65,9 @@ def check_table(
     with_meshes: bool = True,
     progress: Callable[[int, int, str], None] = lambda *_: None,
 ) -> Check:
-    """Check a table of objects.
+    """Check a table of objects; without meshes, which take a second each, only the table itself.
 
-    Parameters
-    ----------
-    materials_table
-        The table of materials.
-    with_meshes
-        Read and measure the meshes that are there, about a second each; else only the table.
-    progress
-        Called with rows done, rows and the id that comes next.
+    Progress is called with rows done, rows and the id that comes next.
 
     Raises
     ------

@@ -141,14 +141,7 @@ class Downloader:
     def file(
         self, url: str, *, md5: str | None = None, size: int | None = None, limit_bytes: int = LIMIT_BYTES
     ) -> Path:
-        """Return a verified file in the cache, fetched where it is not there.
-
-        Parameters
-        ----------
-        md5, size
-            Of the content, where they are known.
-        limit_bytes
-            The most that it may have.
+        """Return a verified file in the cache, fetched where it is not there; `md5` and `size` where known.
 
         Raises
         ------

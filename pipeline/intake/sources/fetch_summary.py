@@ -38,13 +38,7 @@ def summary(fetched: Sequence[Fetched], table: Path, rows: Collection[Mapping[st
 
 
 def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
-    """Return CSV with a header: all that is known of objects, but for their materials.
-
-    Parameters
-    ----------
-    folder
-        Of the table, which paths are relative to.
-    """
+    """Return CSV with a header: all that is known of objects but their materials; paths are from `folder`."""
     rows = []
     for fetched in objects:
         source, name = fetched.asked.source, fetched.asked.name

@@ -81,14 +81,9 @@ def content_of(path: Path) -> Content:
 def record_hashes(
     path: Path, source_id: str, files: Mapping[str, Content], *, accept_changed: bool = False
 ) -> int:
-    """Add hashes of an object's new files to the table; return the number of new rows.
+    """Add hashes of new files, by their paths in an object's folder, to the table; return how many are new.
 
-    Parameters
-    ----------
-    files
-        By their paths in the object's folder.
-    accept_changed
-        Replace what is known of other content instead of refusing it.
+    `accept_changed` replaces what is known of other content instead of refusing it.
 
     Raises
     ------

@@ -125,18 +125,9 @@ class Plan:
 def plan_data_set(
     root: Path, objects: Path | None = None, workers: Sequence[int] = (), count: int | None = None
 ) -> Plan:
-    """Return the plan of a data set.
+    """Return the plan of a data set, or of another `objects` table, also for other numbers of `workers`.
 
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    objects
-        Table of objects; that of ``params.yaml`` without it.
-    workers
-        Also with these numbers of workers.
-    count
-        For this number of objects that do not exist yet.
+    With a `count` it is for this number of objects that do not exist yet.
     """
     parameters = read_parameters(root / "params.yaml")
     machines = machines_of(read_place(root))
