@@ -1,5 +1,8 @@
 """``params.yaml`` as frozen dataclasses: the parameters that decide the data, and nothing else."""
 
+import dataclasses
+import functools
+import operator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -122,6 +125,14 @@ class CommonParameters:
 @dataclass(frozen=True)
 class Parameters(SizeParameters, CommonParameters):
     """All parameters of a run, of the selected size."""
+
+    def values_at(self, name: str) -> Any:
+        """Return the value at a dotted name, sections as dictionaries."""
+        return functools.reduce(operator.getitem, name.split("."), self._mappings)
+
+    @functools.cached_property
+    def _mappings(self) -> dict[str, Any]:
+        return dataclasses.asdict(self)
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

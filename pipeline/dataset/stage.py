@@ -1,6 +1,5 @@
 """A stage: a task, the products it makes of each object, and exactly what it reads."""
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -141,7 +140,7 @@ class Stage:
         for role, path in (self.sources(row) if self.sources else {}).items():
             paths[role] = path
             contents[role] = digests[role] = source_digest(path, verified)
-        read = {name: pick(parameters, name) for name in self.parameters}
+        read = {name: parameters.values_at(name) for name in self.parameters}
         record = {name: row[name] for name in self.fields}
         seed = seed_from(parameters.seed, self.name, object_id)
         parts = {
@@ -178,13 +177,3 @@ def source_digest(path: Path, verified: Verified) -> str:
         raise InputError(
             str(path), f"cannot be read ({error.strerror})", "Correct the path in the table."
         ) from error
-
-
-def pick(parameters: Parameters, name: str) -> Any:
-    """Return the value at a dotted name, sections as dictionaries."""
-    value: Any = parameters
-    for part in name.split("."):
-        value = getattr(value, part)
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return dataclasses.asdict(value)
-    return value

@@ -107,10 +107,11 @@ class Flow:
             return None
         wanted = self._fingerprints[stage.name][object_id] = fingerprint(prepared.parts)
         targets = stage.targets(self._root, object_id)
-        folder = memo.memo_folder(self._root, wanted)
         if all(self._verified.holds(path, wanted) for path in targets):
             self._settle(stage.name, object_id, KEPT)
-        elif memo.restore(folder, targets):
+            return None
+        folder = memo.memo_folder(self._root, wanted)
+        if memo.restore(folder, targets):
             for path in targets:
                 self._verified.add(path, wanted)
             self._settle(stage.name, object_id, RESTORED)
