@@ -136,6 +136,7 @@ def test_the_index_says_what_is_known(root: Path) -> None:
     index = Page(root / "reports" / "index.html")
     assert "4 objects measured" in index.text
     assert "2 failed" in index.text
+    assert index.source.index('class="figures"') < index.source.index('id="table"')
     rows = re.findall(r'<th scope="row"><a href="objects/(.*?)\.html"><img', index.source)
     assert rows[0] == "hostile", "the worst is first"
     assert set(rows) == {"hostile", "die", "deaf", "mug"}

@@ -24,6 +24,8 @@ from pipeline.publish.report.summary import (
 from pipeline.publish.report.templates import security_policy, template_environment, web_link
 
 SCRIPTS = ("theme.js", "index.js")
+# What is said of sight, sound and touch at the top of the page.
+FIGURES = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db")
 MOST_SOURCES = 60  # others are found only by the search
 
 
@@ -103,6 +105,7 @@ def render_index(
         failed=len(failed),
         pages=pages,
         summary=measured,
+        figures=[row for key in FIGURES for row in measured if row.measure.key == key],
         noise_floor_db=mean([number_at(one.attributes, "vision.noise_floor_db") for one in objects]),
         ranking=RANKING,
         distributions=[(one, *histogram(one)) for one in [*measured, cost] if len(one.values) > 1],

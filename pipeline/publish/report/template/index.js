@@ -94,9 +94,9 @@
     headers[place].sort(direction);
   });
 
-  // Columns that do not fit are left out, the source and then the last first; a button brings them back.
+  // Columns that do not fit are left out, the source, the last and then the words first; a button brings them back.
   const [view, all] = ["view", "all"].map((id) => document.getElementById(id));
-  const places = [2, ...[...headers.keys()].slice(6).reverse()];
+  const places = [2, ...[...headers.keys()].slice(5).reverse(), 1, 3];
   const fit = () => {
     const tiled = table.classList.contains("tiled");
     for (const place of places) table.classList.remove(`without-${place}`);
