@@ -18,7 +18,7 @@ from objectfolder.touch.touchnet import TouchNet
 from objectfolder.touch.truth.touches import Press
 
 PICTURES = 4
-TURNTABLE_FRAMES, TURNTABLE_PIXELS = 8, 176
+TURNTABLE_FRAMES, TURNTABLE_PIXELS, TURNTABLE_SUB_RAYS = 8, 220, 4
 SUB_RAYS = (4, 16, 64)
 MODE_SHARES = (0.25, 0.5, 1.0)
 SURFACE_STEPS_M = (64e-6, 8e-6, 1e-6)
@@ -152,7 +152,7 @@ def _sight(
         "vision_truth": Array(truth[shown], dims, "1", "held-out views on white, worst first: truth"),
         "vision_answer": Array(answer[shown], dims, "1", "held-out views on white, worst first: Object File"),
         "turntable": Array(
-            file.pictures(TURNTABLE_FRAMES, TURNTABLE_PIXELS),
+            file.pictures(TURNTABLE_FRAMES, TURNTABLE_PIXELS, sub_rays=TURNTABLE_SUB_RAYS),
             dims,
             "1",
             "from all round, in a studio's light",

@@ -5,10 +5,11 @@ A lamp's colour is a factor of the power of the data set's light.
 
 import numpy as np
 
-from objectfolder.vision.cameras import CAMERA_RADIUS, GOLDEN_RATIO, look_at
+from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, GOLDEN_RATIO, look_at
 from objectfolder.vision.compositing import on_white
 
 ELEVATION_DEG = 25.0
+FILLED = 0.92  # share of half an image that the object's farthest point is from the middle
 LAMP_RADIUS = 3.0  # unit-frame lengths from the centre: far, so that no side of the object is burnt
 # Directions in the camera's axes (right, up, towards it) and powers: key, fill, rim.
 LAMPS = np.array([[-0.6, 0.7, 0.8], [0.9, 0.2, 0.6], [0.2, 0.9, -0.7]])
@@ -20,12 +21,22 @@ WHITE_SHARE = 0.95  # of the object's pixels are darker than the level below
 WHITE_LEVEL = 0.79  # linear; 0.9 as displayed
 
 
-def turntable(count: int) -> np.ndarray:
-    """Return (count, 4, 4) poses on a circle about the z axis, unit frame, looking slightly down."""
+def turntable(count: int, points: np.ndarray) -> np.ndarray:
+    """Return (count, 4, 4) poses on a circle about the z axis, unit frame, looking slightly down.
+
+    Parameters
+    ----------
+    points
+        (n, 3), unit frame: all of them are in every image, as large as they then can be.
+    """
     angles = np.deg2rad(-60.0) + 2 * np.pi * np.arange(count) / max(1, count)
     elevation = np.deg2rad(ELEVATION_DEG)
     around = [np.cos(elevation) * np.cos(angles), np.cos(elevation) * np.sin(angles)]
-    return look_at(CAMERA_RADIUS * np.stack([*around, np.full(count, np.sin(elevation))], axis=1))
+    poses = look_at(np.stack([*around, np.full(count, np.sin(elevation))], axis=1))
+    right, up, near = np.moveaxis(points @ poses[:, :3, :3], -1, 0)
+    spread = FILLED * np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
+    poses[:, :3, 3] *= (np.maximum(abs(right), abs(up)) / spread + near).max(initial=0.0)
+    return poses
 
 
 def studio_lights(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

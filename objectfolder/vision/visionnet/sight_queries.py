@@ -9,6 +9,7 @@ import numpy as np
 from objectfolder.errors import QueryError
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.points import point_rows
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import (
     CAMERA_RADIUS,
     LIGHT_RADIUS,
@@ -31,6 +32,7 @@ class SightQueries:
     """
 
     frame: UnitFrame
+    surface: Surface
     vision: VisionNet
 
     @overload
@@ -200,7 +202,8 @@ class SightQueries:
         Parameters
         ----------
         cameras
-            A number of cameras all round the object, or their poses as for `render`.
+            A number of cameras all round the object, so near that it fills the images, or their poses as for
+            `render`.
         resolution, sub_rays
             As for `render`.
 
@@ -218,14 +221,17 @@ class SightQueries:
         ((3, 64, 64, 3), [255, 255, 255])
         """
         if isinstance(cameras, int | np.integer):
-            poses = self.frame.camera_to_object(turntable(int(cameras)))
+            poses = self._all_round(int(cameras))
         else:
             poses = view_query(cameras, np.zeros(3), None).cameras
         return exposed(self._in_studio(poses, resolution, sub_rays), self._exposure)
 
     @cached_property
     def _exposure(self) -> float:
-        return exposure(self._in_studio(self.frame.camera_to_object(turntable(3)), 64, 4))
+        return exposure(self._in_studio(self._all_round(3), 64, 4))
+
+    def _all_round(self, count: int) -> np.ndarray:
+        return self.frame.camera_to_object(turntable(count, self.frame.to_unit(self.surface.vertices)))
 
     def _in_studio(
         self, poses: np.ndarray, resolution: int | tuple[int, int], sub_rays: int | None
