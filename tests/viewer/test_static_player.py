@@ -4,6 +4,8 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
+from scipy.io import wavfile
 
 import objectfolder
 from pipeline.publish.viewer.static import write_player, write_player_assets
@@ -128,13 +130,30 @@ def test_a_click_strikes_where_the_package_says_and_sounds_as_it_does(player, x,
 def test_strength_scales_the_sound_and_the_direction_is_taken(player):
     page = player.page
     weak = touched(page, "struck", lambda: click(page))
-    page.get_by_label("Strength").fill("-0.3")
+    page.get_by_role("radio", name="Hard 250 mN s").check(force=True)
     strong = touched(page, "struck", lambda: click(page))
-    ratio = 10 ** (-0.3 + 1.3)
-    assert np.allclose(np.array(strong["sound"]), ratio * np.array(weak["sound"]), rtol=1e-4, atol=1e-6)
+    assert np.allclose(np.array(strong["sound"]), 0.25 / 0.05 * np.array(weak["sound"]), rtol=1e-4, atol=1e-6)
     page.get_by_label("Direction").select_option("down")
     down = touched(page, "struck", lambda: click(page))
-    assert down["impulse"] == pytest.approx([0, 0, -(10**-0.3)])
+    assert down["impulse"] == pytest.approx([0, 0, -0.25])
+
+
+def test_what_is_seen_and_heard_is_saved(player):
+    page = player.page
+    assert page.get_by_role("button", name="Save sound").is_disabled()
+    answer = touched(page, "struck", lambda: click(page))
+    with page.expect_download() as saving:
+        page.get_by_role("button", name="Save sound").click()
+    rate, sound = wavfile.read(saving.value.path())
+    assert saving.value.suggested_filename == "bar.wav"
+    assert rate == evaluated(page, "panel.last.strike.sample_rate")
+    heard = np.array(answer["sound"]) * page.evaluate("() => objectfolderViewer.lastGain")
+    assert np.abs(sound / 32767 - heard).max() < 1e-4
+    assert np.abs(sound).max() > 3000, "at a level that is heard"
+    with page.expect_download() as saving:
+        page.get_by_role("button", name="Save picture").click()
+    with Image.open(saving.value.path()) as picture:
+        assert np.array_equal(np.asarray(picture.convert("RGB")), pixels(page))
 
 
 def test_keys_strike_the_middle_and_a_miss_is_said(player):

@@ -1,6 +1,7 @@
 // Sounds played as they are, times one factor for the object; nothing is normalised strike by strike.
 "use strict";
 (function (viewer) {
+  const FULL_SCALE = 32767;
   let context = null;
 
   // One for the page; browsers let it run after the first click or key.
@@ -23,10 +24,40 @@
     const volume = new GainNode(output, { gain: played });
     source.connect(volume).connect(output.destination);
     source.start();
-    viewer.lastBuffer = buffer;
+    [viewer.lastBuffer, viewer.lastGain] = [buffer, played];
     return { played, peak, quieter: played < gain };
   }
 
+  // What was played last, as it was heard: 16 bits, one channel.
+  function lastWav() {
+    const { lastBuffer, lastGain } = viewer;
+    const samples = lastBuffer.getChannelData(0);
+    const wav = new DataView(new ArrayBuffer(44 + 2 * samples.length));
+    const text = (at, letters) => [...letters].forEach((letter, index) => wav.setUint8(at + index, letter.charCodeAt(0)));
+    const rate = Math.round(lastBuffer.sampleRate);
+    text(0, "RIFF");
+    wav.setUint32(4, 36 + 2 * samples.length, true);
+    text(8, "WAVEfmt ");
+    [[16, 4], [1, 2], [1, 2], [rate, 4], [2 * rate, 4], [2, 2], [16, 2]].reduce((at, [value, bytes]) => {
+      if (bytes === 4) wav.setUint32(at, value, true);
+      else wav.setUint16(at, value, true);
+      return at + bytes;
+    }, 16);
+    text(36, "data");
+    wav.setUint32(40, 2 * samples.length, true);
+    samples.forEach((value, index) => wav.setInt16(44 + 2 * index, Math.round(FULL_SCALE * lastGain * value), true));
+    return new Blob([wav.buffer], { type: "audio/wav" });
+  }
+
+  // Hands a file to the reader.
+  function saved(content, name) {
+    const address = URL.createObjectURL(content);
+    viewer.element("a", { href: address, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(address), 10000);
+  }
+
+  viewer.lastWav = lastWav;
+  viewer.saved = saved;
   viewer.audioContext = audioContext;
   viewer.play = play;
 })((window.objectfolderViewer ??= {}));

@@ -6,7 +6,7 @@
   const SLOW_MS = 80;
   // Shown one after the other while nothing moves; the first within a tenth of a second.
   const RESTING = [
-    { resolution: 128, sub_rays: 16 }, { resolution: 256, sub_rays: null }, { resolution: 512, sub_rays: null },
+    { resolution: 128, sub_rays: 4 }, { resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: null },
   ];
 
   // A question: JSON there; a JSON header and bytes back.
@@ -53,12 +53,9 @@
         while (this.wanted) {
           const { view, moving, shown } = this.wanted;
           this.wanted = null;
-          const finest = this.canvas.clientWidth * (window.devicePixelRatio || 1) * 0.75;
-          const stages = moving
-            ? [this.coarse]
-            : RESTING.filter(({ resolution }) => resolution <= Math.max(256, finest));
+          const stages = moving ? [this.coarse] : RESTING;
           for (const stage of stages) {
-            await this._image(view, stage, shown);
+            await this._image(view, stage, shown, !moving && stage !== stages.at(-1));
             if (this.wanted) break;
           }
           if (!this.wanted) this.canvas.dataset.state = moving ? "coarse" : "rest";
@@ -72,7 +69,7 @@
       }
     }
 
-    async _image(view, { resolution, sub_rays }, shown) {
+    async _image(view, { resolution, sub_rays }, shown, unfinished = false) {
       const start = performance.now();
       const { payload } = await ask("render", { ...view, resolution, sub_rays });
       const rgb = new Uint8Array(payload);
@@ -88,7 +85,8 @@
       const took = performance.now() - start;
       if (sub_rays === COARSE.sub_rays) this.coarse = took > SLOW_MS ? COARSEST : COARSE;
       this.canvas.dispatchEvent(new CustomEvent("player:drawn", { bubbles: true, detail: { resolution, sub_rays, took } }));
-      shown({ resolution, note: `${resolution} × ${resolution}, ${Math.round(took)} ms` });
+      const size = `${resolution} × ${resolution}`;
+      shown({ resolution, note: unfinished ? `${size}, rendering …` : `${size}, ${Math.round(took)} ms` });
     }
 
     async strike(orbit, x, y, { impulse, along, duration, sampleRate }) {

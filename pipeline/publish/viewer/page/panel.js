@@ -3,15 +3,12 @@
 (function (viewer) {
   const { element, slider, choice, clamp } = { ...viewer, ...viewer.algebra };
   const DURATION_S = 2;
-  const HINT = "Drag to turn, shift-drag to move the lamp, + and − to zoom.";
+  const HINT = "Drag to turn, shift-drag for one lamp to move, + and − to zoom.";
   const KEYS =
     "Arrow keys turn the object, shift and arrow keys move the lamp, plus and minus zoom, Enter touches the middle.";
 
-  const newtonSeconds = (exponent) => 10 ** exponent;
-  const shownImpulse = (exponent) => {
-    const value = newtonSeconds(exponent);
-    return value < 0.01 ? `${(value * 1000).toPrecision(2)} mN s` : `${value.toPrecision(2)} N s`;
-  };
+  const BLOWS = [[0.01, "Soft"], [0.05, "Medium"], [0.25, "Hard"]];  // newton seconds
+  const shownImpulse = (value) => `${Number((value * 1000).toPrecision(3))} mN s`;
   const millimetres = (value) => `${value.toFixed(2)} mm`;
   const degrees = (value) => `${Math.round(value)}°`;
 
@@ -20,7 +17,7 @@
     constructor(place, object) {
       this.object = object;
       this.orbit = new viewer.Orbit(object.facts.frame, object.facts.reach);
-      this.settings = { tool: "strike", exponent: -1.3, along: "normal", depth: 1, tilt: 0, azimuth: 0 };
+      this.settings = { tool: "strike", impulse: 0.05, along: "normal", depth: 1, tilt: 0, azimuth: 0 };
       this.last = {};
       this.resolution = 128;
       this.file = object.facts.file;
@@ -87,9 +84,10 @@
       );
       this.strikeControls = element(
         "div", { class: "player-controls" },
-        slider("Strength", {
-          low: -3, high: 0, step: 0.05, value: this.settings.exponent, shown: shownImpulse, changed: set("exponent"),
-        }).label,
+        choice(
+          "Strength", BLOWS.map(([impulse, name]) => [impulse, `${name} ${shownImpulse(impulse)}`]),
+          this.settings.impulse, set("impulse"),
+        ),
         element("label", { class: "player-select" }, element("span", {}, "Direction"), direction),
       );
       const again = () => this.last.hit && this._touch(this.last.hit.x, this.last.hit.y, this.last.hit.orbit);
@@ -104,6 +102,10 @@
         pressing("tilt", "Tilt", 0, 15, 1, degrees),
         pressing("azimuth", "Towards", 0, 360, 5, degrees),
       );
+      const name = this.object.facts.id ?? "object";
+      const save = (text, act) => element("button", { type: "button", onclick: act }, text);
+      this.saveSound = save("Save sound (WAV)", () => viewer.saved(viewer.lastWav(), `${name}.wav`));
+      this.saveSound.disabled = true;
       const tools = [["strike", "Strike"]].concat(this.object.press ? [["press", "Press"]] : []);
       this.answer = element("div", { class: "player-answer" });
       this.said = element("p", { class: "player-said", role: "status", "aria-live": "polite" });
@@ -115,8 +117,8 @@
         "div", { class: "player-side" },
         tools.length > 1 ? choice("A click will", tools, "strike", (tool) => this._toolChosen(tool)) : null,
         this.strikeControls, this.pressControls,
-        this.light, this.lampControls,
-        touchMiddle, this.said, this.answer,
+        touchMiddle, this.said, this.answer, this.light, this.lampControls,
+        element("div", { class: "player-saves" }, save("Save picture (PNG)", () => this._picture()), this.saveSound),
       );
     }
 
@@ -148,6 +150,10 @@
       this.orbit.studio = kind === "studio";
       this.lampControls.hidden = this.orbit.studio;
       this.light.querySelector(`[value="${kind}"]`).checked = true;
+    }
+
+    _picture() {
+      this.canvas.toBlob((png) => viewer.saved(png, `${this.object.facts.id ?? "object"}.png`));
     }
 
     _home() {
@@ -210,12 +216,13 @@
       const { facts } = this.object;
       const sampleRate = viewer.audioContext().sampleRate;
       const asked = {
-        impulse: newtonSeconds(this.settings.exponent), along: this.settings.along, duration: DURATION_S, sampleRate,
+        impulse: this.settings.impulse, along: this.settings.along, duration: DURATION_S, sampleRate,
       };
       const answer = await this.object.strike(orbit, x, y, asked);
       if (!answer) return this._missed();
       const { played, peak, quieter } = viewer.play(answer.sound, sampleRate, facts.listeningGain);
       const waited = performance.now() - this.acted;
+      this.saveSound.disabled = !peak;
       const amplitudes = await answer.partials();
       this.last = {
         hit: { x, y, orbit, point: answer.point },
@@ -223,7 +230,7 @@
       };
       const found = viewer.partials(facts.frequencies, facts.dampings, amplitudes, sampleRate);
       this.answer.replaceChildren(...(found.length ? [viewer.spectrum(found), viewer.partialsTable(found)] : []));
-      const loud = `${shownImpulse(Math.log10(asked.impulse))}; peak ${peak.toPrecision(3)} m/s`;
+      const loud = `${shownImpulse(asked.impulse)}; peak ${peak.toPrecision(3)} m/s`;
       this.said.textContent = found.length
         ? `Struck with ${loud}, played × ${played.toPrecision(2)}${quieter ? ", turned down to fit" : ""}.`
         : `Struck with ${loud}: no mode that can be heard.`;
