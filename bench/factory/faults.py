@@ -3,8 +3,9 @@
 Run as ``python -m bench.factory.faults``; it goes on where it was interrupted. Each round makes a data set
 of toys (three stages, four products an object, tasks of 50 to 200 ms; ``tests/pipeline/ground.py``) on two
 workers, kills workers, children of workers, the driver or the scheduler at random moments, and lets the run
-go on, or runs again, until all is made; a few rounds do so with the stages `objects` and `touches` of three
-starter objects. A child that runs again what its kill cut short is spared: a second kill is a failure.
+go on, or runs again, until all is made. A few rounds do so with the stages `objects` and `touches` of three
+starter objects, whose few tasks run in one child of the driver, without workers. A child that runs again what
+its kill cut short is spared: a second kill is a failure.
 """
 
 import random
@@ -51,7 +52,6 @@ PLAN = {
     "driver with a local cluster": Kind(LOCAL, DRIVER, 5, 30),
     "driver of a scheduler elsewhere": Kind(ADDRESS, DRIVER, 5, 20),
     "scheduler": Kind(ADDRESS, SCHEDULER, 5, 50),
-    "worker, real stages": Kind(LOCAL, WORKER, 2, 2, real=True),
     "child, real stages": Kind(LOCAL, CHILD, 2, 2, real=True),
     "driver, real stages": Kind(LOCAL, DRIVER, 2, 2, real=True),
 }

@@ -94,9 +94,7 @@ class RealGround(Ground):
         (package / "tasks.py").write_text(TASKS)
         (root / "driver.py").write_text(DRIVER.replace("PACKAGE", PACKAGE))
         (root / "cluster").mkdir()
-        (root / "cluster" / "local.yaml").write_text(
-            json.dumps({"kwargs": {"n_workers": 2, "threads_per_worker": 1}})
-        )
+        (root / "cluster" / "local.yaml").write_text(json.dumps({"kwargs": {"threads_per_worker": 2}}))
         shutil.copy(REPOSITORY / "params.yaml", root)
         data = root / "data"
         data.mkdir()

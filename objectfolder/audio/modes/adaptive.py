@@ -5,7 +5,9 @@ raised to order 3, and so on upwards. The estimates leave out how functions act 
 in truth over what was foretold sets that right for the next.
 
 On a bowl order 3 everywhere takes 3.8 CPU-s for a worst error of 30 cents, this choice 9.2 for 3.4; on a
-plate order 3 misses 3 of 82 modes.
+plate order 3 misses 3 of 82 modes. Order 4 everywhere takes 1.4 times the CPU seconds of this choice on a
+scanned spoon and 0.9 to 1.2 times on a scanned mug, with 1.1 and 0.7 times the memory, and has the same worst
+errors to two cents. On bodies of revolution it takes 1.0 to 1.3 times and is two to four times nearer.
 """
 
 import time
