@@ -12,7 +12,6 @@ from PIL import Image
 import objectfolder
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
-from objectfolder.vision.truth.environment import environment_lights
 from pipeline.cli import main
 
 LIT = ["--light", "0", "0", "1", "1", "1", "1"]
@@ -84,9 +83,8 @@ def test_an_environment_is_read_as_it_was_written(
     radiance = np.exp(np.random.default_rng(0).normal(0, 1, (8, 16, 3))).astype(np.float32)
     path = tmp_path / f"around.{suffix}"
     assert cv2.imwrite(str(path), np.ascontiguousarray(radiance[..., ::-1]))
-    assert main([*command, "--environment", str(path), "--environment-lights", "6"]) == 0
-    lights, colours = environment_lights(radiance, 6, radiance_scale=bar.vision.radiance_scale)
-    images = expected(bar, lights, light_colour=colours)
+    assert main([*command, "--environment", str(path)]) == 0
+    images = bar.render(bar.frame.camera_to_object(look_at(CAMERAS)), None, 24, light=radiance)
     for index in range(2):
         written = np.asarray(Image.open(tmp_path / "images" / f"{index:04d}.png")).astype(int)
         # Radiance files have 8 bits a channel.
@@ -109,6 +107,7 @@ def test_wrong_options_are_named(
     ([], r"shape \(2, 3\). Give an \(n, 6\) array"),
     (["--light", "1", "2", "nan", "1", "1", "1"], "--light"),
     ([*LIT, "--crop", "20", "0", "10", "10"], "crop: 10 x 10 pixels at row 20"),
+    ([*LIT, "--environment", "nowhere.exr"], "--light: beside --environment"),
     (["--environment", "nowhere.exr"], "nowhere.exr: no such file"),
     (["--environment", __file__], "not a map of linear radiance"),
 ])  # fmt: skip

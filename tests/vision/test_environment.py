@@ -1,33 +1,40 @@
-"""Environment maps as lights: furnaces of known irradiance, a sun, and what a finite radius costs."""
+"""Environments: maps and their sums, furnaces, suns, crops, and Cycles under the same sky."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_visionnets import drawn_visionnet
+from small_visionnets import drawn_visionnet, rendered_by
+from test_visionnet import psnr
 from vision_shapes import cube
 
 from objectfolder.errors import QueryError
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
-from objectfolder.vision.truth.environment import environment_lights, pixel_directions
+from objectfolder.vision.compiled.surroundings import lobe_directions, looked_up
+from objectfolder.vision.environment import NAMES, Environment, named_map, pixel_directions
+from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.render_request import Shots, unit_scene
+from objectfolder.vision.truth.views import simulate_views
+from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.visionnet import VisionNet
 
-# The data set's 20 W light.
-POWER_W = 20.0
-SCALE = POWER_W / (4 * np.pi**2)
+CAMERAS = look_at(np.array([[1.5, -1.7, 1.0], [-1.2, 0.9, -1.8]]))
 
 
-def irradiance(
-    positions: np.ndarray, colours: np.ndarray, place: np.ndarray, normal: np.ndarray
-) -> np.ndarray:
-    """The irradiance (3,) of point lights of power colour * POWER_W, by the inverse square law."""
-    towards = positions - place
-    distance = np.linalg.norm(towards, axis=1)
-    cosine = np.maximum(towards @ normal / distance, 0)
-    return (colours * POWER_W * (cosine / (4 * np.pi * distance**2))[:, None]).sum(axis=0)
+@pytest.fixture(scope="module")
+def net() -> VisionNet:
+    return drawn_visionnet(cube())
+
+
+def bright_sky(seed: int, height: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    return np.exp(random.normal(0, 2, (height, 2 * height, 1))) * random.random((height, 2 * height, 3))
 
 
 def test_solid_angles_fill_the_sphere_and_directions_are_blender_s() -> None:
-    directions, solid_angle = pixel_directions(32, 64)
+    directions, solid_angle = pixel_directions(32)
     assert solid_angle.sum() * 64 == pytest.approx(4 * np.pi, rel=1e-12)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1.0)
     assert directions[0, 0, 2] > 0.99
@@ -39,131 +46,126 @@ def test_solid_angles_fill_the_sphere_and_directions_are_blender_s() -> None:
     np.testing.assert_allclose(second, np.eye(3) / 3, atol=1e-3)
 
 
-@pytest.mark.parametrize(("count", "within"), [(64, 0.05), (256, 0.02), (1024, 0.006)])
-@pytest.mark.parametrize("radius", [1.0, 2.0])
-def test_a_white_furnace_has_the_irradiance_pi_l(count: int, within: float, radius: float) -> None:
-    radiance = np.array([3.0, 2.0, 0.5])
-    environment = np.broadcast_to(radiance, (64, 128, 3))
-    lights, colours = environment_lights(environment, count, radiance_scale=SCALE, radius=radius)
-    assert len(lights) == count
-    np.testing.assert_allclose(np.linalg.norm(lights, axis=1), radius)
-    for normal in uniform_on_sphere(20, 1.0, np.random.default_rng(0)):
-        found = irradiance(lights, colours, np.zeros(3), normal)
-        np.testing.assert_allclose(found, np.pi * radiance, rtol=within)
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.integers(1, 40))
+def test_no_power_is_lost_whatever_the_map(seed: int, height: int) -> None:
+    sky = bright_sky(seed, height) * (np.random.default_rng(seed).random((height, 2 * height, 1)) > 0.5)
+    around = Environment.of(sky)
+    power = (sky * pixel_directions(height)[1][:, None, None]).sum(axis=(0, 1))
+    np.testing.assert_allclose(around.powers.sum(axis=0), power, rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(around.directions, axis=1), 1.0)
+    # The coarsest level is the mean over the sphere.
+    np.testing.assert_allclose(around.texels[-2:].mean(axis=0), power / (4 * np.pi), rtol=1e-5)
 
 
-@pytest.mark.parametrize(("place", "radius"), [(0.5, 2.0), (0.866, 2.0), (0.5, 4.0), (0.5, 1.0)])
-def test_a_finite_radius_errs_by_no_more_than_it_says(place: float, radius: float) -> None:
-    environment = np.ones((256, 512, 3))
-    lights, colours = environment_lights(environment, 8192, radiance_scale=SCALE, radius=radius)
-    bound = (1 - (place / radius) ** 2) ** -0.5 - 1
-    errors = []
-    random = np.random.default_rng(1)
-    for where, normal in zip(
-        uniform_on_sphere(60, place, random), uniform_on_sphere(60, 1.0, random), strict=True
-    ):
-        errors.append(irradiance(lights, colours, where, normal)[0] / np.pi - 1)
-    # The lights are a quadrature of 8192 points, itself good to a thousandth or so.
-    assert max(errors) < bound + 0.004
-    assert min(errors) > -0.004
-    assert max(errors) > 0.3 * bound
+@pytest.mark.parametrize("height", [48, 300])
+def test_the_irradiance_of_a_plane_is_that_of_the_map(height: int) -> None:
+    sky = bright_sky(1, height)
+    around = Environment.of(sky)
+    directions, solid_angle = pixel_directions(height)
+    size, level = np.array([len(around.irradiance)]), np.zeros(20)
+    normals = uniform_on_sphere(20, 1.0, np.random.default_rng(0))
+    found = looked_up(around.irradiance.reshape(-1, 3), size, normals, level)
+    for normal, value in zip(normals, found, strict=True):
+        share = np.maximum(directions @ normal, 0) * solid_angle[:, None]
+        np.testing.assert_allclose(value, (sky * share[..., None]).sum(axis=(0, 1)), rtol=0.02)
 
 
-@pytest.mark.parametrize(("sun", "error_at_2"), [(0.0, 0.09), (800.0, 0.19)])
-def test_parallax_under_a_sky_errs_as_it_is_said_to(sun: float, error_at_2: float) -> None:
-    directions, solid_angle = pixel_directions(128, 256)
-    height = directions[..., 2:]
-    sky = np.where(height > 0, 0.3 + 0.7 * height, 0.15) * np.array([0.7, 0.85, 1.0])
-    sky[directions @ np.array([0.6, 0.0, 0.8]) > np.cos(np.radians(2))] += sun
-    normals = uniform_on_sphere(100, 1.0, np.random.default_rng(4))
-    exact = np.array([
-        (np.maximum(directions @ normal, 0) * solid_angle[:, None]).ravel() @ sky.reshape(-1, 3)
-        for normal in normals
-    ])  # fmt: skip
-
-    def error(radius: float) -> float:
-        lights, colours = environment_lights(sky, 64, radiance_scale=SCALE, radius=radius)
-        found = np.array([irradiance(lights, colours, 0.5 * normal, normal) for normal in normals])
-        return float(np.abs(found - exact).mean() / exact.mean())
-
-    assert error(2.0) == pytest.approx(error_at_2, abs=0.02)
-    assert error(4.0) == pytest.approx(error_at_2 / 2, abs=0.02)
-    assert error(1e4) < 0.01
+def test_a_map_is_looked_up_where_blender_has_it() -> None:
+    sky = np.zeros((16, 32, 3))
+    sky[4, 6] = 1.0
+    around = Environment.of(sky)
+    at = pixel_directions(16)[0]
+    seen = looked_up(around.texels, around.heights, np.ascontiguousarray(at.reshape(-1, 3)), np.zeros(512))
+    np.testing.assert_allclose(seen.reshape(sky.shape), sky, atol=1e-5)
 
 
-def test_a_small_sun_becomes_lights_in_its_direction_of_its_power() -> None:
-    environment = np.zeros((64, 128, 3))
-    environment[10:12, 40:43] = [1000.0, 800.0, 500.0]
-    directions, solid_angle = pixel_directions(64, 128)
-    sun = directions[10:12, 40:43].mean(axis=(0, 1))
-    sun /= np.linalg.norm(sun)
-    lights, colours = environment_lights(environment, 3, radiance_scale=SCALE)
-    assert (lights @ sun > 2 * 0.995).all()
-    expected = np.array([1000.0, 800.0, 500.0]) * 3 * solid_angle[10:12].sum()
-    np.testing.assert_allclose(irradiance(lights, colours, np.zeros(3), sun), expected, rtol=2e-3)
-    # Six bright pixels make no more than six lights.
-    assert len(environment_lights(environment, 50, radiance_scale=SCALE)[0]) == 6
+def test_directions_of_a_lobe_have_the_density_they_say() -> None:
+    count, alpha2 = 200_000, 0.16
+    random = np.random.default_rng(2)
+    normal = np.tile([0.0, 0.6, 0.8], (count, 1))
+    camera = np.array([0.5, 0.1, 0.7])
+    camera = np.tile(camera / np.linalg.norm(camera), (count, 1))
+    direction, density = lobe_directions(
+        normal, normal, camera, alpha2, random.random(count), random.random(count), 0.01
+    )
+    sent = density > 0
+    assert sent.mean() > 0.8
+    # The mean of 1 / density over a cap that the lobe fills is the cap's solid angle.
+    mirror = 2 * (camera[0] @ normal[0]) * normal[0] - camera[0]
+    inside = sent & (direction @ mirror > 0.9)
+    assert (1 / density[inside]).sum() / count == pytest.approx(2 * np.pi * 0.1, rel=0.01)
 
 
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0, 1000), st.integers(1, 40), st.sampled_from([None, 0, 7]))
-def test_no_power_is_lost_whatever_the_map(seed: int, count: int, drawn: int | None) -> None:
-    random = np.random.default_rng(seed)
-    environment = np.exp(random.normal(0, 2, (8, 16, 1))) * random.random((8, 16, 1)).round() * [1.0, 1, 1]
-    lights, colours = environment_lights(environment, count, radiance_scale=SCALE, seed=drawn)
-    assert len(lights) <= count
-    power = (environment * pixel_directions(8, 16)[1][:, None, None]).sum(axis=(0, 1))
-    # c P / (4 pi) / R^2 is the irradiance head on.
-    np.testing.assert_allclose(colours.sum(axis=0) * POWER_W / (4 * np.pi) / 2.0**2, power, rtol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(lights, axis=1), 2.0)
+def test_radiance_follows_the_light_and_neither_company_nor_crop_count(net: VisionNet) -> None:
+    sky = bright_sky(3, 32)
+    around = Environment.of(sky)
+    images = net.render(CAMERAS, around, 40, 39.6)
+    assert images[..., :3].max() > 0
+    np.testing.assert_array_equal(net.render(CAMERAS[1], around, 40, 39.6)[0], images[1])
+    part = net.render(CAMERAS[1], around, 40, 39.6, crop=(9, 13, 17, 11))
+    np.testing.assert_array_equal(part[0], images[1, 9:26, 13:24])
+    twice = net.render(CAMERAS, Environment.of(2 * sky), 40, 39.6, 1)
+    np.testing.assert_allclose(
+        twice[..., :3], 2 * net.render(CAMERAS, around, 40, 39.6, 1)[..., :3], rtol=1e-5
+    )
 
 
-def test_drawn_lights_are_right_in_the_mean_and_repeat_with_the_seed() -> None:
-    random = np.random.default_rng(3)
-    environment = np.exp(random.normal(0, 1, (16, 32, 1))) * random.uniform(0.5, 1.5, (16, 32, 3))
-    directions, solid_angle = pixel_directions(16, 32)
-    normal = np.array([0.6, 0.0, 0.8])
-    share = np.maximum(directions @ normal, 0) * solid_angle[:, None]
-    expected = (environment * share[..., None]).sum(axis=(0, 1))
-    found = np.array([
-        irradiance(*environment_lights(environment, 24, radiance_scale=SCALE, seed=seed), np.zeros(3), normal)
-        for seed in range(400)
-    ])  # fmt: skip
-    error = found.std(axis=0) / np.sqrt(400)
-    assert (np.abs(found.mean(axis=0) - expected) < 4 * error).all()
-    assert (error < 0.02 * expected).all()
-    again = environment_lights(environment, 24, radiance_scale=SCALE, seed=5)
-    for one, other in zip(
-        again, environment_lights(environment, 24, radiance_scale=SCALE, seed=5), strict=True
-    ):
-        np.testing.assert_array_equal(one, other)
+def test_a_turned_sky_turns_the_light(net: VisionNet) -> None:
+    sky = np.zeros((16, 32, 3))
+    sky[7:9, 15:17] = 100.0  # along +x
+    lit = [
+        net.render(look_at(2.5 * np.array([side])), Environment.of(np.roll(sky, -8 * turn, axis=1)), 24, 39.6)
+        for turn in range(2)
+        for side in ([1.0, 0.2, 0.3], [0.2, 1.0, 0.3])
+    ]
+    toward_x, beside_x, beside_y, toward_y = (image[..., :3].mean() for image in lit)
+    assert toward_x > 2 * beside_x
+    assert toward_y > 2 * beside_y
 
 
-def test_lights_of_an_environment_light_a_visionnet_whatever_its_scale() -> None:
-    net, environment = drawn_visionnet(cube()), np.ones((16, 32, 3))
-    lights, colours = environment_lights(environment, 16, radiance_scale=net.radiance_scale)
-    camera = look_at(np.array([[1.2, -1.5, 1.0]]))
-    image = net.render(camera, lights[None], 24, 39.6, 8, light_colour=colours)
-    assert np.isfinite(image).all()
-    twice = net.render(camera, lights[None], 24, 39.6, 1, light_colour=2 * colours)
-    once = net.render(camera, lights[None], 24, 39.6, 1, light_colour=colours)
-    np.testing.assert_allclose(twice[..., :3], 2 * once[..., :3], rtol=1e-6)
-
-
-def test_a_black_environment_has_no_lights() -> None:
-    lights, colours = environment_lights(np.zeros((4, 8, 3)), 5, radiance_scale=SCALE)
-    assert lights.shape == colours.shape == (0, 3)
-
-
-def test_what_is_no_environment_is_refused(subtests: pytest.Subtests) -> None:
-    for change, word in [
-        ({"radiance": np.ones((4, 8))}, "environment: shape"),
-        ({"radiance": -np.ones((4, 8, 3))}, "negative"),
-        ({"radiance": np.full((4, 8, 3), np.nan)}, "not finite"),
-        ({"count": 0}, "at least one"),
-        ({"radius": 0.5}, "radius: 0.5"),
+def test_what_is_no_light_is_refused(net: VisionNet, subtests: pytest.Subtests) -> None:
+    for light, word in [
+        ("disco", "light: 'disco' is none"),
+        (np.ones((4, 8)), "light: shape"),
+        (np.ones((4, 4, 3)), "light: shape"),
+        (np.ones((0, 0, 3)), "light: shape"),
+        ([[1, 2], [3]], "light"),
+        (-np.ones((4, 8, 3)), "negative"),
+        (np.full((4, 8, 3), np.nan), "not finite"),
+        (np.full((4, 8, 3), np.inf), "not finite"),
     ]:
-        with subtests.test(change=change):
-            query = {"radiance": np.ones((4, 8, 3)), "count": 4, "radiance_scale": SCALE}
-            with pytest.raises(QueryError, match=word):
-                environment_lights(**{**query, **change})
+        with subtests.test(light=light), pytest.raises(QueryError, match=word):
+            Environment.of(light)
+    other = rendered_by(net, "torch")
+    other.device = "cuda"
+    with pytest.raises(QueryError, match="light: no environment on 'cuda'"):
+        other.render(CAMERAS, Environment.of("sky"), 8, 39.6)
+    black = net.render(CAMERAS, Environment.of(np.zeros((4, 8, 3))), 16, 39.6)
+    assert black[..., 3].any()
+    assert not black[..., :3].any()
+
+
+@pytest.mark.slow
+def test_a_fitted_cube_in_environments_is_as_cycles_shows_it() -> None:
+    mesh, matt = cube(), Appearance(roughness=0.9, metallic=0.0)
+    views = simulate_views(
+        mesh,
+        matt,
+        resolution=48,
+        training_views=60,
+        training_samples=32,
+        held_out_views=2,
+        held_out_samples=32,
+    )
+    frame = UnitFrame.of_points(mesh.vertices)
+    fitted = fit_visionnet(mesh.surface, frame, views, steps=600, batch_pixels=512, grid_resolution=32)
+    scene = unit_scene(mesh, matt, frame)
+    for name in NAMES:
+        shots = Shots(CAMERAS, np.ones((2, 3)), np.arange(2), 256, 48, 48, 39.6, environment=named_map(name))
+        truth = render_in_children(scene, shots).astype(np.float32)
+        answer = fitted.render(CAMERAS, Environment.of(name), 48, 39.6)
+        assert psnr(truth, answer) > 32, name
+        # Another light is another picture.
+        wrong = fitted.render(CAMERAS, Environment.of(named_map(name)[:, ::-1]), 48, 39.6)
+        assert psnr(truth, wrong) < psnr(truth, answer) - 4, name

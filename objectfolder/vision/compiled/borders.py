@@ -104,3 +104,45 @@ def sum_by_pixel(pixel, weight, colour, count):
         for channel in range(3):
             total[pixel[i], channel] += weight[i] * colour[i, channel]
     return total
+
+
+@kernel
+def smoothed(slots, radius, position, normal, facing, apart, above, below):
+    """Return (p, 3) ratios of sums of `above` over sums of `below` (p, 3) of pixels and of those round them.
+
+    Parameters
+    ----------
+    slots
+        (h, w) int32 pixel at each place of a window, or -1.
+    radius
+        Pixels to either side.
+    position, normal
+        (p, 3) of the surface in the pixel; a pixel whose normal is 0 is left as it is.
+    facing, apart
+        What turns count: 1 - cosine of two normals, and distance from the other's plane, of weight 1 / e.
+    """
+    height, width = slots.shape
+    answer = np.zeros(above.shape)
+    for row in range(height):
+        for column in range(width):
+            here = slots[row, column]
+            if here < 0:
+                continue
+            top, bottom = np.zeros(3), np.zeros(3)
+            for down in range(max(row - radius, 0), min(row + radius + 1, height)):
+                for right in range(max(column - radius, 0), min(column + radius + 1, width)):
+                    there = slots[down, right]
+                    if there < 0:
+                        continue
+                    turn, off = 1.0, 0.0
+                    for axis in range(3):
+                        turn -= normal[here, axis] * normal[there, axis]
+                        off += normal[here, axis] * (position[there, axis] - position[here, axis])
+                    weight = 1.0 if here == there else np.exp(-max(turn, 0.0) / facing - abs(off) / apart)
+                    for channel in range(3):
+                        top[channel] += weight * above[there, channel]
+                        bottom[channel] += weight * below[there, channel]
+            for channel in range(3):
+                if bottom[channel] > 0:
+                    answer[here, channel] = top[channel] / bottom[channel]
+    return answer

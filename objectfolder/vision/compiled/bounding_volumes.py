@@ -62,8 +62,9 @@ class BoundingVolumes:
         )
 
     def occluded(self, origins: np.ndarray, target: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Whether (n,) a face lies strictly between origins (n, 3) and one target (3,), where wanted (n,)."""
-        return _occluded(self.boxes, self.children, self.counts, self.triangles, origins, target, wanted)
+        """Whether (n,) a face lies strictly between origins (n, 3) and target (3,) or (n, 3), if wanted."""
+        targets = target.reshape(-1, 3)
+        return _occluded(self.boxes, self.children, self.counts, self.triangles, origins, targets, wanted)
 
 
 @kernel
@@ -264,7 +265,7 @@ def _first_hits(boxes, children, counts, triangles, faces, origins, directions):
 
 
 @kernel
-def _occluded(boxes, children, counts, triangles, origins, target, wanted):
+def _occluded(boxes, children, counts, triangles, origins, targets, wanted):
     count = len(origins)
     blocked = np.zeros(count, np.bool_)
     stack = np.empty(STACK, np.int32)
@@ -273,6 +274,7 @@ def _occluded(boxes, children, counts, triangles, origins, target, wanted):
         if not wanted[ray]:
             continue
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
+        target = targets[ray % len(targets)]
         dx, dy, dz = target[0] - ox, target[1] - oy, target[2] - oz
         ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
         fx, fy, fz = np.float32(ox), np.float32(oy), np.float32(oz)

@@ -33,6 +33,10 @@ class Points:
     normal: np.ndarray
     side: np.ndarray
 
+    def of(self, row: np.ndarray) -> "Points":
+        """Return some of the points."""
+        return Points(*(column[row] for column in vars(self).values()))
+
 
 class LitSurface:
     """A surface in arrays that kernels take, and its bounding volumes."""
@@ -55,10 +59,14 @@ class LitSurface:
     def light_from(
         self, points: Points, light: np.ndarray, asked: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return irradiance (n,) but for shadow, and which (n,) of the lit points asked are in shadow."""
+        """Return irradiance (n,) but for shadow, and which (n,) of the lit points asked are in shadow.
+
+        `light` is (3,) or (n, 3), one a point.
+        """
         irradiance, start = unhindered(
-            points.face, points.barycentric, points.position, points.normal, points.side, light,
-            self._triangles, self._corner_normals, self.facets, TERMINATOR_COSINE, SELF_OFFSET,
+            points.face, points.barycentric, points.position, points.normal, points.side,
+            light.reshape(-1, 3), self._triangles, self._corner_normals, self.facets,
+            TERMINATOR_COSINE, SELF_OFFSET,
         )  # fmt: skip
         wanted = irradiance > 0 if asked is None else asked & (irradiance > 0)
         return irradiance, self.volumes.occluded(start, light, wanted)
@@ -102,17 +110,18 @@ def surface_points(face, barycentric, directions, triangles, corner_normals, fac
 
 
 @kernel
-def unhindered(face, barycentric, position, normal, side, light, triangles, corner_normals, facets,
+def unhindered(face, barycentric, position, normal, side, lights, triangles, corner_normals, facets,
                terminator_cosine, self_offset):  # fmt: skip
     """Return irradiance (n,) but for shadow, and where shadow rays start (n, 3).
 
-    As `incidence.UnitSurface.incidence` and `incidence.shadow_ray_start`; `light` is (3,).
+    As `incidence.UnitSurface.incidence` and `incidence.shadow_ray_start`; `lights` are (1, 3) or (n, 3).
     """
     count = len(face)
     irradiance, start = np.zeros(count), np.empty((count, 3))
     v, n = np.empty((3, 3)), np.empty((3, 3))
     for i in range(count):
         f = face[i]
+        light = lights[i % len(lights)]
         lx, ly, lz = light[0] - position[i, 0], light[1] - position[i, 1], light[2] - position[i, 2]
         distance = np.sqrt(lx * lx + ly * ly + lz * lz)
         scale = 1.0 / max(distance, 1e-9)

@@ -10,6 +10,7 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.jit import relaxed_kernel
+from objectfolder.vision.compiled.lighting import Points
 from objectfolder.vision.network import network_layout
 from objectfolder.vision.network.network_layout import MIRROR_WIDTH, has_mirrors, weight_shapes
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
@@ -39,6 +40,8 @@ class CompiledNetwork:
     ----------
     mirrors
         Whether the surface is shown in itself.
+    alpha2, mirror_alpha2
+        Squares of the GGX width of the highlight, and of that seen in mirrors.
 
     Raises
     ------
@@ -75,63 +78,90 @@ class CompiledNetwork:
             *(single(f"bounced.{layer}.{kind}") for layer in (2, 4) for kind in ("weight", "bias")),
         )
         self._albedo = (single("albedo.weight"), single("albedo.bias"))
-        self._alpha2 = np.float32(np.exp(2 * np.float32(weights["log_alpha"])))
+        self.alpha2 = np.float32(np.exp(2 * np.float32(weights["log_alpha"])))
         # As the albedo's, with no part of the normal.
         facing, bias = np.zeros_like(self._albedo[0]), np.zeros(3, dtype=np.float32)
         if self.mirrors:
             facing[:, :-3], bias = weights["facing.weight"], single("facing.bias")
-            self._mirror_alpha2 = np.float32(np.exp(2 * np.float32(weights[MIRROR_WIDTH])))
+            self.mirror_alpha2 = np.float32(np.exp(2 * np.float32(weights[MIRROR_WIDTH])))
         self._facing = (facing, bias)
 
-    def radiance(
-        self,
-        position: np.ndarray,
-        normal: np.ndarray,
-        to_camera: np.ndarray,
-        irradiance: np.ndarray,
-        light: np.ndarray,
-    ) -> np.ndarray:
-        """Return (n, 3) float32 radiance over P / (4 pi^2) of points (n, 3) with irradiance (n,)."""
-        return self._evaluated(position, normal, to_camera, irradiance, light, self._alpha2, True)
+    def radiance(self, points: Points, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return (n, 3) float32 radiance over P / (4 pi^2) of points, irradiance (n,), of a lamp at (3,)."""
+        features, albedo = self.features(points)
+        which = np.zeros(len(albedo), dtype=np.int64)
+        bounced = self.bounced(points, features, which, self.lamps(light[None]), irradiance)
+        colour: np.ndarray = albedo * bounced
+        return colour + self._directly(points, features, albedo, irradiance, light, self.alpha2)
 
     def mirrored(
-        self,
-        mirror: np.ndarray,
-        camera: np.ndarray,
-        position: np.ndarray,
-        normal: np.ndarray,
-        to_camera: np.ndarray,
-        irradiance: np.ndarray,
-        light: np.ndarray,
+        self, mirror: Points, points: Points, irradiance: np.ndarray, light: np.ndarray
     ) -> np.ndarray:
-        """Return (n, 3) float32 radiance over P / (4 pi^2) of points as seen in others.
+        """Return (n, 3) float32 radiance over P / (4 pi^2) of points as seen in others, `mirror`."""
+        shown = self._directly(points, *self.features(points), irradiance, light, self.mirror_alpha2)
+        answer: np.ndarray = shown * self.fresnel(mirror)
+        return answer
+
+    def _directly(
+        self, points: Points, features: np.ndarray, albedo: np.ndarray, irradiance: np.ndarray,
+        light: np.ndarray, alpha2: np.float32,
+    ) -> np.ndarray:  # fmt: skip
+        lit = np.flatnonzero(irradiance)
+        to_light = light - points.position[lit]
+        to_light /= np.maximum(np.linalg.norm(to_light, axis=1, keepdims=True), 1e-9)
+        even, gloss = self.reflected(points, features, lit, to_light, alpha2)
+        colour = np.zeros_like(albedo)
+        colour[lit] = irradiance[lit, None].astype(np.float32) * (albedo[lit] * even + gloss)
+        return colour
+
+    def fresnel(self, points: Points) -> np.ndarray:
+        """Return the share (n, 3) float32 that mirrors at points reflect of what the camera's rays meet."""
+        beside = 1 + np.einsum("ij,ij->i", points.normal, points.direction)
+        rim = (np.clip(beside, 0.0, 1.0) ** 5).astype(np.float32)
+        answer: np.ndarray = _fresnel(self.features(points)[0], rim, *self._facing)
+        return answer
+
+    def features(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Return features (n, f) and albedo (n, 3) of points, float32."""
+        answer: tuple[np.ndarray, np.ndarray] = _features(
+            points.position, points.normal, self._tables, self._lookups, self._resolutions, HALF_WIDTH,
+            *self._albedo,
+        )  # fmt: skip
+        return answer
+
+    def reflected(
+        self, points: Points, features: np.ndarray, row: np.ndarray, to_light: np.ndarray, alpha2: np.float32
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return pi times the reflectance of points `row` (m,) for lights in directions (m, 3), in parts.
+
+        These are (m, 3) float32: the even part over the albedo, and the highlight.
+        """
+        answer: tuple[np.ndarray, np.ndarray] = _reflected(
+            row, to_light, features, points.normal, points.direction, self._direct, self._facing,
+            self.mirrors, alpha2, np.float32(network_layout.LEAST_COSINE),
+        )  # fmt: skip
+        return answer
+
+    def lamps(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return lamps at (l, 3) as `bounced` takes them: with what they alone add to its first layer."""
+        waves = [np.sin(math.pi * places), np.cos(math.pi * places), np.sin(2 * math.pi * places)]
+        inputs = np.concatenate([places, *waves], axis=1).astype(np.float32)
+        return places, self._bounced_bias + inputs @ self._bounced_light.T
+
+    def bounced(
+        self, points: Points, features: np.ndarray, which: np.ndarray, lamps: tuple[np.ndarray, np.ndarray],
+        irradiance: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """Return the bounced light over the albedo (n, 3) float32 of points, each with one of `lamps`.
 
         Parameters
         ----------
-        mirror, camera
-            (n, 3) points of the mirror, and the cosine (n,) with which the camera sees them.
-        position, normal, to_camera, irradiance
-            Of the points seen there, as for `radiance`; `to_camera` is against the mirror ray.
+        which, irradiance
+            (n,) int64 lamp of each point, and what of it reaches the point.
         """
-        shown = self._evaluated(position, normal, to_camera, irradiance, light, self._mirror_alpha2, False)
-        rim = (np.clip(1 - camera, 0.0, 1.0) ** 5).astype(np.float32)
-        answer: np.ndarray = shown * _fresnel(
-            mirror, rim, self._tables, self._lookups, self._resolutions, HALF_WIDTH, *self._facing
-        )
-        return answer
-
-    def _evaluated(
-        self, position: np.ndarray, normal: np.ndarray, to_camera: np.ndarray, irradiance: np.ndarray,
-        light: np.ndarray, alpha2: np.float32, bounces: bool,
-    ) -> np.ndarray:  # fmt: skip
-        waves = [np.sin(math.pi * light), np.cos(math.pi * light), np.sin(2 * math.pi * light)]
-        inputs = np.concatenate([light, *waves]).astype(np.float32)
-        bias = self._bounced_bias + self._bounced_light @ inputs
-        answer: np.ndarray = _radiance(
-            position, normal, to_camera, irradiance, light,
-            self._tables, self._lookups, self._resolutions, HALF_WIDTH,
-            self._direct, bias, self._bounced, self._albedo, self._facing, self.mirrors, bounces, alpha2,
-            np.float32(network_layout.LEAST_COSINE),
+        answer: np.ndarray = _bounced(
+            which, *lamps, irradiance, points.position, features, points.normal, points.direction,
+            self._bounced,
         )  # fmt: skip
         return answer
 
@@ -232,25 +262,13 @@ def _schlick(facing, rim):
 
 
 @relaxed_kernel
-def _radiance(
-    position, normal, to_camera, irradiance, light, tables, lookups, resolutions, half_width,
-    direct, bounced_bias, bounced, albedo, facing, mirrors, bounces, alpha2, least_cosine,
-):  # fmt: skip
+def _features(position, normal, tables, lookups, resolutions, half_width, albedo, albedo_bias):
+    """Return features (n, f) of points and their albedo (n, 3), float32."""
     count = len(position)
-    radiance = np.empty((count, 3), np.float32)
-    one, zero = np.float32(1.0), np.float32(0.0)
-    direct_in = np.zeros((direct[0].shape[1], BLOCK), np.float32)
-    bounced_in = np.zeros((bounced[0].shape[1], BLOCK), np.float32)
-    albedo_in = np.zeros((albedo[0].shape[1], BLOCK), np.float32)
-    sine2 = np.empty(BLOCK, np.float32)
-    first = np.empty((direct[0].shape[0], BLOCK), np.float32)
-    second = np.empty((direct[2].shape[0], BLOCK), np.float32)
-    direct_out = np.empty((6, BLOCK), np.float32)
-    bounced_out = np.empty((3, BLOCK), np.float32)
-    albedo_out = np.empty((3, BLOCK), np.float32)
-    facing_out = np.zeros((3, BLOCK), np.float32)
-    features, coarse = albedo_in.shape[0] - 3, bounced_in.shape[0] - 19
-    lx, ly, lz = np.float32(light[0]), np.float32(light[1]), np.float32(light[2])
+    terms = albedo.shape[1]
+    inputs = np.empty((terms, BLOCK), np.float32)
+    out = np.empty((3, BLOCK), np.float32)
+    features, base = np.empty((count, terms - 3), np.float32), np.empty((count, 3), np.float32)
     for start in range(0, count, BLOCK):
         row = np.int64(0)  # a literal would have `_interpolate` compiled twice
         for level in range(4):
@@ -258,26 +276,54 @@ def _radiance(
             for s in range(BLOCK):
                 i = min(start + s, count - 1)
                 _interpolate(table, lookup, resolution, half_width,
-                             position[i, 0], position[i, 1], position[i, 2], direct_in, row, s)  # fmt: skip
+                             position[i, 0], position[i, 1], position[i, 2], inputs, row, s)  # fmt: skip
             row += table.shape[1]
-        for row in range(features):
-            for s in range(BLOCK):
-                albedo_in[row, s] = direct_in[row, s]
-        for row in range(coarse):
-            for s in range(BLOCK):
-                bounced_in[row, s] = direct_in[row, s]
-        a, b = features, coarse
         for s in range(BLOCK):
             i = min(start + s, count - 1)
-            x, y, z = np.float32(position[i, 0]), np.float32(position[i, 1]), np.float32(position[i, 2])
+            for axis in range(3):
+                inputs[row + axis, s] = normal[i, axis]
+        _product(albedo, inputs, out)
+        for s in range(min(BLOCK, count - start)):
+            for term in range(row):
+                features[start + s, term] = inputs[term, s]
+            for channel in range(3):
+                base[start + s, channel] = _sigmoid(out[channel, s] + albedo_bias[channel])
+    return features, base
+
+
+@relaxed_kernel
+def _reflected(row, to_light, features, normal, direction, direct, facing, mirrors, alpha2, least_cosine):
+    """Return (m, 3) what is reflected evenly over the albedo, and in the highlight, of pairs (m,).
+
+    Parameters
+    ----------
+    row, to_light
+        Point (m,) of each pair, and unit direction (m, 3) of its light.
+    features, normal, direction
+        Of the points, the last of the rays that meet them.
+    """
+    pairs = len(row)
+    even, gloss = np.empty((pairs, 3), np.float32), np.empty((pairs, 3), np.float32)
+    one, zero = np.float32(1.0), np.float32(0.0)
+    count = features.shape[1]
+    inputs = np.zeros((direct[0].shape[1], BLOCK), np.float32)
+    first = np.empty((direct[0].shape[0], BLOCK), np.float32)
+    second = np.empty((direct[2].shape[0], BLOCK), np.float32)
+    out = np.empty((6, BLOCK), np.float32)
+    lobe, fifth = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    for start in range(0, pairs, BLOCK):
+        for s in range(BLOCK):
+            pair = min(start + s, pairs - 1)
+            i = row[pair]
+            for term in range(count):
+                inputs[term, s] = features[i, term]
             nx, ny, nz = np.float32(normal[i, 0]), np.float32(normal[i, 1]), np.float32(normal[i, 2])
             cx, cy, cz = (
-                np.float32(to_camera[i, 0]), np.float32(to_camera[i, 1]), np.float32(to_camera[i, 2])
+                -np.float32(direction[i, 0]), -np.float32(direction[i, 1]), -np.float32(direction[i, 2])
             )  # fmt: skip
-            tx, ty, tz = lx - x, ly - y, lz - z
-            distance = math.sqrt(tx * tx + ty * ty + tz * tz)
-            scale = one / max(distance, np.float32(1e-9))
-            tx, ty, tz = tx * scale, ty * scale, tz * scale
+            tx, ty, tz = (
+                np.float32(to_light[pair, 0]), np.float32(to_light[pair, 1]), np.float32(to_light[pair, 2])
+            )  # fmt: skip
             hx, hy, hz = tx + cx, ty + cy, tz + cz
             scale = one / max(math.sqrt(hx * hx + hy * hy + hz * hz), np.float32(1e-9))
             hx, hy, hz = hx * scale, hy * scale, hz * scale
@@ -289,80 +335,104 @@ def _radiance(
             fresnel2, middle2 = fresnel * fresnel, middle * middle
             middle4 = middle2 * middle2
             middle16 = (middle4 * middle4) * (middle4 * middle4)
-            direct_in[a, s], direct_in[a + 1, s], direct_in[a + 2, s] = nx, ny, nz
-            direct_in[a + 3, s], direct_in[a + 4, s] = at_light, at_light * at_light
-            direct_in[a + 5, s], direct_in[a + 6, s] = at_camera, rim * rim * rim
-            direct_in[a + 7, s], direct_in[a + 8, s] = fresnel2 * fresnel2 * fresnel, grazing
-            direct_in[a + 9, s], direct_in[a + 10, s] = middle4, middle16 * middle16
-            direct_in[a + 11, s] = middle
-            # Of normal and half vector: of a cosine near 1 rounding leaves no sine.
+            a = count
+            inputs[a, s], inputs[a + 1, s], inputs[a + 2, s] = nx, ny, nz
+            inputs[a + 3, s], inputs[a + 4, s] = at_light, at_light * at_light
+            inputs[a + 5, s], inputs[a + 6, s] = at_camera, rim * rim * rim
+            inputs[a + 7, s], inputs[a + 8, s] = fresnel2 * fresnel2 * fresnel, grazing
+            inputs[a + 9, s], inputs[a + 10, s] = middle4, middle16 * middle16
+            inputs[a + 11, s] = middle
             qx, qy, qz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
-            sine2[s] = qx * qx + qy * qy + qz * qz if middle > zero else one
-            albedo_in[a, s], albedo_in[a + 1, s], albedo_in[a + 2, s] = nx, ny, nz
-            mx, my, mz = (
-                2 * at_camera * nx - cx, 2 * at_camera * ny - cy, 2 * at_camera * nz - cz
-            )  # fmt: skip
-            distance = max(distance, np.float32(NEAREST))
-            near = min(distance, np.float32(4.0))
-            bounced_in[b, s], bounced_in[b + 1, s], bounced_in[b + 2, s] = x, y, z
-            bounced_in[b + 3, s], bounced_in[b + 4, s], bounced_in[b + 5, s] = nx, ny, nz
-            bounced_in[b + 6, s], bounced_in[b + 7, s], bounced_in[b + 8, s] = cx, cy, cz
-            bounced_in[b + 9, s], bounced_in[b + 10, s], bounced_in[b + 11, s] = tx, ty, tz
-            bounced_in[b + 12, s], bounced_in[b + 13, s] = at_light, max(at_light, zero)
-            bounced_in[b + 14, s], bounced_in[b + 15, s] = at_camera, mx * tx + my * ty + mz * tz
-            bounced_in[b + 16, s] = distance
-            bounced_in[b + 17, s] = one / (near * near * 4)
-            bounced_in[b + 18, s] = math.log(max(np.float32(irradiance[i]), np.float32(1e-3)))
-        _hidden(direct[0], direct[1], direct_in, first)
-        _hidden(direct[2], direct[3], first, second)
-        _product(direct[4], second, direct_out)
-        if bounces:
-            _hidden(bounced[0], bounced_bias, bounced_in, first)
-            _hidden(bounced[1], bounced[2], first, second)
-            _product(bounced[3], second, bounced_out)
-        _product(albedo[0], albedo_in, albedo_out)
-        if mirrors:
-            _product(facing[0], albedo_in, facing_out)
-        for s in range(BLOCK):
-            i = min(start + s, count - 1)
-            at_light = max(direct_in[a + 3, s], least_cosine)
-            at_camera = max(direct_in[a + 5, s], least_cosine)
-            middle = direct_in[a + 11, s]
-            width = alpha2 * middle * middle + sine2[s]
+            sine2 = qx * qx + qy * qy + qz * qz if middle > zero else one
+            at_light, at_camera = max(at_light, least_cosine), max(at_camera, least_cosine)
+            width = alpha2 * middle2 + sine2
             masked = at_light * math.sqrt(at_camera * at_camera * (one - alpha2) + alpha2)
             shadowed = at_camera * math.sqrt(at_light * at_light * (one - alpha2) + alpha2)
-            lobe = alpha2 / (2 * width * width * (masked + shadowed))
-            arriving = np.float32(irradiance[i])
+            lobe[s] = alpha2 / (2 * width * width * (masked + shadowed))
+            fifth[s] = inputs[a + 7, s]
+        _hidden(direct[0], direct[1], inputs, first)
+        _hidden(direct[2], direct[3], first, second)
+        _product(direct[4], second, out)
+        for s in range(min(BLOCK, pairs - start)):
+            i = row[start + s]
             for channel in range(3):
-                base = _sigmoid(albedo_out[channel, s] + albedo[1][channel])
-                diffuse = 2 * base * _sigmoid(direct_out[channel, s] + direct[5][channel])
-                strength = direct_out[channel + 3, s] + direct[5][channel + 3]
+                even[start + s, channel] = 2 * _sigmoid(out[channel, s] + direct[5][channel])
+                strength = out[channel + 3, s] + direct[5][channel + 3]
                 if mirrors:
-                    share = _schlick(facing_out[channel, s] + facing[1][channel], direct_in[a + 7, s])
-                    gloss = share * 2 * _sigmoid(strength) * lobe
+                    total = facing[1][channel]
+                    for term in range(count):
+                        total += facing[0][channel, term] * features[i, term]
+                    gloss[start + s, channel] = _schlick(total, fifth[s]) * 2 * _sigmoid(strength) * lobe[s]
                 else:
-                    gloss = _softplus(strength) * lobe
-                radiance[i, channel] = arriving * (diffuse + gloss)
-                if bounces:
-                    radiance[i, channel] += base * _softplus(bounced_out[channel, s] + bounced[4][channel])
-    return radiance
+                    gloss[start + s, channel] = _softplus(strength) * lobe[s]
+    return even, gloss
 
 
 @relaxed_kernel
-def _fresnel(position, rim, tables, lookups, resolutions, half_width, weight, bias):
-    """Return (n, 3) the shares that mirrors at (n, 3) reflect: `reflectance.Reflectance.fresnel`."""
-    share = np.empty((len(position), 3), np.float32)
-    features = np.zeros((weight.shape[1], 1), np.float32)
-    for i in range(len(position)):
-        row = np.int64(0)  # a literal would have `_interpolate` compiled twice
-        for level in range(4):
-            table, lookup, resolution = tables[level], lookups[level], resolutions[level]
-            _interpolate(table, lookup, resolution, half_width,
-                         position[i, 0], position[i, 1], position[i, 2], features, row, 0)  # fmt: skip
-            row += table.shape[1]
+def _bounced(which, lamps, shifts, irradiance, position, features, normal, direction, bounced):
+    """Return (n, 3) bounced light over the albedo of points, each with one of the lamps (l, 3).
+
+    `shifts` (l, width) are the first layer's biases with what the lamp's place adds to them.
+    """
+    count = len(which)
+    answer = np.empty((count, 3), np.float32)
+    one, zero = np.float32(1.0), np.float32(0.0)
+    b = bounced[0].shape[1] - 19
+    inputs = np.zeros((b + 19, BLOCK), np.float32)
+    first = np.empty((bounced[0].shape[0], BLOCK), np.float32)
+    second = np.empty((bounced[1].shape[0], BLOCK), np.float32)
+    out = np.empty((3, BLOCK), np.float32)
+    for start in range(0, count, BLOCK):
+        for s in range(BLOCK):
+            i = min(start + s, count - 1)
+            for term in range(b):
+                inputs[term, s] = features[i, term]
+            x, y, z = np.float32(position[i, 0]), np.float32(position[i, 1]), np.float32(position[i, 2])
+            nx, ny, nz = np.float32(normal[i, 0]), np.float32(normal[i, 1]), np.float32(normal[i, 2])
+            cx, cy, cz = (
+                -np.float32(direction[i, 0]), -np.float32(direction[i, 1]), -np.float32(direction[i, 2])
+            )  # fmt: skip
+            light = lamps[which[i]]
+            tx, ty, tz = np.float32(light[0]) - x, np.float32(light[1]) - y, np.float32(light[2]) - z
+            distance = max(math.sqrt(tx * tx + ty * ty + tz * tz), np.float32(NEAREST))
+            scale = one / distance
+            tx, ty, tz = tx * scale, ty * scale, tz * scale
+            at_light = nx * tx + ny * ty + nz * tz
+            at_camera = nx * cx + ny * cy + nz * cz
+            mx, my, mz = (
+                2 * at_camera * nx - cx, 2 * at_camera * ny - cy, 2 * at_camera * nz - cz
+            )  # fmt: skip
+            near = min(distance, np.float32(4.0))
+            inputs[b, s], inputs[b + 1, s], inputs[b + 2, s] = x, y, z
+            inputs[b + 3, s], inputs[b + 4, s], inputs[b + 5, s] = nx, ny, nz
+            inputs[b + 6, s], inputs[b + 7, s], inputs[b + 8, s] = cx, cy, cz
+            inputs[b + 9, s], inputs[b + 10, s], inputs[b + 11, s] = tx, ty, tz
+            inputs[b + 12, s], inputs[b + 13, s] = at_light, max(at_light, zero)
+            inputs[b + 14, s], inputs[b + 15, s] = at_camera, mx * tx + my * ty + mz * tz
+            inputs[b + 16, s] = distance
+            inputs[b + 17, s] = one / (near * near * 4)
+            inputs[b + 18, s] = math.log(max(np.float32(irradiance[i]), np.float32(1e-3)))
+        _product(bounced[0], inputs, first)
+        for s in range(BLOCK):
+            shift = shifts[which[min(start + s, count - 1)]]
+            for k in range(first.shape[0]):
+                first[k, s] = max(first[k, s] + shift[k], zero)
+        _hidden(bounced[1], bounced[2], first, second)
+        _product(bounced[3], second, out)
+        for s in range(min(BLOCK, count - start)):
+            for channel in range(3):
+                answer[start + s, channel] = _softplus(out[channel, s] + bounced[4][channel])
+    return answer
+
+
+@relaxed_kernel
+def _fresnel(features, rim, weight, bias):
+    """Return (n, 3) the shares that mirrors of features (n, f) reflect: `reflectance.Reflectance.fresnel`."""
+    share = np.empty((len(features), 3), np.float32)
+    for i in range(len(features)):
         for channel in range(3):
             total = bias[channel]
-            for f in range(row):
-                total += weight[channel, f] * features[f, 0]
+            for f in range(features.shape[1]):
+                total += weight[channel, f] * features[i, f]
             share[i, channel] = _schlick(total, rim[i])
     return share

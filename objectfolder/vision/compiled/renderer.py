@@ -1,20 +1,22 @@
 """VisionNet rendered by compiled kernels: the image of the route through torch, many times sooner."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import sub_ray_offsets
-from objectfolder.vision.compiled.borders import contrasting, mixed, sum_by_pixel
+from objectfolder.vision.compiled.borders import contrasting, mixed, smoothed, sum_by_pixel
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.network import CompiledNetwork
 from objectfolder.vision.compiled.rasteriser import meet_planes
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
+from objectfolder.vision.compiled.surroundings import Cast, Gathered, Surroundings
 from objectfolder.vision.compiled.visibility import MARGIN, Crop, Projection, View, look
 from objectfolder.vision.compositing import srgb_encode
+from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.sparse_grid import SparseGrid
 
@@ -25,6 +27,11 @@ MOST_SHADED = 16
 TARGETS = np.zeros((MOST_SHADED, MOST_SHADED, 2), dtype=np.float32)
 for _count in range(1, MOST_SHADED + 1):
     TARGETS[_count - 1, :_count] = sub_ray_offsets(_count)
+# Directions of a highlight in an environment for a point of an even pixel (else 1), and of one mirrored.
+HIGHLIGHT_SAMPLES, MIRROR_SAMPLES = 2, 4
+# What arrives from all round is averaged over pixels this far to either side. Of weight 1 / e are those whose
+# normals turn by so much (1 - cosine; the highlight's: times its squared width), or so far off the plane.
+SMOOTH_PX, SMOOTH_TURN, SMOOTH_LOBE, SMOOTH_OFF = 1, 0.05, 0.1, 0.01
 
 
 @dataclass(frozen=True)
@@ -138,31 +145,75 @@ class CompiledRenderer:
             Fewer than one sub-ray, a field of view outside (0, 180) degrees.
         """
         effort = Effort.of(sub_rays)
-        top, left, height, width = crop = (0, 0, *size) if crop is None else crop
-        rgba = np.zeros((height, width, 4), dtype=np.float32)
+        view = self._view(camera_to_world, size, field_of_view_deg, effort, crop)
+        colour = np.zeros((len(view.rows), 3))
+        if len(colour):
+            probes = self._chosen(view, _labels(view), np.ones(len(colour), dtype=np.int64))
+            for light, factor in _lights(light_position, light_colour):
+                colour += factor * self._lit(view, probes, light, effort)
+        return _image(view, colour, crop or (0, 0, *size)) * self._scale
+
+    def surrounded(
+        self,
+        camera_to_world: np.ndarray,
+        environment: Environment,
+        size: tuple[int, int],
+        field_of_view_deg: float,
+        sub_rays: int,
+        crop: Crop | None = None,
+    ) -> np.ndarray:
+        """Render one view in an environment, otherwise as `render`."""
+        effort = Effort.of(sub_rays)
+        view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, SMOOTH_PX)
+        colour = np.zeros((len(view.rows), 3))
+        if len(colour):
+            around = Surroundings(self._surface, self._network, environment)
+            colour = self._surrounded(view, around, effort) / np.pi
+        return _image(view, colour, crop or (0, 0, *size))
+
+    def _view(
+        self, camera_to_world: np.ndarray, size: tuple[int, int], field_of_view_deg: float, effort: Effort,
+        crop: Crop | None, reach: int = 0,
+    ) -> View:  # fmt: skip
         projection = Projection.of(
             self._surface.vertices,
             self._surface.faces,
             camera_to_world,
             size,
             field_of_view_deg,
-            crop,
-            MARGIN,
+            crop or (0, 0, *size),
+            MARGIN + reach,
         )
-        view = look(projection, self._surface.facets, effort.samples, effort.samples_uneven)
-        if len(view.rows) == 0:
-            return rgba
-        probes = self._chosen(
-            view, [samples.label for samples in view.samples], np.ones(len(view.rows), dtype=np.int64)
-        )
-        colour = np.zeros((len(view.rows), 3))
-        for light, factor in _lights(light_position, light_colour):
-            colour += factor * self._lit(view, probes, light, effort)
-        row, column = view.rows.astype(np.int64) - top, view.columns.astype(np.int64) - left
-        kept = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        rgba[row[kept], column[kept], :3] = colour[kept]
-        rgba[row[kept], column[kept], 3] = view.coverage[kept]
-        return rgba * self._scale
+        return look(projection, self._surface.facets, effort.samples, effort.samples_uneven)
+
+    def _surrounded(self, view: View, around: Surroundings, effort: Effort) -> np.ndarray:
+        """Return pi times the colour (p, 3) of the pixels in an environment."""
+        labels, alpha2 = _labels(view), self._network.alpha2
+        probes = self._chosen(view, labels, np.ones(len(view.rows), dtype=np.int64))
+        gathered = around.gathered(probes.points, _cast(view, probes))
+        gathered, smooth = _smoothed(view, probes, gathered)
+        mirrored = around.in_mirrors(probes.points, _cast(view, probes), MIRROR_SAMPLES)
+        probe = np.zeros((len(view.rows), GROUPS), dtype=np.int64)
+        probe[probes.pixel, probes.group] = np.arange(len(probes.pixel))
+
+        def summed(chosen: _Chosen, colour: np.ndarray) -> np.ndarray:
+            total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(view.rows))
+            return total
+
+        def shaded(wanted: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
+            chosen = self._chosen(view, labels, wanted)
+            of = probe[chosen.pixel, chosen.group]
+            matt, gloss = around.shown(chosen.points, gathered.of(of), _cast(view, chosen), samples, alpha2)
+            return summed(chosen, matt + mirrored[of]), summed(chosen, gloss)
+
+        chosen = self._chosen(view, labels, np.full(len(view.rows), effort.shaded))
+        outline = around.outlined(chosen.points, gathered.of(probe[chosen.pixel, chosen.group]))
+        matt, even = (summed(chosen, part) for part in outline)
+        shade = srgb_encode(SHOWN * (matt + even) / view.coverage[:, None])
+        uneven = contrasting(view.slots, shade, effort.contrast)
+        coarse = shaded(np.where(uneven, 0, effort.shaded), HIGHLIGHT_SAMPLES)
+        fine = shaded(np.where(uneven, effort.shaded_uneven, 0), 1)
+        return coarse[0] + fine[0] + smooth(SMOOTH_LOBE * float(alpha2), coarse[1] + fine[1], even)
 
     def radiance(
         self,
@@ -214,7 +265,7 @@ class CompiledRenderer:
         return self._surface.points(face, barycentric, direction)
 
     def _colour(self, points: Points, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
-        colour = self._network.radiance(points.position, points.normal, -points.direction, irradiance, light)
+        colour = self._network.radiance(points, irradiance, light)
         if self._network.mirrors:
             row, shown = self._in_mirrors(points, light)
             colour[row] += shown
@@ -227,11 +278,7 @@ class CompiledRenderer:
         arriving[hidden] = 0.0
         lit = np.flatnonzero(arriving)
         row = row[lit]
-        camera = -np.einsum("ij,ij->i", points.normal[row], points.direction[row])
-        return row, self._network.mirrored(
-            points.position[row], camera, met.position[lit], met.normal[lit], -met.direction[lit],
-            arriving[lit], light,
-        )  # fmt: skip
+        return row, self._network.mirrored(points.of(row), met.of(lit), arriving[lit], light)
 
     def _lit(self, view: View, probes: _Chosen, light: np.ndarray, effort: Effort) -> np.ndarray:
         """Return the colour (p, 3) of the pixels under one light of colour 1."""
@@ -285,6 +332,51 @@ class CompiledRenderer:
         colour = self._colour(chosen.points, irradiance, light)
         total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(wanted))
         return total
+
+
+def _labels(view: View) -> list[np.ndarray]:
+    return [samples.label for samples in view.samples]
+
+
+def _cast(view: View, chosen: _Chosen) -> Cast:
+    at = chosen.pixel
+    order = np.arange(len(at)) - np.searchsorted(at, at)
+    count = np.bincount(at, minlength=len(view.rows))[at]
+    return Cast(view.columns[at].astype(np.int64), view.rows[at].astype(np.int64), order, count)
+
+
+def _smoothed(
+    view: View, probes: _Chosen, gathered: Gathered
+) -> tuple[Gathered, Callable[[float, np.ndarray, np.ndarray], np.ndarray]]:
+    """Return what was gathered, and a function to do so, averaged over pixels that see one smooth piece.
+
+    The function takes how far normals may turn, and a quantity (p, 3) of the pixels that is averaged as a
+    multiple of another.
+    """
+    first = np.searchsorted(probes.pixel, np.arange(len(view.rows)))
+    single = np.bincount(probes.pixel, minlength=len(view.rows)) == 1
+    position, normal = probes.points.position[first], probes.points.normal[first] * single[:, None]
+
+    def smooth(turn: float, above: np.ndarray, below: np.ndarray) -> np.ndarray:
+        ratio = smoothed(view.slots, SMOOTH_PX, position, normal, turn, SMOOTH_OFF, above, below)
+        return np.where(single[:, None] & (below > 0), ratio * below, above)
+
+    plain = Gathered(gathered.arriving.copy(), gathered.unhindered, gathered.bounced.copy())
+    alone = first[single]
+    plain.arriving[alone] = smooth(SMOOTH_TURN, gathered.arriving[first], gathered.unhindered[first])[single]
+    plain.bounced[alone] = smooth(SMOOTH_TURN, gathered.bounced[first], np.ones((len(first), 3)))[single]
+    return plain, smooth
+
+
+def _image(view: View, colour: np.ndarray, crop: Crop) -> np.ndarray:
+    """Return the pixels' colours (p, 3) and coverage in their places, (height, width, 4) float32."""
+    top, left, height, width = crop
+    rgba = np.zeros((height, width, 4), dtype=np.float32)
+    row, column = view.rows.astype(np.int64) - top, view.columns.astype(np.int64) - left
+    kept = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    rgba[row[kept], column[kept], :3] = colour[kept]
+    rgba[row[kept], column[kept], 3] = view.coverage[kept]
+    return rgba
 
 
 def _lights(position: np.ndarray, colour: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

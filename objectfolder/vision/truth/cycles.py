@@ -52,6 +52,9 @@ def render(scene: Scene, shots: Shots) -> np.ndarray:
         bpy.context.scene.cycles.transparent_max_bounces = FACES_WITH_HOLES if scene.has_holes else 0
         _add_object(scene, folder)
         camera, light = _add_camera_and_light(shots)
+        if shots.environment is not None:
+            _surround(shots.environment)
+            light.hide_render = True
         for index in range(len(images)):
             camera.matrix_world = shots.camera_to_world[index].T.tolist()
             light.location = shots.light_position[index].tolist()
@@ -101,6 +104,25 @@ def _set_up_render(shots: Shots, path: str) -> None:
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
     scene.world = world
+
+
+def _surround(radiance: np.ndarray) -> None:
+    """Light the object by a map of radiance, sampled in proportion to it."""
+    import bpy
+
+    height, width = radiance.shape[:2]
+    image = bpy.data.images.new("environment", width, height, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    pixels = np.concatenate([radiance, np.ones((height, width, 1))], axis=2)[::-1]
+    image.pixels.foreach_set(np.ascontiguousarray(pixels, dtype=np.float32).ravel())
+    image.update()
+    world = bpy.context.scene.world
+    nodes = world.node_tree.nodes
+    texture = nodes.new("ShaderNodeTexEnvironment")
+    texture.image, texture.interpolation = image, "Linear"
+    world.node_tree.links.new(texture.outputs["Color"], nodes["Background"].inputs["Color"])
+    nodes["Background"].inputs["Strength"].default_value = 1.0
+    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 1024
 
 
 def _add_object(scene: Scene, folder: str) -> None:

@@ -1,7 +1,7 @@
 """What a renderer is asked for, and how the request travels to the process that renders it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -104,6 +104,8 @@ class Shots:
         Diffuse and glossy bounces after the first hit.
     threads
         Render threads; the image does not depend on it.
+    environment
+        (h, w, 3) radiance from all round, as of `environment.py`, in place of the point light; or None.
     """
 
     camera_to_world: np.ndarray
@@ -116,11 +118,13 @@ class Shots:
     light_power_w: float = LIGHT_POWER_W
     bounces: int = BOUNCES
     threads: int = 1
+    environment: np.ndarray | None = None
 
 
 def save_request(path: Path, scene: Scene, shots: Shots) -> None:
     """Write a scene and its shots as one ``.npz`` file."""
-    arrays: dict[str, Any] = {f"shots.{name}": value for name, value in asdict(shots).items()}
+    given = {name: value for name, value in vars(shots).items() if value is not None}
+    arrays: dict[str, Any] = {f"shots.{name}": value for name, value in given.items()}
     for part in fields(scene):
         if part.name not in ("textures", "appearance", *BY_TEXTURE):
             arrays[f"scene.{part.name}"] = getattr(scene, part.name)

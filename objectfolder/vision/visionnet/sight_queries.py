@@ -17,6 +17,7 @@ from objectfolder.vision.cameras import (
     uniform_on_sphere,
 )
 from objectfolder.vision.compositing import on_white
+from objectfolder.vision.environment import Environment
 from objectfolder.vision.rendering.view_query import ray_query, view_query
 from objectfolder.vision.studio import exposed, exposure, studio_lights, turntable
 from objectfolder.vision.visionnet.visionnet import VisionNet
@@ -37,29 +38,30 @@ class SightQueries:
 
     @overload
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray,
+        self, camera_to_world: np.ndarray, light_position: np.ndarray | None = ...,
         resolution: int | tuple[int, int] = ..., field_of_view: float = ..., linear: bool = ...,
-        sub_rays: int | None = ..., *,
+        sub_rays: int | None = ..., *, light: str | np.ndarray | None = ...,
         light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
         passes: None = ...,
     ) -> np.ndarray: ...  # fmt: skip
 
     @overload
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray,
+        self, camera_to_world: np.ndarray, light_position: np.ndarray | None = ...,
         resolution: int | tuple[int, int] = ..., field_of_view: float = ..., linear: bool = ...,
-        sub_rays: int | None = ..., *,
+        sub_rays: int | None = ..., *, light: str | np.ndarray | None = ...,
         light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
         passes: Collection[str],
     ) -> dict[str, np.ndarray]: ...  # fmt: skip
 
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray,
+        self, camera_to_world: np.ndarray, light_position: np.ndarray | None = None,
         resolution: int | tuple[int, int] = 256, field_of_view: float = 39.6, linear: bool = False,
-        sub_rays: int | None = None, *, light_colour: np.ndarray | None = None,
-        crop: tuple[int, int, int, int] | None = None, passes: Collection[str] | None = None,
+        sub_rays: int | None = None, *, light: str | np.ndarray | None = None,
+        light_colour: np.ndarray | None = None, crop: tuple[int, int, int, int] | None = None,
+        passes: Collection[str] | None = None,
     ) -> np.ndarray | dict[str, np.ndarray]:  # fmt: skip
-        """Render views under one or several point lights each.
+        """Render views under one or several point lights each, or in an environment.
 
         Parameters
         ----------
@@ -69,6 +71,11 @@ class SightQueries:
             (3,), one light for all views; (n, 3), one a view; or (n, k, 3), k a view; metres, object frame.
             Their power is that of the data set, whose lights lie at one `frame.scale` from the centre, and
             falls off with the square of the distance.
+        light
+            In place of lamps, light from all round, infinitely far, with soft shadows: ``"studio"``,
+            ``"sky"``, ``"window"``, or an equirectangular map of linear radiance (h, 2 h, 3) in the object's
+            frame, +z in row 0, +x in the middle, +y a quarter to the left of it. Image and map are in one
+            unit of radiance.
         resolution, field_of_view
             Pixels of a side, or (height, width); of the longer side, degrees.
         linear
@@ -92,7 +99,7 @@ class SightQueries:
         ------
         QueryError
             Poses that are not rigid, values that are not finite, numbers of poses, lights and colours that
-            differ, a crop outside the image, an unknown pass.
+            differ, a crop outside the image, an unknown pass, no light, lamps beside an environment.
 
         Examples
         --------
@@ -102,6 +109,8 @@ class SightQueries:
         >>> images = bar.render(cameras, lights, resolution=64)
         >>> images.shape, images.dtype.name, images[0, 0, 0].tolist()  # white beside the bar
         ((4, 64, 64, 3), 'uint8', [255, 255, 255])
+        >>> bar.render(cameras, light="sky", resolution=64)[0, 0, 0].tolist()
+        [255, 255, 255]
         >>> depth = bar.render(cameras, lights, resolution=64, passes=["depth"])["depth"]
         >>> round(float(depth[0].min()), 1)  # metres
         0.3
@@ -111,10 +120,15 @@ class SightQueries:
         for name in wanted:
             if name not in names:
                 raise QueryError("passes", f"{name!r}", f"Use {', '.join(names)}.")
-        query = view_query(camera_to_world, light_position, light_colour)
+        if (light is None) == (light_position is None) or (light is not None and light_colour is not None):
+            remedy = "Give lamps, with their colours or without, or one light for all views."
+            raise QueryError("light_position, light", "neither, or one beside the other", remedy)
+        lamps = np.zeros(3) if light_position is None else light_position
+        query = view_query(camera_to_world, lamps, light_colour)
         drawn = self.vision.render(
-            self.frame.camera_to_unit(query.cameras), self.frame.to_unit(query.lights), resolution,
-            field_of_view, sub_rays, light_colour=query.colours, crop=crop,
+            self.frame.camera_to_unit(query.cameras),
+            self.frame.to_unit(query.lights) if light is None else Environment.of(light),
+            resolution, field_of_view, sub_rays, light_colour=query.colours, crop=crop,
             passes=[names[name] for name in wanted],
         )  # fmt: skip
         if "depth" in drawn:

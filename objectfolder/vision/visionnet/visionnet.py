@@ -15,6 +15,7 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.points import point_rows
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import image_crop, image_size
+from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors, weight_shapes
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
@@ -189,28 +190,32 @@ class VisionNet:
 
     @overload
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
-        field_of_view_deg: float, sub_rays: int | None = ..., *, light_colour: np.ndarray | None = ...,
-        crop: tuple[int, int, int, int] | None = ..., passes: None = ...,
+        self, camera_to_world: np.ndarray, light_position: np.ndarray | Environment,
+        resolution: int | tuple[int, int], field_of_view_deg: float, sub_rays: int | None = ..., *,
+        light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
+        passes: None = ...,
     ) -> np.ndarray: ...  # fmt: skip
 
     @overload
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
-        field_of_view_deg: float, sub_rays: int | None = ..., *, light_colour: np.ndarray | None = ...,
-        crop: tuple[int, int, int, int] | None = ..., passes: Collection[str],
+        self, camera_to_world: np.ndarray, light_position: np.ndarray | Environment,
+        resolution: int | tuple[int, int], field_of_view_deg: float, sub_rays: int | None = ..., *,
+        light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
+        passes: Collection[str],
     ) -> dict[str, np.ndarray]: ...  # fmt: skip
 
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray, resolution: int | tuple[int, int],
-        field_of_view_deg: float, sub_rays: int | None = None, *, light_colour: np.ndarray | None = None,
-        crop: tuple[int, int, int, int] | None = None, passes: Collection[str] | None = None,
+        self, camera_to_world: np.ndarray, light_position: np.ndarray | Environment,
+        resolution: int | tuple[int, int], field_of_view_deg: float, sub_rays: int | None = None, *,
+        light_colour: np.ndarray | None = None, crop: tuple[int, int, int, int] | None = None,
+        passes: Collection[str] | None = None,
     ) -> np.ndarray | dict[str, np.ndarray]:  # fmt: skip
         """Render views; each is computed alone, so a batch equals its views one by one, bit for bit.
 
         Arguments, passes and errors are those of `SightQueries.render`, in the unit frame. Light adds up:
         along a ray the radiance under several lights is the sum of that under each. In an image each pixel's
         share of the rays follows from what all lights together show. Memory does not grow with the lights.
+        An environment, in place of `light_position`, has the directions of both frames.
 
         Returns
         -------
@@ -222,7 +227,9 @@ class VisionNet:
         for name in wanted:
             if name not in PASSES:
                 raise QueryError("passes", f"{name!r}", f"Use {', '.join(PASSES)}.")
-        query = view_query(camera_to_world, light_position, light_colour)
+        around = light_position if isinstance(light_position, Environment) else None
+        lamps = np.zeros(3) if isinstance(light_position, Environment) else light_position
+        query = view_query(camera_to_world, lamps, light_colour)
         require_near("camera_to_world", query.cameras[:, :3, 3])
         require_near("light_position", query.lights)
         rays = self.sub_rays if sub_rays is None else sub_rays
@@ -237,13 +244,25 @@ class VisionNet:
             if "rgba" in wanted:
                 lights = query.lights[index], query.colours[index]
                 for rows, band in _bands(part):
-                    drawn = self._rendering().render(camera, *lights, size, field_of_view_deg, rays, band)
-                    stacked["rgba"][index, rows] = drawn
+                    stacked["rgba"][index, rows] = (
+                        self._rendering().render(camera, *lights, size, field_of_view_deg, rays, band)
+                        if around is None
+                        else self._in_environment(camera, around, size, field_of_view_deg, rays, band)
+                    )
             if set(wanted) - {"rgba"}:
                 centres = cast_pixel_centres(self._surface, camera, size, field_of_view_deg, part)
                 for name in set(wanted) - {"rgba"}:
                     stacked[name][index] = getattr(centres, name)
         return stacked["rgba"] if passes is None else stacked
+
+    def _in_environment(self, camera: np.ndarray, *asked: Any) -> np.ndarray:
+        if self.device != "cpu":
+            raise QueryError("light", f"no environment on {self.device!r}", "Use the device 'cpu'.")
+        from objectfolder.vision.compiled import CompiledRenderer
+
+        renderer = self._rendering()
+        assert isinstance(renderer, CompiledRenderer)
+        return renderer.surrounded(camera, *asked)
 
     def radiance(
         self, origins: np.ndarray, directions: np.ndarray, light_position: np.ndarray, *,

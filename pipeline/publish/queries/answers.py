@@ -20,7 +20,6 @@ from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 from objectfolder.touch.sensor.reading import synthetic_background
 from objectfolder.vision.cameras import look_at
-from objectfolder.vision.truth.environment import environment_lights
 from pipeline.publish.queries.requests import Pressing, Rendering, Striking
 
 LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",
@@ -48,11 +47,12 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> str:
         return _turntable(path, wanted, output)
     file = objectfolder.load(path).on(wanted.device)
     lights, colours = _lights(wanted, file)
+    around = None if wanted.environment is None else _environment(wanted.environment)
     if not isinstance(wanted.views, Path):
         count = VIEWS if wanted.views is None else wanted.views
         cameras, lamps = file.sample_views(count, wanted.seed)
     else:
-        columns = (6,) if lights is None else (3, 6)
+        columns = (6,) if lights is None and around is None else (3, 6)
         views = _read_numbers(wanted.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
         positions = _in_object_frame(views.reshape(len(views), -1, 3), wanted, file)
         cameras, lamps = look_at(positions[:, 0], file.frame.centre), positions[:, -1]
@@ -60,10 +60,11 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> str:
     for index, (camera, lamp) in enumerate(zip(cameras, lamps, strict=True)):
         drawn = file.render(
             camera,
-            (lamp[None] if lights is None else lights)[None],
+            None if around is not None else (lamp[None] if lights is None else lights)[None],
             wanted.resolution,
             wanted.field_of_view_deg,
             sub_rays=wanted.sub_rays,
+            light=around,
             light_colour=colours,
             crop=wanted.crop,
             passes=["image", *wanted.passes],
@@ -200,20 +201,14 @@ def _in_object_frame(positions: np.ndarray, wanted: Rendering, file: ObjectFile)
 
 def _lights(wanted: Rendering, file: ObjectFile) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Return (k, 3) positions, object frame, and colours; None where the views have their own."""
-    if not wanted.light and wanted.environment is None:
+    if not wanted.light:
         return None, None
+    if wanted.environment is not None:
+        raise InputError("--light", "beside --environment", "Give one of them.")
     lights = np.array(wanted.light, dtype=np.float64).reshape(-1, 6)
     if not np.isfinite(lights).all():
         raise InputError("--light", f"{wanted.light} is not finite", "Give X Y Z R G B as numbers.")
-    positions, colours = _in_object_frame(lights[:, :3], wanted, file), lights[:, 3:]
-    if wanted.environment is None:
-        return positions, colours
-    around, radiance = environment_lights(
-        _environment(wanted.environment),
-        wanted.environment_lights,
-        radiance_scale=file.vision.radiance_scale,
-    )
-    return np.concatenate([positions, file.frame.to_object(around)]), np.concatenate([colours, radiance])
+    return _in_object_frame(lights[:, :3], wanted, file), lights[:, 3:]
 
 
 def _environment(path: Path) -> np.ndarray:

@@ -27,8 +27,6 @@ class Rendering:
         times
     environment
         light all views by an equirectangular .exr or .hdr map of linear radiance, oriented as in Blender
-    environment_lights
-        lights that stand for the map
     resolution
         pixels a side
     field_of_view_deg
@@ -50,7 +48,6 @@ class Rendering:
     frame: Literal["object", "unit"] = "object"
     light: tuple[tuple[float, float, float, float, float, float], ...] = ()
     environment: Path | None = None
-    environment_lights: int = 64
     resolution: int = 256
     field_of_view_deg: float = 39.6
     sub_rays: int | None = None

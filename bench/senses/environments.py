@@ -1,0 +1,107 @@
+"""Object Files in environments against Cycles in the same: a finished data set and three scans.
+
+Run as ``python -m bench.senses.environments --folder FOLDER [--data FOLDER] [--objects CATALOGUE.csv]``.
+FOLDER keeps the truth, and is that of `bench.senses.vision_objects`, whose networks the scans take.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import objectfolder
+from bench.record import REPOSITORY, conclude, cpu_seconds, save, subplots
+from bench.senses.catalogue import Scans, scan_arguments
+from bench.senses.vision_objects import NETWORKS, RESOLUTION, Subject, means
+from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.products.store import Array, Product, read_product
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
+from objectfolder.vision.compositing import on_white
+from objectfolder.vision.environment import NAMES, Environment, named_map
+from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.render_request import Scene, Shots, unit_scene
+from objectfolder.vision.visionnet.visionnet import VisionNet
+
+SCANS = ("025_mug", "Threshold_Porcelain_Teapot_White", "painted_wooden_stool")
+VIEWS, SAMPLES = 2, 512
+COMPARED = (
+    "8-bit sRGB on white of VisionNet against Cycles with the same map as its world, cameras held out: PSNR "
+    "of the foreground (pixels covered by half) and of all; beside it the same under the views' own lamps; "
+    "CPU seconds of an image"
+)
+
+
+def measured(path: Path, net: VisionNet, scene: Scene, views: Product) -> dict[str, Any]:
+    """Return the errors of one object in each environment; truth is kept in `path`."""
+    cameras = views["camera_to_world"][views["held_out"]]
+    lamps = views["light_position"][views["held_out"]]
+    lit = net.render(cameras, lamps, RESOLUTION, FIELD_OF_VIEW_DEG)
+    found: dict[str, Any] = {"lamp": means(views, on_white(lit))}
+    for name in NAMES:
+        truth = path / f"{name}.npy"
+        if not truth.exists():
+            path.mkdir(parents=True, exist_ok=True)
+            shots = Shots(
+                cameras[:VIEWS], lamps[:VIEWS], np.arange(VIEWS), SAMPLES, RESOLUTION, RESOLUTION,
+                FIELD_OF_VIEW_DEG, environment=named_map(name),
+            )  # fmt: skip
+            np.save(truth, render_in_children(scene, shots))
+        light = Environment.of(name)
+        net.render(cameras[0], light, 8, 20.0)  # the first query compiles
+        start = cpu_seconds()
+        answer = on_white(net.render(cameras[:VIEWS], light, RESOLUTION, FIELD_OF_VIEW_DEG))
+        seconds = (cpu_seconds() - start) / VIEWS
+        images = Array(np.load(truth), ("view", "y", "x", "channel"), "1", "scene-linear RGBA")
+        held_out = Array(np.ones(VIEWS, dtype=bool), ("view",), "1", "all")
+        asked = Product({"rgba": images, "held_out": held_out}, {})
+        found[name] = {**means(asked, answer), "image_cpu_s": seconds}
+    return found
+
+
+def draw(figures: dict[str, Any]) -> None:
+    """Draw the foreground's PSNR of each object, a mark an environment."""
+    picture, axis = subplots(figsize=(8, 4))
+    for name in ("lamp", *NAMES):
+        values = [found[name]["psnr_foreground_db"] for found in figures["objects"].values()]
+        axis.plot(values, list(figures["objects"]), "o", label=name)
+    axis.set(xlabel="PSNR of the foreground, dB", title="Held-out cameras, 128 x 128")
+    axis.legend()
+    save(picture, "environments")
+
+
+def main() -> None:
+    """Measure all objects at hand."""
+    parser = scan_arguments(__doc__, "truth and networks")
+    parser.add_argument("--data", type=Path, default=REPOSITORY / "data", help="of a finished data set")
+    given = parser.parse_args()
+    rows: dict[str, Any] = {}
+    for path in sorted((given.data / "object_files").glob("*.safetensors")):
+        file, views = objectfolder.load(path), read_product(given.data / "views" / f"{path.stem}.zarr.zip")
+        mesh = textured_mesh_of(read_product(given.data / "objects" / f"{path.stem}.zarr.zip"))
+        scene = unit_scene(mesh, Appearance(**views.attributes["appearance"]), file.frame)
+        rows[path.stem] = measured(given.folder / "environments" / path.stem, file.vision, scene, views)
+    scans = Scans(given.objects)
+    for name in SCANS:
+        at = Subject(scans, name, given.folder)
+        scene = unit_scene(at.mesh, NETWORKS["within_120"].appearance(at.material), at.frame)
+        net, views = at.network("within_120")[0], at.views("within_120")[0]
+        rows[f"scan {name}"] = measured(given.folder / "environments" / name, net, scene, views)
+    cells = [found[name] for found in rows.values() for name in NAMES]
+    foreground = [cell["psnr_foreground_db"] for cell in cells]
+    summary = {
+        "foreground_db": {"mean": float(np.mean(foreground)), "worst": min(foreground)},
+        "lamp_foreground_db": float(
+            np.mean([found["lamp"]["psnr_foreground_db"] for found in rows.values()])
+        ),
+        "image_cpu_s": {
+            "mean": float(np.mean([cell["image_cpu_s"] for cell in cells])),
+            "most": max(cell["image_cpu_s"] for cell in cells),
+        },
+    }
+    settings = {"resolution_px": RESOLUTION, "views": VIEWS, "samples": SAMPLES}
+    conclude("environments", {"summary": summary, "objects": rows}, settings, COMPARED, draw)
+
+
+if __name__ == "__main__":
+    main()
