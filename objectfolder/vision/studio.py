@@ -11,9 +11,11 @@ from objectfolder.vision.compositing import on_white
 ELEVATION_DEG = 25.0
 FILLED = 0.92  # share of half an image that the object's farthest point is from the middle
 LAMP_RADIUS = 3.0  # unit-frame lengths from the centre: far, so that no side of the object is burnt
-# Directions in the camera's axes (right, up, towards it) and powers: key, fill, rim.
-LAMPS = np.array([[-0.6, 0.7, 0.8], [0.9, 0.2, 0.6], [0.2, 0.9, -0.7]])
-POWERS = np.array([1.0, 0.35, 0.5])
+# Lamps by studio: directions in the camera's axes (right, up, towards it), and powers.
+STUDIOS = {
+    "studio": ((-0.6, 0.7, 0.8, 1.0), (0.9, 0.2, 0.6, 0.35), (0.2, 0.9, -0.7, 0.5)),  # key, fill, rim
+    "window": tuple((-1.0, up, near, 0.35) for up in (0.1, 0.7) for near in (0.1, 0.8)),  # its panes
+}
 # The sky around them: lamps spread over a sphere, from its ground to its top.
 SKY = 6
 GROUND_POWER, TOP_POWER = 0.06, 0.2
@@ -39,14 +41,15 @@ def turntable(count: int, points: np.ndarray) -> np.ndarray:
     return poses
 
 
-def studio_lights(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (n, k, 3) of lamps, unit frame, for (n, 4, 4) poses, and their colours (k, 3)."""
+def studio_lights(poses: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (n, k, 3) of a studio's lamps for (n, 4, 4) poses, unit frame, and colours (k, 3)."""
     index = np.arange(SKY)
     height, angle = 1 - (2 * index + 1) / SKY, 2 * np.pi * GOLDEN_RATIO * index
     ring = np.sqrt(1 - height**2)
     sky = np.stack([ring * np.cos(angle), height, ring * np.sin(angle)], axis=1)
-    lamps = np.concatenate([LAMPS / np.linalg.norm(LAMPS, axis=1, keepdims=True), sky])
-    powers = np.concatenate([POWERS, GROUND_POWER + (TOP_POWER - GROUND_POWER) * (height + 1) / 2])
+    own = np.array(STUDIOS[name])
+    lamps = np.concatenate([own[:, :3] / np.linalg.norm(own[:, :3], axis=1, keepdims=True), sky])
+    powers = np.concatenate([own[:, 3], GROUND_POWER + (TOP_POWER - GROUND_POWER) * (height + 1) / 2])
     positions = np.einsum("nij,kj->nki", poses[:, :3, :3], LAMP_RADIUS * lamps)
     return positions, np.repeat(LAMP_RADIUS**2 * powers[:, None], 3, axis=1)
 

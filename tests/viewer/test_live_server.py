@@ -133,6 +133,8 @@ def test_an_image_is_the_packages(server, small_file):
         expected = file.render(camera[0], light[0], 48, sub_rays=sub_rays)[0]
         assert header == {"resolution": 48}
         assert np.array_equal(np.frombuffer(body, np.uint8).reshape(48, 48, 3), expected)
+        _, part = query(server, "/render", {**view, "resolution": 48, "sub_rays": sub_rays, "rows": [16, 8]})
+        assert part == body[16 * 48 * 3 : 24 * 48 * 3]
     assert expected.min() < 200
 
 
@@ -170,6 +172,7 @@ def test_a_ray_past_the_object_meets_nothing(server):
         ("/render", {}, "resolution"),
         ("/render", {"resolution": 1e9}, "resolution"),
         ("/render", {"resolution": 16, "camera_to_world": [[1]]}, "camera_to_world"),
+        ("/render", {"resolution": 16, "camera_to_world": np.eye(4).tolist(), "studio": "attic"}, "attic"),
         ("/strike", {"impulse": "much"}, "impulse"),
         ("/strike", {"impulse": 1, "duration": 1e6}, "duration"),
         ("/strike", {"impulse": 1, "duration": 1, "sample_rate": 1}, "sample_rate"),

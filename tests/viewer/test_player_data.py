@@ -12,6 +12,7 @@ import objectfolder
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.tensor_file import TensorFile, read_metadata, write_tensor_file
 from objectfolder.vision.export.base_colour import network_colour
+from objectfolder.vision.studio import STUDIOS
 from pipeline.publish.viewer.bake import surface_colours
 from pipeline.publish.viewer.static import (
     PAGE,
@@ -78,6 +79,12 @@ def test_scripts_are_one_file_that_node_reads(tmp_path):
         scripts = [PAGE / "live_object.js", PAGE / "live.js", tmp_path / "player.js"]
         for script in scripts:
             subprocess.run([node, "--check", str(script)], check=True)
+
+
+def test_the_players_studios_are_the_packages():
+    stated = re.search(r"const STUDIOS = (\{.*?\});", (PAGE / "drawing.js").read_text(), re.DOTALL)
+    assert stated
+    assert {name: tuple(map(tuple, lamps)) for name, lamps in json.loads(stated[1]).items()} == STUDIOS
 
 
 def test_colours_are_those_that_the_export_gives_at_vertices_and_in_the_middle_of_edges(small_file):

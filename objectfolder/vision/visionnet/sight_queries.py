@@ -19,7 +19,7 @@ from objectfolder.vision.cameras import (
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.rendering.view_query import ray_query, view_query
-from objectfolder.vision.studio import exposed, exposure, studio_lights, turntable
+from objectfolder.vision.studio import STUDIOS, exposed, exposure, studio_lights, turntable
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 
@@ -206,7 +206,9 @@ class SightQueries:
         cameras: int | np.ndarray,
         resolution: int | tuple[int, int] = 256,
         *,
+        studio: str = "studio",
         sub_rays: int | None = None,
+        crop: tuple[int, int, int, int] | None = None,
     ) -> np.ndarray:
         """Show the object in a studio's light, as bright as shows it best.
 
@@ -218,13 +220,20 @@ class SightQueries:
         cameras
             A number of cameras all round the object, so near that it fills the images, or their poses as for
             `render`.
-        resolution, sub_rays
+        studio
+            ``studio`` (key, fill, rim and sky) or ``window`` (panes on the left, and sky).
+        resolution, sub_rays, crop
             As for `render`.
 
         Returns
         -------
         ndarray
             (n, h, w, 3) uint8, sRGB on white.
+
+        Raises
+        ------
+        QueryError
+            Another studio; what `render` refuses.
 
         Examples
         --------
@@ -234,22 +243,29 @@ class SightQueries:
         >>> pictures.shape, pictures[0, 0, 0].tolist()  # white beside the bar
         ((3, 64, 64, 3), [255, 255, 255])
         """
+        if studio not in STUDIOS:
+            raise QueryError("studio", f"{studio!r}", f"Use {' or '.join(STUDIOS)}.")
         if isinstance(cameras, int | np.integer):
             poses = self._all_round(int(cameras))
         else:
             poses = view_query(cameras, np.zeros(3), None).cameras
-        return exposed(self._in_studio(poses, resolution, sub_rays), self._exposure)
+        if studio not in self._exposures:
+            self._exposures[studio] = exposure(self._in_studio(studio, self._all_round(3), 64, 4))
+        return exposed(self._in_studio(studio, poses, resolution, sub_rays, crop), self._exposures[studio])
 
     @cached_property
-    def _exposure(self) -> float:
-        return exposure(self._in_studio(self._all_round(3), 64, 4))
+    def _exposures(self) -> dict[str, float]:
+        return {}
 
     def _all_round(self, count: int) -> np.ndarray:
         return self.frame.camera_to_object(turntable(count, self.frame.to_unit(self.surface.vertices)))
 
     def _in_studio(
-        self, poses: np.ndarray, resolution: int | tuple[int, int], sub_rays: int | None
-    ) -> np.ndarray:
-        lamps, colours = studio_lights(poses)
-        around = self.frame.to_object(lamps)
-        return self.render(poses, around, resolution, linear=True, sub_rays=sub_rays, light_colour=colours)
+        self, studio: str, poses: np.ndarray, resolution: int | tuple[int, int], sub_rays: int | None,
+        crop: tuple[int, int, int, int] | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        lamps, colours = studio_lights(poses, studio)
+        return self.render(
+            poses, self.frame.to_object(lamps), resolution, linear=True, sub_rays=sub_rays,
+            light_colour=colours, crop=crop,
+        )  # fmt: skip

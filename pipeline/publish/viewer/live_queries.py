@@ -58,20 +58,26 @@ class LiveObject:
         return facts, b""
 
     def render(self, asked: Mapping[str, Any]) -> Answer:
-        """Return an image of ``resolution``, from ``camera_to_world``, under the lamp at ``light_position``.
+        """Return rows of an image of ``resolution``, from ``camera_to_world``.
 
-        A ``light_position`` of null asks for the studio; ``sub_rays`` may be null, too. The bytes are
-        (resolution, resolution, 3).
+        It is lit by the lamp at ``light_position`` or, where that is null, in a ``studio``. ``rows`` are the
+        first and their number; null for all. ``sub_rays`` may be null, too. The bytes are
+        (rows, resolution, 3).
         """
         resolution = int(_number(asked, "resolution", 1, MOST_PIXELS))
         sub_rays = asked.get("sub_rays")
         rays = None if sub_rays is None else int(_number(asked, "sub_rays", 1, 1024))
+        crop = None
+        if asked.get("rows") is not None:
+            first, count = (int(value) for value in _numbers(asked, "rows", (2,)))
+            crop = (first, 0, count, resolution)
         camera = _numbers(asked, "camera_to_world", (4, 4))
         if asked.get("light_position") is None:
-            image = self.file.pictures(camera, resolution, sub_rays=rays)[0]
+            studio = str(asked.get("studio"))
+            image = self.file.pictures(camera, resolution, studio=studio, sub_rays=rays, crop=crop)[0]
         else:
             lamp = _numbers(asked, "light_position", (3,))
-            image = self.file.render(camera, lamp, resolution, sub_rays=rays)[0]
+            image = self.file.render(camera, lamp, resolution, sub_rays=rays, crop=crop)[0]
         return {"resolution": resolution}, image.tobytes()
 
     def strike(self, asked: Mapping[str, Any]) -> Answer:

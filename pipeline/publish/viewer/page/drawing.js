@@ -10,20 +10,24 @@
     void main() { place = position; facing = normal; base = colour; gl_Position = projection * vec4(position, 1.0); }`;
   // Directions in the camera's axes (right, up, towards it), distance and powers of `objectfolder.vision.studio`,
   // whose sky is even here.
-  const STUDIO = [[-0.6, 0.7, 0.8, 1.0], [0.9, 0.2, 0.6, 0.35], [0.2, 0.9, -0.7, 0.5]];
+  const STUDIOS = {
+    "studio": [[-0.6, 0.7, 0.8, 1.0], [0.9, 0.2, 0.6, 0.35], [0.2, 0.9, -0.7, 0.5]],
+    "window": [[-1.0, 0.1, 0.1, 0.35], [-1.0, 0.1, 0.8, 0.35], [-1.0, 0.7, 0.1, 0.35], [-1.0, 0.7, 0.8, 0.35]]
+  };
+  const MOST_LAMPS = 4;
   const [RADIUS, SKY, LEVEL, SHARE] = [3, 0.2, 0.79, 0.95];
   // Radiance = scale * (power * cos / d^2 of each lamp + sky) * colour; no shadows.
   const FRAGMENT = `#version 300 es
     precision highp float;
     in vec3 place; in vec3 facing; in vec3 base;
-    uniform vec4 lamps[3]; uniform vec3 eye; uniform float scale; uniform float sky;
+    uniform vec4 lamps[${MOST_LAMPS}]; uniform vec3 eye; uniform float scale; uniform float sky;
     out vec4 pixel;
     void main() {
       vec3 toEye = normalize(eye - place);
       vec3 n = normalize(facing);
       if (dot(n, toEye) < 0.0) n = -n;
       float light = sky * (1.0 + 0.5 * n.z);
-      for (int i = 0; i < 3; i++) {
+      for (int i = 0; i < ${MOST_LAMPS}; i++) {
         vec3 toLamp = lamps[i].xyz - place;
         float squared = max(dot(toLamp, toLamp), 0.01);
         light += lamps[i].w * max(dot(n, toLamp), 0.0) * inversesqrt(squared) / squared;
@@ -109,13 +113,13 @@
       const { right, up, backward, position } = orbit.axes();
       const { centre, scale } = this.frame;
       const one = orbit.lightPosition()?.map((value, axis) => (value - centre[axis]) / scale);
-      const lamps = one ? [...one, 1, ...Array(8).fill(0)] : STUDIO.flatMap(([x, y, z, power]) => {
+      const lamps = one ? [...one, 1] : STUDIOS[orbit.studio].flatMap(([x, y, z, power]) => {
         const away = [0, 1, 2].map((axis) => x * right[axis] + y * up[axis] + z * backward[axis]);
         return [...times(away, RADIUS / Math.hypot(...away)), power * RADIUS ** 2];
       });
       const at = (name) => gl.getUniformLocation(this.program, name);
       gl.uniformMatrix4fv(at("projection"), false, projection(right, up, backward, position));
-      gl.uniform4fv(at("lamps"), lamps);
+      gl.uniform4fv(at("lamps"), [...lamps, ...Array(4 * MOST_LAMPS - lamps.length).fill(0)]);
       gl.uniform1f(at("sky"), one ? 0.1 : SKY);
       gl.uniform3fv(at("eye"), position);
       gl.uniform1f(at("scale"), one ? this.scale : LEVEL / this.bright);

@@ -6,7 +6,8 @@
   const SLOW_MS = 80;
   // Shown one after the other while nothing moves; the first within a tenth of a second.
   const RESTING = [
-    { resolution: 128, sub_rays: 4 }, { resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: null },
+    { resolution: 128, sub_rays: 4 }, { resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: 4 },
+    { resolution: 512, sub_rays: null, parts: 16 },
   ];
 
   // A question: JSON there; a JSON header and bytes back.
@@ -41,7 +42,7 @@
     // Asks only for the newest view; at rest for finer and finer images until the view changes.
     draw(orbit, moving, shown) {
       this.wanted = {
-        view: { camera_to_world: orbit.cameraToWorld(), light_position: orbit.lightPosition() }, moving, shown,
+        view: { camera_to_world: orbit.cameraToWorld(), light_position: orbit.lightPosition(), studio: orbit.studio }, moving, shown,
       };
       this.canvas.dataset.state = "drawing";
       if (!this.busy) this._drawWanted();
@@ -69,10 +70,16 @@
       }
     }
 
-    async _image(view, { resolution, sub_rays }, shown, unfinished = false) {
+    // Asks for the image in parts of equal height, and for no more of them when something else is wanted.
+    async _image(view, { resolution, sub_rays, parts = 1 }, shown, unfinished = false) {
       const start = performance.now();
-      const { payload } = await ask("render", { ...view, resolution, sub_rays });
-      const rgb = new Uint8Array(payload);
+      const rgb = new Uint8Array(3 * resolution ** 2);
+      const high = resolution / parts;
+      for (let row = 0; row < resolution; row += high) {
+        if (row && this.wanted) return;
+        const { payload } = await ask("render", { ...view, resolution, sub_rays, rows: [row, high] });
+        rgb.set(new Uint8Array(payload), 3 * resolution * row);
+      }
       const image = new ImageData(resolution, resolution);
       for (let pixel = 0, at = 0; pixel < rgb.length; pixel += 3, at += 4) {
         image.data[at] = rgb[pixel];
@@ -83,7 +90,7 @@
       if (this.canvas.width !== resolution) [this.canvas.width, this.canvas.height] = [resolution, resolution];
       this.context.putImageData(image, 0, 0);
       const took = performance.now() - start;
-      if (sub_rays === COARSE.sub_rays) this.coarse = took > SLOW_MS ? COARSEST : COARSE;
+      if (resolution <= COARSE.resolution) this.coarse = took > SLOW_MS ? COARSEST : COARSE;
       this.canvas.dispatchEvent(new CustomEvent("player:drawn", { bubbles: true, detail: { resolution, sub_rays, took } }));
       const size = `${resolution} × ${resolution}`;
       shown({ resolution, note: unfinished ? `${size}, rendering …` : `${size}, ${Math.round(took)} ms` });

@@ -23,7 +23,8 @@
       const whole = (1.03 * this.reach) / Math.sin((FIELD_OF_VIEW_DEG * DEGREE) / 2);
       Object.assign(this, { azimuth: -60, elevation: 28, radius: clamp(whole, NEAREST, FARTHEST) });
       this.lamp = { across: -20, up: 28, radius: 1 };
-      this.studio = true;
+      // A studio by its name, or null: then the one lamp is on.
+      this.studio = "studio";
     }
 
     turn(across, up) {

@@ -72,8 +72,11 @@
       this.lampUp = slider("Lamp, up", {
         low: -90, high: 90, step: 1, value: this.orbit.lamp.up, shown: degrees, changed: lamp("up"),
       });
-      this.lampControls = element("div", { class: "player-controls" }, this.lampAcross.label, this.lampUp.label);
-      this.light = choice("Light", [["studio", "Studio"], ["lamp", "One lamp, as in the data"]], "studio", (kind) => {
+      this.lampControls = element(
+        "div", { class: "player-controls" }, this.lampAcross.label, this.lampUp.label,
+        element("p", { class: "player-note" }, "One lamp in a black room, as in the data."),
+      );
+      this.light = choice("Light", [["studio", "Studio"], ["window", "Window"], ["lamp", "One lamp"]], "studio", (kind) => {
         this._lit(kind);
         this.redraw(false);
       });
@@ -117,8 +120,9 @@
         "div", { class: "player-side" },
         tools.length > 1 ? choice("A click will", tools, "strike", (tool) => this._toolChosen(tool)) : null,
         this.strikeControls, this.pressControls,
-        touchMiddle, this.said, this.answer, this.light, this.lampControls,
+        this.light, this.lampControls, touchMiddle, this.said,
         element("div", { class: "player-saves" }, save("Save picture (PNG)", () => this._picture()), this.saveSound),
+        this.answer,
       );
     }
 
@@ -147,8 +151,8 @@
     }
 
     _lit(kind) {
-      this.orbit.studio = kind === "studio";
-      this.lampControls.hidden = this.orbit.studio;
+      this.orbit.studio = kind === "lamp" ? null : kind;
+      this.lampControls.hidden = kind !== "lamp";
       this.light.querySelector(`[value="${kind}"]`).checked = true;
     }
 
@@ -263,7 +267,7 @@
 
     _writePython() {
       const view = {
-        camera_to_world: this.orbit.cameraToWorld(), light_position: this.orbit.lightPosition(), resolution: this.resolution,
+        camera_to_world: this.orbit.cameraToWorld(), light_position: this.orbit.lightPosition(), studio: this.orbit.studio, resolution: this.resolution,
       };
       const { strike, press } = this.last;
       this.code.textContent = viewer.pythonText({ file: this.file, view, strike, press });

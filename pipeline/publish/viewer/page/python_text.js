@@ -4,7 +4,7 @@
   const row = (values) => `[${values.map(String).join(", ")}]`;
   const matrix = (rows) => `[\n${rows.map((values) => `    ${row(values)},\n`).join("")}]`;
 
-  // `asked`: file, view {camera_to_world, light_position, resolution}, and strike or press or neither.
+  // `asked`: file, view {camera_to_world, light_position or null, studio, resolution}, and strike or press or neither.
   function pythonText({ file, view, strike, press }) {
     const lines = [
       "import numpy as np",
@@ -17,7 +17,7 @@
             `light_position = np.array(${row(view.light_position)})`,
             `image = file.render(camera_to_world, light_position, resolution=${view.resolution})[0]`,
           ]
-        : [`image = file.pictures(camera_to_world, resolution=${view.resolution})[0]`]),
+        : [`image = file.pictures(camera_to_world, resolution=${view.resolution}, studio=${JSON.stringify(view.studio)})[0]`]),
     ];
     const contact = strike || press;
     if (contact) {
