@@ -16,7 +16,7 @@ from fidelity_products import COST_COLUMNS, FAILURE, fidelity, write_costs
 from objectfolder.errors import InputError
 from objectfolder.products.store import Product, write_product
 from pipeline.dataset.measures import HEADLINE, Measure, number_at
-from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
+from pipeline.publish.report.charts import WIDTH, histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.sounds import sound_pair
 from pipeline.publish.report.summary import MeasureSummary
 from pipeline.publish.report.templates import (
@@ -229,7 +229,36 @@ def test_a_chart_needs_two_settings_that_differ() -> None:
     chart = speed_error_chart("a", "Sight", rows, "bytes")
     assert chart is not None
     assert re.findall(r">(n \d)</text>", chart) == ["n 1", "n 2", "n 3"]
-    assert 'aria-label="Sight: dB against bytes"' in chart
+    assert 'aria-label="Sight: dB against size in the Object File"' in chart
+    noise = [row | {"seconds_per_query": 1 + 0.02 * row["value"]} for row in rows]
+    assert speed_error_chart("a", "Sight", noise, "seconds_per_query") is None, (
+        "within the noise of the clock"
+    )
+
+
+def test_a_chart_speaks_in_words_that_do_not_collide() -> None:
+    places = [(4, 0.0248), (16, 0.0276), (64, 0.0300)]
+    own = {"setting": "sub_rays", "error_unit": "PSNR dB", "bytes": 1.0, "error": 44.0}
+    rows = [  # three objects far apart: the medians are close together
+        own | {"object": str(factor), "value": n, "seconds_per_query": factor * place}
+        for factor in (0.2, 1, 5)
+        for n, place in places
+    ]
+    chart = speed_error_chart("a", "Sight", rows, "seconds_per_query") or ""
+    pattern = r'text-anchor: (\w+)[^>]* x="([\d.]+)" y="([\d.]+)"[^>]*>(\d+ rays a pixel)<'
+    found = re.findall(pattern, chart)
+    assert [words for *_, words in found] == ["4 rays a pixel", "16 rays a pixel", "64 rays a pixel"]
+    boxes = []
+    for anchor, x, y, words in found:
+        width = 0.53 * 7 * len(words)
+        left = float(x) - {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor] * width
+        boxes.append((left, left + width, float(y) - 7, float(y)))
+    for index, (left, right, top, bottom) in enumerate(boxes):
+        assert 0 <= left < right <= 72 * WIDTH
+        for other in boxes[:index]:
+            assert right < other[0] or other[1] < left or bottom < other[2] or other[3] < top, words
+    assert "likeness of views" in chart
+    assert "sub" not in re.sub(r"<[^>]*>", "", chart)
 
 
 def test_charts_follow_the_colours_of_the_page_and_hold_text_of_any_kind() -> None:

@@ -14,9 +14,9 @@ import pandas
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from pipeline.publish.report.summary import MeasureSummary
+from pipeline.publish.report.summary import MeasureSummary, error_words, setting_words
 from pipeline.publish.report.templates import megabytes, number, seconds
 
 # Placeholders for colours of the page's style while matplotlib draws.
@@ -31,11 +31,16 @@ INK, _, _, ACCENT, CURVE = COLOURS
 STYLE = Path(__file__).parent / "template" / "charts.mplstyle"
 WIDTH, HEIGHT = 3.6, 2.3  # inches
 LEFT, RIGHT, TOP, BOTTOM = 0.55, 0.12, 0.12, 0.4  # margins in inches
+EFFORTS = {"seconds_per_query": "seconds for one answer", "bytes": "size in the Object File"}
+LABEL_POINTS = 7
+LEAST_CHANGE = 1.1  # of the seconds: less is noise of the clock
 MOST_CURVES = 40  # more objects are drawn as a band
 BAND = (0.05, 0.95)
 
 
-def drawing(name: str, label: str, draw: Callable[[Axes], None], height: float = HEIGHT) -> Markup:
+def drawing(
+    name: str, label: str, draw: Callable[[Axes], None], height: float = HEIGHT, top: float = TOP
+) -> Markup:
     """Return what `draw` draws as SVG.
 
     Parameters
@@ -46,11 +51,13 @@ def drawing(name: str, label: str, draw: Callable[[Axes], None], height: float =
         What the chart shows, for those who cannot see it.
     height
         Of the drawing, inches.
+    top
+        Margin, inches.
     """
     text = io.StringIO()
     with matplotlib.style.context(STYLE, after_reset=True):
         figure = Figure(figsize=(WIDTH, height))
-        size = (1 - (LEFT + RIGHT) / WIDTH, 1 - (BOTTOM + TOP) / height)
+        size = (1 - (LEFT + RIGHT) / WIDTH, 1 - (BOTTOM + top) / height)
         draw(figure.add_axes((LEFT / WIDTH, BOTTOM / height, *size)))
         figure.savefig(text, format="svg", metadata={"Date": None})
     svg = re.sub(r"<(metadata|style)\b.*?</\1>", "", text.getvalue().partition("<svg")[2], flags=re.DOTALL)
@@ -65,7 +72,7 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
 
     The bold curve is the median over objects, setting by setting; of more than `MOST_CURVES` objects the
     middle nine tenths are a band. None where fewer than two settings were measured or `column` does not
-    change with the setting.
+    change with the setting; seconds have to by a factor of `LEAST_CHANGE`.
 
     Parameters
     ----------
@@ -74,11 +81,13 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
     """
     known = [row for row in rows if _drawable(row, column)]
     medians = [row for row in setting_medians(rows) if _drawable(row, column)]
-    if len({row[column] for row in medians}) < 2:
+    places = [row[column] for row in medians]
+    timed = column == "seconds_per_query"
+    if len(set(places)) < 2 or (timed and max(places) < LEAST_CHANGE * min(places)):
         return None
-    text = seconds if column == "seconds_per_query" else megabytes
-    x_label = "seconds a query" if column == "seconds_per_query" else "bytes"
-    y_label = known[0]["error_unit"]
+    text = seconds if timed else megabytes
+    x_label = EFFORTS[column]
+    y_label = error_words(known[0]["error_unit"])
     objects = dict.fromkeys(row["object"] for row in known)
 
     def curve(axes: Axes, own: Sequence[Mapping[str, Any]], style: str, **options: Any) -> None:
@@ -93,17 +102,40 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
                 own = [row for row in known if row["object"] == object_id]
                 curve(axes, own, "-", color=CURVE, alpha=0.6, linewidth=0.8)
         curve(axes, medians, "o-", color=ACCENT, markersize=4)
-        for row in medians:
-            place = (row[column], row["error"])
-            axes.annotate(row["label"], place, (0, 5), textcoords="offset points", ha="center", fontsize=7)
-        axes.set(xlabel=x_label, ylabel=y_label, xscale="log")
-        axes.margins(0.12)
+        axes.set(xlabel=x_label, xscale="log")
+        axes.set_title(y_label, loc="left", fontsize=8)
+        axes.margins(0.12, 0.2)
+        _label(axes, [(row[column], row["error"], row["label"]) for row in medians])
         low, high = axes.xaxis.get_view_interval()
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,), numticks=6))
+        ticks = [low ** (1 - share) * high**share for share in (1 / 6, 1 / 2, 5 / 6)]
+        axes.xaxis.set_major_locator(FixedLocator([float(f"{tick:.2g}") for tick in ticks]))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
         axes.xaxis.set_minor_locator(NullLocator())
 
-    return drawing(f"{name}-{column}", f"{title}: {y_label} against {x_label}", draw)
+    return drawing(f"{name}-{column}", f"{title}: {y_label} against {x_label}", draw, top=0.28)
+
+
+def _label(axes: Axes, places: Sequence[tuple[float, float, str]]) -> None:
+    """Write words at points, each above or below at the first height where it meets no others."""
+    axes.autoscale_view()
+    left, right = (72 * inches for inches in (LEFT, WIDTH - RIGHT))
+    boxes: list[tuple[float, float, float]] = []
+    for x, y, words in places:
+        point = axes.transData.transform((x, y)) * 72 / axes.figure.get_dpi()
+        half = 0.3 * LABEL_POINTS * len(words)
+        middle = min(max(point[0], left + half), right - half)
+        heights = [sign * step * (LABEL_POINTS + 1) - 3 for step in (1, 2, 3) for sign in (1.3, -1)]
+
+        def free(height: float, middle: float = middle, half: float = half, low: float = point[1]) -> bool:
+            return all(
+                abs(middle - other) >= half + width or abs(low + height - base) >= LABEL_POINTS
+                for other, base, width in boxes
+            )
+
+        height = next(filter(free, heights), heights[0])
+        boxes.append((middle, point[1] + height, half))
+        offset = (middle - point[0], height)
+        axes.annotate(words, (x, y), offset, textcoords="offset points", ha="center", fontsize=LABEL_POINTS)
 
 
 def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
@@ -139,10 +171,10 @@ def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     medians: list[dict[str, Any]] = []
     for step in _steps(rows):
-        label, low, high = step["setting"].iloc[0].replace("_", " "), step["value"].min(), step["value"].max()
-        if not math.isnan(low):
-            label += f" {low:g}" + (f" to {high:g}" if high > low else "")
-        row = {"label": label, "error_unit": step["error_unit"].iloc[0]}
+        row = {
+            "label": setting_words(step["setting"].iloc[0], step["value"].min(), step["value"].max()),
+            "error_unit": step["error_unit"].iloc[0],
+        }
         for column in ("error", "seconds_per_query", "bytes"):
             median = float(step[column].median())
             row[column] = None if math.isnan(median) else median

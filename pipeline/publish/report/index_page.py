@@ -15,6 +15,7 @@ from pipeline.publish.report.object_page import OBJECTS, SENSE_NAMES, page_name
 from pipeline.publish.report.summary import (
     cost_summary,
     definitions_of,
+    error_words,
     mean,
     speed_error_rows,
     split,
@@ -90,6 +91,7 @@ def render_index(
     rows += [Row(object_id, object_id) for object_id in sorted(failed - {one.object_id for one in ordered})]
     measured, cost = summaries(ordered), cost_summary(ordered)
     environment = template_environment()
+    environment.filters["error"] = error_words
     return environment.get_template("index.html.j2").render(
         fingerprint=fingerprint,
         policy=security_policy(environment, SCRIPTS),

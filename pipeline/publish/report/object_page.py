@@ -20,7 +20,7 @@ from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
 from pipeline.publish.report.pictures import sprite
-from pipeline.publish.report.summary import definitions_of, split
+from pipeline.publish.report.summary import definitions_of, error_words, setting_words, split
 from pipeline.publish.report.templates import security_policy, template_environment
 
 SENSE_NAMES = {"vision": "Sight", "audio": "Sound", "touch": "Touch"}
@@ -193,6 +193,8 @@ def _environment() -> jinja2.Environment:
     environment = template_environment()
     environment.filters |= {
         "page_name": page_name,
+        "setting": lambda row: setting_words(row["setting"], row["value"], row["value"]),
+        "error": lambda row: error_words(row["error_unit"]),
         "lines": lambda value: json.dumps(value, indent=1, sort_keys=True, ensure_ascii=False),
     }
     environment.globals |= {

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,14 @@ from pipeline.dataset.measures import BYTE_PARTS, BYTES, HEADLINE, SENSES, Measu
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
 
 COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, 240.0)
+
+# What settings and errors of a fidelity product are called here; of others the names stand as they are.
+SETTINGS = {"sub_rays": "@ rays a pixel", "modes": "@ modes", "surface_step_um": "surface to @ µm"}
+ERRORS = {
+    "PSNR dB": "likeness of views, dB (more is better)",
+    "contact PSNR dB": "likeness of contacts, dB (more is better)",
+    "STFT distance dB": "difference of sounds, dB (less is better)",
+}
 
 
 @dataclass(frozen=True)
@@ -201,3 +210,17 @@ def _cell(value: Any) -> Any:
     if isinstance(value, float):
         return int(value) if value.is_integer() else f"{value:.8g}"
     return value
+
+
+def setting_words(setting: str, low: float | None, high: float | None) -> str:
+    """Return a setting in a reader's words, with the range of its values."""
+    name = setting.replace("_", " ")
+    if low is None or high is None or math.isnan(low):
+        return name
+    span = f"{low:g}" + (f" to {high:g}" if high > low else "")
+    return SETTINGS.get(setting, f"{name} @").replace("@", span)
+
+
+def error_words(unit: str) -> str:
+    """Return in a reader's words what an error of this unit measures."""
+    return ERRORS.get(unit, unit)
