@@ -45,6 +45,7 @@ def _visit(browser: Any, index: Path) -> dict[str, float]:
     navigation = page.evaluate("performance.getEntriesByType('navigation')[0].toJSON()")
     page.evaluate(OBSERVE)
     actions = {
+        "as_table": lambda: page.click("#view"),
         "sort": lambda: page.click("#table th:nth-child(6) button"),
         "sort_by_name": lambda: page.click("#table th:nth-child(1) button"),
         "search": lambda: page.locator("#search").press("g"),
