@@ -23,6 +23,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.export.base_colour import network_colour
+from objectfolder.vision.studio import STUDIOS
 
 # Gains are one byte each; this many keep an object's script within its budget.
 MOST_GAINS = 190_000
@@ -34,7 +35,8 @@ USUAL_IMPULSE_N_S = 0.05
 PEAK_OF_FULL_SCALE = 0.33
 ARRAY_NAMES = {"int8": "Int8Array", "uint8": "Uint8Array", "int16": "Int16Array", "int32": "Int32Array"}
 # Raise it when what is stored changes: kept players of another format are made anew.
-FORMAT = 2
+FORMAT = 3
+NEARLY_WHITE = 250
 
 
 def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
@@ -67,6 +69,7 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
         "surface": {"origin": origin.tolist(), "step": step},
         "sound": sound,
         "listening_gain": listening_gain(file),
+        "brightness": {name: brightness(file, name) for name in STUDIOS},
         "sensor": file.touch.sensor.to_dict() | {"photometric_table": None},
         "arrays": described,
     }
@@ -126,6 +129,13 @@ def surface_colours(file: ObjectFile) -> np.ndarray:
         file.vision, file.surface, file.frame, face, barycentric, metallic, LIGHT_DIRECTIONS
     )
     return np.asarray(np.rint(colours[:, :3] * 255), dtype=np.uint8)
+
+
+def brightness(file: ObjectFile, studio: str) -> float:
+    """Return the mean level, 0 to 1 as displayed, of the object in its pictures: the player's, too."""
+    seen = file.pictures(3, 48, studio=studio, sub_rays=4)
+    covered = seen[(seen < NEARLY_WHITE).any(axis=-1)]
+    return float(covered.mean() / 255) if len(covered) else 1.0
 
 
 def listening_gain(file: ObjectFile) -> float:

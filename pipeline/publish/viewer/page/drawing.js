@@ -14,7 +14,7 @@
     "studio": [[-0.6, 0.7, 0.8, 1.0], [0.9, 0.2, 0.6, 0.35], [0.2, 0.9, -0.7, 0.5]],
     "window": [[-1.0, 0.1, 0.1, 0.35], [-1.0, 0.1, 0.8, 0.35], [-1.0, 0.7, 0.1, 0.35], [-1.0, 0.7, 0.8, 0.35]]
   };
-  const MOST_LAMPS = 4;
+  const [MOST_LAMPS, NEARLY_WHITE, DISPLAY_GAMMA] = [4, 250, 2.2];
   const [RADIUS, SKY, LEVEL, SHARE] = [3, 0.2, 0.79, 0.95];
   // Radiance = scale * (power * cos / d^2 of each lamp + sky) * colour; no shadows.
   const FRAGMENT = `#version 300 es
@@ -89,6 +89,7 @@
       this.frame = header.frame;
       this.scale = header.radiance_scale;
       this.bright = Math.max(brightest(colours), 1e-3);
+      [this.wanted, this.factors] = [header.brightness, {}];
       this.program = linked(gl);
       const attributes = refined(surface, colours, this.frame);
       this.count = attributes.position.length / 3;
@@ -122,9 +123,27 @@
       gl.uniform4fv(at("lamps"), [...lamps, ...Array(4 * MOST_LAMPS - lamps.length).fill(0)]);
       gl.uniform1f(at("sky"), one ? 0.1 : SKY);
       gl.uniform3fv(at("eye"), position);
-      gl.uniform1f(at("scale"), one ? this.scale : LEVEL / this.bright);
+      gl.uniform1f(at("scale"), one ? this.scale : (LEVEL / this.bright) * (this.factors[orbit.studio] ?? 1));
       gl.drawArrays(gl.TRIANGLES, 0, this.count);
+      if (!one && !this.factors[orbit.studio]) {
+        this.factors[orbit.studio] = (this.wanted[orbit.studio] / this._level(side)) ** DISPLAY_GAMMA;
+        return this.draw(orbit);
+      }
       return side;
+    }
+
+    // The mean level, 0 to 1 as displayed, of what is drawn and not white.
+    _level(side) {
+      const pixels = new Uint8Array(4 * side * side);
+      this.gl.readPixels(0, 0, side, side, this.gl.RGBA, this.gl.UNSIGNED_BYTE, pixels);
+      let [sum, count] = [0, 0];
+      for (let at = 0; at < pixels.length; at += 4) {
+        const [red, green, blue] = pixels.subarray(at, at + 3);
+        if (Math.min(red, green, blue) >= NEARLY_WHITE) continue;
+        sum += red + green + blue;
+        count += 3;
+      }
+      return sum ? sum / count / 255 : 1;
     }
   }
 
