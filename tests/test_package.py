@@ -134,6 +134,22 @@ def test_examples_answer_sight_sound_and_touch(name: str) -> None:
     assert file.press(points).depth.max() > 0
 
 
+def test_reachable_contacts_are_those_a_sensor_fits_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    mug = objectfolder.example("mug")
+    anywhere = mug.sample_contacts(60, seed=1)[0]
+    points, normals = mug.sample_contacts(60, seed=1, reachable=True)
+    fits = mug.press(anywhere).reachable
+    assert 0.3 < fits.mean() < 0.9  # no sensor fits inside of the handle
+    assert mug.press(points).reachable.all()
+    assert np.array_equal(points[: fits.sum()], anywhere[fits])
+    assert len(np.unique(points, axis=0)) == len(normals) == 60
+    assert np.array_equal(points, mug.sample_contacts(60, seed=1, reachable=True)[0])
+    assert len(mug.sample_contacts(0, seed=1, reachable=True)[0]) == 0
+    monkeypatch.setattr("objectfolder.object_file.object_file.MOST_ATTEMPTS", 1)
+    with pytest.raises(QueryError, match="of 60 contacts drawn can be reached"):
+        mug.sample_contacts(60, seed=1, reachable=True)
+
+
 def test_another_example_is_refused() -> None:
     with pytest.raises(QueryError, match="'cup' is no example"):
         objectfolder.example("cup")

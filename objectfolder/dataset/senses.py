@@ -1,6 +1,7 @@
-"""What one sample of a sense is: its query, the truth of it, and what an Object File answers.
+"""What samples of a sense are: their queries, the truth of them, and what an Object File answers.
 
-Truth and answer have the same keys, shapes and units, so that one can stand for the other.
+Samples of one object come together: arrays with a row a sample. Truth and answer have the same keys, shapes
+and units, so that one can stand for the other.
 """
 
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.audio.synthesis import mode_bank
+from objectfolder.audio.synthesis.bank import mode_bank, samples_of
 from objectfolder.dataset.reading import ProductReader
 from objectfolder.object_file import ObjectFile
 from objectfolder.surface.frames import UnitFrame
@@ -29,6 +30,8 @@ class Settings:
         Of sounds.
     resolution
         Pixels a side of views without a product.
+    sub_rays
+        Of views of Object Files.
     passes
         Whether views come with depth and mask.
     """
@@ -36,6 +39,7 @@ class Settings:
     duration_s: float = 1.0
     sample_rate_hz: float = 44100.0
     resolution: int = 128
+    sub_rays: int | None = None
     passes: bool = False
 
 
@@ -52,21 +56,21 @@ class Sense:
     sampled
         Of an Object File alone: how many are drawn, by a seed.
     truth
-        The sample of a row.
+        The samples of rows.
     answer
-        The sample of an Object File for one query.
+        The samples of an Object File for queries.
     """
 
     kind: str
     queries: Callable[[ProductReader, np.ndarray], Sample]
     sampled: Callable[[ObjectFile, int, int], Sample]
-    truth: Callable[[ProductReader, int, Sample, Settings], Sample]
+    truth: Callable[[ProductReader, np.ndarray, Sample, Settings], Sample]
     answer: Callable[[ObjectFile, Sample, Settings, ProductReader | None], Sample]
 
 
-def _picture(rgb: np.ndarray) -> np.ndarray:
-    """Return (h, w, 3) uint8 as (3, h, w) float32 from 0 to 1."""
-    return np.ascontiguousarray(rgb.transpose(2, 0, 1), dtype=np.float32) / np.float32(255)
+def _pictures(rgb: np.ndarray) -> np.ndarray:
+    """Return (n, h, w, 3) uint8 as (n, 3, h, w) float32 from 0 to 1."""
+    return np.ascontiguousarray(rgb.transpose(0, 3, 1, 2), dtype=np.float32) / np.float32(255)
 
 
 def _views(reader: ProductReader, rows: np.ndarray) -> Sample:
@@ -82,15 +86,15 @@ def _sampled_views(file: ObjectFile, count: int, seed: int) -> Sample:
     return {"camera_to_object": cameras, "light_position_m": lights}
 
 
-def _true_view(reader: ProductReader, row: int, query: Sample, settings: Settings) -> Sample:
-    sample = {"image": _picture(on_white(reader.row("rgba", row).astype(np.float32)))}
+def _true_views(reader: ProductReader, rows: np.ndarray, query: Sample, settings: Settings) -> Sample:
+    samples = {"image": _pictures(on_white(reader.rows("rgba", rows)))}
     if settings.passes:
         scale = np.float32(reader.attributes["frame"]["scale"])
-        sample |= {"depth_m": reader.row("depth", row) * scale, "mask": reader.row("mask", row)}
-    return sample
+        samples |= {"depth_m": reader.rows("depth", rows) * scale, "mask": reader.rows("mask", rows)}
+    return samples
 
 
-def _rendered_view(
+def _rendered_views(
     file: ObjectFile, query: Sample, settings: Settings, reader: ProductReader | None
 ) -> Sample:
     size: int | tuple[int, int] = settings.resolution
@@ -100,12 +104,17 @@ def _rendered_view(
         size, field_of_view = (height, width), float(reader.attributes["field_of_view_deg"])
     passes = ("image", "depth", "mask") if settings.passes else ("image",)
     seen = file.render(
-        query["camera_to_object"], query["light_position_m"], size, field_of_view, passes=passes
+        query["camera_to_object"],
+        query["light_position_m"],
+        size,
+        field_of_view,
+        sub_rays=settings.sub_rays,
+        passes=passes,
     )
-    sample = {"image": _picture(seen["image"][0])}
+    samples = {"image": _pictures(seen["image"])}
     if settings.passes:
-        sample |= {"depth_m": seen["depth"][0], "mask": seen["mask"][0]}
-    return sample
+        samples |= {"depth_m": seen["depth"], "mask": seen["mask"]}
+    return samples
 
 
 def _strikes(reader: ProductReader, rows: np.ndarray) -> Sample:
@@ -118,23 +127,25 @@ def _sampled_strikes(file: ObjectFile, count: int, seed: int) -> Sample:
     return {"point_m": points, "impulse_n_s": -normals}
 
 
-def _true_sound(reader: ProductReader, row: int, query: Sample, settings: Settings) -> Sample:
-    gains = query["impulse_n_s"] @ reader.row("mode_shapes", row).astype(np.float64)
-    sound = mode_bank(
+def _true_sounds(reader: ProductReader, rows: np.ndarray, query: Sample, settings: Settings) -> Sample:
+    # A sum of its own for every row: its bits do not depend on the others.
+    gains = (query["impulse_n_s"][:, :, None] * reader.rows("mode_shapes", rows)).sum(axis=1)
+    sounds = mode_bank(
         reader.whole("eigenvalues"),
         reader.whole("dampings_per_s"),
-        gains[None] * reader.whole("radiation_weights"),
+        gains * reader.whole("radiation_weights"),
         settings.duration_s,
         settings.sample_rate_hz,
+        out=np.empty((len(rows), samples_of(settings.duration_s, settings.sample_rate_hz)), np.float32),
     )
-    return {"sound": sound[0].astype(np.float32)}
+    return {"sound": sounds}
 
 
-def _struck_sound(
+def _struck_sounds(
     file: ObjectFile, query: Sample, settings: Settings, reader: ProductReader | None
 ) -> Sample:
     point, impulse = query["point_m"], query["impulse_n_s"]
-    return {"sound": file.strike(point, impulse, settings.duration_s, settings.sample_rate_hz)[0]}
+    return {"sound": file.strike(point, impulse, settings.duration_s, settings.sample_rate_hz)}
 
 
 def _touches(reader: ProductReader, rows: np.ndarray) -> Sample:
@@ -148,7 +159,7 @@ def _touches(reader: ProductReader, rows: np.ndarray) -> Sample:
 
 def _sampled_touches(file: ObjectFile, count: int, seed: int) -> Sample:
     zeros = np.zeros(count)
-    points, _ = file.sample_contacts(count, seed)
+    points, _ = file.sample_contacts(count, seed, reachable=True)
     return {
         "point_m": points,
         "press_depth_m": zeros + TOUCH_DEPTH_M,
@@ -157,33 +168,31 @@ def _sampled_touches(file: ObjectFile, count: int, seed: int) -> Sample:
     }
 
 
-def _true_touch(reader: ProductReader, row: int, query: Sample, settings: Settings) -> Sample:
+def _true_touches(reader: ProductReader, rows: np.ndarray, query: Sample, settings: Settings) -> Sample:
     return {
-        "image": _picture(reader.row("rgb", row)),
-        "depth_m": reader.row("depth", row),
-        "mask": reader.row("mask", row),
-        "sensor_to_object": reader.whole("sensor_to_object")[row],
-        "reachable": reader.whole("reachable")[row],
+        "image": _pictures(reader.rows("rgb", rows)),
+        "depth_m": reader.rows("depth", rows),
+        "mask": reader.rows("mask", rows),
+        "sensor_to_object": reader.rows("sensor_to_object", rows),
+        "reachable": reader.rows("reachable", rows),
     }
 
 
-def _pressed_touch(
+def _pressed_touches(
     file: ObjectFile, query: Sample, settings: Settings, reader: ProductReader | None
 ) -> Sample:
-    touch = file.press(
-        query["point_m"], float(query["press_depth_m"]), float(query["tilt_deg"]), float(query["azimuth_deg"])
-    )
+    touches = file.press(query["point_m"], query["press_depth_m"], query["tilt_deg"], query["azimuth_deg"])
     return {
-        "image": _picture(touch.rgb[0]),
-        "depth_m": touch.depth[0],
-        "mask": touch.mask[0],
-        "sensor_to_object": touch.sensor_to_object[0],
-        "reachable": touch.reachable[0],
+        "image": _pictures(touches.rgb),
+        "depth_m": touches.depth,
+        "mask": touches.mask,
+        "sensor_to_object": touches.sensor_to_object,
+        "reachable": touches.reachable,
     }
 
 
 SENSES = {
-    "vision": Sense("views", _views, _sampled_views, _true_view, _rendered_view),
-    "audio": Sense("modes", _strikes, _sampled_strikes, _true_sound, _struck_sound),
-    "touch": Sense("touches", _touches, _sampled_touches, _true_touch, _pressed_touch),
+    "vision": Sense("views", _views, _sampled_views, _true_views, _rendered_views),
+    "audio": Sense("modes", _strikes, _sampled_strikes, _true_sounds, _struck_sounds),
+    "touch": Sense("touches", _touches, _sampled_touches, _true_touches, _pressed_touches),
 }

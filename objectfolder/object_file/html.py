@@ -34,7 +34,9 @@ class NotebookCard(SightQueries, SoundQueries):
     """What a notebook shows; a part of `ObjectFile`."""
 
     @abstractmethod
-    def sample_contacts(self, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    def sample_contacts(
+        self, count: int, seed: int, *, reachable: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Draw contacts; see `ObjectFile.sample_contacts`."""
 
     def _repr_html_(self) -> str:

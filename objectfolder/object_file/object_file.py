@@ -29,6 +29,7 @@ from objectfolder.vision.visionnet.visionnet import VisionNet
 FORMAT = "objectfolder"
 FORMAT_VERSION = 2
 SURFACE_TOLERANCE_M = 1e-3
+MOST_ATTEMPTS = 100
 REQUIRED = (
     "object",
     "material",
@@ -358,8 +359,24 @@ class ObjectFile(NotebookCard):
             )
         return closest
 
-    def sample_contacts(self, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    def sample_contacts(
+        self, count: int, seed: int, *, reachable: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3).
+
+        They lie anywhere on the surface, also where no sensor fits, as deep inside of a mug:
+        `Touches.reachable` of an answer says so.
+
+        Parameters
+        ----------
+        reachable
+            Only contacts at which the sensor can be pressed a millimetre deep along the normal. Each is
+            tried by a press.
+
+        Raises
+        ------
+        QueryError
+            Hardly any of the surface can be reached.
 
         Examples
         --------
@@ -368,9 +385,24 @@ class ObjectFile(NotebookCard):
         >>> points, normals = bar.sample_contacts(1000, seed=0)
         >>> points.shape, float(abs(points).max(axis=0)[0].round(2))
         ((1000, 3), 0.06)
+        >>> points, _ = bar.sample_contacts(20, seed=0, reachable=True)
+        >>> bool(bar.press(points).reachable.all())
+        True
         """
         samples = self.surface.sample(count, seed)
-        return samples.points, samples.normals
+        if not reachable or not count:
+            return samples.points, samples.normals
+        points, normals = np.zeros((0, 3)), np.zeros((0, 3))
+        for attempt in range(1, MOST_ATTEMPTS + 1):
+            fits = self.press(samples.points, contact="rigid").reachable
+            points = np.concatenate([points, samples.points[fits]])
+            normals = np.concatenate([normals, samples.normals[fits]])
+            if len(points) >= count:
+                return points[:count], normals[:count]
+            again = np.random.SeedSequence([seed, attempt]).generate_state(1)
+            samples = self.surface.sample(count, int(again[0]))
+        finding = f"{len(points)} of {MOST_ATTEMPTS * count} contacts drawn can be reached"
+        raise QueryError("reachable", finding, "Draw contacts anywhere, or ask for more of them.")
 
 
 def _frame_around(surface: Surface, stored: Mapping[str, Any]) -> UnitFrame:

@@ -3,6 +3,7 @@
 import pickle
 import shutil
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,12 +11,12 @@ import torch
 from torch.utils.data import DataLoader
 
 import objectfolder
-from objectfolder.dataset import ObjectFolderDataset, reading
+from objectfolder.dataset import ObjectBatches, ObjectFolderDataset, reading
 from objectfolder.errors import FormatError, InputError
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.fidelity.sound import sound_pairs
 from objectfolder.products.splits import object_split
-from objectfolder.products.store import read_product
+from objectfolder.products.store import Array, Product, read_product, write_product
 from objectfolder.vision.compositing import on_white
 
 SHAPES = {
@@ -161,11 +162,98 @@ def test_an_image_is_read_alone(small_set, monkeypatch):
 
     monkeypatch.setattr(reading.ProductReader, "_read", noted)
     samples = of(small_set, "touch", "held_out")
-    assert {name for name, _ in read} == {"held_out"}
+    assert {name for name, _ in read} == {"held_out", "reachable"}
     read.clear()
-    samples[3]
-    images = {name: selection for name, selection in read if name in ("rgb", "depth", "mask")}
-    assert images == dict.fromkeys(("rgb", "depth", "mask"), samples[3]["query"])
+    queries = [sample["query"] for sample in samples.__getitems__([3, 1])]
+    images = {name: selection.tolist() for name, selection in read if name in ("rgb", "depth", "mask")}
+    assert images == dict.fromkeys(("rgb", "depth", "mask"), queries)
+
+
+@pytest.mark.parametrize("kind", KINDS.values())
+def test_arrays_are_those_that_are_stored(small_set, kind):
+    path = small_set / f"data/{kind}/bar.zarr.zip"
+    stored, reader = read_product(path), reading.ProductReader(path)
+    assert reader.attributes == stored.attributes
+    for name, array in stored.arrays.items():
+        assert reader.shape(name) == array.data.shape
+        np.testing.assert_array_equal(reader.whole(name), array.data)
+        rows = np.arange(len(array.data))[::-2]
+        np.testing.assert_array_equal(reading.ProductReader(path).rows(name, rows), array.data[rows])
+
+
+def test_chunks_that_are_not_stored_are_filled(tmp_path):
+    masks = np.zeros((3, 80, 80), dtype=bool)
+    masks[1, 2:] = True
+    empty = Array(np.zeros((4, 0)), ("point", "mode"), "1", "no mode", False)
+    path = tmp_path / "masks.zarr.zip"
+    write_product(path, Product({"mask": Array(masks, ("view", "y", "x"), "1", "mask"), "none": empty}))
+    assert "mask/c/0/0/0" not in zipfile.ZipFile(path).namelist()
+    reader = reading.ProductReader(path)
+    assert np.array_equal(reader.rows("mask", np.array([2, 1, 0])), masks[::-1])
+    assert reader.whole("none").shape == (4, 0)
+
+
+@pytest.mark.parametrize("source", ["truth", "object_file"])
+@pytest.mark.parametrize("sense", SHAPES)
+def test_samples_of_a_batch_are_those_asked_for_alone(small_set, sense, source):
+    samples = of(small_set, sense, source=source)
+    wanted = [len(samples) - 1, 0, 1, -1, 0]
+    batch = samples.__getitems__(wanted)
+    assert [entry["object_id"] for entry in batch] == ["rod", "bar", "bar", "rod", "bar"]
+    assert all(equal(entry, samples[index]) for entry, index in zip(batch, wanted, strict=True))
+
+
+def changed(small_set, root, kind, **arrays):
+    """Write a data set of one product of the bar, with other values of some arrays; return its root."""
+    product = read_product(small_set / f"data/{kind}/bar.zarr.zip")
+    others = {name: replace(product.arrays[name], data=data(product[name])) for name, data in arrays.items()}
+    write_product(
+        root / f"data/{kind}/changed.zarr.zip", Product({**product.arrays, **others}, product.attributes)
+    )
+    return root
+
+
+def test_silence_is_left_out_unless_asked_for(small_set, small_file, tmp_path):
+    silent = {"frequencies_hz", "eigenvalues", "dampings_per_s", "radiation_weights", "mode_shapes"}
+    root = changed(small_set, tmp_path, "modes", **dict.fromkeys(silent, lambda values: values[..., :0]))
+    with pytest.raises(InputError, match=r"changed: no mode up to 19845 Hz.*all_queries=True"):
+        of(root, "audio")
+    everything = of(root, "audio", all_queries=True)
+    assert len(everything) == COUNTS["audio"][1]
+    assert not everything[0]["sound"].any()
+    shutil.copy(small_set / "data/modes/bar.zarr.zip", root / "data/modes/bar.zarr.zip")
+    assert of(root, "audio").object_ids == ["bar"]
+    with pytest.raises(InputError, match="no mode up to 45 Hz"):  # all are above what this rate can hold
+        ObjectFolderDataset(small_file, "audio", source="object_file", sample_rate_hz=100)
+
+
+def test_touches_out_of_reach_are_left_out_unless_asked_for(small_set, tmp_path):
+    def alternating(values):
+        return np.arange(len(values)) % 2 == 0
+
+    root = changed(small_set, tmp_path, "touches", reachable=alternating)
+    reached, everything = of(root, "touch"), of(root, "touch", all_queries=True)
+    queries = [sample["query"] for sample in everything]
+    assert [sample["query"] for sample in reached] == [query for query in queries if query % 2 == 0]
+    assert len(everything) == COUNTS["touch"][1]
+
+
+def test_batches_of_few_objects_have_every_sample_once_an_epoch(small_file, tmp_path):
+    files = [shutil.copy(small_file, tmp_path / f"{name}.safetensors") for name in "abcde"]
+    samples = ObjectFolderDataset(files, "touch", source="object_file", queries=6)
+    batches = ObjectBatches(samples, 4, together=2, seed=3)
+    first, second = list(batches), list(batches)
+    assert first != second
+    assert first == list(ObjectBatches(samples, 4, together=2, seed=3))
+    for epoch in (first, second):
+        assert sorted(index for batch in epoch for index in batch) == list(range(30))
+        assert [len(batch) for batch in epoch] == [4] * 7 + [2]
+        order = [samples.place(index)[0] for batch in epoch for index in batch]
+        assert [len(set(order[start : start + 12])) for start in (0, 12, 24)] == [2, 2, 1]
+    loader = DataLoader(samples, batch_sampler=ObjectBatches(samples, 4, together=2, seed=3))
+    assert next(iter(loader))["query"].tolist() == [samples.place(index)[1] for index in first[0]]
+    with pytest.raises(InputError, match="together: 0"):
+        ObjectBatches(samples, 4, together=0)
 
 
 def test_no_more_is_kept_open_than_asked_for(small_set):

@@ -30,3 +30,9 @@ def test_extremes_are_exact():
     rgba = np.array([[0, 0, 0, 0], [0, 0, 0, 1], [1, 1, 1, 1], [5, 5, 5, 1], [3, 0, 0, 0]], dtype=np.float16)
     assert on_white(rgba)[:, 0].tolist() == [255, 0, 255, 255, 255]
     assert on_white(np.zeros((2, 3, 4, 4))).shape == (2, 3, 4, 3)
+
+
+def test_images_are_the_blend_rounded():
+    rgba = np.random.default_rng(0).uniform(-0.2, 1.2, (5, 6, 4))
+    assert (rgba[..., 3] < 0).any()
+    assert np.array_equal(on_white(rgba), np.round(255 * composite_on_white(rgba)).astype(np.uint8))

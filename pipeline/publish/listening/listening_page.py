@@ -89,8 +89,7 @@ def draw_pairs(
     InputError
         No audible object, too few held-out points, an id that is not there, or a silent strike.
     """
-    both = ObjectFolderDataset(root, "audio", "held_out", "object_file", objects=objects).object_ids
-    audible = [name for name in both if read_description(MODES.path(root, name)).get("audible")]
+    audible = ObjectFolderDataset(root, "audio", "held_out", "object_file", objects=objects).object_ids
     settings: dict[str, Any] = {
         "objects": audible, "duration_s": duration_s, "sample_rate_hz": SAMPLE_RATE_HZ,
     }  # fmt: skip
