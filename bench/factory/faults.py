@@ -101,7 +101,7 @@ def one_round(grounds: Grounds, name: str, kind: Kind, seed: int) -> dict[str, A
     wrong = {key: value for key, value in disturbed.verdict(expected).items() if value}
     outcome = {"seed": seed, "commit": versions()["commit"], **disturbed.record(), "wrong": wrong}
     if wrong:
-        output = (ground.root / "output.log").read_text()[-4000:]
+        output = (ground.root / "output.log").read_text()[-4000:].replace(f"{ground.root}/", "")
         outcome["output"] = re.sub(r"/[\w./-]*/(?=site-packages/|python3|pipeline/|driver)", "", output)
     return outcome
 
