@@ -128,12 +128,16 @@ def _sampled_strikes(file: ObjectFile, count: int, seed: int) -> Sample:
 
 
 def _true_sounds(reader: ProductReader, rows: np.ndarray, query: Sample, settings: Settings) -> Sample:
-    # A sum of its own for every row: its bits do not depend on the others.
-    gains = (query["impulse_n_s"][:, :, None] * reader.rows("mode_shapes", rows)).sum(axis=1)
+    # Sums of its own for every row: its bits do not depend on the others.
+    shapes = reader.rows("mode_shapes", rows)
+    struck, moved = (
+        (directions[:, :, None] * shapes).sum(axis=1)
+        for directions in (query["impulse_n_s"], reader.rows("normals", rows))
+    )
     sounds = mode_bank(
         reader.whole("eigenvalues"),
         reader.whole("dampings_per_s"),
-        gains * reader.whole("radiation_weights"),
+        struck * moved,
         settings.duration_s,
         settings.sample_rate_hz,
         out=np.empty((len(rows), samples_of(settings.duration_s, settings.sample_rate_hz)), np.float32),

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.audio.synthesis import mode_bank
+from objectfolder.audio.synthesis.struck_body import RMS
 from objectfolder.fidelity.sounds import (
     cents,
     envelope_distance,
@@ -89,7 +90,10 @@ def struck(modes: Product, count: int = SOUNDS_COMPARED) -> tuple[np.ndarray, np
 
 
 def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarray]:
-    """Strike held-out points (see `struck`): truth and Object File, (n, samples) each."""
+    """Strike held-out points (see `struck`): truth and Object File, (n, samples) each.
+
+    They are observed in the papers' way, so that their distances are of what the papers compare.
+    """
     points, impulses = struck(modes)
     amplitudes = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)])
     truth = mode_bank(
@@ -99,4 +103,5 @@ def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarra
         DURATION_S,
         SAMPLE_RATE_HZ,
     )
-    return truth.astype(np.float32), file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ)
+    answer = file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ, observed=RMS)
+    return truth.astype(np.float32), answer

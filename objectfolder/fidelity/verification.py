@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from objectfolder.audio.synthesis.struck_body import RMS
 from objectfolder.fidelity import feel, sight, sound
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.fidelity.sounds import stft_distance
@@ -175,7 +176,9 @@ def _sound(
         for share in MODE_SHARES:
             kept = max(1, round(share * count))
             with _timed(seconds, _key("audio", "modes", kept), len(points)):
-                partial = file.strike(points, impulses, sound.DURATION_S, sound.SAMPLE_RATE_HZ, kept)
+                partial = file.strike(
+                    points, impulses, sound.DURATION_S, sound.SAMPLE_RATE_HZ, kept, observed=RMS
+                )
             error = 10 * np.log10(max(stft_distance(truth, partial, sound.SAMPLE_RATE_HZ), 1e-30))
             size = round(file.bytes_by_part()["audio"] * kept / count)
             rows.append(_row("audio", "modes", kept, float(error), "STFT distance dB", size))

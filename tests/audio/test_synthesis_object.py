@@ -1,5 +1,6 @@
 """Contacts on an Object File: pulses, listeners, streams, and what has no audible mode."""
 
+import copy
 import tracemalloc
 from pathlib import Path
 
@@ -35,7 +36,8 @@ def die() -> StruckBody:
     mass = 1070 * side**3
     rigid = RigidBody(mass, np.zeros(3), mass * side**2 / 6 * np.eye(3), 6 * side**2)
     none = np.zeros(0)
-    return StruckBody(none, none, none, lambda points: np.zeros((len(points), 3, 0)), rigid, (1.4e9, 0.35))
+    nothing = lambda points: np.zeros((len(points), 3, 0))  # noqa: E731
+    return StruckBody(none, none, none, nothing, np.zeros_like, rigid, (1.4e9, 0.35))
 
 
 def test_a_16_mm_die_has_no_audible_mode_and_clicks() -> None:
@@ -93,7 +95,8 @@ def test_a_contact_on_a_vertex_or_an_edge_sounds_as_one_beside_it(bar: ObjectFil
     force = np.array([0.3, 0.2, 1.0])
     for on in (corners[:, 0], (corners[:, 0] + corners[:, 1]) / 2):
         beside = on + 1e-6 * (corners.mean(axis=1) - on)
-        sound, near = (bar.strike(points, force, 0.02, pulse=2e-4) for points in (on, beside))
+        # The normal of an edge is that of one of its faces: observed all over the surface.
+        sound, near = (bar.strike(points, force, 0.02, pulse=2e-4, observed="rms") for points in (on, beside))
         assert np.isfinite(sound).all()
         size = np.abs(sound).max(axis=1)
         assert (size > 0).all()
@@ -192,7 +195,13 @@ def test_many_contacts_take_bounded_memory() -> None:
     fields = random.normal(size=(3, modes))
     rigid = RigidBody(0.1, np.zeros(3), None, 0.02)
     body = StruckBody(
-        eigenvalues, np.full(modes, 9.0), np.ones(modes), lambda p: p[:, :1, None] * fields, rigid, None
+        eigenvalues,
+        np.full(modes, 9.0),
+        np.ones(modes),
+        lambda p: p[:, :1, None] * fields,
+        np.ones_like,
+        rigid,
+        None,
     )
     points, forces = random.normal(size=(contacts, 3)), random.normal(size=(contacts, 3))
     seen, kept = 0, {}
@@ -233,6 +242,8 @@ def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests, bar: O
         ({"pulse": np.array([1e-3, np.nan])}, "pulse"),
         ({"listener": np.zeros(3)}, "listener"),
         ({"listener": np.full(3, np.nan)}, "listener"),
+        ({"observed": "ear"}, "observed"),
+        ({"observed": np.full(3, 9.0)}, "points"),
         ({"duration": np.nan}, "duration"),
         ({"duration": 0.0}, "duration"),
         ({"sample_rate": -8000}, "sample_rate"),
@@ -250,3 +261,68 @@ def test_without_a_mass_there_is_no_pressure(small_file: Path) -> None:
         unknown.strike(points, normals, 0.01, listener=EARS)
     with pytest.raises(QueryError, match="pulse"):
         unknown.strike(points, normals, 0.01, pulse=STRIKER)
+
+
+def flipped(file: ObjectFile) -> ObjectFile:
+    """Return the file with every second mode shape of the other sign, as a solver may give them."""
+    other = copy.copy(file)
+    gains = file.modes.gains
+    signs = (-1.0) ** np.arange(len(file.modes.eigenvalues))
+    other.modes = copy.copy(file.modes)
+    other.modes.gains = lambda points: gains(points) * signs  # type: ignore[method-assign]
+    return other
+
+
+def test_no_velocity_of_the_surface_depends_on_the_signs_of_mode_shapes(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(3, seed=11)
+    elsewhere = bar.sample_contacts(2, seed=12)[0]
+    for observed in ("contact", elsewhere):
+        sound = bar.strike(points, -normals, 0.02, observed=observed)
+        assert_equal_but_for_rounding(flipped(bar).strike(points, -normals, 0.02, observed=observed), sound)
+    named = bar.strike(points, -normals, 0.02, observed="rms")
+    assert (
+        np.abs(flipped(bar).strike(points, -normals, 0.02, observed="rms") - named).max() > 0.1 * named.max()
+    )
+    times = np.linspace(0, 0.1, 5)
+    level = bar.rms_velocity(points, -normals, times)
+    np.testing.assert_allclose(flipped(bar).rms_velocity(points, -normals, times), level, rtol=1e-12)
+
+
+def test_the_contact_starts_with_the_velocity_that_its_modes_have_there(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(4, seed=13)
+    shapes = bar.modes.gains(points)
+    force = np.array([0.3, -0.2, 0.9])
+    expected = (np.einsum("nkm,k->nm", shapes, force) * np.einsum("nkm,nk->nm", shapes, normals)).sum(axis=1)
+    np.testing.assert_allclose(bar.strike(points, np.tile(force, (4, 1)), 0.01)[:, 0], expected, rtol=1e-5)
+
+
+def test_striking_here_and_observing_there_is_reciprocal(bar: ObjectFile) -> None:
+    """Maxwell and Betti: a push along the normal at x moves y as the same push at y moves x."""
+    (here, there), (up, out) = bar.sample_contacts(2, seed=14)
+    sound = bar.strike(here, up, 0.02, observed=there)
+    assert_equal_but_for_rounding(bar.strike(there, out, 0.02, observed=here), sound)
+    both = bar.strike(here, up, 0.02, observed=np.stack([there, here]))
+    assert both.shape == (1, 2, len(sound[0]))
+    assert_equal_but_for_rounding(both[:, 0], sound)
+
+
+def test_the_level_is_the_root_of_the_mean_square_over_surface_and_time(bar: ObjectFile) -> None:
+    """Against strikes observed all over the surface: modes are nearly orthogonal there."""
+    points, normals = bar.sample_contacts(1, seed=15)
+    everywhere = bar.sample_contacts(400, seed=16)[0]
+    sound = bar.strike(points, -normals, 0.01, observed=everywhere)[0].astype(np.float64)
+    times = np.arange(sound.shape[1]) / RATE
+    level = bar.rms_velocity(points, -normals, times)[0]
+    assert abs(20 * np.log10(np.sqrt((sound**2).mean()) / np.sqrt((level**2).mean()))) < 1.0
+
+
+def test_a_stream_is_observed_as_a_strike_is(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(2, seed=17)
+    for observed in ("contact", "rms", points[1]):
+        stream = bar.stream(RATE, observed=observed)
+        stream.strike(points[0], -normals[0])
+        np.testing.assert_allclose(
+            stream.block(500)[0],
+            bar.strike(points[0], -normals[0], 500 / RATE, observed=observed)[0],
+            atol=1e-5,
+        )

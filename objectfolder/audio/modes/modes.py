@@ -167,12 +167,11 @@ def _read(
     seed: int,
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     """Arrays and attributes, shapes at as many training and held-out points of a surface as `counts` says."""
-    points = np.concatenate(
-        [
-            surface.sample(count, seed + place).points
-            for count, place in zip(counts, (0, HELD_OUT), strict=True)
-        ]
-    )
+    samples = [
+        surface.sample(count, seed + place) for count, place in zip(counts, (0, HELD_OUT), strict=True)
+    ]
+    points = np.concatenate([part.points for part in samples])
+    normals = np.concatenate([part.normals for part in samples])
     boundary = Boundary(solid, spectrum.space, units.length_m)
     vectors = _canonical(spectrum, boundary)
     shapes, distance = boundary.evaluate(vectors, points, solid.report.get("epsilon_m") or 0.0)
@@ -181,7 +180,7 @@ def _read(
     wall_m = 2 * volume_m3 / boundary.surface.area
     arrays = {
         **_spectrum_arrays(spectrum, material, units, weights),
-        **_shape_arrays(points, shapes / np.sqrt(units.mass_kg), counts[0]),
+        **_shape_arrays(points, normals, shapes / np.sqrt(units.mass_kg), counts[0]),
     }
     attributes: dict[str, Any] = {
         **_spectrum_attributes(spectrum, units, arrays["frequencies_hz"].data),
@@ -202,10 +201,11 @@ def _read(
     return arrays, attributes
 
 
-def _shape_arrays(points: Floats, shapes: Floats, training: int) -> dict[str, Array]:
-    """Points (point, 3) of which the first are for training, and mode shapes (point, 3, mode) there."""
+def _shape_arrays(points: Floats, normals: Floats, shapes: Floats, training: int) -> dict[str, Array]:
+    """Points (point, 3), the first for training, with normals and mode shapes (point, 3, mode) there."""
     return {
         "points": Array(points, ("point", "axis"), "m", "points of the surface, object frame", False),
+        "normals": Array(normals, ("point", "axis"), "1", "outward normals there, object frame", False),
         "mode_shapes": Array(
             shapes.astype(np.float32),
             ("point", "axis", "mode"),

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.synthesis.struck_body import Pulse, StruckBody, along
+from objectfolder.audio.synthesis.struck_body import Observed, Pulse, StruckBody, along
 from objectfolder.audio.synthesis.voices import Voices
 
 Floats = NDArray[np.float64]
@@ -23,8 +23,10 @@ class ObjectStream:
         Checks points and forces, and brings the points onto the surface.
     sample_rate_hz
         Of the sound.
+    observed
+        Where the surface velocity is asked, see `StruckBody.sounds`.
     listeners
-        (channels, 3) metres, or None for the surface velocity, which is one channel.
+        (channels, 3) metres, or None for the surface velocity.
 
     Examples
     --------
@@ -38,7 +40,12 @@ class ObjectStream:
     """
 
     def __init__(
-        self, body: StruckBody, contacts: ContactQuery, sample_rate_hz: float, listeners: Floats | None
+        self,
+        body: StruckBody,
+        contacts: ContactQuery,
+        sample_rate_hz: float,
+        observed: Observed,
+        listeners: Floats | None,
     ) -> None:
         self._body = body
         self._contacts = contacts
@@ -56,7 +63,7 @@ class ObjectStream:
                 )
                 for source in sources
             ]
-            for sources in body.channels(sample_rate_hz, listeners)
+            for sources in body.channels(sample_rate_hz, observed, listeners)
         ]
 
     @property
@@ -94,9 +101,9 @@ class ObjectStream:
         points, forces, _ = self._contacts(np.reshape(point, (1, 3)), given, None)
         pulses = self._body.pulses(points, forces, pulse)
         pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
-        gains = self._body.modal_gains(points)
+        motion = self._body.motion(points)
         for source, voices in (pair for sources in self._channels for pair in sources):
-            field = source.field(gains)
+            field = source.field(motion)
             if forces.ndim == 3:
                 voices.push(field[0], forces[0], at=round(at) + source.delay_samples)
             else:

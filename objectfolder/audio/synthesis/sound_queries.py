@@ -11,7 +11,7 @@ from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.bank import samples_of
 from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.object_stream import ObjectStream
-from objectfolder.audio.synthesis.struck_body import Pulse, RigidBody, StruckBody
+from objectfolder.audio.synthesis.struck_body import CONTACT, RMS, Observed, Pulse, RigidBody, StruckBody
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.surface.points import point_rows
@@ -44,6 +44,7 @@ class SoundQueries(ABC):
         modes: int | None = None,
         *,
         pulse: Pulse = None,
+        observed: str | np.ndarray = CONTACT,
         listener: np.ndarray | None = None,
     ) -> np.ndarray:
         """Sound the object under contacts.
@@ -65,6 +66,12 @@ class SoundQueries(ABC):
             How an impulse is spent: None, at once; seconds, one or (n,), as half a sine of that length; or
             a `ContactBody` that strikes and parts again without loss, whose Hertz contact with the object
             (flat where it is struck) gives the length.
+        observed
+            Where the velocity of the surface along its outward normal is asked, without a listener:
+            ``"contact"``, at the struck point itself (on an edge, of one of its faces); (3,) or (channels, 3)
+            points of the surface; or ``"rms"``, the sum over modes of modal velocity times the rms over the
+            surface of the mode's normal component. The last depends on the signs of mode shapes, which are
+            arbitrary: fidelity compares sounds so, as the papers do.
         listener
             (3,) or (channels, 3) metres, object frame, for instance two ears. The answer is then the pressure
             in free air of the modes and of the accelerating body (its click), later by the way from the
@@ -73,9 +80,9 @@ class SoundQueries(ABC):
         Returns
         -------
         ndarray
-            (n, samples) float32 at true amplitude: metres a second of rms surface velocity along the normal,
-            linear in the force, zeros for an object without audible modes (`modes.frequencies_hz` is empty).
-            With a listener pascals, and (n, channels, samples) for a listener (channels, 3).
+            (n, samples) float32 at true amplitude: metres a second, linear in the force, zeros for an object
+            without audible modes (`modes.frequencies_hz` is empty). With a listener pascals. (n, channels,
+            samples) for points or listeners (channels, 3).
 
         Raises
         ------
@@ -97,15 +104,13 @@ class SoundQueries(ABC):
         >>> bool(np.allclose(bar.strike(points, -2 * normals, 1.0), 2 * sound))  # twice as hard
         True
         """
-        contacts, pushes, ears = self._sound_query(points, forces, listener)
-        duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
-        _check_pulse(pulse)
-        body = self._struck_body(modes)
-        samples = samples_of(duration, sample_rate)
-        sound = np.empty((len(contacts), 1 if ears is None else len(ears), samples), dtype=np.float32)
-        for rows, part in body.sounds(contacts, pushes, duration, sample_rate, pulse=pulse, listeners=ears):
+        shape, single, parts = self._struck(
+            points, forces, duration, sample_rate, modes, pulse, observed, listener
+        )
+        sound = np.empty(shape, dtype=np.float32)
+        for rows, part in parts:
             sound[rows] = part
-        return sound[:, 0] if listener is None or np.ndim(listener) < 2 else sound
+        return sound[:, 0] if single else sound
 
     def strikes(
         self,
@@ -116,6 +121,7 @@ class SoundQueries(ABC):
         modes: int | None = None,
         *,
         pulse: Pulse = None,
+        observed: str | np.ndarray = CONTACT,
         listener: np.ndarray | None = None,
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Sound any number of contacts in bounded memory: yield rows and what `strike` answers for them.
@@ -128,19 +134,58 @@ class SoundQueries(ABC):
         >>> sum(len(part) for rows, part in bar.strikes(points, -normals, duration=0.1))
         100
         """
-        contacts, pushes, ears = self._sound_query(points, forces, listener)
-        duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
-        _check_pulse(pulse)
-        body = self._struck_body(modes)
-        for rows, part in body.sounds(contacts, pushes, duration, sample_rate, pulse=pulse, listeners=ears):
-            yield rows, part[:, 0] if listener is None or np.ndim(listener) < 2 else part
+        _, single, parts = self._struck(
+            points, forces, duration, sample_rate, modes, pulse, observed, listener
+        )
+        for rows, part in parts:
+            yield rows, part[:, 0] if single else part
 
-    def stream(self, sample_rate: float = 44100, *, listener: np.ndarray | None = None) -> ObjectStream:
+    def rms_velocity(
+        self, points: np.ndarray, impulses: np.ndarray, times: np.ndarray, modes: int | None = None
+    ) -> np.ndarray:
+        """Return how fast the whole surface moves after impulses: (n, times) metres a second.
+
+        It is the rms over the surface of the velocity along the normal, with the modes' powers added up and
+        each taken in the mean over its period: `sqrt(sum_i (r_i a_i exp(-c_i t))^2 / 2)`, `a_i` the modal
+        velocity that the impulse gives and `r_i` the rms of the mode's normal component. Modes that do not
+        ring are left out.
+
+        Parameters
+        ----------
+        points, impulses, modes
+            (n, 3) as for `strike`, newton seconds.
+        times
+            (times,) seconds after the impulse.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> points, normals = bar.sample_contacts(1, seed=0)
+        >>> level = bar.rms_velocity(points, -normals, [0.0, 0.1])
+        >>> level.shape, bool(level[0, 1] < level[0, 0])
+        ((1, 2), True)
+        """
+        contacts, pushes, _ = self._sound_query(points, forces=impulses, listener=None)
+        if pushes.ndim != 2:
+            raise QueryError("impulses", f"shape {pushes.shape}", "Give (n, 3), newton seconds.")
+        seconds = np.asarray(times, dtype=np.float64).reshape(-1)
+        if not (seconds >= 0).all():
+            raise QueryError("times", reprlib.repr(seconds.tolist()), "Give seconds after the impulse.")
+        return self._struck_body(modes).rms_velocity(contacts, pushes, seconds)
+
+    def stream(
+        self,
+        sample_rate: float = 44100,
+        *,
+        observed: str | np.ndarray = CONTACT,
+        listener: np.ndarray | None = None,
+    ) -> ObjectStream:
         """Return a silent stream: contacts are added as they come, sound is taken in blocks.
 
         Parameters
         ----------
-        listener
+        observed, listener
             As for `strike`.
 
         Examples
@@ -154,7 +199,47 @@ class SoundQueries(ABC):
         ((1, 512), 512, False)
         """
         ears = None if listener is None else point_rows(listener, "listener")
-        return ObjectStream(self._struck_body(None), self._sound_query, sample_rate, ears)
+        places = self._places(observed)
+        return ObjectStream(self._struck_body(None), self._sound_query, sample_rate, places, ears)
+
+    def _struck(
+        self,
+        points: np.ndarray,
+        forces: np.ndarray,
+        duration: float,
+        sample_rate: float,
+        modes: int | None,
+        pulse: Pulse,
+        observed: str | np.ndarray,
+        listener: np.ndarray | None,
+    ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:
+        """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
+        contacts, pushes, ears = self._sound_query(points, forces, listener)
+        duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
+        _check_pulse(pulse)
+        places = self._places(observed)
+        heard = places if listener is None else ears
+        body = self._struck_body(modes)
+        parts = body.sounds(
+            contacts, pushes, duration, sample_rate, pulse=pulse, observed=places, listeners=ears
+        )
+        channels = len(heard) if isinstance(heard, np.ndarray) else 1
+        single = np.ndim(observed if listener is None else listener) < 2
+        return (len(contacts), channels, samples_of(duration, sample_rate)), single, parts
+
+    def _places(self, observed: str | np.ndarray) -> Observed:
+        """Return a name, or points (channels, 3) on the surface."""
+        if not isinstance(observed, str):
+            return self.project(observed).points
+        if observed not in (CONTACT, RMS):
+            raise QueryError(
+                "observed", f"{observed!r}", f"Use {CONTACT!r}, {RMS!r} or points of the surface."
+            )
+        return observed
+
+    def _normals(self, points: np.ndarray) -> np.ndarray:
+        closest = self.surface.closest_points(points)
+        return self.surface.normals_at(closest.face, closest.barycentric)
 
     def _sound_query(
         self, points: np.ndarray, forces: np.ndarray, listener: np.ndarray | None
@@ -215,6 +300,7 @@ class SoundQueries(ABC):
             net.dampings_per_s[:modes],
             net.radiation_weights[:modes],
             self._gains,
+            self._normals,
             rigid,
             (material["youngs_modulus_pa"], material["poisson_ratio"]) if material else None,
         )

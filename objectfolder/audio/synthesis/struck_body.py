@@ -15,6 +15,8 @@ from objectfolder.errors import QueryError
 
 Floats = NDArray[np.float64]
 Pulse = float | ArrayLike | ContactBody | None
+CONTACT, RMS = "contact", "rms"
+Observed = str | Floats
 CHUNK_NUMBERS = 1 << 22  # of gains and of samples at once
 FLAT = np.inf
 
@@ -49,8 +51,10 @@ class StruckBody:
 
     Attributes
     ----------
-    eigenvalues, dampings_per_s, radiation_weights : (modes,) as in `mode_bank`
+    eigenvalues, dampings_per_s : (modes,) as in `mode_bank`
+    radiation_weights : (modes,) kg^-1/2, rms over the surface of the normal component of each mode shape
     gains : from points (n, 3) to (n, 3, modes), modal velocity an impulse of 1 N s along each axis gives
+    normals : from points (n, 3) to outward unit normals of the surface (n, 3)
     rigid : mass and area, None where unknown: then nothing is heard at a listener
     elasticity : Young's modulus (Pa) and Poisson's ratio, None where unknown
     """
@@ -59,6 +63,7 @@ class StruckBody:
     dampings_per_s: Floats
     radiation_weights: Floats
     gains: Callable[[Floats], Floats]
+    normals: Callable[[Floats], Floats]
     rigid: RigidBody | None
     elasticity: tuple[float, float] | None
 
@@ -70,6 +75,7 @@ class StruckBody:
         sample_rate_hz: float,
         *,
         pulse: Pulse = None,
+        observed: Observed = CONTACT,
         listeners: Floats | None = None,
         floor_db: float = FLOOR_DB,
     ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
@@ -81,8 +87,10 @@ class StruckBody:
             (n, 3) on the surface.
         forces
             (n, 3) newton seconds, or (n, k, 3) newtons at the samples.
+        observed
+            Where the surface velocity is asked: `CONTACT`, `RMS` or points (channels, 3) of the surface.
         listeners
-            (channels, 3), or None for the surface velocity, which is one channel.
+            (channels, 3), or None for the surface velocity.
 
         Returns
         -------
@@ -92,28 +100,41 @@ class StruckBody:
         """
         durations = self.pulses(points, forces, pulse)
         samples = samples_of(duration_s, sample_rate_hz)
-        channels = list(self.channels(sample_rate_hz, listeners))
+        channels = list(self.channels(sample_rate_hz, observed, listeners))
         numbers = 3 * len(self.eigenvalues) + len(channels) * samples + 1
         step = max(1, CHUNK_NUMBERS // numbers)
         for start in range(0, len(points), step):
             rows = slice(start, min(start + step, len(points)))
             sound = np.zeros((rows.stop - start, len(channels), samples), dtype=np.float32)
-            gains = self.modal_gains(points[rows])
+            motion = self.motion(points[rows])
             own = durations[rows] if isinstance(durations, np.ndarray) else durations
             part = np.empty((len(sound), samples))
             for channel, sources in enumerate(channels):
                 total = np.zeros_like(part)
                 for source in sources:
-                    source.write(gains, forces[rows], own, part, floor_db)
+                    source.write(motion, forces[rows], own, part, floor_db)
                     total += part
                 sound[:, channel] = total
             yield rows, sound
 
-    def modal_gains(self, points: Floats) -> Floats:
-        """Return gains (n, 3, modes) times the radiation weights."""
-        if len(self.eigenvalues) == 0:
-            return np.zeros((len(points), 3, 0))
-        return np.asarray(self.gains(points)[:, :, : len(self.eigenvalues)] * self.radiation_weights)
+    def motion(self, points: Floats) -> "Motion":
+        """Return how each mode moves where it is struck."""
+        modes = len(self.eigenvalues)
+        shapes = self.gains(points)[:, :, :modes] if modes else np.zeros((len(points), 3, 0))
+        return Motion(shapes, along(self.normals(points), shapes) if modes else shapes[:, 0])
+
+    def rms_velocity(self, points: Floats, impulses: Floats, times_s: Floats) -> Floats:
+        """Return the level (n, times) of `ObjectFile.rms_velocity`."""
+        ringing = self.eigenvalues > self.dampings_per_s**2
+        amplitudes = along(impulses, self.motion(points).shapes) * self.radiation_weights * ringing
+        decay = np.exp(-2 * np.outer(self.dampings_per_s, times_s))
+        return np.sqrt((amplitudes**2)[:, None, :] @ decay / 2)[:, 0]
+
+    def velocity_weights(self, observed: Observed) -> list[Floats | None]:
+        """Return (modes,) what each channel hears of modal velocity; None: as the contact moves."""
+        if isinstance(observed, str):
+            return [None if observed == CONTACT else self.radiation_weights]
+        return list(self.motion(observed).normal)
 
     def pulses(self, points: Floats, forces: Floats, pulse: Pulse) -> float | Floats | None:
         """Return durations of the pulses, seconds: one, one each, or None."""
@@ -138,14 +159,17 @@ class StruckBody:
             found[index] = contact.duration_s(contact.speed_m_s(impulses[index]))
         return found
 
-    def channels(self, sample_rate_hz: float, listeners: Floats | None) -> Iterator[list["Source"]]:
+    def channels(
+        self, sample_rate_hz: float, observed: Observed, listeners: Floats | None
+    ) -> Iterator[list["Source"]]:
         """Yield the sources of what is heard in each channel."""
         given = Oscillators.checked(self.eigenvalues, self.dampings_per_s, sample_rate_hz)
         columns = np.flatnonzero(given.audible())
         modes = given.take(columns)
         still = np.zeros(len(modes))
         if listeners is None:
-            yield [Source(modes, (still, still + 1), columns, None, 0.0)]
+            for weights in self.velocity_weights(observed):
+                yield [Source(modes, (still, still + 1), columns, weights, None, 0.0)]
             return
         if self.rigid is None:
             raise QueryError("listener", "the file does not say the object's mass", "Build the file again.")
@@ -154,11 +178,30 @@ class StruckBody:
             heard = listener.modal_weights(modes.frequencies_hz)
             click, weights = listener.click_oscillator(sample_rate_hz)
             yield [
-                Source(modes, (still, heard), columns, None, listener.delay_s),
+                Source(modes, (still, heard), columns, self.radiation_weights, None, listener.delay_s),
                 Source(
-                    click, weights, np.array([0]), listener.click_gains(self.rigid.mass_kg), listener.delay_s
+                    click,
+                    weights,
+                    np.array([0]),
+                    None,
+                    listener.click_gains(self.rigid.mass_kg),
+                    listener.delay_s,
                 ),
             ]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the surface moves in each mode at contacts.
+
+    Attributes
+    ----------
+    shapes : (n, 3, modes) mass-normalised mode shapes, kg^-1/2
+    normal : (n, modes) their components along the outward normals
+    """
+
+    shapes: Floats
+    normal: Floats
 
 
 @dataclass(frozen=True)
@@ -168,6 +211,7 @@ class Source:
     Attributes
     ----------
     oscillators, weights, columns : as for `ring`
+    observed : (modes,) what is heard of a unit of modal velocity; None: the normal velocity of the contact
     gains : (3, modes) of a source that does not depend on the contact; None for the modes of the surface
     delay_s : on the way to the listener
     """
@@ -175,14 +219,16 @@ class Source:
     oscillators: Oscillators
     weights: tuple[Floats, Floats]
     columns: NDArray[np.int64]
+    observed: Floats | None
     gains: Floats | None
     delay_s: float
 
-    def field(self, gains: Floats) -> Floats:
-        """Gains (n, 3, modes): its own, or of those of the surface."""
-        if self.gains is None:
-            return gains
-        return np.broadcast_to(self.gains, (len(gains), *self.gains.shape))
+    def field(self, motion: Motion) -> Floats:
+        """Gains (n, 3, modes): its own, or what is heard of a contact's."""
+        if self.gains is not None:
+            return np.broadcast_to(self.gains, (len(motion.shapes), *self.gains.shape))
+        observed = motion.normal[:, None] if self.observed is None else self.observed
+        return motion.shapes * observed
 
     @property
     def delay_samples(self) -> int:
@@ -190,10 +236,10 @@ class Source:
         return round(self.delay_s * self.oscillators.sample_rate_hz)
 
     def write(
-        self, gains: Floats, forces: Floats, pulse_s: float | Floats | None, sound: Floats, floor_db: float
+        self, motion: Motion, forces: Floats, pulse_s: float | Floats | None, sound: Floats, floor_db: float
     ) -> None:
-        """Write the sound (n, samples) of contacts with gains (n, 3, modes); `sound` is overwritten."""
-        field = self.field(gains)
+        """Write the sound (n, samples) of contacts; `sound` is overwritten."""
+        field = self.field(motion)
         if forces.ndim == 3:
             driven = field[:, :, self.columns]
             drive(
