@@ -52,8 +52,8 @@ LISTEN = """() => { window.waits = []; document.addEventListener(
 EXPECT = """() => { const said = document.querySelector('.player-said');
   said.textContent = '';
   window.said = new Promise((done) => new MutationObserver(done).observe(said, { childList: true })); }"""
-AMPLITUDES = f"""([faces, weights, forces]) => faces.map(
-  (face, index) => {PANEL}.object.modes.amplitudes(face, weights[index], forces[index]))"""
+AMPLITUDES = f"""([faces, weights, forces, normals]) => faces.map(
+  (face, index) => {PANEL}.object.modes.amplitudes(face, weights[index], forces[index], normals[index]))"""
 
 
 def main() -> None:
@@ -203,10 +203,9 @@ def gain_error_db(page: Any, file: ObjectFile) -> float | None:
     if not len(file.modes.eigenvalues):
         return None
     samples = file.surface.sample(PLACES, seed=1)
-    asked = [samples.face.tolist(), samples.barycentric.tolist(), (-samples.normals).tolist()]
-    found = np.array(page.evaluate(AMPLITUDES, asked))
-    gains = file.modes.gains(samples.points) * file.modes.radiation_weights
-    truth = np.einsum("nd,ndm->nm", -samples.normals, gains)
+    asked = (samples.face, samples.barycentric, -samples.normals, samples.normals)
+    found = np.array(page.evaluate(AMPLITUDES, [array.tolist() for array in asked]))
+    truth = file.mode_velocities(samples.points, -samples.normals)
     return float(10 * np.log10(((found - truth) ** 2).sum() / (truth**2).sum()))
 
 

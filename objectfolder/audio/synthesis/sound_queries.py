@@ -11,7 +11,15 @@ from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.bank import samples_of
 from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.object_stream import ObjectStream
-from objectfolder.audio.synthesis.struck_body import CONTACT, RMS, Observed, Pulse, RigidBody, StruckBody
+from objectfolder.audio.synthesis.struck_body import (
+    CONTACT,
+    RMS,
+    Observed,
+    Pulse,
+    RigidBody,
+    StruckBody,
+    along,
+)
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.surface.points import point_rows
@@ -166,13 +174,42 @@ class SoundQueries(ABC):
         >>> level.shape, bool(level[0, 1] < level[0, 0])
         ((1, 2), True)
         """
-        contacts, pushes, _ = self._sound_query(points, forces=impulses, listener=None)
-        if pushes.ndim != 2:
-            raise QueryError("impulses", f"shape {pushes.shape}", "Give (n, 3), newton seconds.")
         seconds = np.asarray(times, dtype=np.float64).reshape(-1)
         if not (seconds >= 0).all():
             raise QueryError("times", reprlib.repr(seconds.tolist()), "Give seconds after the impulse.")
-        return self._struck_body(modes).rms_velocity(contacts, pushes, seconds)
+        return self._struck_body(modes).rms_velocity(*self._impulses(points, impulses), seconds)
+
+    def mode_velocities(
+        self, points: np.ndarray, impulses: np.ndarray, modes: int | None = None
+    ) -> np.ndarray:
+        """Return what each mode adds to `strike` at first: (n, modes) metres a second.
+
+        It is the velocity along the normal at the struck point that an impulse gives each mode.
+
+        Parameters
+        ----------
+        points, impulses, modes
+            As for `rms_velocity`.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> points, normals = bar.sample_contacts(2, seed=0)
+        >>> velocities = bar.mode_velocities(points, -normals)
+        >>> velocities.shape == (2, len(bar.modes.frequencies_hz)), bool((velocities <= 0).all())
+        (True, True)
+        """
+        contacts, pushes = self._impulses(points, impulses)
+        motion = self._struck_body(modes).motion(contacts)
+        return along(pushes, motion.shapes) * motion.normal
+
+    def _impulses(self, points: np.ndarray, impulses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return contacts on the surface and impulses, (n, 3) each."""
+        contacts, pushes, _ = self._sound_query(points, impulses, None)
+        if pushes.ndim != 2:
+            raise QueryError("impulses", f"shape {pushes.shape}", "Give (n, 3), newton seconds.")
+        return contacts, pushes
 
     def stream(
         self,

@@ -168,8 +168,8 @@ class StruckBody:
         modes = given.take(columns)
         still = np.zeros(len(modes))
         if listeners is None:
-            for weights in self.velocity_weights(observed):
-                yield [Source(modes, (still, still + 1), columns, weights, None, 0.0)]
+            for seen in self.velocity_weights(observed):
+                yield [Source(modes, (still, still + 1), columns, seen, None, 0.0)]
             return
         if self.rigid is None:
             raise QueryError("listener", "the file does not say the object's mass", "Build the file again.")
@@ -177,16 +177,10 @@ class StruckBody:
             listener = Listener.at(position, self.rigid.centre_m, self.rigid.area_m2, Air())
             heard = listener.modal_weights(modes.frequencies_hz)
             click, weights = listener.click_oscillator(sample_rate_hz)
+            gains, delay = listener.click_gains(self.rigid.mass_kg), listener.delay_s
             yield [
-                Source(modes, (still, heard), columns, self.radiation_weights, None, listener.delay_s),
-                Source(
-                    click,
-                    weights,
-                    np.array([0]),
-                    None,
-                    listener.click_gains(self.rigid.mass_kg),
-                    listener.delay_s,
-                ),
+                Source(modes, (still, heard), columns, self.radiation_weights, None, delay),
+                Source(click, weights, np.array([0]), None, gains, delay),
             ]
 
 

@@ -85,7 +85,6 @@ def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict
     header: dict[str, Any] = {
         "eigenvalues": modes.eigenvalues.tolist(),
         "dampings_per_s": modes.dampings_per_s.tolist(),
-        "radiation_weights": modes.radiation_weights.tolist(),
         "kernel": metadata["kernel"],
         "detour_dimensions": dimensions,
         "detour_step_m": step,

@@ -106,9 +106,7 @@ class LiveObject:
         Apart from `strike`: what is heard does not wait for what is then drawn.
         """
         point, impulse = _numbers(asked, "point", (3,)), _numbers(asked, "impulse", (3,))
-        modes = self.file.modes
-        amplitudes = impulse @ modes.gains(self.file.project(point).points)[0] * modes.radiation_weights
-        return {"amplitudes": amplitudes.tolist()}, b""
+        return {"amplitudes": self.file.mode_velocities(point, impulse)[0].tolist()}, b""
 
     def press(self, asked: Mapping[str, Any]) -> Answer:
         """Press the sensor by ``depth`` where a ray meets the object, at ``tilt`` and ``azimuth``.

@@ -31,7 +31,7 @@
       lines.push(
         `impulse = np.array(${row(strike.impulse)})  # newton seconds`,
         `sound = file.strike(point, impulse, duration=${strike.duration}, sample_rate=${strike.sample_rate})[0]`,
-        "amplitudes = impulse @ file.modes.gains(point)[0] * file.modes.radiation_weights  # of file.modes.frequencies_hz",
+        "amplitudes = file.mode_velocities(point, impulse)[0]  # m/s, of file.modes.frequencies_hz",
       );
     }
     if (press) {

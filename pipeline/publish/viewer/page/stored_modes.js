@@ -11,10 +11,9 @@
 
   class StoredModes {
     constructor(header, arrays, surface) {
-      const { eigenvalues, dampings_per_s, radiation_weights } = header.sound;
+      const { eigenvalues, dampings_per_s } = header.sound;
       this.dampings = dampings_per_s;
       this.eigenvalues = eigenvalues;
-      this.weights = radiation_weights;
       this.frequencies = eigenvalues.map((square, mode) =>
         Math.sqrt(Math.max(square - dampings_per_s[mode] ** 2, 0)) / (2 * Math.PI),
       );
@@ -100,19 +99,20 @@
       return { order, shares: solved(matrix, order.map((place) => near[place])) };
     }
 
-    // What an impulse (newton seconds, three numbers) gives each mode, m/s: gains times radiation weights.
-    amplitudes(face, barycentric, impulse) {
+    // Velocity along the normal, m/s, that an impulse (newton seconds) gives each mode where it is struck.
+    amplitudes(face, barycentric, impulse, normal) {
       if (!this.frequencies.length) return [];
       const { order, shares } = this._shares(face, barycentric);
       return this.steps.map((step, mode) => {
-        let total = 0;
+        let [struck, moved] = [0, 0];
         for (let axis = 0; axis < 3; axis += 1) {
           const start = (mode * 3 + axis) * this.count;
           let gain = 0;
           for (let index = 0; index < order.length; index += 1) gain += shares[index] * this.gains[start + order[index]];
-          total += gain * impulse[axis];
+          struck += gain * impulse[axis];
+          moved += gain * normal[axis];
         }
-        return total * step * this.weights[mode];
+        return struck * moved * step * step;
       });
     }
 

@@ -44,7 +44,7 @@
       if (!hit) return null;
       const push = viewer.pushOf(along, viewer.outward(hit.normal, direction), direction);
       const force = times(push, impulse / length(push));
-      const amplitudes = this.modes.amplitudes(hit.face, hit.barycentric, force);
+      const amplitudes = this.modes.amplitudes(hit.face, hit.barycentric, force, hit.normal);
       const sound = this.modes.sound(amplitudes, duration, sampleRate);
       return { point: hit.point, normal: hit.normal, impulse: force, sound, partials: async () => amplitudes };
     }
