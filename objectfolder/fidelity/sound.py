@@ -10,6 +10,7 @@ from objectfolder.fidelity.sounds import (
     cents,
     envelope_distance,
     gain_error_by_mode_db,
+    gain_error_by_point_db,
     gain_error_db,
     stft_distance,
 )
@@ -25,6 +26,8 @@ DEFINITIONS = {
     "audio.damping_error_relative": "Largest relative error of a damping, Object File against the solver",
     "audio.gain_error_db": "20 log10(|g - g truth| / |g truth|) over held-out points, directions and modes",
     "audio.gain_error_by_mode_median_db": "The same for each mode alone; median over modes",
+    "audio.gain_error_by_point_p95_db": "The same for each held-out point alone; 95th percentile over points",
+    "audio.gain_error_by_point_worst_db": "The same for each held-out point alone; the worst point",
     "audio.stft_distance": "Mean |STFT difference|^2 over the truth's peak; Hann 400, hop 160, 512 bins",
     "audio.envelope_distance": "Root mean square difference of Hilbert envelopes over the truth's peak",
     "audio.solver_error_estimate_cents": "Estimated discretisation error of the solver on the first modes",
@@ -60,18 +63,23 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
         "damping_error_relative",
         "gain_error_db",
         "gain_error_by_mode_median_db",
+        "gain_error_by_point_p95_db",
+        "gain_error_by_point_worst_db",
     )
     if len(frequencies) == 0:
         return {**result, **dict.fromkeys((*keys, "stft_distance", "envelope_distance"))}
     answer = file.modes.gains(modes["points"][modes["held_out"]])
     ringing = modes["frequencies_hz"] > 0
     damping = modes["dampings_per_s"]
+    by_point = gain_error_by_point_db(truth, answer)
     true_sounds, file_sounds = sound_pairs(file, modes)
     values = (
         float(np.abs(cents(file.modes.frequencies_hz[ringing], frequencies[ringing])).max()),
         float(np.max(np.abs(file.modes.dampings_per_s - damping) / np.maximum(damping, 1e-300))),
         gain_error_db(truth, answer),
         float(np.median(gain_error_by_mode_db(truth, answer))),
+        float(np.percentile(by_point, 95)),
+        float(by_point.max()),
         stft_distance(true_sounds, file_sounds, SAMPLE_RATE_HZ),
         envelope_distance(true_sounds, file_sounds),
     )

@@ -47,6 +47,13 @@ def gain_error_by_mode_db(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
     return 20 * np.log10(np.maximum(error, 1e-15 * size) / np.maximum(size, 1e-300))
 
 
+def gain_error_by_point_db(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
+    """Relative rms error (points,) of the gains at each point over directions and modes, dB."""
+    error = np.linalg.norm(answer - truth, axis=(1, 2))
+    size = np.linalg.norm(truth, axis=(1, 2))
+    return 20 * np.log10(np.maximum(error, 1e-15 * size) / np.maximum(size, 1e-300))
+
+
 def stft_distance(truth: np.ndarray, answer: np.ndarray, sample_rate_hz: float) -> float:
     """Mean squared difference of complex short-time Fourier transforms.
 

@@ -10,6 +10,7 @@ from objectfolder.fidelity.sounds import (
     cents,
     envelope_distance,
     gain_error_by_mode_db,
+    gain_error_by_point_db,
     gain_error_db,
     stft_distance,
 )
@@ -68,6 +69,14 @@ def test_gain_errors_are_one_mode_each() -> None:
     errors = gain_error_by_mode_db(truth, answer)
     assert errors[0] < -250
     assert errors[1] == pytest.approx(0.0)
+
+
+def test_gain_errors_are_of_one_points_own_size_each() -> None:
+    truth = np.random.default_rng(6).normal(size=(3, 3, 7)) * np.array([1.0, 100.0, 1.0])[:, None, None]
+    answer = truth * (1 + np.array([0.1, 0.001, 0.0])[:, None, None])
+    errors = gain_error_by_point_db(truth, answer)
+    np.testing.assert_allclose(errors[:2], [-20, -60])
+    assert errors[2] < -250
 
 
 def test_envelope_distance_of_a_sine_with_a_wrong_amplitude() -> None:

@@ -83,6 +83,8 @@ def fidelity(
             "damping_error_relative": 1e-7 if audible else None,
             "gain_error_db": -30.0 + shift if audible else None,
             "gain_error_by_mode_median_db": -31.0 + shift if audible else None,
+            "gain_error_by_point_p95_db": -26.0 + shift if audible else None,
+            "gain_error_by_point_worst_db": -22.0 + shift if audible else None,
             "stft_distance": 1e-6 if audible else None,
             "envelope_distance": 1e-3 if audible else None,
             "solver_error_estimate_cents": 12.0 if audible else None,

@@ -96,7 +96,7 @@ def test_row_of_a_material_that_no_object_has(workshop):
         ("contact: rigid # as TACTO", "contact: elastic # as TACTO", TOUCH),
         ("sensor: digit # digit", "sensor: gelsight # digit", TOUCH),
         ("steps: 1200", "steps: 1300", ("encode", "fidelity")),
-        ("goal_db: -42.0", "goal_db: -41.0", ("encode", "fidelity")),
+        ("goal_db: -45.0", "goal_db: -41.0", ("encode", "fidelity")),
         ("\nseed: 0", "\nseed: 1", tuple(STAGES)),
         ("allow_failures: true", "allow_failures: false", ()),
         ("accuracy_cents: 2.0", "accuracy_cents: 3.0", ()),  # of a size that is not made

@@ -70,7 +70,7 @@ def fit_audionet(
     surface: Surface,
     modes: Product,
     *,
-    goal_db: float = -42.0,
+    goal_db: float = -45.0,
     most_bytes: int = 320_000,
 ) -> AudioNet:
     """Fit the fields of gains to the training points of solved modes.
