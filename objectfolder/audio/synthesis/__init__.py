@@ -4,6 +4,7 @@ from objectfolder.audio.synthesis.air import Air, Listener
 from objectfolder.audio.synthesis.bank import mode_bank
 from objectfolder.audio.synthesis.force import driven_bank
 from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
+from objectfolder.audio.synthesis.support import Support
 from objectfolder.audio.synthesis.voices import Voices
 from objectfolder.audio.synthesis.wav import listening_gain, write_wav
 
@@ -12,6 +13,7 @@ __all__ = [
     "ContactBody",
     "HertzContact",
     "Listener",
+    "Support",
     "Voices",
     "driven_bank",
     "listening_gain",

@@ -20,6 +20,7 @@ from objectfolder.audio.synthesis.struck_body import (
     StruckBody,
     along,
 )
+from objectfolder.audio.synthesis.support import Support
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.surface.points import point_rows
@@ -54,6 +55,7 @@ class SoundQueries(ABC):
         pulse: Pulse = None,
         observed: str | np.ndarray = CONTACT,
         listener: np.ndarray | None = None,
+        support: Support | None = None,
     ) -> np.ndarray:
         """Sound the object under contacts.
 
@@ -84,6 +86,8 @@ class SoundQueries(ABC):
             (3,) or (channels, 3) metres, object frame, for instance two ears. The answer is then the pressure
             in free air of the modes and of the accelerating body (its click), later by the way from the
             object. The models are approximate and are described in `objectfolder.audio.synthesis.air`.
+        support
+            What holds or carries the object; None, nothing: it is free.
 
         Returns
         -------
@@ -113,7 +117,7 @@ class SoundQueries(ABC):
         True
         """
         shape, single, parts = self._struck(
-            points, forces, duration, sample_rate, modes, pulse, observed, listener
+            points, forces, duration, sample_rate, modes, pulse, observed, listener, support
         )
         sound = np.empty(shape, dtype=np.float32)
         for rows, part in parts:
@@ -131,6 +135,7 @@ class SoundQueries(ABC):
         pulse: Pulse = None,
         observed: str | np.ndarray = CONTACT,
         listener: np.ndarray | None = None,
+        support: Support | None = None,
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Sound any number of contacts in bounded memory: yield rows and what `strike` answers for them.
 
@@ -143,7 +148,7 @@ class SoundQueries(ABC):
         100
         """
         _, single, parts = self._struck(
-            points, forces, duration, sample_rate, modes, pulse, observed, listener
+            points, forces, duration, sample_rate, modes, pulse, observed, listener, support
         )
         for rows, part in parts:
             yield rows, part[:, 0] if single else part
@@ -217,12 +222,13 @@ class SoundQueries(ABC):
         *,
         observed: str | np.ndarray = CONTACT,
         listener: np.ndarray | None = None,
+        support: Support | None = None,
     ) -> ObjectStream:
         """Return a silent stream: contacts are added as they come, sound is taken in blocks.
 
         Parameters
         ----------
-        observed, listener
+        observed, listener, support
             As for `strike`.
 
         Examples
@@ -237,7 +243,7 @@ class SoundQueries(ABC):
         """
         ears = None if listener is None else point_rows(listener, "listener")
         places = self._places(observed)
-        return ObjectStream(self._struck_body(None), self._sound_query, sample_rate, places, ears)
+        return ObjectStream(self._struck_body(None, support), self._sound_query, sample_rate, places, ears)
 
     def _struck(
         self,
@@ -249,6 +255,7 @@ class SoundQueries(ABC):
         pulse: Pulse,
         observed: str | np.ndarray,
         listener: np.ndarray | None,
+        support: Support | None,
     ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:
         """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
         contacts, pushes, ears = self._sound_query(points, forces, listener)
@@ -256,7 +263,7 @@ class SoundQueries(ABC):
         _check_pulse(pulse)
         places = self._places(observed)
         heard = places if listener is None else ears
-        body = self._struck_body(modes)
+        body = self._struck_body(modes, support)
         parts = body.sounds(
             contacts, pushes, duration, sample_rate, pulse=pulse, observed=places, listeners=ears
         )
@@ -316,8 +323,8 @@ class SoundQueries(ABC):
             raise FormatError("audio", f"{finding}, above {LARGEST_SHAPE:g}", REMEDY)
         return gains
 
-    def _struck_body(self, modes: int | None) -> StruckBody:
-        """Modes and body as synthesis takes them."""
+    def _struck_body(self, modes: int | None, support: Support | None = None) -> StruckBody:
+        """Modes, as a support changes them, and body as synthesis takes them."""
         if modes is not None and not isinstance(modes, int | np.integer):
             raise QueryError("modes", reprlib.repr(modes), "Give a whole number, or None for all.")
         net, body, material = self.modes, self.description.get("body"), self.description.get("material")
@@ -332,9 +339,14 @@ class SoundQueries(ABC):
                 share * np.asarray(body["inertia_kg_m2"]) if closed else None,
                 float(self.surface.area),
             )
+        eigenvalues, dampings = net.eigenvalues[:modes], net.dampings_per_s[:modes]
+        if support is not None:
+            held = self._gains(self.project(support.points).points)[:, :, : len(eigenvalues)]
+            stiffer, faster = support.added(held)
+            eigenvalues, dampings = eigenvalues + stiffer, dampings + faster
         return StruckBody(
-            net.eigenvalues[:modes],
-            net.dampings_per_s[:modes],
+            eigenvalues,
+            dampings,
             net.radiation_weights[:modes],
             self._gains,
             self._normals,
