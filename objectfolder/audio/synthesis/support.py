@@ -83,9 +83,7 @@ class Support:
         points = surface.sample(SAMPLES, 0).points
         middle = point_rows(np.asarray(centre), "centre")
         inside = np.linalg.norm(points - middle, axis=1) <= radius_m
-        return cls._over(
-            points[inside], f"no surface within {radius_m:g} m of {middle.tolist()}", total
-        )
+        return cls._over(points[inside], f"no surface within {radius_m:g} m of {middle.tolist()}", total)
 
     @classmethod
     def stand(
