@@ -9,6 +9,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(
     arrays(

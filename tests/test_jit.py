@@ -30,11 +30,13 @@ def compiled_in_a_new_process(tmp_path, **environment: str) -> tuple[str, str]:
     return done.stdout.strip(), done.stderr
 
 
+@pytest.mark.slow
 def test_compiling_is_said_once_and_loading_from_the_cache_is_not(tmp_path):
     assert compiled_in_a_new_process(tmp_path)[1].count("compiling kernels") == 1
     assert compiled_in_a_new_process(tmp_path)[1] == ""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not get_host_cpu_features().get("avx2", False), reason="a processor without AVX2")
 def test_every_process_compiles_for_one_target_unless_told_another(tmp_path):
     assert compiled_in_a_new_process(tmp_path)[0] == "haswell"

@@ -5,6 +5,7 @@ import io
 import re
 
 import numpy as np
+import pytest
 from PIL import Image
 from scipy.io import wavfile
 
@@ -17,6 +18,7 @@ def test_an_image_is_read_as_it_was_written() -> None:
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png_bytes(image)))), image)
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_a_picture_a_strike_fidelity_and_licence() -> None:
     mug = objectfolder.example("mug")
     shown = mug._repr_html_()

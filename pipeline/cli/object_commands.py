@@ -9,6 +9,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive
 
 from pipeline.cli.options import Fields, Json, MeshOrFile, ObjectFilePath, Output
+from pipeline.cli.printing import FAILED, FINE
 from pipeline.publish.queries.requests import ModesOfMesh, Pressing, Rendering, Striking
 from pipeline.run.single_build import Building
 
@@ -139,12 +140,16 @@ def press(
 
 def modes(
     mesh: MeshOrFile, /, *, wanted: Annotated[ModesOfMesh, Fields] = ANY_MODES, json: Json = False
-) -> None:
-    """Solve the modes of a mesh, or list those of an Object File: frequencies, dampings, error estimate."""
+) -> int:
+    """Solve the modes of a mesh, or list those of an Object File: frequencies, dampings, error estimate.
+
+    The exit status is 1 where the accuracy asked for was not reached.
+    """
     from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
 
     result = solve_modes(mesh, wanted)
     print(json_text.dumps(result) if json else modes_table(result))
+    return FAILED if result.get("accuracy_reached") is False else FINE
 
 
 def view(file: ObjectFilePath, /, *, port: int = 0, no_browser: bool = False) -> None:

@@ -20,7 +20,7 @@ from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.products import read_description
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stage import Row, Stage
-from pipeline.dataset.stages import OBJECTS, STAGES
+from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.dataset.verified import FINGERPRINT, Verified
 from pipeline.run.exclusive import owner
 
@@ -147,8 +147,8 @@ def _of(
 
 
 def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:
-    """Attributes of a cleaned mesh that are shown; other products repeat them or have none."""
-    if OBJECTS not in stage.products:
+    """Attributes of a cleaned mesh and of modes that are shown; other products repeat them or have none."""
+    if not {OBJECTS, MODES} & set(stage.products):
         return ()
     try:
         said = verified.attributes(path, ("warnings",))["warnings"]

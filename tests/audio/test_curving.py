@@ -68,6 +68,7 @@ def test_a_bell_with_a_rounded_lip_rings_true() -> None:
     assert np.abs(1200 * np.log2(found / truth)).max() < 5
 
 
+@pytest.mark.slow
 def test_flat_faces_stay_flat() -> None:
     coarse, fine = box((2, 2, 1), (1, 1, 0.4)), box((6, 6, 3), (1, 1, 0.4))
     faces, _, _ = coarse.boundary()
@@ -77,6 +78,7 @@ def test_flat_faces_stay_flat() -> None:
     np.testing.assert_allclose(bent.geometry, space.geometry, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_elements_that_would_fold_are_held_back() -> None:
     """A target that lies far inside a flat element: following it would turn the element inside out."""
     coarse = clean(*_wedge())

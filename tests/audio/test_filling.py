@@ -51,6 +51,7 @@ def bumpy() -> Any:
     return x * [1, 0.7, 0.5] * (1 + 0.2 * np.sin(40 * x[:, 1:2])), np.asarray(sphere.faces)
 
 
+@pytest.mark.slow
 def test_size_place_and_order_change_nothing() -> None:
     vertices, faces = bumpy()
     solid = fill(Surface(vertices, faces))
@@ -119,6 +120,7 @@ def test_a_non_manifold_sheet_inside_changes_nothing() -> None:
     assert solid.volume_m3 == pytest.approx(0.1 * 0.04 * 0.04, rel=0.01)
 
 
+@pytest.mark.slow
 def test_needles_do_not_hurt() -> None:
     """A box one of whose faces is a fan of 101 triangles, some 300 times longer than wide."""
     vertices, faces = block((0.1, 0.03, 0.02))

@@ -100,6 +100,7 @@ def test_too_many_modes_end_the_band_in_a_gap(bar: Product) -> None:
     assert bar.attributes["stated_frequency_limit_hz"] == pytest.approx(LIMIT_HZ)
 
 
+@pytest.mark.slow
 def test_what_does_not_ring_is_kept_and_counted(bar: Product) -> None:
     creeping = bar_modes(rayleigh_beta_s=3e-5)
     still = creeping["dampings_per_s"] ** 2 >= creeping["eigenvalues"]
@@ -108,6 +109,7 @@ def test_what_does_not_ring_is_kept_and_counted(bar: Product) -> None:
     np.testing.assert_allclose(creeping["eigenvalues"], bar["eigenvalues"])
 
 
+@pytest.mark.slow
 def test_repeated_modes_are_the_same_with_any_seed() -> None:
     """A cube has pairs and triplets of equal frequency, which any rotation may mix."""
     solid = box((2, 2, 2), (0.1, 0.1, 0.1))
@@ -131,6 +133,7 @@ def test_repeated_modes_are_the_same_with_any_seed() -> None:
     np.testing.assert_allclose(first["radiation_weights"], second["radiation_weights"], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_die_is_silent_and_still_an_object(tmp_path: Path) -> None:
     die = box((2, 2, 2), (0.016, 0.016, 0.016))
     product = modes_of_solid(
@@ -178,6 +181,7 @@ def test_an_open_overlapping_surface_becomes_one_solid_with_the_frequencies_of_a
     np.testing.assert_array_equal(product["mode_shapes"], again["mode_shapes"])
 
 
+@pytest.mark.slow
 def test_hidden_points_are_read_where_they_lie() -> None:
     solid = box((8, 2, 2), (0.1, 0.02, 0.02))
     inside = Surface(
@@ -233,6 +237,7 @@ def test_a_scanned_mug_rings(shared_objects: Path) -> None:
     np.testing.assert_allclose(product["frequencies_hz"][:3], [2809, 2880, 3131], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_the_wall_that_a_solid_lost_is_stated_in_cents() -> None:
     """A plate's bending frequencies are proportional to its thickness: 2 % of it are 34 cents."""
     solid = box((2, 2, 1), (0.1, 0.1, 0.005))

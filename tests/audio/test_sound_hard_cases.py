@@ -273,6 +273,7 @@ def test_beta_1e_4_silences_what_lies_above_its_limit() -> None:
     assert np.isfinite(creeping["dampings_per_s"]).all()
 
 
+@pytest.mark.slow
 def test_two_seeds_find_the_same_frequencies_and_spaces() -> None:
     """Vectors of a repeated frequency are any rotation of each other; the space they span is not."""
     solid = box((3, 3, 3), (1, 1, 1))

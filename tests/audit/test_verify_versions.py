@@ -69,6 +69,7 @@ def test_nothing_wrong(workshop):
         assert found.bytes > sum(path.stat().st_size for path in product_files(workshop))
 
 
+@pytest.mark.slow
 def test_every_one_of_a_hundred_flipped_bits_is_found(made):
     made.restore()
     files = product_files(made)

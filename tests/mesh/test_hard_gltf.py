@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hard_checks import BOX, GREY_BOX, PICTURE, SINGLE, Make, check, colours_at, refused, single
 from hard_meshes import (
     BOX_QUADS,
@@ -278,6 +279,7 @@ GLTF: dict[str, Make] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_gltf_of_every_kind(subtests, tmp_path):
     for name in GLTF:
         with subtests.test(name=name):

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from hard_checks import BOX, GREY_BOX, PICTURE, Make, check, refused, single
 from hard_meshes import (
     BLUE,
@@ -102,6 +103,7 @@ STL: dict[str, Make] = {
 }
 
 
+@pytest.mark.slow
 def test_ply_and_stl_of_every_kind(subtests, tmp_path):
     for name in [*PLY, *(f"STL: {name}" for name in STL)]:
         with subtests.test(name=name):

@@ -319,6 +319,7 @@ def test_a_wrong_material_or_mesh_is_named(tmp_path: Path, capsys: pytest.Captur
     assert not (tmp_path / "box.safetensors").exists()
 
 
+@pytest.mark.slow
 def test_modes_prints_a_beam_as_beam_theory_has_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -340,6 +341,10 @@ def test_modes_prints_a_beam_as_beam_theory_has_it(
     np.testing.assert_allclose(
         np.array(result["frequencies_hz"])[bending], np.array(expected)[bending], rtol=1e-3
     )
+    assert result["accuracy_reached"]
+    wish = ["--max-frequency", "3000", "--accuracy-cents", "0.001"]
+    assert main(["modes", str(mesh), "--material", "ceramic", *wish]) == 1
+    assert "cents and not to accuracy_cents 0.001" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -138,6 +138,7 @@ def test_a_task_larger_than_any_worker_runs_alone_on_the_largest(local):
     assert not any(overlap(toys.root, "giant", one.object_id) for one in small)
 
 
+@pytest.mark.slow
 def test_a_task_that_no_worker_can_run_is_refused_and_the_rest_goes_on(local):
     toys, started = local
     dive = dataclasses.replace(job(toys, "dive"), needs=frozenset({"submarine"}))

@@ -33,6 +33,7 @@ SPREAD = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "most_bytes"),
     # One step takes its 1.07 GB in less time than a busy machine needs for a look: it has no such bound.

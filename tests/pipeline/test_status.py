@@ -170,6 +170,12 @@ def test_what_a_mesh_says_of_itself_is_shown(workshop):
     assert table(found).splitlines()[-1] == "warning: cup, dish: its walls are doubtful"
 
 
+def test_a_wish_that_modes_did_not_reach_is_shown(workshop):
+    workshop.edit("params.yaml", "accuracy_cents: 5.0", "accuracy_cents: 0.5")
+    workshop.converge()
+    assert table(of(workshop)).splitlines()[-1] == "warning: dish: accuracy_cents is not reached"
+
+
 def test_command(workshop, monkeypatch, capsys):
     monkeypatch.chdir(workshop.root)
     monkeypatch.setattr(status_module.status, "__defaults__", (workshop.stages, None, None))

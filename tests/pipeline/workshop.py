@@ -88,7 +88,9 @@ from .elasticity import stiffness
 
 def run(request):
     executed("modes", request)
-    return product(stiffness(request.record["material"]))
+    missed = request.object_id == "dish" and request.parameters["audio"]["accuracy_cents"] < 1
+    said = ["accuracy_cents is not reached"] if missed else []
+    return product(stiffness(request.record["material"]), warnings=said)
 ''',
     "touches": '''
 """What the sensor feels."""

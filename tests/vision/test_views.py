@@ -32,6 +32,7 @@ def scene_of(mesh, appearance=LAMBERT) -> Scene:
     return unit_scene(mesh, appearance, UnitFrame.of_points(mesh.vertices))
 
 
+@pytest.mark.slow
 def test_a_lambert_sphere_has_the_analytic_radiance():
     mesh = sphere(0.5, (188, 120, 60))
     camera, light = np.array([[0.0, -2.5, 0.0]]), np.array([[0.3, -0.9, 0.5]])
@@ -81,6 +82,7 @@ def test_each_face_has_its_texture():
     assert images[1, 4, 4, 0] > 0.1 > 0.01 > images[1, 4, 4, 1]
 
 
+@pytest.mark.slow
 def test_projected_vertices_lie_on_the_rendered_silhouette():
     mesh = cube()
     pose = look_at(np.array([[1.2, -1.9, 1.1]]))

@@ -136,7 +136,7 @@ def modes_of_solid(
     counts = training_points, held_out_points
     arrays, attributes = _read(surface, solid, material, spectrum, units, counts, seed)
     attributes["max_frequency_hz"] = float(max_frequency_hz)
-    attributes["accuracy_cents"] = float(accuracy_cents)
+    attributes.update(_wish(accuracy_cents, attributes["error_estimate_cents"]))
     attributes["discretisation"].update(highest_order=highest_order, **bent)
     if seconds is not None:
         seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read})
@@ -252,6 +252,20 @@ def _spectrum_attributes(spectrum: Spectrum, units: _Units, frequencies: Floats)
         "count_certificate": {**spectrum.certificate, "limit_hz": limit_hz},
         "error_estimate_cents": float(spectrum.error_cents.max()) if len(spectrum.error_cents) else None,
         "rigid_frequency_hz": float(np.sqrt(spectrum.rigid_eta_squared) * units.radians_per_s / (2 * np.pi)),
+    }
+
+
+def _wish(accuracy_cents: float, estimated: float | None) -> dict[str, Any]:
+    """What was asked, whether it was reached (None without an estimate), and what to say where it was not."""
+    missed = estimated is not None and estimated > accuracy_cents
+    said = (
+        f"frequencies are estimated to {estimated or 0:.1f} cents and not to accuracy_cents "
+        f"{accuracy_cents:g}: it takes more elements. State a larger accuracy_cents to accept it"
+    )
+    return {
+        "accuracy_cents": float(accuracy_cents),
+        "accuracy_reached": None if estimated is None else not missed,
+        "warnings": [said] if missed else [],
     }
 
 

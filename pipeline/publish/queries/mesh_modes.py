@@ -57,7 +57,14 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         seconds=seconds,
     )
     errors = modes["error_estimates_cents"].tolist()
-    said = ("count_certificate", "error_estimate_cents", "geometry_error_estimate_cents", "discretisation")
+    said = (
+        "count_certificate",
+        "error_estimate_cents",
+        "geometry_error_estimate_cents",
+        "discretisation",
+        "accuracy_reached",
+        "warnings",
+    )
     return {
         "material": material.name,
         **_ringing(modes["frequencies_hz"], modes["dampings_per_s"]),
@@ -113,5 +120,6 @@ def modes_table(result: dict[str, Any]) -> str:
         lines.append(
             f"shape: the error of the solid's mean wall changes frequencies by about {geometry:.1f} cents"
         )
+    lines += result["warnings"]
     seconds = ", ".join(f"{name} {value:.1f}" for name, value in result["seconds"].items())
     return "\n".join([*lines, f"CPU seconds: {seconds}"])

@@ -60,6 +60,7 @@ def test_the_element_is_exact_for_linear_fields_and_mass() -> None:
         hexahedron(0.5)
 
 
+@pytest.mark.slow
 def test_errors_of_the_cube_fall_by_four_when_the_edge_halves() -> None:
     """Free cube, nu 0.3: 2.85608 twice and 3.84599 three times, by a Ritz method; 2.85608 is below."""
     side, poisson = 0.1, material(poisson_ratio=0.3)
