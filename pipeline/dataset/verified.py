@@ -1,7 +1,8 @@
 """A cache by size, time and inode of files, so that each file is read whole only once.
 
 A product was checked whole, carries a fingerprint and a few attributes that later stages go by; a source
-file has a digest; code has digests. All of it can be read again from the files themselves.
+file, and a product that a report shows, has a digest; code has digests. All of it can be read again from the
+files themselves.
 """
 
 import contextlib
@@ -9,7 +10,7 @@ import functools
 import operator
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -111,19 +112,19 @@ class Verified:
         entry.whole = self._changed = True
         entry.attributes[FINGERPRINT] = fingerprint
 
-    def source_digest(self, path: Path) -> str:
-        """Return the SHA-256 of a source file.
+    def source_digest(self, path: Path, read: Callable[[Path], str] = file_digest) -> str:
+        """Return the SHA-256 of a source file, or another digest that is always read of this file.
 
         Raises
         ------
         OSError
-            A file that cannot be read.
+            A file that cannot be read, and whatever `read` raises.
         """
         key, now, state = self._key(path), time.time(), _state(path)
         known, digest = self._kept.sources.get(key, (None, ""))
         if known == state:
             return digest
-        digest = file_digest(path)
+        digest = read(path)
         if now - state[1] / 1e9 > SETTLED_S:
             self._kept.sources[key] = state, digest
             self._changed = True

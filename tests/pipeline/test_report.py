@@ -223,17 +223,15 @@ def speed_error_rows() -> list[dict[str, Any]]:
 
 def test_a_chart_needs_two_settings_that_differ() -> None:
     rows = speed_error_rows()
-    assert speed_error_chart("a", "Sight", [], "bytes") is None
-    assert speed_error_chart("a", "Sight", rows[:1], "bytes") is None
-    assert speed_error_chart("a", "Sight", rows, "seconds_per_query") is None
-    chart = speed_error_chart("a", "Sight", rows, "bytes")
+    assert speed_error_chart("Sight", [], "bytes") is None
+    assert speed_error_chart("Sight", rows[:1], "bytes") is None
+    assert speed_error_chart("Sight", rows, "seconds_per_query") is None
+    chart = speed_error_chart("Sight", rows, "bytes")
     assert chart is not None
     assert re.findall(r">(n \d)</text>", chart) == ["n 1", "n 2", "n 3"]
     assert 'aria-label="Sight: dB against size in the Object File"' in chart
     noise = [row | {"seconds_per_query": 1 + 0.02 * row["value"]} for row in rows]
-    assert speed_error_chart("a", "Sight", noise, "seconds_per_query") is None, (
-        "within the noise of the clock"
-    )
+    assert speed_error_chart("Sight", noise, "seconds_per_query") is None, "within the noise of the clock"
 
 
 def test_a_chart_speaks_in_words_that_do_not_collide() -> None:
@@ -244,17 +242,17 @@ def test_a_chart_speaks_in_words_that_do_not_collide() -> None:
         for factor in (0.2, 1, 5)
         for n, place in places
     ]
-    chart = speed_error_chart("a", "Sight", rows, "seconds_per_query") or ""
-    pattern = r'text-anchor: (\w+)[^>]* x="([\d.]+)" y="([\d.]+)"[^>]*>(\d+ rays a pixel)<'
+    chart = speed_error_chart("Sight", rows, "seconds_per_query") or ""
+    pattern = r'x="([\d.]+)" y="([\d.]+)"[^>]*text-anchor: (\w+)[^>]*>(\d+ rays a pixel)<'
     found = re.findall(pattern, chart)
     assert [words for *_, words in found] == ["4 rays a pixel", "16 rays a pixel", "64 rays a pixel"]
     boxes = []
-    for anchor, x, y, words in found:
+    for x, y, anchor, words in found:
         width = 0.53 * 7 * len(words)
         left = float(x) - {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor] * width
         boxes.append((left, left + width, float(y) - 7, float(y)))
     for index, (left, right, top, bottom) in enumerate(boxes):
-        assert 0 <= left < right <= 72 * WIDTH
+        assert 0 <= left < right <= WIDTH
         for other in boxes[:index]:
             assert right < other[0] or other[1] < left or bottom < other[2] or other[3] < top, words
     assert "likeness of views" in chart
@@ -270,13 +268,13 @@ def test_charts_follow_the_colours_of_the_page_and_hold_text_of_any_kind() -> No
     assert "<script>" not in chart
     assert histogram(MeasureSummary(summary.measure, summary.values[:2]))[1] is False
     formula = [row | {"setting": "$\\frac{<b>$"} for row in speed_error_rows()]
-    assert "$\\frac{&lt;b&gt;$ 1" in (speed_error_chart("a", "Sight", formula, "bytes") or "")
+    assert "$\\frac{&lt;b&gt;$ 1" in (speed_error_chart("Sight", formula, "bytes") or "")
     many = [
         {**row, "object": str(index), "error": row["error"] + index}
         for index in range(50)
         for row in speed_error_rows()
     ]
-    band = speed_error_chart("b", "Sight", many, "bytes")
+    band = speed_error_chart("Sight", many, "bytes")
     assert band is not None
     assert band.count("<path") < 50, "a band, not a curve for each object"
 

@@ -13,6 +13,7 @@ from objectfolder.errors import FormatError
 from objectfolder.fidelity.images import psnr_db
 from objectfolder.products.store import Array, Product, read_product, write_product
 from objectfolder.surface.surface import Surface
+from pipeline.dataset.verified import Verified
 from pipeline.publish.report.contacts import (
     PIXELS,
     Side,
@@ -54,7 +55,7 @@ def test_what_is_no_archive_is_refused(product_file: Path, tmp_path: Path) -> No
         product_file.write_bytes(content)
         with pytest.raises(FormatError, match="unreadable"):
             ObjectProducts(tmp_path, "x").arrays("fidelity")
-        assert ObjectProducts(tmp_path, "x").digests()["fidelity"]
+        assert ObjectProducts(tmp_path, "x").digests(Verified(tmp_path))["fidelity"]
 
 
 @pytest.mark.parametrize(
@@ -85,7 +86,7 @@ def test_the_digest_tells_contents_apart_and_equal_ones_not(tmp_path: Path) -> N
     for name, value in (("a", 1.0), ("b", 1.0), ("c", 2.0)):
         array = Array(np.full((2, 100, 100), value), ("i", "y", "x"), "1", "values")
         write_product(tmp_path / "views" / f"{name}.zarr.zip", Product({"values": array}))
-    a, b, c = (ObjectProducts(tmp_path, name).digests()["views"] for name in "abc")
+    a, b, c = (ObjectProducts(tmp_path, name).digests(Verified(tmp_path))["views"] for name in "abc")
     assert a == b != c
 
 

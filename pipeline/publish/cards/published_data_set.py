@@ -13,7 +13,7 @@ from pydantic import ConfigDict, StringConstraints
 from pydantic.dataclasses import dataclass as checked_dataclass
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.products.provenance import canonical_json, file_digest
+from objectfolder.products.provenance import canonical_json
 from objectfolder.products.splits import object_split
 from objectfolder.products.store import read_attributes
 from pipeline.dataset.failures import FailedObject, read_failures
@@ -21,6 +21,7 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_records
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.dataset.validation import read_yaml, validated
+from pipeline.dataset.verified import Verified
 from pipeline.publish.cards.licences import Licence
 
 PUBLICATION, PARAMETERS = "data/card.yaml", "params.yaml"
@@ -186,10 +187,10 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
     failed = {one.object_id: FailedObject.of("objects", one) for one in records.refused}
     failed |= {one.object: one for one in reversed(read_failures(root))}  # the first stage counts
     unmade = sorted(records.listed.difference(made))
-    parameters = read_parameters(root / PARAMETERS)
+    parameters, verified = read_parameters(root / PARAMETERS), Verified(root)
     return DataSet(
         validated(PUBLICATION, Publication, _read(root / PUBLICATION)),
-        tuple(_object(root, name, records.rows[name], figures.get(name, {})) for name in made),
+        tuple(_object(root, name, records.rows[name], figures.get(name, {}), verified) for name in made),
         tuple(failed.get(name, FailedObject(name, "", "not made", "")) for name in unmade),
         _read(folder / METRICS),
         _definitions(root, made),
@@ -200,7 +201,7 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
 
 
 def _object(
-    root: Path, object_id: str, row: Mapping[str, Any], figures: Mapping[str, str]
+    root: Path, object_id: str, row: Mapping[str, Any], figures: Mapping[str, str], verified: Verified
 ) -> PublishedObject:
     path = OBJECT_FILES.path(root, object_id)
     return PublishedObject(
@@ -212,7 +213,7 @@ def _object(
         _line(row["attribution"]),
         path.relative_to(root).as_posix(),
         path.stat().st_size,
-        file_digest(path),
+        verified.source_digest(path),
         figures,
     )
 

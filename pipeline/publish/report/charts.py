@@ -1,73 +1,122 @@
-"""Charts of the first page, drawn by matplotlib as SVG in the colours of the page, light or dark."""
+"""Charts of the first page as SVG in the colours of the page, light or dark."""
 
-import io
 import math
-import re
+import statistics
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
-import pandas
 from markupsafe import Markup, escape
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from pipeline.publish.report.summary import MeasureSummary, error_words, setting_words
-from pipeline.publish.report.templates import megabytes, number, seconds
+from pipeline.publish.report.templates import MINUS, megabytes, number, seconds
 
-# Placeholders for colours of the page's style while matplotlib draws.
-COLOURS = {
-    "#000001": "var(--ink)",
-    "#000002": "var(--soft)",
-    "#000003": "var(--line)",
-    "#000004": "var(--accent)",
-    "#000005": "var(--curve)",
-}
-INK, _, _, ACCENT, CURVE = COLOURS
-STYLE = Path(__file__).parent / "template" / "charts.mplstyle"
-WIDTH, HEIGHT = 3.6, 2.3  # inches
-LEFT, RIGHT, TOP, BOTTOM = 0.55, 0.12, 0.12, 0.4  # margins in inches
+WIDTH, HEIGHT = 260.0, 166.0  # units of a drawing, in which text is 8 high
+LEFT, RIGHT, TOP, BOTTOM = 40.0, 9.0, 9.0, 29.0  # margins
 EFFORTS = {"seconds_per_query": "seconds for one answer", "bytes": "size in the Object File"}
-LABEL_POINTS = 7
+LABEL_HEIGHT = 7.0
+LETTER = 0.6  # width of a letter in heights of the text, at most
 LEAST_CHANGE = 1.1  # of the seconds: less is noise of the clock
 MOST_CURVES = 40  # more objects are drawn as a band
 BAND = (0.05, 0.95)
+Point = tuple[float, float]
 
 
-def drawing(
-    name: str, label: str, draw: Callable[[Axes], None], height: float = HEIGHT, top: float = TOP
-) -> Markup:
-    """Return what `draw` draws as SVG.
+class Chart:
+    """A drawing with axes over ranges of two numbers.
 
     Parameters
     ----------
-    name
-        Stands before every id of the drawing: ids of a page are unique.
     label
         What the chart shows, for those who cannot see it.
+    x, y
+        Lowest and highest number.
+    title
+        Above the drawing; empty for none.
     height
-        Of the drawing, inches.
-    top
-        Margin, inches.
+        Of the drawing.
+    log
+        Whether `x` goes by ratios.
     """
-    text = io.StringIO()
-    with matplotlib.style.context(STYLE, after_reset=True):
-        figure = Figure(figsize=(WIDTH, height))
-        size = (1 - (LEFT + RIGHT) / WIDTH, 1 - (BOTTOM + top) / height)
-        draw(figure.add_axes((LEFT / WIDTH, BOTTOM / height, *size)))
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    svg = re.sub(r"<(metadata|style)\b.*?</\1>", "", text.getvalue().partition("<svg")[2], flags=re.DOTALL)
-    svg = re.sub(r'( id="|href="#|url\(#)', lambda found: f"{found[1]}{name}-", svg)
-    svg = re.sub("|".join(COLOURS), lambda found: COLOURS[found[0]], svg)
-    box = f"0 0 {72 * WIDTH:g} {72 * height:g}"  # matplotlib writes points
-    return Markup(f'<svg viewBox="{box}" role="img" aria-label="{escape(label)}">{svg.partition(">")[2]}')
+
+    def __init__(
+        self, label: str, x: Point, y: Point, title: str = "", height: float = HEIGHT, *, log: bool = False
+    ) -> None:
+        self._label, self._x, self._y, self._height, self._log = label, x, y, height, log
+        self._top = TOP + (12.0 if title else 0.0)
+        self._marks: list[str] = []
+        if title:
+            self.text(LEFT, self._top - 6, title, "start", "ink", 8)
+
+    def at(self, x: float, y: float) -> Point:
+        """Return where two numbers lie in the drawing."""
+        scale = math.log if self._log else float
+        low, high = map(scale, self._x)
+        across = (scale(x) - low) / (high - low)
+        up = (y - self._y[0]) / (self._y[1] - self._y[0])
+        bottom = self._height - BOTTOM
+        return LEFT + across * (WIDTH - RIGHT - LEFT), bottom + up * (self._top - bottom)
+
+    def path(self, points: Sequence[Point], style: str) -> None:
+        """Draw a line through numbers; `style` is its CSS."""
+        way = " L".join(f"{x:.1f} {y:.1f}" for x, y in (self.at(*point) for point in points))
+        self._marks.append(f'<path d="M{way}" style="{style}"/>')
+
+    def dot(self, x: float, y: float) -> None:
+        """Draw a dot at two numbers."""
+        across, down = self.at(x, y)
+        self._marks.append(f'<circle cx="{across:.1f}" cy="{down:.1f}" r="2.4" style="fill: var(--accent)"/>')
+
+    def text(self, x: float, y: float, words: str, anchor: str, colour: str, size: float) -> None:
+        """Write words at a place of the drawing."""
+        style = f"fill: var(--{colour}); font-size: {size:g}px; text-anchor: {anchor}"
+        self._marks.append(f'<text x="{x:.1f}" y="{y:.1f}" style="{style}">{escape(words)}</text>')
+
+    def axes(
+        self, x_ticks: Sequence[float], x_text: Callable[[float], str], y_ticks: Sequence[float], x_label: str
+    ) -> None:
+        """Draw both axes: numbers at their ticks, a line across at those of y, and a label below."""
+        bottom = self._height - BOTTOM
+        for value in y_ticks:
+            self.path([(self._x[0], value), (self._x[1], value)], "stroke: var(--line); stroke-width: 0.8")
+            self.text(LEFT - 4, self.at(self._x[0], value)[1] + 3, _plain(value), "end", "soft", 8)
+        for value in x_ticks:
+            words = x_text(value)
+            place = min(self.at(value, self._y[0])[0], WIDTH - LETTER / 2 * 8 * len(words))
+            self.text(place, bottom + 11, words, "middle", "soft", 8)
+        edge = [(self._x[0], self._y[1]), (self._x[0], self._y[0]), (self._x[1], self._y[0])]
+        self.path(edge, "fill: none; stroke: var(--soft); stroke-width: 0.8")
+        self.text((LEFT + WIDTH - RIGHT) / 2, bottom + 24, x_label, "middle", "soft", 8)
+
+    def labels(self, places: Sequence[tuple[float, float, str]]) -> None:
+        """Write words at points, each above or below at the first height where it meets no others."""
+        boxes: list[tuple[float, float, float]] = []
+        for x, y, words in places:
+            across, down = self.at(x, y)
+            half = LETTER / 2 * LABEL_HEIGHT * len(words)
+            middle = min(max(across, LEFT + half), WIDTH - RIGHT - half)
+            lines = [down + 3 - sign * step * (LABEL_HEIGHT + 1) for step in (1, 2, 3) for sign in (1.3, -1)]
+
+            def free(line: float, middle: float = middle, half: float = half) -> bool:
+                return all(
+                    abs(middle - other) >= half + width or abs(line - base) >= LABEL_HEIGHT
+                    for other, base, width in boxes
+                )
+
+            line = next(filter(free, lines), lines[0])
+            boxes.append((middle, line, half))
+            self.text(middle, line, words, "middle", "ink", LABEL_HEIGHT)
+
+    def svg(self) -> Markup:
+        """Return the drawing."""
+        box = f"0 0 {WIDTH:g} {self._height:g}"
+        label = f'role="img" aria-label="{escape(self._label)}"'
+        return Markup(f'<svg viewBox="{box}" {label}>{"".join(self._marks)}</svg>')
 
 
-def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], column: str) -> Markup | None:
+def speed_error_chart(title: str, rows: Sequence[Mapping[str, Any]], column: str) -> Markup | None:
     """Draw error against `column` (``seconds_per_query`` or ``bytes``), one thin curve an object.
 
     The bold curve is the median over objects, setting by setting; of more than `MOST_CURVES` objects the
@@ -81,61 +130,35 @@ def speed_error_chart(name: str, title: str, rows: Sequence[Mapping[str, Any]], 
     """
     known = [row for row in rows if _drawable(row, column)]
     medians = [row for row in setting_medians(rows) if _drawable(row, column)]
-    places = [row[column] for row in medians]
+    bold = sorted((row[column], row["error"]) for row in medians)
+    places = [place for place, _ in bold]
     timed = column == "seconds_per_query"
     if len(set(places)) < 2 or (timed and max(places) < LEAST_CHANGE * min(places)):
         return None
+    curves: dict[str, list[Point]] = {}
+    for row in known:
+        curves.setdefault(row["object"], []).append((row[column], row["error"]))
+    shapes = [sorted(points) for points in curves.values()]
+    style = "fill: none; stroke: var(--curve); stroke-width: 0.8; opacity: 0.6"
+    if len(shapes) > MOST_CURVES:
+        across, low, high = _band(known, column)
+        lower, upper = (list(zip(across, edge, strict=True)) for edge in (low, high))
+        shapes, style = [[*lower, *reversed(upper)]], "fill: var(--curve); opacity: 0.28"
+    every = [point for shape in [*shapes, bold] for point in shape]
+    x = _widened([math.log(place) for place, _ in every], 0.12)
+    y = _widened([error for _, error in every], 0.2)
+    words, x_label = error_words(known[0]["error_unit"]), EFFORTS[column]
+    chart = Chart(f"{title}: {words} against {x_label}", (math.exp(x[0]), math.exp(x[1])), y, words, log=True)
+    ticks = [math.exp(x[0] + share * (x[1] - x[0])) for share in (1 / 6, 1 / 2, 5 / 6)]
     text = seconds if timed else megabytes
-    x_label = EFFORTS[column]
-    y_label = error_words(known[0]["error_unit"])
-    objects = dict.fromkeys(row["object"] for row in known)
-
-    def curve(axes: Axes, own: Sequence[Mapping[str, Any]], style: str, **options: Any) -> None:
-        points = sorted((row[column], row["error"]) for row in own)
-        axes.plot(*zip(*points, strict=True), style, **options)
-
-    def draw(axes: Axes) -> None:
-        if len(objects) > MOST_CURVES:
-            axes.fill_between(*_band(known, column), color=CURVE, alpha=0.28)
-        else:
-            for object_id in objects:
-                own = [row for row in known if row["object"] == object_id]
-                curve(axes, own, "-", color=CURVE, alpha=0.6, linewidth=0.8)
-        curve(axes, medians, "o-", color=ACCENT, markersize=4)
-        axes.set(xlabel=x_label, xscale="log")
-        axes.set_title(y_label, loc="left", fontsize=8)
-        axes.margins(0.12, 0.2)
-        _label(axes, [(row[column], row["error"], row["label"]) for row in medians])
-        low, high = axes.xaxis.get_view_interval()
-        ticks = [low ** (1 - share) * high**share for share in (1 / 6, 1 / 2, 5 / 6)]
-        axes.xaxis.set_major_locator(FixedLocator([float(f"{tick:.2g}") for tick in ticks]))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
-        axes.xaxis.set_minor_locator(NullLocator())
-
-    return drawing(f"{name}-{column}", f"{title}: {y_label} against {x_label}", draw, top=0.28)
-
-
-def _label(axes: Axes, places: Sequence[tuple[float, float, str]]) -> None:
-    """Write words at points, each above or below at the first height where it meets no others."""
-    axes.autoscale_view()
-    left, right = (72 * inches for inches in (LEFT, WIDTH - RIGHT))
-    boxes: list[tuple[float, float, float]] = []
-    for x, y, words in places:
-        point = axes.transData.transform((x, y)) * 72 / axes.figure.get_dpi()
-        half = 0.3 * LABEL_POINTS * len(words)
-        middle = min(max(point[0], left + half), right - half)
-        heights = [sign * step * (LABEL_POINTS + 1) - 3 for step in (1, 2, 3) for sign in (1.3, -1)]
-
-        def free(height: float, middle: float = middle, half: float = half, low: float = point[1]) -> bool:
-            return all(
-                abs(middle - other) >= half + width or abs(low + height - base) >= LABEL_POINTS
-                for other, base, width in boxes
-            )
-
-        height = next(filter(free, heights), heights[0])
-        boxes.append((middle, point[1] + height, half))
-        offset = (middle - point[0], height)
-        axes.annotate(words, (x, y), offset, textcoords="offset points", ha="center", fontsize=LABEL_POINTS)
+    chart.axes([float(f"{tick:.2g}") for tick in ticks], text, round_numbers(*y, 5), x_label)
+    for shape in shapes:
+        chart.path(shape, style)
+    chart.path(bold, "fill: none; stroke: var(--accent); stroke-width: 1.5")
+    for point in bold:
+        chart.dot(*point)
+    chart.labels([(row[column], row["error"], row["label"]) for row in medians])
+    return chart.svg()
 
 
 def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
@@ -147,20 +170,29 @@ def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
         The drawing, and whether the target lies within it.
     """
     measure, values = summary.measure, [value for value, _ in summary.values]
-    text = partial(number, decimals=measure.decimals)
-    if measure.unit == "bytes":
-        text = partial(megabytes)
+    text = megabytes if measure.unit == "bytes" else partial(number, decimals=measure.decimals)
     within = measure.target is not None and min(values) <= measure.target <= max(values)
+    counts, edges = np.histogram(values, bins="sqrt")
+    x, highest = _widened(edges.tolist(), 0.05), 1.05 * float(counts.max())
+    chart = Chart(f"Histogram of {measure.label}", x, (0.0, highest), height=101)
+    heights = [value for value in round_numbers(0, highest, 3) if value == int(value)]
+    chart.axes(round_numbers(*x, 4), text, heights, "")
+    for count, low, high in zip(counts.tolist(), edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        left, right = low + 0.05 * (high - low), high - 0.05 * (high - low)
+        bar = [(left, 0.0), (left, count), (right, count), (right, 0.0)]
+        chart.path(bar, "fill: var(--accent); opacity: 0.75")
+    if measure.target is not None and within:
+        line = [(measure.target, 0.0), (measure.target, highest)]
+        chart.path(line, "stroke: var(--ink); stroke-width: 1; stroke-dasharray: 4 2")
+    return chart.svg(), within
 
-    def draw(axes: Axes) -> None:
-        axes.hist(values, bins="sqrt", color=ACCENT, alpha=0.75, rwidth=0.9)
-        if measure.target is not None and within:
-            axes.axvline(measure.target, color=INK, linestyle="--", linewidth=1)
-        axes.xaxis.set_major_locator(MaxNLocator(4))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
-        axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
 
-    return drawing(measure.key, f"Histogram of {measure.label}", draw, height=1.4), within
+def round_numbers(low: float, high: float, most: int) -> list[float]:
+    """Return at most `most` + 1 round numbers from `low` to `high`, evenly spaced."""
+    least = (high - low) / most
+    power = 10 ** math.floor(math.log10(least))
+    step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= least * (1 - 1e-9))
+    return [step * index for index in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
 def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -171,32 +203,50 @@ def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     medians: list[dict[str, Any]] = []
     for step in _steps(rows):
-        row = {
-            "label": setting_words(step["setting"].iloc[0], step["value"].min(), step["value"].max()),
-            "error_unit": step["error_unit"].iloc[0],
-        }
+        values = _known(step, "value")
+        label = setting_words(step[0]["setting"], min(values, default=None), max(values, default=None))
+        row = {"label": label, "error_unit": step[0]["error_unit"]}
         for column in ("error", "seconds_per_query", "bytes"):
-            median = float(step[column].median())
-            row[column] = None if math.isnan(median) else median
+            known = _known(step, column)
+            row[column] = statistics.median(known) if known else None
         medians.append(row)
     return medians
 
 
-def _steps(rows: Sequence[Mapping[str, Any]]) -> list[pandas.DataFrame]:
+def _steps(rows: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, Any]]]:
     """Return the rows of all objects by setting and by place among the object's rows of that setting."""
-    if not rows:
-        return []
-    numbers = ("value", "error", "seconds_per_query", "bytes")
-    table = pandas.DataFrame(rows).astype(dict.fromkeys(numbers, float))
-    place = table.groupby(["object", "setting"]).cumcount()
-    return [step for _, own in table.groupby("setting", sort=False) for _, step in own.groupby(place)]
+    steps: dict[str, dict[int, list[Mapping[str, Any]]]] = {}
+    before: Counter[tuple[str, str]] = Counter()
+    for row in rows:
+        own = row["object"], row["setting"]
+        steps.setdefault(row["setting"], {}).setdefault(before[own], []).append(row)
+        before[own] += 1
+    return [places[place] for places in steps.values() for place in sorted(places)]
+
+
+def _known(rows: Sequence[Mapping[str, Any]], column: str) -> list[float]:
+    return [row[column] for row in rows if row[column] is not None]
 
 
 def _drawable(row: Mapping[str, Any], column: str) -> bool:
     return row["error"] is not None and (row[column] or 0) > 0
 
 
-def _band(rows: Sequence[Mapping[str, Any]], column: str) -> np.ndarray:
-    """Return (3, settings) median place, low and high error of each setting."""
-    found = [(step[column].median(), *step["error"].quantile(BAND)) for step in _steps(rows)]
-    return np.array(sorted(found)).T
+def _band(rows: Sequence[Mapping[str, Any]], column: str) -> list[tuple[float, ...]]:
+    """Return median place, low and high error of each setting, by place."""
+    found = [
+        (statistics.median(_known(step, column)), *np.quantile(_known(step, "error"), BAND).tolist())
+        for step in _steps(rows)
+    ]
+    return list(zip(*sorted(found), strict=True))
+
+
+def _widened(values: Sequence[float], share: float) -> Point:
+    """Return the range of values with a share of its length more at both ends; of one value one around it."""
+    low, high = min(values), max(values)
+    more = share * (high - low) or 0.5
+    return low - more, high + more
+
+
+def _plain(value: float) -> str:
+    return f"{value:g}".replace("-", MINUS)

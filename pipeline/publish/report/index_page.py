@@ -1,7 +1,7 @@
 """The first page of a report: all objects in a table, and what is known of them together."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -124,17 +124,17 @@ def _row(one: MeasuredObject, failed: set[str], pages: dict[str, str]) -> Row:
     below = one.margin_db is not None and one.margin_db < 0
     status = "failed" if one.object_id in failed else "below target" if below else "made"
     material, source = (one.description.get(name) for name in ("material", "source"))
-    numbers = [_number(one, column) for column in COLUMNS]
+    known = {**one.attributes, "margin": one.margin_db, "cpu_seconds": one.cpu_seconds}
+    numbers = [_number(known, column, one.silent) for column in COLUMNS]
     page = pages.get(one.object_id, "")
     rings = one.part("audio").get("audible") is True
     words = str(material or ""), _source_group(source), status
     return Row(one.object_id, one.name, page, *words, rings, numbers)
 
 
-def _number(one: MeasuredObject, column: Column) -> float | None:
-    known = {**one.attributes, "margin": one.margin_db, "cpu_seconds": one.cpu_seconds}
+def _number(known: Mapping[str, Any], column: Column, silent: bool) -> float | None:
     value = number_at(known, column.key)
-    if value is None or (one.silent and column.key == "audio.gain_error_db"):
+    if value is None or (silent and column.key == "audio.gain_error_db"):
         return None
     return float(f"{value * column.scale:.7g}")
 
@@ -157,6 +157,6 @@ def _efforts(objects: Sequence[MeasuredObject]) -> list[tuple[str, list[Markup],
     for sense in SENSES:
         own = [row for row in rows if row["sense"] == sense]
         title = SENSE_NAMES[sense]
-        drawn = [speed_error_chart(sense, title, own, column) for column in ("seconds_per_query", "bytes")]
+        drawn = [speed_error_chart(title, own, column) for column in ("seconds_per_query", "bytes")]
         efforts.append((title, [chart for chart in drawn if chart], setting_medians(own)))
     return efforts

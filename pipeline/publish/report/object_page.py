@@ -17,6 +17,7 @@ from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, number_at
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES
+from pipeline.dataset.verified import Verified
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
 from pipeline.publish.report.pictures import sprite
@@ -50,6 +51,8 @@ class ObjectPage:
         Of this object.
     pairs
         Held-out queries of each sense, at most.
+    verified
+        Knows the digests of products that have not changed since the last report.
     """
 
     subject: MeasuredObject
@@ -58,6 +61,7 @@ class ObjectPage:
     next: str
     failures: Sequence[FailedObject]
     pairs: int
+    verified: Verified
 
     @property
     def products(self) -> ObjectProducts:
@@ -76,7 +80,7 @@ class ObjectPage:
         """A hash of all that the page is made from: products, costs, neighbours, code of reports."""
         subject = self.subject
         parts = {
-            "products": self.products.digests(),
+            "products": self.products.digests(self.verified),
             "stages": [[stage, repr(subject.cost(stage))] for stage in subject.stages],
             "queries": subject.efforts,
             "beside": [self.previous, self.next, list(map(repr, self.failures)), self.player, self.pairs],
@@ -105,7 +109,7 @@ class ObjectPage:
             fidelity, modes = Product({}), []
             with products.reading("fidelity"):
                 fidelity = products.arrays("fidelity")
-            from pipeline.publish.report.queries import modal_table, queries  # matplotlib takes half a second
+            from pipeline.publish.report.queries import modal_table, queries  # of a page that is drawn
 
             shown = queries(fidelity, products, self.pairs)
             with products.reading("modal table"):
@@ -221,6 +225,6 @@ def code_digest() -> str:
     content = {
         str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in files
-        if path.suffix in {".py", ".j2", ".css", ".js", ".mplstyle"}
+        if path.suffix in {".py", ".j2", ".css", ".js"}
     }
     return hashlib.sha256(canonical_json(content).encode()).hexdigest()

@@ -19,6 +19,7 @@ from objectfolder.products.tensor_file import read_metadata
 from pipeline.dataset.archives import END, describe, errors_of, read_chunk
 from pipeline.dataset.products import ZARR, read_description
 from pipeline.dataset.stages import ENCODED, OBJECT_FILES, STAGES
+from pipeline.dataset.verified import Verified
 
 SUFFIXES = {kind.name: kind.suffix for stage in STAGES.values() for kind in stage.products}
 # What a product that is whole, but not what a stage writes, makes its readers raise.
@@ -53,14 +54,9 @@ class ObjectProducts:
         """Return the path of a product."""
         return self._data / kind / f"{self._name}{SUFFIXES[kind]}"
 
-    def digests(self) -> dict[str, str]:
+    def digests(self, verified: Verified) -> dict[str, str]:
         """Return what each product holds as a hash; a product that is absent or unreadable says so."""
-        found = {kind: _digest(_directory_digest, self.path(kind)) for kind in SUFFIXES}
-        # Of an encoding a page shows what it says of itself. The digest that a file states is not asked:
-        # damage does not change it, and a file from elsewhere may state any.
-        found[ENCODED.name] = _digest(_metadata_digest, self.path(ENCODED.name))
-        found[OBJECT_FILES.name] = _digest(file_digest, self.path(OBJECT_FILES.name))
-        return found
+        return {kind: _digest(self.path(kind), DIGESTS[kind], verified) for kind in SUFFIXES}
 
     def arrays(self, kind: str, *names: str, rows: slice = slice(None)) -> Product:
         """Return an archive with `rows` of these arrays of it, or of all where none is named.
@@ -138,9 +134,9 @@ def _read(archive: zipfile.ZipFile, name: str, said: dict[str, dict[str, Any]], 
     return Array(values, dims, str(attributes["units"]), str(attributes["long_name"]))
 
 
-def _digest(read: Callable[[Path], str], path: Path) -> str:
+def _digest(path: Path, read: Callable[[Path], str], verified: Verified) -> str:
     try:
-        return read(path)
+        return verified.source_digest(path, read)
     except FileNotFoundError:
         return "absent"
     except (FormatError, OSError, struct.error) as error:
@@ -158,3 +154,11 @@ def _directory_digest(path: Path) -> str:
 
 def _metadata_digest(path: Path) -> str:
     return hashlib.sha256(canonical_json(read_metadata(path)).encode()).hexdigest()
+
+
+# Of an encoding a page shows what it says of itself. The digest that a file states is not asked: damage does
+# not change it, and a file from elsewhere may state any.
+DIGESTS = dict.fromkeys(SUFFIXES, _directory_digest) | {
+    ENCODED.name: _metadata_digest,
+    OBJECT_FILES.name: file_digest,
+}

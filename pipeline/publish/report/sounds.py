@@ -2,12 +2,11 @@
 
 import base64
 import io
+import wave
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
-from scipy.fft import rfft
-from scipy.io import wavfile
 
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from pipeline.publish.report.pictures import indexed_uri
@@ -25,8 +24,6 @@ HANN = np.hanning(WINDOW).astype(np.float32)
 SPECTROGRAM_SIZE = (96, 96)
 # Levels drawn, from `RANGE_DB` below the reference up to it.
 SHADES = 64
-# Dark to bright with even steps of lightness.
-PALETTE = np.round(255 * colormaps["magma"](np.linspace(0, 1, SHADES))[:, :3])
 
 
 class SoundPair(NamedTuple):
@@ -46,10 +43,8 @@ def short_sound(sound: np.ndarray) -> bytes:
     kept = sound[: 2 * length].reshape(length, 2).mean(axis=1)
     kept[-length // 4 :] *= np.linspace(1, 0, len(kept[-length // 4 :]))
     loudest = float(np.abs(kept).max(initial=0.0))
-    buffer = io.BytesIO()
     levels = np.rint(kept * (PEAK * 32767 / loudest if loudest > 0 else 0.0)).astype("<i2")
-    wavfile.write(buffer, round(SAMPLE_RATE_HZ / 2), levels)
-    return buffer.getvalue()
+    return _wav(levels, round(SAMPLE_RATE_HZ / 2))
 
 
 def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
@@ -70,12 +65,9 @@ def sound_pair(truth: np.ndarray, answer: np.ndarray) -> SoundPair:
     length = max(int(heard[-1]) + 1 if heard.size else 0, shortest)
     energy = float(np.sum(np.square(pair[0], dtype=np.float64)))
     error = float(np.sum(np.square(pair[1] - pair[0], dtype=np.float64)))
-    uris = []
-    for sound in levels:
-        buffer = io.BytesIO()
-        wavfile.write(buffer, round(SAMPLE_RATE_HZ), sound[:length])
-        uris.append("data:audio/wav;base64," + base64.b64encode(buffer.getvalue()).decode("ascii"))
-    pictures = [indexed_uri(picture, PALETTE) for picture in spectrograms(sounds)]
+    files = [_wav(sound[:length], round(SAMPLE_RATE_HZ)) for sound in levels]
+    uris = ["data:audio/wav;base64," + base64.b64encode(file).decode("ascii") for file in files]
+    pictures = [indexed_uri(picture, _palette()) for picture in spectrograms(sounds)]
     difference_db = 10 * float(np.log10(error / energy)) if energy > 0 and error > 0 else None
     return SoundPair(factor, length / SAMPLE_RATE_HZ, uris[0], uris[1], pictures, difference_db)
 
@@ -91,6 +83,8 @@ def spectrograms(sounds: np.ndarray) -> np.ndarray:
     sounds
         (2, samples) at 44100 Hz.
     """
+    from scipy.fft import rfft  # in single precision, as numpy's is not; not every report draws one
+
     padded = np.zeros((len(sounds), int(SPECTROGRAM_S * SAMPLE_RATE_HZ) + WINDOW), np.float32)
     kept = sounds[:, : padded.shape[1]]
     padded[:, : kept.shape[1]] = kept
@@ -112,6 +106,24 @@ def spectrograms(sounds: np.ndarray) -> np.ndarray:
 def spectrogram_share(frequency_hz: float) -> float:
     """Return the height of a frequency in a spectrogram, 0 at the bottom and 1 at the top."""
     return float(np.log(frequency_hz / LOWEST_HZ) / np.log(HIGHEST_HZ / LOWEST_HZ))
+
+
+@cache
+def _palette() -> np.ndarray:
+    """Return (`SHADES`, 3) colours from dark to bright with even steps of lightness."""
+    import cv2
+
+    places = np.linspace(0, 255, SHADES).astype(np.uint8)[:, None]
+    return cv2.applyColorMap(places, cv2.COLORMAP_MAGMA)[:, 0, ::-1]
+
+
+def _wav(levels: np.ndarray, sample_rate_hz: int) -> bytes:
+    """Return a WAV of (samples,) int16."""
+    buffer = io.BytesIO()
+    with wave.open(buffer, "wb") as file:
+        file.setparams((1, 2, sample_rate_hz, len(levels), "NONE", ""))
+        file.writeframes(levels.tobytes())
+    return buffer.getvalue()
 
 
 def _faded(sounds: np.ndarray) -> np.ndarray:

@@ -14,6 +14,8 @@ from pipeline.dataset.archives import REMEDY
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.products import PLAYERS
 from pipeline.dataset.stages import OBJECT_FILES
+from pipeline.dataset.verified import Verified
+from pipeline.publish.report.index_page import render_index
 from pipeline.publish.report.measured_objects import read_objects
 from pipeline.publish.report.object_page import (
     OBJECTS,
@@ -68,11 +70,13 @@ def write_report(
     for failure in known:
         own.setdefault(failure.object, []).append(failure)
     ids = ["", *(one.object_id for one in objects), ""]
+    data, verified = fidelity_folder.parent, Verified(reports_folder.parent)
     pages = [
-        ObjectPage(one, fidelity_folder.parent, ids[place], ids[place + 2], own.get(one.object_id, ()), pairs)
+        ObjectPage(one, data, ids[place], ids[place + 2], own.get(one.object_id, ()), pairs, verified)
         for place, one in enumerate(objects)
     ]
     paged, damaged = _write_pages(pages, reports_folder / OBJECTS, reports_folder.parent / PLAYERS)
+    verified.save()
     known += damaged
     texts = {
         "metrics.json": metrics_text(summaries(objects), objects, known),
@@ -83,8 +87,6 @@ def write_report(
     fingerprint = hashlib.sha256(content.encode()).hexdigest()
     # What the first page shows of an object whose own page failed is in no fingerprint.
     if damaged or shown_fingerprint(reports_folder / "index.html")[0] != fingerprint:
-        from pipeline.publish.report.index_page import render_index  # matplotlib takes half a second
-
         texts["index.html"] = render_index(objects, known, paged, fingerprint)
     for name, text in texts.items():
         with atomic_write(reports_folder / name) as file:
