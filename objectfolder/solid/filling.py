@@ -44,6 +44,7 @@ DOUBLED = 5e-4  # of the diagonal: where few places are thinner, they are sheets
 MOSTLY = 0.75
 # Points along an edge, and of all edges, at which distance is taken; of those how many exactly at a time.
 ALONG_EDGE, MOST_ON_EDGES, EXACT_AT_ONCE = 5, 10_000, 64
+OPENING = 0.01  # distance over the diagonal from which on the outside of a solid closes an opening
 NEGLIGIBLE = 1e-7  # distance over the diagonal, that of single precision
 
 
@@ -127,8 +128,8 @@ def fill(
         ``remeshed``) and `tried`, what was wrong with the ways before; `doubts`, what is still wrong;
         `volume_error` against the volume enclosed; `surface_error_rms_m` and `surface_error_max_m`, the
         distance between boundary and surface both ways; `wall_median_ratio` of the solid's wall to the
-        surface's; `bodies`. Its `target`
-        is `surface`, faces outward, or what `wall_m` or `shell_m` made of it.
+        surface's; `bodies`; `closing_share`, how much of its outside
+        closes openings. Its `target` is `surface`, faces outward, or what `wall_m` or `shell_m` made of it.
 
     Raises
     ------
@@ -354,5 +355,6 @@ def _finished(
         "surface_error_rms_m": float(np.sqrt(np.mean(away**2))),
         "surface_error_max_m": largest * scale,
         "smallest_body_share": SMALLEST_SHARE,
+        "closing_share": 0.0 if measured.closed else float(np.mean(back > OPENING)),
     }
     return Solid(measured.form.to_metres(solid.vertices), solid.tetrahedra, solid.component, report, target)

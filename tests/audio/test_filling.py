@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 import trimesh
 
+from objectfolder.audio.materials import read_materials
+from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.solid import filling
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.solid.tetwild import Envelope
 from objectfolder.surface.surface import Surface, edge_table
+from tests.conftest import REPOSITORY
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 
@@ -265,3 +268,25 @@ def test_a_scanned_mug_has_few_elements(shared_objects: Path) -> None:
     assert len(solid.tetrahedra) < 4300
     assert abs(solid.report["volume_error"]) < 0.04
     assert solid.report["surface_error_rms_m"] < 0.5 * solid.report["wall_thin_m"]
+
+
+@pytest.mark.slow
+def test_what_a_solid_makes_of_a_surface_is_said_where_it_is_doubtful() -> None:
+    """A box without a lid is filled; of two spheres that both face outward the inner one is lost."""
+    glass = read_materials(REPOSITORY / "data" / "materials.csv")["glass"]
+    box = trimesh.creation.box((0.1, 0.08, 0.06))
+    lid = box.face_normals[:, 2] > 0.5
+    outer, inner = (trimesh.creation.icosphere(3, radius) for radius in (0.05, 0.047))
+    both = trimesh.util.concatenate([outer, inner])
+    hollow = trimesh.util.concatenate([outer, trimesh.Trimesh(inner.vertices, inner.faces[:, ::-1])])
+    for vertices, faces, said in (
+        (box.vertices, box.faces[~lid], "% of the solid's outside closes openings"),
+        (both.vertices, both.faces, "its median wall is 33"),
+        (hollow.vertices, hollow.faces, None),
+    ):
+        surface = Surface(np.asarray(vertices), np.asarray(faces, dtype=np.int64))
+        modes = simulate_modes(
+            surface, glass, training_points=10, held_out_points=2, seed=0, max_frequency_hz=2000
+        )
+        warnings = modes.attributes["warnings"]
+        assert (said is None and not warnings) or any(said in text for text in warnings), warnings

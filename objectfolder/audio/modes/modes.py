@@ -25,6 +25,7 @@ HELD_OUT = 1_000_003
 # Share of the mean distance between surface and elements that moves a frequency as a thicker wall does: with
 # it 95 % of the modes of bodies of revolution have no larger error than is stated.
 OFF_SURFACE = 0.25
+OPEN_SHARE = 0.05  # of a solid's outside, from which on openings of its surface are warned of
 
 
 class Options(TypedDict, total=False):
@@ -137,6 +138,7 @@ def modes_of_solid(
     arrays, attributes = _read(surface, solid, material, spectrum, units, counts, seed)
     attributes["max_frequency_hz"] = float(max_frequency_hz)
     attributes.update(_wish(accuracy_cents, attributes["error_estimate_cents"]))
+    attributes["warnings"] += _shape_warnings(solid.report)
     attributes["discretisation"].update(highest_order=highest_order, **bent)
     if seconds is not None:
         seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read})
@@ -267,6 +269,18 @@ def _wish(accuracy_cents: float, estimated: float | None) -> dict[str, Any]:
         "accuracy_reached": None if estimated is None else not missed,
         "warnings": [said] if missed else [],
     }
+
+
+def _shape_warnings(report: dict[str, Any]) -> list[str]:
+    """What is doubtful of the solid that stands for the surface."""
+    found = [f"the solid that rings is doubtful: {doubt}" for doubt in report.get("doubts", ())]
+    share = report.get("closing_share", 0.0)
+    if share > OPEN_SHARE:
+        found.append(
+            f"{share:.0%} of the solid's outside closes openings of the surface: it rings as if it were "
+            "filled. State wall_m if it is a sheet, shell_m if it is a container"
+        )
+    return found
 
 
 def _volume_error(solid: Solid, volume_m3: float) -> dict[str, float]:
