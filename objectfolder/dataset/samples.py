@@ -33,7 +33,7 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
     - *vision*: ``image`` (3, h, w) sRGB on white in [0, 1], ``camera_to_object`` (4, 4) m,
       ``light_position_m`` (3,); with `passes` also ``depth_m`` (h, w) along the camera's axis, infinity where
       the object is not, and ``mask`` (h, w) bool.
-    - *audio*: ``sound`` (samples,) m/s, rms surface velocity along the normal, zeros for a silent object;
+    - *audio*: ``sound`` (samples,) m/s, along the normal where it is struck, zeros for a silent object;
       ``point_m`` (3,), ``impulse_n_s`` (3,) N s: 1 along x, y and z in turn.
     - *touch*: ``image`` (3, h, w) in [0, 1], ``depth_m`` (h, w) in the gel, ``mask`` (h, w) bool,
       ``sensor_to_object`` (4, 4) m, ``reachable`` bool; ``point_m`` (3,), ``press_depth_m``, ``tilt_deg``,

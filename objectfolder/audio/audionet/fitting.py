@@ -115,7 +115,7 @@ def fit_audionet(
         "training_points": len(values),
         "validation_error_db": None,
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
-        "amplitude": "impulse N s -> rms surface velocity along the normal, m/s",
+        "amplitude": "impulse N s . gains -> velocity of each mode, m/s over kg^1/2",
         **described,
     }
     stored = {f"audio.{name}": tensor for name, tensor in {**tensors, **own}.items()}

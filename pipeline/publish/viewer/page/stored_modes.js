@@ -116,7 +116,7 @@
       });
     }
 
-    // The surface velocity of `synthesis.bank`, m/s, with all modes starting at t = 0.
+    // The velocity along the normal where it is struck, m/s, with all modes starting at t = 0.
     sound(amplitudes, duration, sampleRate) {
       const samples = new Float32Array(Math.round(duration * sampleRate));
       const total = new Float64Array(samples.length);
