@@ -136,15 +136,20 @@ def _run(
         progress.expect(*expected)
     saved_s = sum(seconds for *_, seconds in left) - max(job.path_seconds for job in jobs)
     with runner_for(len(left) if saved_s > CLUSTER_S else 1) as runner:
-        for job in sorted(jobs, key=lambda job: job.priority, reverse=True):
+
+        def submit(job: Job) -> None:
+            progress.submit(job.call.stage, job.object_id, job.seconds, job.priority)
             runner.submit(job)
+
+        for job in sorted(jobs, key=lambda job: job.priority, reverse=True):
+            submit(job)
         for ended in runner.finished(progress.workers):
             stage, outcome = ended.job.call.stage, ended.outcome
             if outcome.failure is None and outcome.wall_s > 0:
                 add_costs(root, stage, outcome)
             record.task(stage, outcome, ended.worker, ended.host, ended.tries)
             for job in flow.done(ended):
-                runner.submit(job)
+                submit(job)
 
 
 def _sweep(stages: Sequence[Stage], root: Path) -> None:

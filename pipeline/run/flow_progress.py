@@ -1,5 +1,6 @@
 """Progress of running stages: bars on a terminal, a line now and then in a log."""
 
+import heapq
 import sys
 import threading
 import time
@@ -12,7 +13,11 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+Task = tuple[float, str, str]  # the smallest begins first; stage and object
+
 LOG_INTERVAL_S = 30.0
+PRIOR = 0.07  # share of the expected seconds that counts as taken as expected, before any task ended
+TAIL = 0.25  # of what a task has run, that it runs on at least: those that are late are later still
 
 
 class FlowProgress:
@@ -31,9 +36,9 @@ class FlowProgress:
         self._outcomes: dict[str, Counter[str]] = {stage: Counter() for stage in stages}
         self._left: dict[str, dict[str, float]] = {stage: {} for stage in stages}  # object to seconds
         self._expected, self._took = dict.fromkeys(stages, 0.0), dict.fromkeys(stages, 0.0)  # ended tasks
-        self._earliest: dict[str, float] = {}  # object to the time before which it cannot be ready
+        self._waiting: list[Task] = []  # tasks that can begin, as a heap
+        self._since: dict[Task, float] = {}  # tasks that seem to run, to when they began: workers do not say
         self._busy, self._total = 0, 1
-        self._spent, self._spent_at = 0.0, clock()  # worker seconds on tasks that have not ended, and when
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._show, daemon=True)
@@ -42,24 +47,36 @@ class FlowProgress:
         """Count an object as left in a stage; its task is expected to take `seconds`."""
         with self._lock:
             self._left[stage][object_id] = seconds
-            self._earliest[object_id] = self._clock() + self._chain(object_id)
+
+    def submit(self, stage: str, object_id: str, seconds: float, priority: float) -> None:
+        """Note that a task can begin, which is now expected to take `seconds`."""
+        with self._lock:
+            self._left[stage][object_id] = seconds
+            heapq.heappush(self._waiting, (-priority, stage, object_id))
 
     def settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
         """Count the outcome of an object in a stage; its task took `seconds`, 0 where none ran."""
         with self._lock:
             self._outcomes[stage][outcome] += 1
             expected = self._left[stage].pop(object_id, 0.0)
+            if seconds > 0 and self._since:
+                # What ran is the one that is told. Where another seemed to, that began as long ago.
+                own, began = (stage, object_id), self._clock() - seconds
+                self._stop(min(self._since, key=lambda one: (one[1:] != own, abs(self._since[one] - began))))
             if seconds > 0:
-                self._spent = max(0.0, self._spent_now() - seconds)
                 self._expected[stage] += expected
                 self._took[stage] += seconds
-            self._earliest[object_id] = self._clock() + self._chain(object_id)
 
     def workers(self, busy: int, total: int) -> None:
         """Note how many workers there are and how many are busy; the first call begins to show."""
         with self._lock:
-            self._spent_now()
             self._busy, self._total = busy, total
+            while len(self._since) > busy:
+                self._stop(next(reversed(self._since)))
+            while len(self._since) < busy and self._waiting:
+                task = heapq.heappop(self._waiting)
+                if task[2] in self._left[task[1]]:
+                    self._since[task] = self._clock()
         if not self._thread.ident and any(self._left.values()):
             self._thread.start()
 
@@ -74,10 +91,17 @@ class FlowProgress:
     def seconds_to_go(self) -> float:
         """Return work left over workers, or the longest chain of one object: no schedule is faster."""
         with self._lock:
-            work = sum(self._pace(stage) * sum(left.values()) for stage, left in self._left.items())
-            work -= self._spent_now()
-            chain = max(self._earliest.values(), default=0.0) - self._clock()
-        return max(0.0, work / max(1, self._total), chain)
+            left = self._seconds_left()
+        ready: dict[str, dict[str, float]] = {}
+        for stage, before in self._stages.items():
+            ends = [ready[other] for other in before if other in ready]
+            ready[stage] = {
+                name: seconds + max((end.get(name, 0.0) for end in ends), default=0.0)
+                for name, seconds in left[stage].items()
+            }
+        work = sum(sum(seconds.values()) for seconds in left.values())
+        chain = max((max(ends.values(), default=0.0) for ends in ready.values()), default=0.0)
+        return max(work / max(1, self._total), chain)
 
     def line(self) -> str:
         """Return the state in one line."""
@@ -92,7 +116,13 @@ class FlowProgress:
             if self._closed.wait(LOG_INTERVAL_S):
                 return
         screen = sys.stdout.isatty()  # output to a file must not appear on the terminal
-        with Live(get_renderable=self._bars, console=console, transient=True, redirect_stdout=screen):
+        with Live(
+            get_renderable=self._bars,
+            console=console,
+            transient=True,
+            redirect_stdout=screen,
+            refresh_per_second=1,
+        ):
             self._closed.wait()
 
     def _bars(self) -> Group:
@@ -108,31 +138,31 @@ class FlowProgress:
 
     def _status(self) -> str:
         seconds = self.seconds_to_go()
-        overdue = seconds == 0 and any(self._left.values())
-        to_go = "longer than expected" if overdue else f"{duration(seconds)} to go"
-        return f"{to_go}, {self._busy} of {self._total} workers busy"
+        return f"{duration(seconds)} to go, {self._busy} of {self._total} workers busy"
 
-    def _pace(self, stage: str) -> float:
-        """Return the ratio of seconds taken to expected: of this stage, or of all where none of it ended."""
-        if self._expected[stage]:
-            return self._took[stage] / self._expected[stage]
-        expected = sum(self._expected.values())
-        return sum(self._took.values()) / expected if expected else 1.0
+    def _stop(self, task: Task) -> None:
+        """Take a task for one that does not run: it ended, or another one ran."""
+        del self._since[task]
+        heapq.heappush(self._waiting, task)
 
-    def _spent_now(self) -> float:
-        """Return the worker seconds on tasks that have not ended, as of now."""
-        now = self._clock()
-        self._spent += self._busy * (now - self._spent_at)
-        self._spent_at = now
-        return self._spent
+    def _seconds_left(self) -> dict[str, dict[str, float]]:
+        """Return the seconds left of every task by stage and object, at the pace of those that ended.
 
-    def _chain(self, object_id: str) -> float:
-        """Return the seconds of the longest chain of tasks left of an object."""
-        ready: dict[str, float] = {}
-        for stage, before in self._stages.items():
-            own = self._pace(stage) * self._left[stage].get(object_id, 0.0)
-            ready[stage] = own + max((ready.get(other, 0.0) for other in before), default=0.0)
-        return max(ready.values(), default=0.0)
+        A task that took longer than expected is expected to go on for `TAIL` of what it has run.
+        """
+        expected = {name: sum(own.values()) + self._expected[name] for name, own in self._left.items()}
+        prior = PRIOR * sum(expected.values())
+        usual = (sum(self._took.values()) + prior) / ((sum(self._expected.values()) + prior) or 1.0)
+        left = {}
+        for stage, own in self._left.items():
+            # The fewer tasks of a stage ended, the more the pace of all counts.
+            prior = PRIOR * expected[stage]
+            pace = (self._took[stage] + prior * usual) / ((self._expected[stage] + prior) or 1.0)
+            left[stage] = {name: pace * seconds for name, seconds in own.items()}
+        for (_, stage, name), since in self._since.items():
+            ran = self._clock() - since
+            left[stage][name] = max(left[stage].get(name, 0.0) - ran, TAIL * ran)
+        return left
 
 
 def duration(seconds: float) -> str:

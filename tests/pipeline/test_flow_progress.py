@@ -108,8 +108,9 @@ def test_time_to_go_is_work_over_workers_and_no_less_than_the_longest_chain(cloc
     progress = FlowProgress(STAGES, io.StringIO(), clock)
     assert progress.seconds_to_go() == 0
     for index in range(8):
-        progress.expect("views", f"mug_{index}", 100.0)
+        progress.submit("views", f"mug_{index}", 100.0, 150.0)
         progress.expect("encode", f"mug_{index}", 50.0)
+    progress.submit("modes", "mug_0", 0.0, 450.0)
     progress.workers(2, 2)
     assert progress.seconds_to_go() == pytest.approx(8 * 150 / 2)
     progress.workers(2, 100)
@@ -130,23 +131,25 @@ def test_time_to_go_follows_the_seconds_that_tasks_took_and_not_those_of_kept_ob
     for index in range(1, 51):
         clock.now += 20
         progress.settle("views", f"mug_{index}", "computed", 20.0)
-    assert progress.seconds_to_go() == pytest.approx(50 * 20)
+    assert progress.seconds_to_go() == pytest.approx(50 * 20, rel=0.02)
 
 
-def test_time_to_go_falls_while_a_task_runs_and_says_when_it_is_overdue(clock):
+def test_time_to_go_falls_while_a_task_runs_and_never_to_nothing(clock):
     progress = FlowProgress({"views": ()}, io.StringIO(), clock)
     for name in ("mug", "bell"):
-        progress.expect("views", name, 100.0)
+        progress.submit("views", name, 100.0, 100.0)
     progress.workers(1, 1)
     clock.now += 60
     assert progress.seconds_to_go() == pytest.approx(140)
     clock.now += 60
-    progress.settle("views", "mug", "computed", 120.0)
-    assert progress.seconds_to_go() == pytest.approx(120)
-    clock.now += 100
-    assert progress.seconds_to_go() == pytest.approx(20)
-    clock.now += 30
-    assert progress.line().startswith("longer than expected, 1 of 1 workers busy")
+    progress.settle("views", "mug", "computed", 120.0)  # though the other one seemed to run
+    progress.workers(1, 1)
+    assert progress.seconds_to_go() == pytest.approx(120, rel=0.01)
+    clock.now += 60
+    assert progress.seconds_to_go() == pytest.approx(60, rel=0.01)
+    clock.now += 80
+    assert progress.seconds_to_go() == pytest.approx(35)  # a quarter of what it has run
+    assert progress.line().startswith("35 s to go, 1 of 1 workers busy")
     progress.close()
 
 
@@ -156,7 +159,7 @@ def test_a_slow_machine_shows_in_stages_that_have_not_begun(clock):
     progress.expect("encode", "mug", 30.0)
     clock.now += 150
     progress.settle("views", "mug", "computed", 150.0)
-    assert progress.seconds_to_go() == pytest.approx(90)
+    assert progress.seconds_to_go() == pytest.approx(90, rel=0.1)
 
 
 def test_durations_are_short():

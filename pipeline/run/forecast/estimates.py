@@ -4,7 +4,8 @@ The cost of an object and stage that ran here before is what it took last. Other
 took on the scans that the package was tried on, times the pace of this data set: the median ratio of what
 its own tasks took to what those scans foretell. ``known_costs.csv`` beside this module has the scans: each
 object and stage at the default size, one thread a task; ``python -m bench.factory.known_costs`` wrote it. A
-stage without packaged costs is estimated from its own tasks.
+stage without packaged costs is estimated from its own tasks. The objects of the starter set, which most first
+runs make, have costs of their own in ``starter_costs.csv``.
 
 Seconds and memory of modes grow with a power of the load (`bending_modes`). Packaged costs of rendering are
 scaled by views x pixels x samples, those of touching by touches x pixels.
@@ -31,6 +32,8 @@ from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.run.costs import QUERY, Cost, known_costs, read_costs
 
 PACKAGED = Path(__file__).with_name("known_costs.csv")
+STARTER = Path(__file__).with_name("starter_costs.csv")  # of the starter set at the default size
+STARTER_TABLE = "data/starter.csv"
 MEMORY_MARGIN = 1.15
 HIGH_QUANTILE = 0.95
 LATE_ERRORS = 2.0  # standard errors by which few tasks exceed their estimates
@@ -104,6 +107,7 @@ class Estimates:
 
     def __init__(self, root: Path, parameters: Parameters | None = None) -> None:
         self._root, self._parameters = root, parameters
+        self._starter = parameters is not None and parameters.objects.table == STARTER_TABLE
         self._materials: dict[str, Mapping[str, float]] | None = None
         self._own = last_costs(known_costs(root))
         self._models: dict[str, Model | None] = {}
@@ -117,7 +121,12 @@ class Estimates:
             return Estimate(*UNKNOWN)
         own = self._own.get((object_id, stage))
         if own is None:
-            return model.at(self.load(stage, object_id))
+            expected = model.at(self.load(stage, object_id))
+            known = starter_costs().get((object_id, stage)) if self._starter else None
+            if known is None:
+                return expected
+            seconds = self._scaled(stage, known).cpu_s
+            return replace(expected, wall_s=seconds, cpu_s=seconds, error_s=0.0)
         memory = int(own.memory_bytes * MEMORY_MARGIN)
         if stage == RENDERING:
             # Cycles is a process of its own, whose peak is noted only if it is a worker's first.
@@ -207,6 +216,12 @@ def packaged_costs() -> Mapping[tuple[str, str], Estimate]:
     """Return the packaged costs of the scans, by object and stage."""
     # With one thread and a core of its own, a task's wall seconds are its CPU seconds.
     return {key: replace(one, wall_s=one.cpu_s) for key, one in last_costs(read_costs(PACKAGED)).items()}
+
+
+@cache
+def starter_costs() -> Mapping[tuple[str, str], Estimate]:
+    """Return the packaged costs of the starter set, by object and stage."""
+    return last_costs(read_costs(STARTER))
 
 
 def fit(tasks: Sequence[Estimate]) -> Model:
