@@ -17,6 +17,7 @@ from PIL import Image
 from report_data_sets import HOSTILE, write_object
 
 from objectfolder.products.store import Product, read_product, write_product
+from pipeline.publish.report.index_page import COLUMNS
 from pipeline.publish.report.writing import write_report
 
 pytest_plugins = ["tests.browser"]
@@ -116,8 +117,34 @@ def test_tiles_and_table_fit_the_page_and_share_order_and_filter(
     page.click("#view")
     assert column(page, 1)[0] == "wood"
     page.click("button[type=reset]")
-    until(page, "document.querySelector('#order').value === '4 ascending'")
-    assert names(page)[0].startswith("<script>document.title")
+    until(page, "document.querySelector('#table tbody th').innerText.startsWith('<script>document.title')")
+    assert page.input_value("#order") == "4 ascending"
+
+
+@pytest.mark.parametrize("size", SIZES[:2])
+def test_the_modal_table_fits_a_phone(
+    reports: Path, open_page: Callable[..., Any], size: dict[str, int]
+) -> None:
+    page = open_page(reports / "objects" / "mug.html", viewport=size).page
+    width = page.evaluate("(one => [one.scrollWidth, one.clientWidth])(document.querySelector('.tall'))")
+    assert width[0] <= width[1]
+
+
+def test_columns_are_chosen(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "index.html", viewport=PHONE).page
+    shown = "[...document.querySelectorAll('#table thead th')].filter(th => th.offsetWidth).length"
+    page.click("#view")
+    few = page.evaluate(shown)
+    assert few < len(COLUMNS) + 4
+    page.click("#columns summary")
+    boxes = page.locator("#columns input")
+    assert boxes.count() == len(COLUMNS) + 3, "the name always is there"
+    assert sum(boxes.nth(place).is_checked() for place in range(boxes.count())) == few - 1
+    page.get_by_role("checkbox", name="Cost CPU s").check()
+    assert page.is_visible("#table th:nth-child(14)")
+    page.get_by_role("checkbox", name="Margin dB").uncheck()
+    assert not page.is_visible("#table th:nth-child(5)")
+    assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
 
 
 def test_a_tile_strikes_its_object(reports: Path, open_page: Callable[..., Any]) -> None:

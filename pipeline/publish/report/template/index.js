@@ -66,12 +66,12 @@
 
   const headers = [...table.tHead.rows[0].cells];
   const sets = document.getElementById("order");
+  const titles = headers.map((header) => [...header.childNodes].map((one) => one.textContent).join(" ").trim());
   headers.forEach((header, place) => {
     const column = header.dataset.sort === "text" ? `text${place}` : Number(header.dataset.sort);
     for (const [sign, direction] of [["↑", "ascending"], ["↓", "descending"]]) {
-      const name = [...header.childNodes].map((one) => one.textContent).join(" ").trim();
       const first = header.getAttribute("aria-sort") === direction;
-      sets.append(new Option(`${name} ${sign}`, `${place} ${direction}`, first, first));
+      sets.append(new Option(`${titles[place]} ${sign}`, `${place} ${direction}`, first, first));
     }
     const button = document.createElement("button");
     button.type = "button";
@@ -94,24 +94,40 @@
     headers[place].sort(direction);
   });
 
-  // Columns that do not fit are left out, the source, the last and then the words first; a button brings them back.
-  const [view, all] = ["view", "all"].map((id) => document.getElementById(id));
+  // Columns that do not fit are left out, the source, the last and then the words first, unless they are chosen.
+  const [view, columns] = ["view", "columns"].map((id) => document.getElementById(id));
   const places = [2, ...[...headers.keys()].slice(5).reverse(), 1, 3];
+  const chosen = new Map();
+  const boxes = headers.map((header, place) => {
+    const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
+    const label = document.createElement("label");
+    label.append(box, ` ${titles[place]}`);
+    if (place) columns.querySelector("fieldset").append(label);
+    box.addEventListener("change", () => {
+      chosen.set(place, box.checked);
+      fit();
+    });
+    return box;
+  });
   const fit = () => {
     const tiled = table.classList.contains("tiled");
-    for (const place of places) table.classList.remove(`without-${place}`);
-    const wide = () => table.scrollWidth > table.parentElement.clientWidth + 1;
-    all.hidden = tiled || !wide();
-    if (tiled || all.getAttribute("aria-pressed") === "true") return;
-    for (const place of places) if (wide()) table.classList.add(`without-${place}`);
+    columns.hidden = tiled;
+    for (const place of headers.keys()) table.classList.toggle(`without-${place}`, chosen.get(place) === false);
+    if (tiled) return;
+    // Read at once: every width that is read after a change lays out the whole table anew.
+    let over = table.scrollWidth - table.parentElement.clientWidth;
+    const widths = headers.map((header) => header.getBoundingClientRect().width);
+    for (const place of places) {
+      if (over <= 0) break;
+      if (chosen.has(place)) continue;
+      table.classList.add(`without-${place}`);
+      over -= widths[place];
+    }
+    boxes.forEach((box, place) => (box.checked = !table.classList.contains(`without-${place}`)));
   };
   view.hidden = false;
   view.addEventListener("click", () => {
     view.setAttribute("aria-pressed", String(!table.classList.toggle("tiled")));
-    fit();
-  });
-  all.addEventListener("click", () => {
-    all.setAttribute("aria-pressed", String(all.getAttribute("aria-pressed") !== "true"));
     fit();
   });
   addEventListener("resize", fit);
