@@ -152,11 +152,13 @@ def modes(
     return FAILED if result.get("accuracy_reached") is False else FINE
 
 
-def view(file: ObjectFilePath, /, *, port: int = 0, no_browser: bool = False) -> None:
+def view(*files: ObjectFilePath, port: int = 0, no_browser: bool = False) -> None:
     """Turn, strike and press an object in the browser; served on 127.0.0.1 only.
 
     Parameters
     ----------
+    files
+        one or more Object Files, or folders of them
     port
         of 127.0.0.1; 0 for any free one
     no_browser
@@ -164,7 +166,7 @@ def view(file: ObjectFilePath, /, *, port: int = 0, no_browser: bool = False) ->
     """
     from pipeline.publish.viewer.live import serve_until_stopped
 
-    serve_until_stopped(str(file), port, not no_browser)
+    serve_until_stopped(files, port, not no_browser)
     # Code may still be compiled, or an image computed, in a thread that nothing can stop and that Python
     # would wait for. No result is awaited any more, and no file is left to be written.
     sys.stdout.flush()

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.publish.viewer.live import Server
-from pipeline.publish.viewer.live_queries import LiveObject
+from pipeline.publish.viewer.live_queries import LiveObjects
 
 
 @contextmanager
-def served(path: Path) -> Iterator[Server]:
-    """Serve an Object File while the context lasts."""
-    server = Server(LiveObject(path))
+def served(*paths: Path) -> Iterator[Server]:
+    """Serve Object Files while the context lasts."""
+    server = Server(LiveObjects(paths))
     loop, stopped = asyncio.new_event_loop(), asyncio.Event()
 
     def run() -> None:

@@ -134,6 +134,21 @@ def test_texts_of_strangers_stay_texts(small_file, open_page, tmp_path):
         assert watched.errors == []
 
 
+def test_objects_are_switched(small_file, open_page, tmp_path):
+    other = hostile_copy(small_file, tmp_path / "other.safetensors")
+    with served(small_file, other) as server:
+        page = open_page(server.address).page
+        at_rest(page)
+        choice = page.locator("#objects")
+        assert choice.locator("option").all_text_contents() == [small_file.stem, "other"]
+        choice.select_option("other")
+        page.wait_for_url("**/?object=1")
+        at_rest(page)
+        assert page.locator("h1").text_content() == HOSTILE
+        assert choice.input_value() == "1"
+        assert str(other) in page.locator("#facts").text_content()
+
+
 def test_a_server_that_is_gone_is_said(small_file, open_page):
     with served(small_file) as server:
         page = open_page(server.address).page

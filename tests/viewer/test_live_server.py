@@ -20,7 +20,7 @@ import objectfolder
 from objectfolder.errors import InputError, QueryError
 from pipeline.cli import main
 from pipeline.publish.viewer.live import Server
-from pipeline.publish.viewer.live_queries import LiveObject
+from pipeline.publish.viewer.live_queries import LiveObject, LiveObjects
 from tests.viewer.live_servers import served
 
 JSON = {"Content-Type": "application/json"}
@@ -209,7 +209,16 @@ def test_a_taken_port_is_named(small_file):
         other.listen()
         port = other.getsockname()[1]
         with pytest.raises(InputError, match=f"--port: {port}"):
-            Server(LiveObject(small_file), port)
+            Server(LiveObjects([small_file]), port)
+
+
+def test_an_object_that_is_not_there_and_a_folder_without_any_are_named(server, tmp_path, capsys):
+    for number, finding in (("7", "there is no 7"), ("-1", "there is no -1"), ("mug", "mug")):
+        status, _, body = asked(server, "POST", f"/object?object={number}", b"{}", JSON)
+        assert status == 400
+        assert finding in json.loads(body)["error"]
+    assert main(["view", str(tmp_path), "--no-browser"]) == 1
+    assert f"{tmp_path}: no Object File" in capsys.readouterr().err
 
 
 def test_what_is_no_object_file_is_an_error_of_one_line(tmp_path, small_file, capsys):

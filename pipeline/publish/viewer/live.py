@@ -1,4 +1,4 @@
-"""The page of one Object File, served to the browser of this machine.
+"""The page of Object Files, one at a time, served to the browser of this machine.
 
 It listens on 127.0.0.1. Requests under any other name of host are refused, so that no page of the web
 reaches it through a name that points here, and so are those that another page's script sends.
@@ -11,8 +11,9 @@ import os
 import signal
 import threading
 import webbrowser
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,12 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 from objectfolder.errors import InputError, ObjectFolderError
-from pipeline.publish.viewer.live_queries import Answer, LiveObject
+from pipeline.publish.viewer.live_queries import Answer, LiveObjects
 from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS
 
 ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
+FILES_OF = "*.safetensors"  # a folder
 SCRIPTS = (*SHARED_SCRIPTS, "live_object.js", "live.js")
 FILES = {"/": "live.html", "/player.css": "player.css", "/live.css": "live.css"} | {
     f"/{name}": name for name in SCRIPTS
@@ -84,9 +86,9 @@ class PageFile(Guarded):
 
 
 class Query(Guarded):
-    """One question to the Object File, answered in a thread of its own kind."""
+    """One question to an Object File, answered in a thread of its own kind."""
 
-    def initialize(self, answer: Callable[[Any], Answer], threads: ThreadPoolExecutor) -> None:
+    def initialize(self, answer: Callable[[int, Any], Answer], threads: ThreadPoolExecutor) -> None:
         """Take what answers, and where."""
         self._answer, self._threads = answer, threads
 
@@ -98,10 +100,11 @@ class Query(Guarded):
             asked = json.loads(self.request.body)
             if not isinstance(asked, dict):
                 raise ValueError("not a JSON object")
+            number = int(self.get_query_argument("object", "0"))
             header, payload = await asyncio.get_running_loop().run_in_executor(
-                self._threads, self._answer, asked
+                self._threads, self._answer, number, asked
             )
-        except (ObjectFolderError, ValueError) as error:
+        except (ObjectFolderError, ValueError, OSError) as error:
             self.set_status(400)
             self.finish({"error": str(error)})
             return
@@ -111,7 +114,7 @@ class Query(Guarded):
 
 
 class Server:
-    """A live object that listens at `address`; port 0 takes a free one.
+    """Live objects that listen at `address`; port 0 takes a free one.
 
     Raises
     ------
@@ -119,7 +122,7 @@ class Server:
         A port that is taken or may not be used.
     """
 
-    def __init__(self, live: LiveObject, port: int = 0) -> None:
+    def __init__(self, live: LiveObjects, port: int = 0) -> None:
         try:
             self._sockets = bind_sockets(port, ADDRESS)
         except (OSError, OverflowError) as error:
@@ -134,9 +137,9 @@ class Server:
         """Answer requests until something has happened."""
         live = self._live
         rules: list[Any] = [(path, PageFile) for path in FILES]
-        rules.append(("/render", Query, {"answer": live.render, "threads": self._images}))
-        for answer in (live.object, live.strike, live.partials, live.press):
-            rules.append((f"/{answer.__name__}", Query, {"answer": answer, "threads": self._contacts}))
+        for name in ("render", "object", "strike", "partials", "press"):
+            threads = self._images if name == "render" else self._contacts
+            rules.append((f"/{name}", Query, {"answer": partial(live.answer, name), "threads": threads}))
         application = Application(
             rules,
             default_handler_class=Guarded,
@@ -146,8 +149,8 @@ class Server:
         )
         server = HTTPServer(application, max_body_size=LARGEST_REQUEST, max_buffer_size=2 * LARGEST_REQUEST)
         server.add_sockets(self._sockets)
-        self._images.submit(live.warm_images)
-        self._contacts.submit(live.warm_contacts)
+        self._images.submit(live[0].warm_images)
+        self._contacts.submit(live[0].warm_contacts)
         try:
             await until
         finally:
@@ -162,8 +165,8 @@ def _content(name: str) -> bytes:
     return (PAGE / name).read_text(encoding="utf-8").replace("SCRIPTS", scripts).encode()
 
 
-def serve_until_stopped(path: Path | str, port: int, open_browser: bool) -> None:
-    """Serve an Object File until Ctrl-C.
+def serve_until_stopped(paths: Sequence[Path], port: int, open_browser: bool) -> None:
+    """Serve Object Files, and those in folders, until Ctrl-C.
 
     Raises
     ------
@@ -172,20 +175,23 @@ def serve_until_stopped(path: Path | str, port: int, open_browser: bool) -> None
     FileNotFoundError
         No such file.
     InputError
-        A port that cannot be had.
+        A port that cannot be had, or a folder without Object Files.
     """
+    found = [file for path in paths for file in (sorted(path.glob(FILES_OF)) if path.is_dir() else [path])]
+    if not found:
+        raise InputError(" ".join(map(str, paths)) or "FILE", f"no Object File ({FILES_OF})", "Name one.")
     # One core: what is computed here is small, and waiting threads would only delay it. Libraries that are
     # not loaded yet read the variables.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     threadpool_limits(1)
-    server = Server(LiveObject(path), port)
+    server = Server(LiveObjects(found), port)
 
     async def serve() -> None:
         stopped = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stopped.set)
-        print(f"{path}: {server.address} (Ctrl-C ends it)", flush=True)
+        print(f"{paths[0]}: {server.address} (Ctrl-C ends it)", flush=True)
         if open_browser:
             # Some browsers return when they are closed: nothing waits for them.
             threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()

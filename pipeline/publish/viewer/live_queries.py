@@ -1,6 +1,7 @@
 """What the live page asks of an Object File: JSON in, JSON and bytes out."""
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,30 @@ class LiveObject:
         normal = surface.normals_at(hits.face, hits.barycentric)[0]
         point = surface.points_at(hits.face, hits.barycentric)[0]
         return point, -normal if normal @ direction > 0 else normal
+
+
+class LiveObjects:
+    """Object Files behind one page: the first is opened at once, others when they are asked for."""
+
+    def __init__(self, paths: Sequence[Path | str]) -> None:
+        self._paths, self._opening = paths, threading.Lock()
+        self._opened = {0: LiveObject(paths[0])}
+
+    def __getitem__(self, number: int) -> LiveObject:
+        """Return one by its place."""
+        with self._opening:
+            if not 0 <= number < len(self._paths):
+                raise QueryError("object", f"there is no {number}", "Choose one of the list.")
+            if number not in self._opened:
+                self._opened[number] = LiveObject(self._paths[number])
+            return self._opened[number]
+
+    def answer(self, question: str, number: int, asked: Mapping[str, Any]) -> Answer:
+        """Return what a method of one of them answers, of the first question with the names of all."""
+        header, payload = getattr(self[number], question)(asked)
+        if question == "object":
+            header["objects"] = [Path(path).stem for path in self._paths]
+        return header, payload
 
 
 def _numbers(asked: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:

@@ -153,7 +153,7 @@
   const turn = (by) => () => {
     first = Math.max(0, first + by);
     show();
-    table.scrollIntoView({ block: "start" });
+    table.scrollIntoView({ block: "start", behavior: "instant" });
   };
   before.addEventListener("click", turn(-ROWS_SHOWN));
   after.addEventListener("click", turn(ROWS_SHOWN));

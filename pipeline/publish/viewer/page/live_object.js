@@ -12,7 +12,7 @@
 
   // A question: JSON there; a JSON header and bytes back.
   async function ask(path, question) {
-    const response = await fetch(path, {
+    const response = await fetch(`${path}${location.search}`, {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question),
     }).catch(() => {
       throw new Error("The program does not answer. Is objectfolder view still running?");
