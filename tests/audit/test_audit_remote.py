@@ -91,7 +91,7 @@ def test_arrays_of_what_is_far_are_read(far):
     assert found.arrays_read
     stages = {one.stage: one.arrays for one in only(found, "cup").stages}
     # The toys' values do not follow from this parameter.
-    assert stages["modes"].verdicts == {"values": "equal"}
+    assert stages["modes"].verdicts == {"values": "equal", "attributes/warnings": "equal"}
     # Tensors carry no checksums: verdicts on them come from reading alone.
     assert stages["encode"].verdicts == {"weights": "equal", "attributes/format": "equal"}
     assert {one.unread for one in stages.values()} == {0}
