@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compiled import CompiledRenderer
+from objectfolder.vision.compiled.renderer import MANY
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 
@@ -155,6 +156,24 @@ def test_lights_add_up_and_a_dark_one_costs_nothing_to_the_others():
     np.testing.assert_array_equal(together[..., 3], apart[0][..., 3])
     dark = fast.render(pose, lights, colours * [[1], [0], [0]], **query)
     np.testing.assert_array_equal(dark, apart[0])
+
+
+@pytest.mark.parametrize("mirrors", [False, True])
+def test_many_lights_in_turn_show_what_a_few_at_a_time_add_up_to(mirrors):
+    fast = CompiledRenderer(*network(SHAPES["mug"](), mirrors=mirrors), 1.0)
+    lights, colours = uniform_on_sphere(MANY, 1.0, np.random.default_rng(9)), np.full((MANY, 3), 1 / MANY)
+    query = {"size": (48, 48), "field_of_view_deg": 39.6, "sub_rays": 64}
+    pose = camera(1.0, -1.8, 1.4)
+    together = fast.render(pose, lights, colours, **query)
+    half = slice(0, MANY // 2), slice(MANY // 2, MANY)
+    apart = sum(fast.render(pose, lights[part], colours[part], **query) for part in half)
+    shown = together[..., 3] > 0
+    scale = apart[shown][:, :3].mean()
+    assert np.abs(together[shown][:, :3].mean(axis=0) - apart[shown][:, :3].mean(axis=0)).max() < 0.01 * scale
+    off = together[shown][:, :3] - apart[shown][:, :3]
+    assert 0 < np.sqrt((off**2).mean()) < 0.1 * scale
+    part = fast.render(pose, lights, colours, **query, crop=(10, 17, 20, 9))
+    np.testing.assert_array_equal(part, together[10:30, 17:26])
 
 
 @settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))

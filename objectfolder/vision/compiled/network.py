@@ -24,10 +24,12 @@ ANGLES, SURROUNDINGS = 12, 31
 NEAREST = 1e-3
 # Of the surroundings, those that depend on the light alone.
 LIGHT_INPUTS = slice(12, 24)
+# Features (n, f) and albedo (n, 3) of points, float32: what no light changes.
+Known = tuple[np.ndarray, np.ndarray]
 
 
 class CompiledNetwork:
-    """Weights of `reflectance.Reflectance`, laid out for `radiance`.
+    """Weights of `reflectance.Reflectance`, laid out for kernels.
 
     Parameters
     ----------
@@ -86,21 +88,27 @@ class CompiledNetwork:
             self.mirror_alpha2 = np.float32(np.exp(2 * np.float32(weights[MIRROR_WIDTH])))
         self._facing = (facing, bias)
 
-    def radiance(self, points: Points, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """Return (n, 3) float32 radiance over P / (4 pi^2) of points, irradiance (n,), of a lamp at (3,)."""
-        features, albedo = self.features(points)
-        which = np.zeros(len(albedo), dtype=np.int64)
-        bounced = self.bounced(points, features, which, self.lamps(light[None]), irradiance)
-        colour: np.ndarray = albedo * bounced
-        return colour + self._directly(points, features, albedo, irradiance, light, self.alpha2)
-
-    def mirrored(
-        self, mirror: Points, points: Points, irradiance: np.ndarray, light: np.ndarray
+    def bounced_by(
+        self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray
     ) -> np.ndarray:
-        """Return (n, 3) float32 radiance over P / (4 pi^2) of points as seen in others, `mirror`."""
-        shown = self._directly(points, *self.features(points), irradiance, light, self.mirror_alpha2)
-        answer: np.ndarray = shown * self.fresnel(mirror)
+        """Return (n, 3) float32 bounced radiance over P / (4 pi^2) of points, of a lamp at (3,).
+
+        `known` is what `features` returns for them, `irradiance` (n,) what of the lamp reaches them.
+        """
+        features, albedo = known
+        which = np.zeros(len(albedo), dtype=np.int64)
+        answer: np.ndarray = albedo * self.bounced(
+            points, features, which, self.lamps(light[None]), irradiance
+        )
         return answer
+
+    def directly(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return what `bounced_by` does of the light that is reflected once."""
+        return self._directly(points, *known, irradiance, light, self.alpha2)
+
+    def mirrored(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return what `directly` does for points as mirrors show them, before these take their share."""
+        return self._directly(points, *known, irradiance, light, self.mirror_alpha2)
 
     def _directly(
         self, points: Points, features: np.ndarray, albedo: np.ndarray, irradiance: np.ndarray,
@@ -121,9 +129,9 @@ class CompiledNetwork:
         answer: np.ndarray = _fresnel(self.features(points)[0], rim, *self._facing)
         return answer
 
-    def features(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+    def features(self, points: Points) -> Known:
         """Return features (n, f) and albedo (n, 3) of points, float32."""
-        answer: tuple[np.ndarray, np.ndarray] = _features(
+        answer: Known = _features(
             points.position, points.normal, self._tables, self._lookups, self._resolutions, HALF_WIDTH,
             *self._albedo,
         )  # fmt: skip

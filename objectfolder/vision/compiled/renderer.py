@@ -1,7 +1,7 @@
 """VisionNet rendered by compiled kernels: the image of the route through torch, many times sooner."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from objectfolder.vision.cameras import sub_ray_offsets
 from objectfolder.vision.compiled.borders import contrasting, mixed, smoothed, sum_by_pixel
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
 from objectfolder.vision.compiled.lighting import LitSurface, Points
-from objectfolder.vision.compiled.network import CompiledNetwork
+from objectfolder.vision.compiled.network import CompiledNetwork, Known
 from objectfolder.vision.compiled.rasteriser import meet_planes
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
 from objectfolder.vision.compiled.surroundings import Cast, Gathered, Surroundings
@@ -27,6 +27,10 @@ MOST_SHADED = 16
 TARGETS = np.zeros((MOST_SHADED, MOST_SHADED, 2), dtype=np.float32)
 for _count in range(1, MOST_SHADED + 1):
     TARGETS[_count - 1, :_count] = sub_ray_offsets(_count)
+# From so many lights on, each is asked at one point of a group only, the next light at another.
+MANY = 32
+# At `MORE` points where normals turn in a pixel: 1 - length of their mean, in squared widths of the lobe.
+CURVED, MORE = 0.03, 4
 # Directions of a highlight in an environment for a point of an even pixel (else 1), and of one mirrored.
 HIGHLIGHT_SAMPLES, MIRROR_SAMPLES = 2, 4
 # What arrives from all round is averaged over pixels this far to either side. Of weight 1 / e are those whose
@@ -91,6 +95,35 @@ class _Chosen:
     points: Points
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """Points (n,) with all about them that no light changes.
+
+    Parameters
+    ----------
+    points, known
+        The points, and their features and albedo.
+    place
+        (n,) row of `met` that is seen mirrored in each, or -1.
+    met, met_known, share
+        Points (m,) seen in mirrors, what is known of them, and the share (m, 3) that the mirror reflects.
+    """
+
+    points: Points
+    known: Known
+    place: np.ndarray
+    met: Points
+    met_known: Known
+    share: np.ndarray
+
+    def of(self, row: np.ndarray) -> "_Seen":
+        """Return some of the points, all that they may show in mirrors with them."""
+        features, albedo = self.known
+        return replace(
+            self, points=self.points.of(row), known=(features[row], albedo[row]), place=self.place[row]
+        )
+
+
 class CompiledRenderer:
     """The surface, grid and weights of a VisionNet, ready to render.
 
@@ -148,9 +181,13 @@ class CompiledRenderer:
         view = self._view(camera_to_world, size, field_of_view_deg, effort, crop)
         colour = np.zeros((len(view.rows), 3))
         if len(colour):
-            probes = self._chosen(view, _labels(view), np.ones(len(colour), dtype=np.int64))
-            for light, factor in _lights(light_position, light_colour):
-                colour += factor * self._lit(view, probes, light, effort)
+            lights = list(_lights(light_position, light_colour))
+            if len(lights) >= MANY:
+                colour = self._lit_in_turn(view, lights, effort)
+            else:
+                probes = self._chosen(view, _labels(view), np.ones(len(colour), dtype=np.int64))
+                for light, factor in lights:
+                    colour += factor * self._lit(view, probes, light, effort)
         return _image(view, colour, crop or (0, 0, *size)) * self._scale
 
     def surrounded(
@@ -236,12 +273,10 @@ class CompiledRenderer:
         rgba = np.zeros((len(origins), 4), dtype=np.float32)
         face, barycentric = self._surface.volumes.first_hits(origins, directions)
         hit = np.flatnonzero(face >= 0)
-        points = self._surface.points(face[hit], barycentric[hit], directions[hit])
+        seen = self._seen(self._surface.points(face[hit], barycentric[hit], directions[hit]))
         colour = np.zeros((len(hit), 3))
         for light, factor in _lights(light_position, light_colour):
-            irradiance, hidden = self._surface.light_from(points, light)
-            irradiance[hidden] = 0.0
-            colour += factor * self._colour(points, irradiance, light)
+            colour += factor * self._colour(seen, self._arriving(seen.points, light), light)
         rgba[hit, :3] = colour
         rgba[hit, 3] = 1.0
         return rgba * self._scale
@@ -264,21 +299,78 @@ class CompiledRenderer:
         )
         return self._surface.points(face, barycentric, direction)
 
-    def _colour(self, points: Points, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
-        colour = self._network.radiance(points, irradiance, light)
+    def _seen(self, points: Points) -> _Seen:
+        place = np.full(len(points.face), -1)
+        row, met = np.empty(0, dtype=np.int64), points.of(np.empty(0, dtype=np.int64))
         if self._network.mirrors:
-            row, shown = self._in_mirrors(points, light)
-            colour[row] += shown
+            row, met = self._surface.mirrored(points)
+            place[row] = np.arange(len(row))
+        of_met, share = self._network.features(met), self._network.fresnel(points.of(row))
+        return _Seen(points, self._network.features(points), place, met, of_met, share)
+
+    def _arriving(self, points: Points, light: np.ndarray) -> np.ndarray:
+        """Return the irradiance (n,) of points."""
+        irradiance, hidden = self._surface.light_from(points, light)
+        irradiance[hidden] = 0.0
+        return irradiance
+
+    def _colour(self, seen: _Seen, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+        colour = self._network.bounced_by(seen.points, seen.known, irradiance, light)
+        return colour + self._directly(seen, irradiance, light)
+
+    def _directly(self, seen: _Seen, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return the colour (n, 3) but for bounced light."""
+        colour = self._network.directly(seen.points, seen.known, irradiance, light)
+        if self._network.mirrors:
+            row = np.flatnonzero(seen.place >= 0)
+            met, (features, albedo) = seen.place[row], seen.met_known
+            points = seen.met.of(met)
+            known, arriving = (features[met], albedo[met]), self._arriving(points, light)
+            colour[row] += seen.share[met] * self._network.mirrored(points, known, arriving, light)
         return colour
 
-    def _in_mirrors(self, points: Points, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points (m,) whose mirror rays meet a lit part of the surface, and its colour (m, 3)."""
-        row, met = self._surface.mirrored(points)
-        arriving, hidden = self._surface.light_from(met, light)
-        arriving[hidden] = 0.0
-        lit = np.flatnonzero(arriving)
-        row = row[lit]
-        return row, self._network.mirrored(points.of(row), met.of(lit), arriving[lit], light)
+    def _lit_in_turn(
+        self, view: View, lights: list[tuple[np.ndarray, np.ndarray]], effort: Effort
+    ) -> np.ndarray:
+        """Return the colour (p, 3) of the pixels under many lights, each asked at one point of a group.
+
+        The next light is asked at the next point: a group's points are found once, and are all asked
+        (interleaved sampling, Keller and Heidrich 2001).
+        """
+        count, turns = len(view.rows), effort.shaded_uneven
+        chosen = self._chosen(view, _labels(view), np.full(count, turns))
+        seen = self._seen(chosen.points)
+        first = np.flatnonzero(np.diff(chosen.pixel * GROUPS + chosen.group, prepend=-1))
+        several = np.diff(first, append=len(chosen.pixel))
+        share = np.add.reduceat(chosen.weight, first)
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            total: np.ndarray = np.add.reduceat(chosen.weight[:, None] * values, first)
+            return total / share[:, None]
+
+        # What varies most inside a pixel is its texture, and no light changes that.
+        albedo = mean(seen.known[1]).astype(np.float32)
+        seen = replace(seen, known=(seen.known[0], np.repeat(albedo, several, axis=0)))
+        turned = 1 - np.linalg.norm(mean(chosen.points.normal), axis=1)
+        asks = np.where(turned > CURVED * self._network.alpha2, np.minimum(MORE, several), 1)
+        group = np.repeat(np.arange(len(first)), asks)
+        # Bounced light varies little inside a pixel.
+        lead = np.cumsum(asks) - asks
+        order = np.arange(len(group)) - lead[group]
+        pixel, weight = chosen.pixel[first[group]], (share / asks)[group]
+        start = 5 * view.columns[pixel].astype(np.int64) + 3 * view.rows[pixel].astype(np.int64)
+        start += order * several[group] // asks[group]
+        colour = np.zeros((count, 3))
+        for turn in range(turns):
+            asked = seen.of(first[group] + (start + turn) % several[group])
+            once = asked.of(lead)
+            for light, factor in lights[turn::turns]:
+                irradiance = self._arriving(asked.points, light)
+                direct = self._directly(asked, irradiance, light)
+                bounced = self._network.bounced_by(once.points, once.known, irradiance[lead], light)
+                colour += factor * sum_by_pixel(pixel, weight, direct, count)
+                colour += factor * sum_by_pixel(pixel[lead], share, bounced, count)
+        return colour
 
     def _lit(self, view: View, probes: _Chosen, light: np.ndarray, effort: Effort) -> np.ndarray:
         """Return the colour (p, 3) of the pixels under one light of colour 1."""
@@ -329,7 +421,7 @@ class CompiledRenderer:
         known = state[chosen.pixel, chosen.group]
         irradiance, hidden = self._surface.light_from(chosen.points, light, known == 0)
         irradiance[hidden | (known == 2)] = 0.0
-        colour = self._colour(chosen.points, irradiance, light)
+        colour = self._colour(self._seen(chosen.points), irradiance, light)
         total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(wanted))
         return total
 
