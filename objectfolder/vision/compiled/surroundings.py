@@ -32,7 +32,7 @@ SHARPER = 1.0
 # Irrational steps of a sequence that fills the unit square evenly (Roberts 2018).
 STEPS = (0.7548776662466927, 0.5698402909980532)
 # A highlight that reflects more than this is looked at along four times as many directions.
-STRONG = 0.2
+STRONG = 0.1
 
 
 @dataclass(frozen=True)
