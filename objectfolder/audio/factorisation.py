@@ -26,6 +26,8 @@ POSITIVE_DEFINITE, INDEFINITE = 2, -2
 # Largest relative backward error of a solution at which the signs of pivots count eigenvalues: 1e5 roundings.
 MOST_BACKWARD_ERROR = 1e-11
 SEQUENTIAL = 1
+# Right-hand sides solved for at a time: PARDISO takes memory for each.
+AT_ONCE = 64
 ANALYSE_AND_FACTORISE, SOLVE = 12, 33
 
 
@@ -46,10 +48,10 @@ class Factorisation:
             When the matrix is singular, or not definite though said to be.
         """
         self._solver = solver
-        self._matrix = matrix
+        self._upper = _upper_triangle(matrix)
         try:
             if solver == "PARDISO":
-                self._pardiso(matrix, POSITIVE_DEFINITE if definite else INDEFINITE)
+                self._pardiso(POSITIVE_DEFINITE if definite else INDEFINITE)
             else:
                 self._super_lu(matrix, definite)
         except (RuntimeError, ArithmeticError) as error:
@@ -57,12 +59,11 @@ class Factorisation:
                 "factorisation", f"{solver} of {matrix.shape[0]} unknowns: {error}", "Check the mesh."
             ) from error
 
-    def _pardiso(self, matrix: sparse.csr_matrix, kind: int) -> None:
+    def _pardiso(self, kind: int) -> None:
         # Before the import, which looks for MKL as well.
         _say_where_mkl_is()
         from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
 
-        self._upper = _upper_triangle(matrix)
         self._factors: Any = PyPardisoSolver(mtype=kind)
         # One thread: the same bytes each time, and no second OpenMP beside that of PyTorch.
         self._factors.libmkl.MKL_Set_Threading_Layer(ctypes.c_int(SEQUENTIAL))
@@ -71,7 +72,7 @@ class Factorisation:
         self._release = weakref.finalize(self, self._factors.free_memory, everything=True)
         try:
             self._factors.set_phase(ANALYSE_AND_FACTORISE)
-            self._factors._call_pardiso(self._upper, np.zeros((matrix.shape[0], 1)))
+            self._factors._call_pardiso(self._upper, np.zeros((self._upper.shape[0], 1)))
         except PyPardisoError as error:
             raise ArithmeticError(str(error)) from error
         self.nonzeros = int(self._factors.get_iparm(18))
@@ -94,18 +95,27 @@ class Factorisation:
 
     def solve(self, right: Floats) -> Floats:
         """Solution (n, k) for right-hand sides (n, k)."""
-        if self._solver == "PARDISO":
-            # Not `solve`, which compares the whole matrix with the one factorised each time.
-            self._factors.set_phase(SOLVE)
-            return np.asarray(self._factors._call_pardiso(self._upper, np.asfortranarray(right)))
-        return np.asarray(self._factors.solve(right))
+        if self._solver != "PARDISO":
+            return np.asarray(self._factors.solve(right))
+        # Not its `solve`, which compares the whole matrix with the one factorised each time.
+        self._factors.set_phase(SOLVE)
+        result = np.empty(right.shape)
+        for first in range(0, right.shape[1], AT_ONCE):
+            columns = slice(first, first + AT_ONCE)
+            some = np.asfortranarray(right[:, columns])
+            result[:, columns] = self._factors._call_pardiso(self._upper, some)
+        return result
 
     def backward_error(self) -> float:
         """|A x - b| / (|A| |x| + |b|) of a random b, |A| in the maximum norm (J. L. Rigal and J. Gaches)."""
-        right = np.random.default_rng(0).standard_normal((self._matrix.shape[0], 1))
+        upper, diagonal = self._upper, self._upper.diagonal()
+        right = np.random.default_rng(0).standard_normal((len(diagonal), 1))
         found = self.solve(right)
-        size = abs(self._matrix).sum(axis=1).max() * np.linalg.norm(found) + np.linalg.norm(right)
-        return float(np.linalg.norm(self._matrix @ found - right) / size)
+        entries = abs(upper)
+        rows = entries.sum(axis=1).A1 + entries.sum(axis=0).A1 - np.abs(diagonal)
+        wrong = upper @ found + upper.T @ found - diagonal[:, None] * found - right
+        size = rows.max() * np.linalg.norm(found) + np.linalg.norm(right)
+        return float(np.linalg.norm(wrong) / size)
 
     def negative(self) -> int:
         """Number of negative eigenvalues of an indefinite matrix.

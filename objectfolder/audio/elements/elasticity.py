@@ -104,7 +104,7 @@ def element_stiffness(cross: Floats, poisson_ratio: float) -> Floats:
 
 
 class ElementMatrices:
-    """Stiffness blocks and masses of the elements of a space, made once as far as memory allows.
+    """Stiffness blocks and masses of the elements of a space, made once for two uses as far as memory allows.
 
     Iteration gives elements (t,), their blocks (t, functions, functions, 3, 3) and masses (t, functions,
     functions), in groups of one kind.
@@ -119,7 +119,8 @@ class ElementMatrices:
         for elements in chunks(self.space):
             name = int(elements[0])
             if name in self._kept:
-                blocks, masses = self._kept[name]
+                blocks, masses = self._kept.pop(name)
+                self._room += blocks.size
             else:
                 cross, masses = element_integrals(self.space, elements)
                 blocks = element_stiffness(cross, self.poisson_ratio)

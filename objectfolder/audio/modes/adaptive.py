@@ -12,7 +12,6 @@ errors to two cents. On bodies of revolution it takes 1.0 to 1.3 times and is tw
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +81,7 @@ class Choice:
     order : highest order in use
     ladder : eigenvalues (k,) of each solution on the way by ascending order
     functions : number of functions of each of them
-    vectors : (function, 3, k) of the last of them, some beyond those wanted; None where nothing was solved
+    pairs : the last of them in the chosen functions, some beyond those wanted; None where nothing was solved
     foretold : (k,) relative gains of the functions added last, each for itself
     left_cents : (k,) estimated gain of the functions that were weighed and left out
     together : what functions gained together over the sum of what each was to gain alone
@@ -93,7 +92,7 @@ class Choice:
     order: int
     ladder: list[Floats] = field(default_factory=list)
     functions: list[int] = field(default_factory=list)
-    vectors: Floats | None = None
+    pairs: Eigenpairs | None = None
     foretold: Floats = field(default_factory=lambda: np.zeros(0))
     left_cents: Floats = field(default_factory=lambda: np.zeros(0))
     together: float = TOGETHER
@@ -128,7 +127,7 @@ def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, want
         seed=wanted.seed,
         chosen=choice.chosen,
         matrices=choice.matrices,
-        start=None if choice.vectors is None else Eigenpairs(choice.ladder[-1], choice.vectors),
+        start=choice.pairs,
     )
     return replace(
         found,
@@ -178,10 +177,9 @@ def _is_silent(choice: Choice, pencil: Pencil, space: Space, component: Integers
     )
     matrices = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
     every = np.ones(matrices.space.size, dtype=bool)
-    start = np.zeros((len(every), 3, len(low.values)))
-    start[: len(choice.chosen)][choice.chosen] = low.vectors.reshape(-1, 3, len(low.values))
     upper = pencil_of(matrices, component, every)
-    high = improve(upper, start.reshape(upper.size, -1), shift=shift)
+    start = _widened(low.vectors, _among_more(choice.chosen, matrices.space))
+    high = improve(upper, start, shift=shift)
     return bool(2 * high.values[0] - low.values[0] > wanted.below)
 
 
@@ -192,8 +190,8 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
     """
     pencil = pencil_of(choice.matrices, component, choice.chosen)
     shift = low_shift(wanted.below)
-    if choice.vectors is not None:
-        pairs = improve(pencil, choice.vectors[choice.chosen].reshape(pencil.size, -1), shift=shift)
+    if choice.pairs is not None:
+        pairs = improve(pencil, choice.pairs.vectors, shift=shift)
     else:
         pairs = lowest_elastic(
             pencil,
@@ -205,8 +203,6 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
         )
         inside = min(int(np.count_nonzero(pairs.values < START_BAND * wanted.below)), wanted.max_modes)
         pairs = pairs.first(min(len(pairs.values), inside + _guard(inside)))
-    vectors = np.zeros((len(choice.chosen), 3, len(pairs.values)))
-    vectors[choice.chosen] = pairs.vectors.reshape(-1, 3, len(pairs.values))
     together = choice.together
     if choice.ladder:
         together = _measured_together(choice.foretold, choice.ladder[-1], pairs.values)
@@ -214,7 +210,7 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
         choice,
         ladder=[*choice.ladder, pairs.values],
         functions=[*choice.functions, int(choice.chosen.sum())],
-        vectors=vectors,
+        pairs=pairs,
         together=together,
     )
 
@@ -224,13 +220,14 @@ def _enriched(choice: Choice, space: Space, wanted: Wanted) -> Choice:
 
     The same functions where they need none.
     """
-    found, vectors = choice.ladder[-1], choice.vectors
-    assert vectors is not None
+    found, pairs = choice.ladder[-1], choice.pairs
+    assert pairs is not None
     inside = max(int(np.count_nonzero(found < wanted.below)), 1)
     values = found[: min(inside, wanted.max_modes, ESTIMATED_MODES)]
     upper = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
-    used = _continued(choice.chosen, upper.space)
-    first = _continued(vectors[:, :, : len(values)], upper.space)
+    before = _among_more(choice.chosen, upper.space)
+    first = _widened(pairs.vectors[:, : len(values)], before).reshape(-1, 3, len(values))
+    used = before.copy()
     gains = gains_of_more_functions(upper, used, first, values) / values
     heard = values * (1 - np.minimum(choice.together * gains.sum(axis=0), 0.9)) < wanted.below
     cents = CENTS_PER_RELATIVE_EIGENVALUE * choice.together * BESIDE_LOWER
@@ -249,7 +246,7 @@ def _enriched(choice: Choice, space: Space, wanted: Wanted) -> Choice:
         matrices=upper,
         chosen=used,
         order=choice.order + 1,
-        vectors=_continued(vectors, upper.space),
+        pairs=Eigenpairs(found, _widened(pairs.vectors, before[used])),
     )
 
 
@@ -279,11 +276,16 @@ def _up_to(space: Space, order: int) -> Space:
     return space if lower >= space.order else space.up_to(lower)
 
 
-def _continued(of_function: NDArray[Any], space: Space) -> NDArray[Any]:
-    """Values (function, ...) of the leading functions of a space, and zero for the others."""
-    result = np.zeros((space.size, *of_function.shape[1:]), dtype=of_function.dtype)
-    result[: len(of_function)] = of_function
-    return result
+def _among_more(chosen: Chosen, space: Space) -> Chosen:
+    """Functions chosen of the leading ones of a space, (function,) of all of them."""
+    return np.concatenate([chosen, np.zeros(space.size - len(chosen), dtype=bool)])
+
+
+def _widened(vectors: Floats, among: Chosen) -> Floats:
+    """Vectors (3 n, k) of the functions that are true `among` others (m,), zero in the others, (3 m, k)."""
+    result = np.zeros((len(among), 3, vectors.shape[1]))
+    result[among] = vectors.reshape(-1, 3, vectors.shape[1])
+    return result.reshape(3 * len(among), -1)
 
 
 def _most_useful(

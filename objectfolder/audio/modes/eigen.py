@@ -6,6 +6,7 @@ Eigenvalue Problem, ch. 13). From near-by vectors, such as a solution in fewer f
 iteration with Rayleigh-Ritz projection (ch. 14). The mass is the same for the three axes and is given once.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from objectfolder.audio.factorisation import Factorisation, shifted
+from objectfolder.audio.factorisation import AT_ONCE, Factorisation, shifted
 from objectfolder.errors import SimulationError
 
 Floats = NDArray[np.float64]
@@ -27,6 +28,8 @@ MOST_STARTS = 2
 DENSE = 900
 # Rounds of inverse iteration for what only has to be nearly right.
 NEARLY = 2
+# Rows of long vectors at a time, where a second copy of all of them would cost memory.
+ROWS = 16384
 # Directions of the basis that carry less than this share of the largest one are rounding.
 DEPENDENT = 1e-10
 
@@ -61,8 +64,11 @@ class Pencil:
         return weigh(self.mass, self.rigid)
 
     def without_rigid(self, vectors: Floats) -> Floats:
-        """Vectors (3 n, k) made M-orthogonal to the rigid motions."""
-        return vectors - self.rigid @ (self._mass_rigid.T @ vectors)
+        """Vectors (3 n, k) made M-orthogonal to the rigid motions, in place."""
+        shares = self._mass_rigid.T @ vectors
+        for rows in _parts(len(vectors), ROWS):
+            vectors[rows] -= self.rigid[rows] @ shares
+        return vectors
 
     def factorise(self, shift: float, *, definite: bool) -> Factorisation:
         """Factors of K - shift M."""
@@ -70,9 +76,18 @@ class Pencil:
 
     def residuals(self, pairs: "Eigenpairs") -> Floats:
         """|K u - lambda M u| / |lambda M u|, (k,)."""
-        inertia = weigh(self.mass, pairs.vectors) * pairs.values
-        wrong = np.linalg.norm(self.stiffness @ pairs.vectors - inertia, axis=0)
-        return np.asarray(wrong / np.linalg.norm(inertia, axis=0))
+        result = np.empty(len(pairs.values))
+        for columns in _parts(len(result), AT_ONCE):
+            vectors = np.ascontiguousarray(pairs.vectors[:, columns])
+            inertia = weigh(self.mass, vectors) * pairs.values[columns]
+            wrong = np.linalg.norm(self.stiffness @ vectors - inertia, axis=0)
+            result[columns] = wrong / np.linalg.norm(inertia, axis=0)
+        return result
+
+
+def _parts(length: int, size: int) -> Iterator[slice]:
+    """Slices of at most `size` that make up a length."""
+    return (slice(first, first + size) for first in range(0, length, size))
 
 
 def low_shift(below: float) -> float:
@@ -285,8 +300,8 @@ class _Lanczos:
 def improve(pencil: Pencil, start: Floats, *, shift: float) -> Eigenpairs:
     """Elastic pairs from near-by vectors, by two rounds of `refine`.
 
-    As many as `start` (3 n, k) has, in ascending order. Enough for what only has to be nearly right: an
-    eigenvalue is off by the square of how far its vector is.
+    As many as `start` (3 n, k) has, which is overwritten, in ascending order. Enough for what only has to be
+    nearly right: an eigenvalue is off by the square of how far its vector is.
     """
     if pencil.size <= DENSE:
         return lowest_elastic(pencil, below=np.inf, at_most=start.shape[1], shift=shift)
@@ -308,7 +323,8 @@ def refine(
 
     Each round solves once for all vectors. The first takes the best of the images, further ones the best of
     both blocks. Directions of earlier rounds, as in locally optimal conjugate gradients, would cost more than
-    they save: a round alone takes off more than nine tenths of the error.
+    they save: a round alone takes off more than nine tenths of the error. Four blocks as large as the vectors
+    are in memory.
 
     Parameters
     ----------
@@ -316,7 +332,7 @@ def refine(
         Of K - shift M; the shift may lie between eigenvalues, and those on either side of it that `start`
         has not are what makes it slow.
     start
-        (3 n, k); at most as many pairs are returned.
+        (3 n, k), overwritten; at most as many pairs are returned.
     below
         Ritz values below this must have settled.
     tolerance
@@ -346,7 +362,10 @@ def refine(
 
 
 def _unit(pencil: Pencil, vectors: Floats) -> tuple[Block, Floats]:
-    """Vectors (3 n, k) without rigid motions and of unit mass, M times them, and the factors (k,) applied."""
+    """Vectors (3 n, k) without rigid motions and of unit mass, M times them, and the factors (k,) applied.
+
+    In place of the vectors given.
+    """
     vectors = pencil.without_rigid(vectors)
     weighed = weigh(pencil.mass, vectors)
     size = 1 / np.sqrt(np.einsum("ij,ij->j", vectors, weighed))
@@ -360,7 +379,8 @@ def _best_of_both(
 ) -> tuple[Floats, Block]:
     """Ritz values and block of vectors and their images, of the images alone where no values are known yet.
 
-    K is never multiplied by: K image = shift M image + M vectors, each column scaled by `size` (k,).
+    K is never multiplied by: K image = shift M image + M vectors, each column scaled by `size` (k,). The
+    result is written over one of the blocks.
     """
     gram = image[0].T @ image[1]
     across = block[0].T @ image[1]
@@ -368,18 +388,22 @@ def _best_of_both(
     count = len(values)
     if count == 0:
         found, weights = _ritz(gram, stiff)
-        return found, (image[0] @ weights, image[1] @ weights)
+        return found, (_combined((image[0], weights)), _combined((image[1], weights)))
     corner = shift * across + size * np.eye(count)
     both = np.block([[np.eye(count), across], [across.T, gram]])
     stiff_both = np.block([[np.diag(values), corner], [corner.T, stiff]])
     found, weights = _ritz(both, stiff_both)
     one, other = weights[:count, :count], weights[count:, :count]
-    joined = []
-    for old, new in zip(block, image, strict=True):
-        total = old @ one
-        total += new @ other
-        joined.append(total)
-    return found[:count], (joined[0], joined[1])
+    vectors, weighed = (_combined((old, one), (new, other)) for old, new in zip(block, image, strict=True))
+    return found[:count], (vectors, weighed)
+
+
+def _combined(*terms: tuple[Floats, Floats]) -> Floats:
+    """Sum of blocks (n, a) times weights (a, k), k <= a, written over the first of the blocks."""
+    into = terms[0][0][:, : terms[0][1].shape[1]]
+    for rows in _parts(len(into), ROWS):
+        into[rows] = sum(block[rows] @ weights for block, weights in terms)
+    return into
 
 
 def _ritz(gram: Floats, stiff: Floats) -> tuple[Floats, Floats]:

@@ -144,9 +144,9 @@ def solve_spectrum(
     matrices
         Elements of the space, where a caller has them.
     start
-        A solution in fewer functions, vectors (function, 3, k). One factorisation at the limit then gives
-        both the modes, by inverse iteration from these, and their count; should the two disagree, the modes
-        are looked for from scratch.
+        A solution in fewer functions, as vectors (3 n, k) of those chosen; they are overwritten. One
+        factorisation at the limit then gives both the modes, by inverse iteration from these, and their
+        count; should the two disagree, the modes are looked for from scratch.
 
     Raises
     ------
@@ -161,8 +161,7 @@ def solve_spectrum(
     assembled = time.process_time()
     found: _Found | None = None
     if start is not None and certify and pencil.size > DENSE:
-        near = Eigenpairs(start.values, start.vectors[chosen].reshape(pencil.size, -1))
-        found = _from_near(pencil, band, near)
+        found = _from_near(pencil, band, start)
     found = found or _from_scratch(pencil, band)
     seconds = {"assemble": assembled - started, "solve": time.process_time() - assembled}
     return _as_spectrum(space, pencil, chosen, found, certify, seconds)
@@ -239,8 +238,10 @@ def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _Found | None:
     lacking = max(counted + GUARDS - len(near.values), 0)
     if lacking > len(near.values) or not np.isfinite(shift):
         return None
-    more = np.random.default_rng(band.seed).standard_normal((pencil.size, lacking))
-    start = np.concatenate([near.vectors, more], axis=1)
+    start = near.vectors
+    if lacking:
+        more = np.random.default_rng(band.seed).standard_normal((pencil.size, lacking))
+        start = np.concatenate([start, more], axis=1)
     try:
         pairs, change = refine(
             pencil, factors, shift, start, below=shift, tolerance=SETTLED, rounds=MOST_ROUNDS
@@ -250,6 +251,7 @@ def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _Found | None:
     inside = int(np.count_nonzero(pairs.values < shift))
     if change > SETTLED or inside != counted:
         return None
+    del factors  # their memory, before the next ones
     pairs = _polished(pencil, pairs, band.below)
     kept, limit = band.cut(pairs.values)
     if kept == inside:
