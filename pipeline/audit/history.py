@@ -22,22 +22,15 @@ APPEARED, CHANGED, GONE, INCOMPLETE = "appeared", "changed", "gone", "incomplete
 class ObjectVersion:
     """A commit at which products of an object changed.
 
-    Parameters
+    Attributes
     ----------
-    state
-        `APPEARED`, `CHANGED`, `GONE`, or `INCOMPLETE` where it has some of its products only.
-    stages
-        The stages whose products changed.
-    fingerprints
-        Of the products that changed and are there, by stage, short.
-    reasons
-        Why, in sentences.
-    fidelity
-        Measures by key; empty where the version has none, or it cannot be read here.
-    cpu_s
-        What making it anew took, as far as it was noted.
-    problems
-        What could not be read here.
+    state : `APPEARED`, `CHANGED`, `GONE`, or `INCOMPLETE` where it has some of its products only
+    stages : the stages whose products changed
+    fingerprints : of the products that changed and are there, by stage, short
+    reasons : why, in sentences
+    fidelity : measures by key; empty where the version has none, or it cannot be read here
+    cpu_s : what making it anew took, as far as it was noted
+    problems : what could not be read here
     """
 
     commit: Commit

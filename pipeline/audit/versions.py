@@ -27,16 +27,12 @@ TEXTS = (LOCK, RECORDS.as_posix(), MATERIALS.as_posix(), PER_OBJECT)
 class Folder:
     """Products of a kind in a version.
 
-    Parameters
+    Attributes
     ----------
-    md5
-        Of the whole folder, where it is known without looking at its files; two with the same hold the same.
-    products
-        Content by object id.
-    problem
-        Why `products` is not known.
-    made
-        Whether the version has the folder at all.
+    md5 : of the whole folder, where it is known without looking at its files; two with the same hold the same
+    products : content by object id
+    problem : why `products` is not known
+    made : whether the version has the folder at all
     """
 
     md5: str = ""
@@ -49,20 +45,15 @@ class Folder:
 class Version:
     """A commit, or the work tree.
 
-    Parameters
+    Attributes
     ----------
-    commit
-        None for the work tree.
-    lock
-        Its ``dvc.lock``.
-    texts
-        Small files that are versioned by git: `TEXTS`, and of a commit also outputs that DVC does not cache.
-    folders
-        Products by the folder of their kind.
-    reported
-        Failures of the last run by stage and object; only the work tree has them.
-    damage
-        What is wrong with the ``dvc.lock`` of the work tree; it is read as an empty one, then.
+    commit : none for the work tree
+    lock : its ``dvc.lock``
+    texts : small files that are versioned by git: `TEXTS`, and of a commit also outputs that DVC does not
+        cache
+    folders : products by the folder of their kind
+    reported : failures of the last run by stage and object; only the work tree has them
+    damage : what is wrong with the ``dvc.lock`` of the work tree; it is read as an empty one, then
     """
 
     commit: Commit | None

@@ -14,24 +14,17 @@ GPU = "gpu"
 class Job:
     """A call with what is expected of it.
 
-    Parameters
+    Attributes
     ----------
-    call
-        What to run.
-    seconds
-        Expected wall seconds.
-    path_seconds
-        Expected wall seconds of it and of the longest chain of tasks that waits for it.
-    priority
-        The same in seconds that few such chains exceed: by the mean, a task that takes far longer than
-        foretold would start late and end alone.
-    memory_bytes
-        Expected peak memory of its process.
-    needs
-        What the worker must offer (`BLENDER`, `GPU`).
-    inputs
-        Input name to the fingerprint of a product, or the SHA-256 of a source file: the name under which
-        a shared store knows it.
+    call : what to run
+    seconds : expected wall seconds
+    path_seconds : expected wall seconds of it and of the longest chain of tasks that waits for it
+    priority : the same in seconds that few such chains exceed: by the mean, a task that takes far longer than
+        foretold would start late and end alone
+    memory_bytes : expected peak memory of its process
+    needs : what the worker must offer (`BLENDER`, `GPU`)
+    inputs : input name to the fingerprint of a product, or the SHA-256 of a source file: the name under which
+        a shared store knows it
     """
 
     call: Call
@@ -52,14 +45,11 @@ class Job:
 class Finished:
     """A job that ended, well or not.
 
-    Parameters
+    Attributes
     ----------
-    job, outcome
-        What ran, and how it ended.
-    worker, host
-        Where it ran; empty where it did not.
-    tries
-        How often it was started by this run.
+    job, outcome : what ran, and how it ended
+    worker, host : where it ran; empty where it did not
+    tries : how often it was started by this run
     """
 
     job: Job

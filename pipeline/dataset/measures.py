@@ -12,20 +12,14 @@ SENSES = ("vision", "audio", "touch")
 class Measure:
     """One number of an object's fidelity.
 
-    Parameters
+    Attributes
     ----------
-    key
-        Where it stands in the attributes of a fidelity product, ``"sense.name"``.
-    label
-        How it is called.
-    unit, decimals
-        How it is printed.
-    higher_is_better
-        Direction; decides which object is the worst.
-    target
-        What the factory promises of the data set's mean.
-    trivial
-        Name, beside `key`, of the score of an answer that knows nothing of the object.
+    key : where it stands in the attributes of a fidelity product, ``"sense.name"``
+    label : how it is called
+    unit, decimals : how it is printed
+    higher_is_better : direction; decides which object is the worst
+    target : what the factory promises of the data set's mean
+    trivial : name, beside `key`, of the score of an answer that knows nothing of the object
     """
 
     key: str

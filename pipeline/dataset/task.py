@@ -12,18 +12,13 @@ from objectfolder.errors import ObjectFolderError
 class Request:
     """All that a task body sees; every value of it is part of the fingerprint.
 
-    Parameters
+    Attributes
     ----------
-    object_id
-        The object.
-    inputs
-        Input name to file: products of earlier stages by kind (``"objects"``), source files by role.
-    parameters
-        The parameters that the stage declares it reads.
-    record
-        The fields of the object's row that the stage declares it reads.
-    seed
-        Seed of this task and object.
+    object_id : the object
+    inputs : input name to file: products of earlier stages by kind (``"objects"``), source files by role
+    parameters : the parameters that the stage declares it reads
+    record : the fields of the object's row that the stage declares it reads
+    seed : seed of this task and object
     """
 
     object_id: str
@@ -37,22 +32,16 @@ class Request:
 class Call:
     """A task body to run in a child process, and where its products go.
 
-    Parameters
+    Attributes
     ----------
-    stage
-        Name of the stage.
-    task
-        ``module:function``; the function takes a `Request` and returns a product for each target
+    stage : name of the stage
+    task : ``module:function``; the function takes a `Request` and returns a product for each target
         (`objectfolder.products.store.Product` or `objectfolder.products.tensor_file.TensorFile`), in a tuple
-        if several.
-    request
-        Its argument.
-    targets
-        Absolute paths of the products.
-    fingerprint, parts
-        What to write into each product.
-    memo
-        Folder that gets a copy of each product, or None.
+        if several
+    request : its argument
+    targets : Absolute paths of the products
+    fingerprint, parts : what to write into each product
+    memo : folder that gets a copy of each product, or None
     """
 
     stage: str

@@ -34,19 +34,15 @@ COMPACT_ABOVE_BYTES = 4 << 20
 class Cost:
     """A row of a table of costs; a number is None where it was not measured.
 
-    Parameters
+    Attributes
     ----------
-    object_id, stage, fingerprint
-        Whose task it was, and what it made; the stage is `QUERY` for a timed query.
-    cpu_s, wall_s
-        Seconds of the task; CPU seconds include its child processes.
-    peak_memory_mb
-        Peak of its processes in MB.
-    key, seconds_per_query
-        Setting of the fidelity product that a query was timed at, and its seconds.
-    load, product_bytes
-        Only in the packaged costs: what the cost grows with (see `pipeline.run.forecast.estimates`) and the
-        bytes of the products.
+    object_id, stage, fingerprint : whose task it was, and what it made; the stage is `QUERY` for a timed
+        query
+    cpu_s, wall_s : seconds of the task; CPU seconds include its child processes
+    peak_memory_mb : peak of its processes in MB
+    key, seconds_per_query : setting of the fidelity product that a query was timed at, and its seconds
+    load, product_bytes : only in the packaged costs: what the cost grows with (see
+        `pipeline.run.forecast.estimates`) and the bytes of the products
     """
 
     object_id: str

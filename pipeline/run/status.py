@@ -36,22 +36,16 @@ LINES = 40  # of reasons in the table
 class Status:
     """The state of the products of an object in a stage.
 
-    Parameters
+    Attributes
     ----------
-    object_id, stage
-        Which.
-    state
-        ``current``; ``stale`` (made from something else); ``missing``; ``failed`` (in the last run, from the
-        inputs of now); ``waiting`` (for an input that is not `current`, so that nothing is known of the
-        product); ``unlisted`` (no longer in the table: the next run removes it).
-    reasons
-        Why, for people.
-    differences
-        What a stale product was made from and what is wanted.
-    warnings
-        What a product that is current says of its object, such as walls that cannot be so.
-    wanted
-        Fingerprint that the inputs ask for; empty where an input is missing.
+    object_id, stage : which
+    state : ``current``; ``stale`` (made from something else); ``missing``; ``failed`` (in the last run, from
+        the inputs of now); ``waiting`` (for an input that is not `current`, so that nothing is known of the
+        product); ``unlisted`` (no longer in the table: the next run removes it)
+    reasons : why, for people
+    differences : what a stale product was made from and what is wanted
+    warnings : what a product that is current says of its object, such as walls that cannot be so
+    wanted : fingerprint that the inputs ask for; empty where an input is missing
     """
 
     object_id: str

@@ -30,19 +30,14 @@ NAMES = {
 class Shape:
     """An object as it would be made, and the file that it is made from.
 
-    Parameters
+    Attributes
     ----------
-    file_extents
-        Sides of the bounding box as in the file, in its own unit.
-    topology, walls
-        Of the cleaned surface at its stated size.
-    mesh_sha256, texture_sha256
-        Of the bytes of the files; None without a texture of its own.
-    faces
-        Of the cleaned surface.
-    likeness
-        Numbers that a copy shares wherever it was moved and in whatever order it was written: area, volume
-        and sides of the bounding box in order of length, in the file's own unit.
+    file_extents : sides of the bounding box as in the file, in its own unit
+    topology, walls : of the cleaned surface at its stated size
+    mesh_sha256, texture_sha256 : of the bytes of the files; None without a texture of its own
+    faces : of the cleaned surface
+    likeness : numbers that a copy shares wherever it was moved and in whatever order it was written: area,
+        volume and sides of the bounding box in order of length, in the file's own unit
     """
 
     file_extents: tuple[float, float, float]
@@ -68,22 +63,15 @@ class Shape:
 class Finding:
     """A finding, and its remedy.
 
-    Parameters
+    Attributes
     ----------
-    severity
-        ``"error"``: wrong, or cannot be built; ``"warning"``: doubtful; ``"note"``: good to know.
-    object_id
-        Whose row it is.
-    field
-        Column that it is about.
-    rule
-        What found it: the name that the column `accepted` may list.
-    found
-        A phrase with numbers and units.
-    remedy
-        What to do.
-    accepted
-        Whether the row says that this was looked at and stays.
+    severity : ``"error"``: wrong, or cannot be built; ``"warning"``: doubtful; ``"note"``: good to know
+    object_id : whose row it is
+    field : column that it is about
+    rule : what found it: the name that the column `accepted` may list
+    found : a phrase with numbers and units
+    remedy : what to do
+    accepted : whether the row says that this was looked at and stays
     """
 
     severity: str
@@ -99,20 +87,14 @@ class Finding:
 class Entry:
     """A row, and what is known of its mesh.
 
-    Parameters
+    Attributes
     ----------
-    object_id
-        The row's id; ``line N`` where it has none.
-    cells
-        Text of every column, known to the factory or not.
-    materials
-        The table of materials.
-    record
-        The row as the factory reads it; None for a row with a fault.
-    shape
-        What was measured on the mesh; None where it could not be, or was not asked for.
-    problem
-        Why there is no record, or no shape.
+    object_id : the row's id; ``line N`` where it has none
+    cells : text of every column, known to the factory or not
+    materials : the table of materials
+    record : the row as the factory reads it; None for a row with a fault
+    shape : what was measured on the mesh; None where it could not be, or was not asked for
+    problem : why there is no record, or no shape
     """
 
     object_id: str
