@@ -259,10 +259,25 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
         assert self._root is not None
         return ProductReader(self._root / "data" / SENSES[self.sense].kind / f"{object_id}{ARCHIVE}")
 
-    def _object_file(self, object_id: str) -> ObjectFile:
+    def record(self, object_id: str) -> dict[str, Any] | None:
+        """Return name, source, licence and attribution of an object as its file or record has them."""
+        path = self._object_path(object_id)
+        if path.is_file():
+            said: dict[str, Any] | None = json.loads(read_metadata(path).get("object", "null"))
+            return said
+        assert self._root is not None
+        records = self._root / "data" / "records.json"
+        content = json.loads(records.read_text(encoding="utf-8")) if records.is_file() else {"objects": {}}
+        found: dict[str, Any] | None = content["objects"].get(object_id)
+        return found
+
+    def _object_path(self, object_id: str) -> Path:
         if self._root is None:
-            return ObjectFile.load(self._files[object_id])
-        return ObjectFile.load(self._root / "data" / "object_files" / f"{object_id}{TENSORS}")
+            return self._files[object_id]
+        return self._root / "data" / "object_files" / f"{object_id}{TENSORS}"
+
+    def _object_file(self, object_id: str) -> ObjectFile:
+        return ObjectFile.load(self._object_path(object_id))
 
     def _leave_out_silence(self) -> None:
         highest = HIGHEST_RATIO * self.settings.sample_rate_hz

@@ -51,7 +51,9 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
         data_set.starter, data_set.products, data_set.stage, data_set.report, data_set.failures,
     ),
     "Versions": (versions.audit, versions.verify, versions.history),
-    "Publishing": (publishing.cards, publishing.get, publishing.export, publishing.listen),
+    "Publishing": (
+        publishing.cards, publishing.get, publishing.export, publishing.export_samples, publishing.listen,
+    ),
 }  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Commands around a published data set: cards, get, export, listen."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -106,6 +106,57 @@ def export(
     from pipeline.publish.export.found_products import find_products
 
     print(write_export(find_products(object_, root), wanted, output))
+
+
+def export_samples(
+    *files: Path,
+    root: Root = Path("."),
+    output: Output,
+    sense: Literal["vision", "audio", "touch"] = "vision",
+    source: Literal["truth", "object_file"] = "truth",
+    layout: Annotated[Literal["webdataset", "huggingface"], Parameter(name="--format")] = "webdataset",
+    queries: Annotated[int, AtLeastOne] = 64,
+    seed: int = 0,
+    passes: bool = False,
+    shard_samples: Annotated[int, AtLeastOne] = 1000,
+    overwrite: bool = False,
+) -> None:
+    """Write samples for learning: shards of WebDataset, or a folder for Hugging Face datasets.
+
+    Parameters
+    ----------
+    files
+        Object Files, of which queries are drawn (default: the queries of the data set in --root)
+    output
+        a folder that does not exist yet
+    source
+        the ground truth, or what Object Files answer to the same queries
+    queries
+        a split and file, of files alone
+    seed
+        of their draw, and of the order of samples
+    passes
+        depth and mask with views
+    shard_samples
+        samples a shard of WebDataset
+    overwrite
+        replace an earlier export
+    """
+    from objectfolder.dataset import export_samples as write_samples
+
+    chosen: dict[str, Any] = {"source": "object_file", "queries": queries} if files else {"source": source}
+    counts = write_samples(
+        files or root,
+        output,
+        sense,
+        layout=layout,
+        seed=seed,
+        passes=passes,
+        shard_samples=shard_samples,
+        overwrite=overwrite,
+        **chosen,
+    )
+    print(f"{output}: {counts['train']} samples to train and {counts['test']} to test")
 
 
 def listen(
