@@ -1,5 +1,7 @@
 """The package as it is installed: from a wheel, in another folder, with nothing but what it depends on."""
 
+import json
+import re
 import shutil
 import subprocess
 import sys
@@ -153,3 +155,25 @@ def test_reachable_contacts_are_those_a_sensor_fits_at(monkeypatch: pytest.Monke
 def test_another_example_is_refused() -> None:
     with pytest.raises(QueryError, match="'cup' is no example"):
         objectfolder.example("cup")
+
+
+def test_the_image_for_users_is_pinned_small_and_not_roots() -> None:
+    """What a linter of Dockerfiles asks for; where there is Docker, CI builds it."""
+    text = (REPOSITORY / "Dockerfile").read_text(encoding="utf-8").replace("\\\n", " ")
+    steps = [line.split(maxsplit=1) for line in text.splitlines() if line and not line.startswith("#")]
+    assert steps[0][0] == "FROM"
+    assert re.fullmatch(r"[\w./-]+:\d+\.\d+-slim-\w+", steps[0][1])
+    assert {name for name, _ in steps} <= {"FROM", "COPY", "RUN", "USER", "WORKDIR", "ENTRYPOINT", "CMD"}
+    assert [value for name, value in steps if name == "USER"] == ["user"]
+    ignored = (REPOSITORY / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    assert ignored[0] == "*"
+    for name, value in steps:
+        if name == "COPY":
+            for source in value.split()[:-1]:
+                assert (REPOSITORY / source).exists(), source
+                assert f"!{source}" in ignored, source
+        if name in ("ENTRYPOINT", "CMD"):
+            assert json.loads(value)
+    installed = " ".join(value for name, value in steps if name == "RUN")
+    assert "--no-cache-dir" in installed
+    assert "apt-get" not in installed
