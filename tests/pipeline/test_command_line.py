@@ -39,8 +39,9 @@ def test_help_shows_every_command_and_examples(capsys: pytest.CaptureFixture[str
     text = capsys.readouterr().out
     for functions in COMMANDS.values():
         for function in functions:
-            assert f" {function.__name__} " in text
-            assert main([function.__name__, "--help"]) == 0
+            name = function.__name__.replace("_", "-")
+            assert f" {name} " in text
+            assert main([name, "--help"]) == 0
     assert "objectfolder build mug.obj --material ceramic" in text
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.endswith(f"{objectfolder.__version__}\n")
