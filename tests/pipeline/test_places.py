@@ -1,5 +1,6 @@
 """Descriptions of where to run: read as they are meant, or refused with file, key and remedy."""
 
+import contextlib
 import os
 import sys
 import threading
@@ -141,10 +142,11 @@ def test_a_worker_killed_while_it_starts_is_started_again(root, capfd):
 def _kill_a_starting_worker() -> None:
     while True:
         for one in psutil.Process().children(recursive=True):
-            if "spawn_main" in " ".join(one.cmdline()):
-                time.sleep(0.2)
-                one.kill()
-                return
+            with contextlib.suppress(psutil.Error):  # it may have ended meanwhile
+                if "spawn_main" in " ".join(one.cmdline()):
+                    time.sleep(0.2)
+                    one.kill()
+                    return
         time.sleep(0.02)
 
 
