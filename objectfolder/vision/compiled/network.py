@@ -300,6 +300,42 @@ def _features(position, normal, tables, lookups, resolutions, half_width, albedo
 
 
 @relaxed_kernel
+def _incidence(normal, direction, to_light, alpha2, least_cosine, inputs, s):
+    """Write the terms of the directions to column s of `inputs`; return the GGX lobe with its masking.
+
+    The unit vectors (3,) are the surface's normal, the ray that meets it and the way to the light.
+    """
+    one, zero = np.float32(1.0), np.float32(0.0)
+    nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
+    cx, cy, cz = -np.float32(direction[0]), -np.float32(direction[1]), -np.float32(direction[2])
+    tx, ty, tz = np.float32(to_light[0]), np.float32(to_light[1]), np.float32(to_light[2])
+    hx, hy, hz = tx + cx, ty + cy, tz + cz
+    scale = one / max(math.sqrt(hx * hx + hy * hy + hz * hz), np.float32(1e-9))
+    hx, hy, hz = hx * scale, hy * scale, hz * scale
+    at_light = nx * tx + ny * ty + nz * tz
+    at_camera = nx * cx + ny * cy + nz * cz
+    middle = min(max(nx * hx + ny * hy + nz * hz, zero), one)
+    grazing = min(max(tx * hx + ty * hy + tz * hz, zero), one)
+    rim, fresnel = min(max(one - at_camera, zero), one), one - grazing
+    fresnel2, middle2 = fresnel * fresnel, middle * middle
+    middle4 = middle2 * middle2
+    middle16 = (middle4 * middle4) * (middle4 * middle4)
+    inputs[0, s], inputs[1, s], inputs[2, s] = nx, ny, nz
+    inputs[3, s], inputs[4, s] = at_light, at_light * at_light
+    inputs[5, s], inputs[6, s] = at_camera, rim * rim * rim
+    inputs[7, s], inputs[8, s] = fresnel2 * fresnel2 * fresnel, grazing
+    inputs[9, s], inputs[10, s] = middle4, middle16 * middle16
+    inputs[11, s] = middle
+    qx, qy, qz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
+    sine2 = qx * qx + qy * qy + qz * qz if middle > zero else one
+    at_light, at_camera = max(at_light, least_cosine), max(at_camera, least_cosine)
+    width = alpha2 * middle2 + sine2
+    masked = at_light * math.sqrt(at_camera * at_camera * (one - alpha2) + alpha2)
+    shadowed = at_camera * math.sqrt(at_light * at_light * (one - alpha2) + alpha2)
+    return alpha2 / (2 * width * width * (masked + shadowed))
+
+
+@relaxed_kernel
 def _reflected(row, to_light, features, normal, direction, direct, facing, mirrors, alpha2, least_cosine):
     """Return (m, 3) what is reflected evenly over the albedo, and in the highlight, of pairs (m,).
 
@@ -312,7 +348,6 @@ def _reflected(row, to_light, features, normal, direction, direct, facing, mirro
     """
     pairs = len(row)
     even, gloss = np.empty((pairs, 3), np.float32), np.empty((pairs, 3), np.float32)
-    one, zero = np.float32(1.0), np.float32(0.0)
     count = features.shape[1]
     inputs = np.zeros((direct[0].shape[1], BLOCK), np.float32)
     first = np.empty((direct[0].shape[0], BLOCK), np.float32)
@@ -325,39 +360,10 @@ def _reflected(row, to_light, features, normal, direction, direct, facing, mirro
             i = row[pair]
             for term in range(count):
                 inputs[term, s] = features[i, term]
-            nx, ny, nz = np.float32(normal[i, 0]), np.float32(normal[i, 1]), np.float32(normal[i, 2])
-            cx, cy, cz = (
-                -np.float32(direction[i, 0]), -np.float32(direction[i, 1]), -np.float32(direction[i, 2])
-            )  # fmt: skip
-            tx, ty, tz = (
-                np.float32(to_light[pair, 0]), np.float32(to_light[pair, 1]), np.float32(to_light[pair, 2])
-            )  # fmt: skip
-            hx, hy, hz = tx + cx, ty + cy, tz + cz
-            scale = one / max(math.sqrt(hx * hx + hy * hy + hz * hz), np.float32(1e-9))
-            hx, hy, hz = hx * scale, hy * scale, hz * scale
-            at_light = nx * tx + ny * ty + nz * tz
-            at_camera = nx * cx + ny * cy + nz * cz
-            middle = min(max(nx * hx + ny * hy + nz * hz, zero), one)
-            grazing = min(max(tx * hx + ty * hy + tz * hz, zero), one)
-            rim, fresnel = min(max(one - at_camera, zero), one), one - grazing
-            fresnel2, middle2 = fresnel * fresnel, middle * middle
-            middle4 = middle2 * middle2
-            middle16 = (middle4 * middle4) * (middle4 * middle4)
-            a = count
-            inputs[a, s], inputs[a + 1, s], inputs[a + 2, s] = nx, ny, nz
-            inputs[a + 3, s], inputs[a + 4, s] = at_light, at_light * at_light
-            inputs[a + 5, s], inputs[a + 6, s] = at_camera, rim * rim * rim
-            inputs[a + 7, s], inputs[a + 8, s] = fresnel2 * fresnel2 * fresnel, grazing
-            inputs[a + 9, s], inputs[a + 10, s] = middle4, middle16 * middle16
-            inputs[a + 11, s] = middle
-            qx, qy, qz = ny * hz - nz * hy, nz * hx - nx * hz, nx * hy - ny * hx
-            sine2 = qx * qx + qy * qy + qz * qz if middle > zero else one
-            at_light, at_camera = max(at_light, least_cosine), max(at_camera, least_cosine)
-            width = alpha2 * middle2 + sine2
-            masked = at_light * math.sqrt(at_camera * at_camera * (one - alpha2) + alpha2)
-            shadowed = at_camera * math.sqrt(at_light * at_light * (one - alpha2) + alpha2)
-            lobe[s] = alpha2 / (2 * width * width * (masked + shadowed))
-            fifth[s] = inputs[a + 7, s]
+            lobe[s] = _incidence(
+                normal[i], direction[i], to_light[pair], alpha2, least_cosine, inputs[count:], s
+            )
+            fifth[s] = inputs[count + 7, s]
         _hidden(direct[0], direct[1], inputs, first)
         _hidden(direct[2], direct[3], first, second)
         _product(direct[4], second, out)
