@@ -6,7 +6,7 @@ seconds, seconds.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,12 @@ from objectfolder.errors import FormatError, QueryError
 from objectfolder.object_file.html import NotebookCard
 from objectfolder.products.stored_values import check_body, check_material, number, numbers
 from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.query_values import LARGEST_SEED, MOST_SAMPLED, point_rows, whole
 from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
 from objectfolder.surface.frames import UnitFrame
-from objectfolder.surface.points import point_rows
 from objectfolder.surface.surface import ClosestPoints, Surface
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.touches import Press, Touches
+from objectfolder.touch.truth.touches import Press, Reach, Touches
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
@@ -281,11 +281,12 @@ class ObjectFile(NotebookCard):
         tilt: float | np.ndarray = 0.0,
         azimuth: float | np.ndarray = 0.0,
         *,
+        roll: float | np.ndarray = 0.0,
         force: float | np.ndarray | None = None,
         contact: str | None = None,
-        resolution: tuple[int, int] | None = None,
+        resolution: int | tuple[int, int] | None = None,
         background: np.ndarray | None = None,
-        noise_seed: int | None = None,
+        noise_seed: int | Sequence[int] | None = None,
     ) -> Touches:
         """Press the sensor along the surface normal.
 
@@ -297,16 +298,19 @@ class ObjectFile(NotebookCard):
             How far into the gel, metres; a millimetre where neither a depth nor a force is given.
         tilt, azimuth
             Inclination of the sensor from the normal and its direction, degrees.
+        roll
+            Turn of the sensor about its own axis, degrees, the image's right towards its top; `reach` finds
+            rolls at which it fits.
         force
             Instead of a depth: newtons along the sensor's axis, under the elastic model.
         contact
             ``"rigid"``, as TACTO, or ``"elastic"``; by default the file's own, and elastic with a force.
         resolution
-            Height and width of the images in pixels; by default the sensor's.
+            Height and width of the images in pixels, or one number for both; by default the sensor's.
         background
             (height, width, 3) uint8, a real sensor's untouched image to lay the touches over.
         noise_seed
-            Seed of the sensor's noise; by default there is none.
+            Seed of the sensor's noise, or (n,) one a touch, each then as it is alone; by default no noise.
 
         Raises
         ------
@@ -325,14 +329,56 @@ class ObjectFile(NotebookCard):
         """
         return self.touch.press(
             self.project(points).points,
-            Press(depth, force, tilt, azimuth, contact, self.touch.samples),
+            Press(depth, force, tilt, azimuth, roll, contact, self.touch.samples),
             resolution=resolution,
             background=background,
             noise_seed=noise_seed,
         )
 
-    def project(self, points: np.ndarray) -> ClosestPoints:
+    def reach(
+        self,
+        points: np.ndarray,
+        depth: float | np.ndarray | None = None,
+        tilt: float | np.ndarray = 0.0,
+        azimuth: float | np.ndarray = 0.0,
+        *,
+        roll: float | np.ndarray = 0.0,
+        rolls: int = 24,
+    ) -> Reach:
+        """Find rolls of the sensor at which points can be pressed, under the rigid model and without images.
+
+        Parameters
+        ----------
+        points, depth, tilt, azimuth, roll
+            As for `press`; the roll is the first that is tried.
+        rolls
+            How many are tried, evenly round a turn, 1 to 360.
+
+        Returns
+        -------
+        Reach
+            ``reachable`` (n, rolls), ``at_some_roll`` (n,) and ``best_roll_deg`` (n,).
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> reach = bar.reach([[0.0, 0.0, 0.004]])
+        >>> reach.at_some_roll.tolist(), reach.best_roll_deg.tolist()
+        ([True], [0.0])
+        """
+        asked = Press(depth, None, tilt, azimuth, roll)
+        return self.touch.reach(self.project(points).points, asked, rolls)
+
+    def project(self, points: np.ndarray, *, name: str = "points") -> ClosestPoints:
         """Bring contacts onto the surface.
+
+        Parameters
+        ----------
+        points
+            (3,) or (n, 3) metres.
+        name
+            What an error calls them.
 
         Raises
         ------
@@ -347,12 +393,12 @@ class ObjectFile(NotebookCard):
         >>> top.points.round(4).tolist(), top.distance.round(4).tolist()
         ([[0.0, 0.0, 0.004]], [0.0005])
         """
-        contacts = point_rows(points, "points")
+        contacts = point_rows(points, name)
         closest = self.surface.closest_points(contacts)
         worst = int(np.argmax(closest.distance)) if len(contacts) else 0
         if len(contacts) and closest.distance[worst] > self.surface_tolerance_m:
             raise QueryError(
-                f"points[{worst}]",
+                f"{name}[{worst}]",
                 f"{closest.distance[worst] * 1e3:.3g} mm off the surface",
                 f"Contacts lie within {self.surface_tolerance_m * 1e3:.3g} mm, in metres, object frame; "
                 "`sample_contacts` gives valid ones.",
@@ -389,6 +435,7 @@ class ObjectFile(NotebookCard):
         >>> bool(bar.press(points).reachable.all())
         True
         """
+        count, seed = whole("count", count, 0, MOST_SAMPLED), whole("seed", seed, 0, LARGEST_SEED)
         samples = self.surface.sample(count, seed)
         if not reachable or not count:
             return samples.points, samples.normals

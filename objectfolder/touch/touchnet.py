@@ -6,7 +6,7 @@ that also made the ground truth.
 """
 
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,12 +15,13 @@ import numpy as np
 
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.stored_values import whole_number
+from objectfolder.query_values import LARGEST_SEED, image_sides, point_rows, require_room, whole
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.camera import no_contact_image
-from objectfolder.touch.sensor.reading import calibrated, with_noise
+from objectfolder.touch.sensor.reading import calibrated, checked_background, with_noise
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.stored_sensor import stored_sensor
-from objectfolder.touch.truth.touches import CONTACTS, Press, Touches
+from objectfolder.touch.truth.touches import CONTACTS, Press, Reach, Touches
 
 if TYPE_CHECKING:
     from objectfolder.touch.contact.patch import FacePatches
@@ -69,9 +70,9 @@ class TouchNet:
         points: np.ndarray,
         asked: Press | None = None,
         *,
-        resolution: tuple[int, int] | None = None,
+        resolution: int | tuple[int, int] | None = None,
         background: np.ndarray | None = None,
-        noise_seed: int | None = None,
+        noise_seed: int | Sequence[int] | None = None,
     ) -> Touches:
         """Press at points.
 
@@ -88,7 +89,7 @@ class TouchNet:
             (height, width, 3) uint8: what a real sensor of this kind sees untouched. Touches are laid over
             it, as `objectfolder.touch.sensor.reading` does.
         noise_seed
-            Seed of the sensor's noise; without noise if None.
+            Seed of the sensor's noise, or (n,) one a touch, each then as it is alone; without noise if None.
 
         Raises
         ------
@@ -98,23 +99,38 @@ class TouchNet:
         from objectfolder.touch.truth.press import press
 
         asked = Press(samples=self.samples) if asked is None else asked
+        points, sensor = point_rows(points, "points"), self.sensor
+        if resolution is not None:
+            sensor = sensor.at_resolution(*image_sides(resolution, 2))
+        pixels = sensor.image_height * sensor.image_width
+        if pixels * asked.samples**2 > MOST_RAYS_ASKED:
+            finding = f"{pixels} pixels of {asked.samples**2} rays"
+            raise QueryError("resolution", finding, f"Ask for at most {MOST_RAYS_ASKED} rays.")
+        require_room("points, resolution", 8 * pixels * len(points), "Press at fewer points at a time.")
+        seeds = None if noise_seed is None else _noise_seeds(noise_seed, len(points))
+        if background is not None:
+            background = checked_background(background, sensor)
         if asked.contact is None and asked.force_n is None:
             asked = replace(asked, contact=self.contact)
         try:
-            sensor = self.sensor if resolution is None else self.sensor.at_resolution(*resolution)
-            if sensor.image_height * sensor.image_width * asked.samples**2 > MOST_RAYS_ASKED:
-                raise QueryError("resolution", f"above {MOST_RAYS_ASKED} rays", "Ask for fewer pixels.")
             touches = press(self._patches, sensor, points, asked)
         except QueryError:
             raise
         except (ArithmeticError, TypeError, ValueError) as error:
-            raise QueryError("press", str(error), "Ask for numbers that this sensor can answer.") from error
+            where = "press" if resolution is None else "resolution"
+            raise QueryError(where, str(error), "Ask for numbers that this sensor can answer.") from error
         rgb = touches.rgb
         if background is not None:
             rgb = calibrated(rgb, no_contact_image(sensor, asked.samples), background, sensor)
-        if noise_seed is not None:
-            rgb = with_noise(rgb, sensor, noise_seed)
+        if seeds is not None:
+            rgb = with_noise(rgb, sensor, seeds)
         return replace(touches, rgb=rgb)
+
+    def reach(self, points: np.ndarray, asked: Press, rolls: int = 24) -> Reach:
+        """Try presses at several rolls; see `ObjectFile.reach`."""
+        from objectfolder.touch.truth.press import reach
+
+        return reach(self._patches, self.sensor, points, asked, whole("rolls", rolls, 1, 360))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays to store: none but the shared surface's."""
@@ -140,3 +156,12 @@ class TouchNet:
         if contact not in CONTACTS:
             raise FormatError("touch.contact", reprlib.repr(contact), f"Known: {', '.join(CONTACTS)}.")
         return cls(surface, stored_sensor(metadata["sensor"], samples), samples, contact)
+
+
+def _noise_seeds(noise_seed: int | Sequence[int], count: int) -> int | list[int]:
+    """Return a seed for all touches, or one for each."""
+    if not isinstance(noise_seed, Sequence | np.ndarray) or isinstance(noise_seed, str):
+        return whole("noise_seed", noise_seed, 0, LARGEST_SEED)
+    if len(noise_seed) != count:
+        raise QueryError("noise_seed", f"{len(noise_seed)} for {count} touches", "Give one, or one a touch.")
+    return [whole("noise_seed", seed, 0, LARGEST_SEED) for seed in noise_seed]

@@ -5,10 +5,12 @@ up in the image, and row 0 of an image is its top. The field of view spans the l
 """
 
 import math
+import reprlib
 
 import numpy as np
 
 from objectfolder.errors import QueryError
+from objectfolder.query_values import MOST_PIXELS, whole
 
 CAMERA_RADIUS = 2.5
 LIGHT_RADIUS = 1.0
@@ -82,9 +84,11 @@ def image_crop(crop: tuple[int, int, int, int] | None, size: tuple[int, int]) ->
     """
     if crop is None:
         return 0, 0, *size
-    if len(crop) != 4:
-        raise QueryError("crop", f"{len(crop)} numbers", "Give (top, left, height, width) in pixels.")
-    top, left, height, width = (int(value) for value in crop)
+    values = tuple(crop) if np.iterable(crop) else ()
+    if len(values) != 4:
+        finding = f"{len(values)} numbers" if values else reprlib.repr(crop)
+        raise QueryError("crop", finding, "Give (top, left, height, width) in pixels.")
+    top, left, height, width = (whole("crop", value, -MOST_PIXELS, MOST_PIXELS) for value in values)
     if min(top, left) < 0 or min(height, width) < 1 or top + height > size[0] or left + width > size[1]:
         raise QueryError(
             "crop",
@@ -104,7 +108,7 @@ def focal_length_px(resolution: int | tuple[int, int], field_of_view_deg: float)
     """
     if not 0.0 < field_of_view_deg < 180.0:
         raise QueryError(
-            "field of view", f"{field_of_view_deg} degrees", "Give an angle between 0 and 180 degrees."
+            "field_of_view", f"{field_of_view_deg} degrees", "Give an angle between 0 and 180 degrees."
         )
     return max(image_size(resolution)) / 2.0 / math.tan(math.radians(field_of_view_deg) / 2.0)
 

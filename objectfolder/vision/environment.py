@@ -6,7 +6,6 @@ of radiance: inside a white furnace, radiance 1 everywhere, a white matt plane s
 """
 
 import heapq
-import reprlib
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import QueryError
+from objectfolder.query_values import real_array
 
 NAMES = ("studio", "sky", "window")
 NAMED_ROWS = 128
@@ -61,10 +61,7 @@ class Environment:
 
 def _checked(light: Any) -> np.ndarray:
     remedy = f"Name one of {', '.join(NAMES)}, or give (h, 2 h, 3) linear radiance, h up to {MOST_ROWS}."
-    try:
-        radiance = np.asarray(light, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise QueryError("light", reprlib.repr(light), remedy) from error
+    radiance = real_array("light", light, remedy)
     height = radiance.shape[0] if radiance.ndim else 0
     if not 0 < height <= MOST_ROWS or radiance.shape != (height, 2 * height, 3):
         raise QueryError("light", f"shape {radiance.shape}", remedy)

@@ -243,7 +243,7 @@ def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests, bar: O
         ({"listener": np.zeros(3)}, "listener"),
         ({"listener": np.full(3, np.nan)}, "listener"),
         ({"observed": "ear"}, "observed"),
-        ({"observed": np.full(3, 9.0)}, "points"),
+        ({"observed": np.full(3, 9.0)}, "observed"),
         ({"duration": np.nan}, "duration"),
         ({"duration": 0.0}, "duration"),
         ({"sample_rate": -8000}, "sample_rate"),

@@ -36,10 +36,24 @@ def test_the_inside_of_two_near_plates_is_out_of_reach() -> None:
     assert reach["saturated_share"] == 0
 
 
-def test_plates_far_apart_are_within_reach() -> None:
-    reach = measure_reach(touched(plates(0.08)))
+def test_a_plate_is_within_reach() -> None:
+    two = plates(0.08)
+    reach = measure_reach(touched(Surface(two.vertices[:8], two.faces[:12])))
     assert reach["unreachable_share"] == 0
     assert reach["unreachable_by_housing_share"] == 0
+
+
+def test_between_plates_far_apart_the_sensor_fits_but_has_no_straight_way() -> None:
+    touches = touched(plates(0.08))
+    # Nearer to the border than the contact radius, 2 mm, normals lean outwards.
+    inner = (np.abs(touches["points"][:, 2] - 0.042) < 0.0401) & (
+        np.abs(touches["points"][:, :2]) < 0.0379
+    ).all(1)
+    reach = measure_reach(touches)
+    assert not touches["reachable"][inner].any()
+    assert inner.mean() <= reach["unreachable_share"] < inner.mean() + 0.1
+    assert reach["unreachable_by_housing_share"] == reach["unreachable_share"]
+    assert (touches["penetration_m"][inner] > 0).all()
 
 
 def test_a_ledge_meets_the_housing_where_the_gel_would_reach() -> None:

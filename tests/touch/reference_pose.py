@@ -2,6 +2,7 @@
 
 import numpy as np
 from reference_contact import near
+from scipy.spatial.transform import Rotation
 
 from objectfolder.touch.contact.first_touch import OTHER_SIDE_COSINE, POLE_RAD
 from objectfolder.touch.contact.patch import FacePatches
@@ -90,7 +91,12 @@ def tilted(frame: np.ndarray, tilt_rad: float, azimuth_rad: float) -> np.ndarray
 
 
 def first_touch_pose(
-    sensor: Sensor, point: np.ndarray, normal: np.ndarray, tilt_rad: float, azimuth_rad: float
+    sensor: Sensor,
+    point: np.ndarray,
+    normal: np.ndarray,
+    tilt_rad: float,
+    azimuth_rad: float,
+    roll_rad: float,
 ) -> np.ndarray:
     """Pose sensor_to_object (4, 4) in which the undeformed gel just touches a flat surface at `point`.
 
@@ -99,6 +105,8 @@ def first_touch_pose(
     rotation = contact_frame(normal)
     if tilt_rad != 0:
         rotation = tilted(rotation, tilt_rad, azimuth_rad)
+    # About the sensor's axis, from right (-y) towards top (z).
+    rotation = rotation @ Rotation.from_rotvec([-roll_rad, 0.0, 0.0]).as_matrix()
     inward = -(normal @ rotation)
     on_gel = gel_point_with_slope(sensor, inward[1] / inward[0], inward[2] / inward[0])
     pose = np.eye(4)

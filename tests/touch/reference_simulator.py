@@ -1,5 +1,7 @@
 """Touches by array arithmetic: the oracle of `objectfolder.touch.rendering.simulator`."""
 
+from dataclasses import replace
+
 import numpy as np
 from reference_contact import corners_in, in_box, indentations, meets_housing, near_gel
 from reference_pose import contact_normal, first_touch_pose
@@ -21,7 +23,7 @@ class ReferenceSimulator:
         self._grid = coverage_grid(sensor, samples)
 
     def stand(
-        self, points: np.ndarray, tilt: np.ndarray, azimuth: np.ndarray
+        self, points: np.ndarray, tilt: np.ndarray, azimuth: np.ndarray, roll: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         surface, sensor = self._patches.surface, self._sensor
         closest = surface.closest_points(points)
@@ -29,7 +31,7 @@ class ReferenceSimulator:
         normals, poses = np.empty((len(points), 3)), np.empty((len(points), 4, 4))
         for i, (point, shading_normal) in enumerate(zip(closest.points, shading_normals, strict=True)):
             normals[i] = contact_normal(self._patches, point, shading_normal, sensor.contact_radius_m)
-            poses[i] = first_touch_pose(sensor, point, normals[i], tilt[i], azimuth[i])
+            poses[i] = first_touch_pose(sensor, point, normals[i], tilt[i], azimuth[i], roll[i])
         return closest.points, normals, poses
 
     def approach(self, pose: np.ndarray, least: float) -> Near:
@@ -38,10 +40,10 @@ class ReferenceSimulator:
         return Near(faces, triangles, reach, float(reach.max(initial=0.0)))
 
     def meets_housing(self, pose: np.ndarray) -> bool:
-        low, high = np.asarray(self._sensor.housing_low_m), np.asarray(self._sensor.housing_high_m)
-        return meets_housing(
-            corners_in(self._patches, pose, in_box(self._patches, pose, low, high)), self._sensor
-        )
+        low, high = np.array(self._sensor.housing_low_m), np.asarray(self._sensor.housing_high_m)
+        low[0] -= np.linalg.norm(np.ptp(self._patches.surface.vertices, axis=0))  # its way there
+        swept = replace(self._sensor, housing_low_m=tuple(low))
+        return meets_housing(corners_in(self._patches, pose, in_box(self._patches, pose, low, high)), swept)
 
     def see(self, pose: np.ndarray, near: Near) -> TouchImage:
         pressed = near.bounds > 0

@@ -336,9 +336,9 @@ def test_impossible_queries_are_refused_by_name(subtests: pytest.Subtests) -> No
         ({"depth_m": 0.001, "force_n": 1.0}, "both given"),
         ({"depth_m": -0.001}, "out of range"),
         ({"depth_m": 0.0041}, "Ask for 0 to 0.004"),
-        ({"force_n": -1.0}, "does not pull"),
+        ({"force_n": -1.0}, "force: -1.0 N is out of range"),
         ({"force_n": np.nan}, "not finite"),
-        ({"depth_m": 0.001, "tilt_deg": 60.0}, "tilt_deg: 60.0 is out of range"),
+        ({"depth_m": 0.001, "tilt_deg": 60.0}, "tilt: 60.0 degrees is out of range"),
         ({"depth_m": 0.001, "cell_m": 0.0}, "cell_m"),
         ({"depth_m": 0.001, "cell_m": 0.1}, "cell_m"),
     ]:
@@ -346,7 +346,7 @@ def test_impossible_queries_are_refused_by_name(subtests: pytest.Subtests) -> No
             press(BALL, SENSOR, BALL_POINT, Press(**query, contact="elastic"))
 
 
-@pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 2)), np.full((1, 3), np.nan)])
+@pytest.mark.parametrize("points", [np.zeros((1, 1, 3)), np.zeros((2, 2)), np.full((1, 3), np.nan)])
 def test_points_of_the_wrong_shape_are_refused(points: np.ndarray) -> None:
     with pytest.raises(QueryError, match="points"):
         press(BALL, SENSOR, points, Press(depth_m=0.001, contact="elastic"))

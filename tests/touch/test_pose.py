@@ -21,8 +21,8 @@ NORMALS = (
 ANGLES = st.floats(0, 2 * np.pi)
 
 
-def first_touch(normal: np.ndarray, tilt: float = 0.0, azimuth: float = 0.0) -> np.ndarray:
-    point, angles = np.array([[0.1, -0.2, 0.3]]), (np.array([tilt]), np.array([azimuth]))
+def first_touch(normal: np.ndarray, tilt: float = 0.0, azimuth: float = 0.0, roll: float = 0.0) -> np.ndarray:
+    point, angles = np.array([[0.1, -0.2, 0.3]]), np.array([[tilt], [azimuth], [roll]])
     return first_touch_poses(point, normal[None], *angles, gel_constants(Sensor()))[0]
 
 
@@ -110,7 +110,7 @@ def test_a_tilted_gel_touches_a_flat_surface_at_the_point_and_nowhere_else(
 
 def mean_normal(surface: Surface, point: list[float]) -> np.ndarray:
     simulator = Simulator(FacePatches(surface), Sensor(), 1)
-    return simulator.stand(np.array([point]), np.zeros(1), np.zeros(1))[1][0]
+    return simulator.stand(np.array([point]), *np.zeros((3, 1)))[1][0]
 
 
 def test_the_mean_normal_on_an_edge_of_a_box_halves_the_angle() -> None:

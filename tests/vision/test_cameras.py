@@ -78,7 +78,7 @@ def test_sub_rays_measure_the_area_beside_any_edge(count):
 
 @pytest.mark.parametrize(("call", "word"), [
     (lambda: focal_length_px(0, 39.6), "resolution"),
-    (lambda: focal_length_px(64, 180.0), "field of view"),
+    (lambda: focal_length_px(64, 180.0), "field_of_view"),
 ])  # fmt: skip
 def test_impossible_images_are_refused(call, word):
     with pytest.raises(QueryError, match=word):

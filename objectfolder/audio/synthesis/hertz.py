@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
+from objectfolder.query_values import real
 
 Floats = NDArray[np.float64]
 # Twice the integral of (1 - x^(5/2))^(-1/2) over 0 to 1: 4/5 Beta(2/5, 1/2) = 2.9432 (Johnson, 11.24).
@@ -44,11 +45,11 @@ class ContactBody:
     mass_kg: float
 
     def __post_init__(self) -> None:
-        positive = (self.youngs_modulus_pa, self.radius_m, self.mass_kg)
-        if not (all(value > 0 for value in positive) and math.isfinite(self.youngs_modulus_pa)):
-            raise QueryError("contact", f"{self}", "Give a positive modulus, radius and mass.")
-        if not -1 < self.poisson_ratio <= 0.5:
-            raise QueryError("contact", f"Poisson's ratio {self.poisson_ratio}", "Give one of -1 to 0.5.")
+        real("contact.youngs_modulus_pa", self.youngs_modulus_pa, 1e-3, 1e15, " Pa")
+        real("contact.poisson_ratio", self.poisson_ratio, -1.0 + 1e-9, 0.5)
+        for name in ("radius_m", "mass_kg"):
+            if getattr(self, name) != math.inf:
+                real(f"contact.{name}", getattr(self, name), 1e-15, 1e15)
 
 
 @dataclass(frozen=True)

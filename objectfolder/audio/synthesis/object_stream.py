@@ -7,8 +7,11 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.struck_body import Observed, Pulse, StruckBody, along
 from objectfolder.audio.synthesis.voices import Voices
+from objectfolder.errors import QueryError
+from objectfolder.query_values import point_rows, real, real_array
 
 Floats = NDArray[np.float64]
+LATEST = 2.0**53  # sample: the last that a float64 counts to
 ContactQuery = Callable[[Floats, Floats, Floats | None], tuple[Floats, Floats, Floats | None]]
 
 
@@ -95,10 +98,12 @@ class ObjectStream:
         QueryError
             As for `ObjectFile.strike`; a sample that has passed.
         """
-        at = self.now if at is None else at
-        pushed = np.asarray(force, dtype=np.float64)
+        at = self.now if at is None else real("at", at, self.now, LATEST)
+        pushed, place = real_array("force", force), point_rows(point, "point")
+        if len(place) != 1:
+            raise QueryError("point", f"{len(place)} points", "Add contacts one by one.")
         given = pushed[None] if pushed.ndim == 2 else pushed
-        points, forces, _ = self._contacts(np.reshape(point, (1, 3)), given, None)
+        points, forces, _ = self._contacts(place, given, None)
         pulses = self._body.pulses(points, forces, pulse)
         pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
         motion = self._body.motion(points)

@@ -1,5 +1,6 @@
 """What an Object File answers when it is struck."""
 
+import math
 import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -9,7 +10,6 @@ import numpy as np
 
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.bank import samples_of
-from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.object_stream import ObjectStream
 from objectfolder.audio.synthesis.struck_body import (
     CONTACT,
@@ -23,13 +23,15 @@ from objectfolder.audio.synthesis.struck_body import (
 from objectfolder.audio.synthesis.support import Support
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.tensor_file import REMEDY
-from objectfolder.surface.points import point_rows
+from objectfolder.query_values import point_rows, real, real_array, require_room, whole
 from objectfolder.surface.surface import ClosestPoints, Surface
 
 # A rigid motion has 1 everywhere; the light tip of a heavy body has more, the starter set 15 at most.
 LARGEST_SHAPE = 1e3
 LARGEST_FORCE = 1e12
-SHORTEST_PULSE_S = 1e-12
+SAMPLE_RATES_HZ = (1.0, 1e8)
+LONGEST_S = 1e6
+MOST_MODES = 10**9  # that a query may name: more than there are stands for all
 LEAST_KG = 1e-9  # of a body whose mass is not known
 
 
@@ -41,7 +43,7 @@ class SoundQueries(ABC):
     description: dict[str, Any]
 
     @abstractmethod
-    def project(self, points: np.ndarray) -> ClosestPoints:
+    def project(self, points: np.ndarray, *, name: str = "points") -> ClosestPoints:
         """Bring contacts onto the surface; see `ObjectFile.project`."""
 
     def strike(
@@ -119,6 +121,8 @@ class SoundQueries(ABC):
         shape, single, parts = self._struck(
             points, forces, duration, sample_rate, modes, pulse, observed, listener, support
         )
+        remedy = "Use `strikes`, which answers in parts, or ask for less at a time."
+        require_room("points, duration", 4 * math.prod(shape), remedy)
         sound = np.empty(shape, dtype=np.float32)
         for rows, part in parts:
             sound[rows] = part
@@ -179,10 +183,14 @@ class SoundQueries(ABC):
         >>> level.shape, bool(level[0, 1] < level[0, 0])
         ((1, 2), True)
         """
-        seconds = np.asarray(times, dtype=np.float64).reshape(-1)
+        seconds = real_array("times", times).reshape(-1)
         if not (seconds >= 0).all():
             raise QueryError("times", reprlib.repr(seconds.tolist()), "Give seconds after the impulse.")
-        return self._struck_body(modes).rms_velocity(*self._impulses(points, impulses), seconds)
+        contacts, pushes = self._impulses(points, impulses)
+        body = self._struck_body(modes)
+        numbers = len(seconds) * (len(contacts) + len(body.eigenvalues))
+        require_room("points, times", 8 * numbers, "Ask for fewer times, or fewer contacts.")
+        return body.rms_velocity(contacts, pushes, seconds)
 
     def mode_velocities(
         self, points: np.ndarray, impulses: np.ndarray, modes: int | None = None
@@ -241,8 +249,9 @@ class SoundQueries(ABC):
         >>> block.shape, stream.now, stream.silent
         ((1, 512), 512, False)
         """
-        ears = None if listener is None else point_rows(listener, "listener")
+        ears = self._listeners(listener)
         places = self._places(observed)
+        sample_rate = real("sample_rate", sample_rate, *SAMPLE_RATES_HZ, " Hz")
         return ObjectStream(self._struck_body(None, support), self._sound_query, sample_rate, places, ears)
 
     def _struck(
@@ -259,22 +268,25 @@ class SoundQueries(ABC):
     ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:
         """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
         contacts, pushes, ears = self._sound_query(points, forces, listener)
-        duration, sample_rate = _real("duration", duration), _real("sample_rate", sample_rate)
-        _check_pulse(pulse)
+        sample_rate = real("sample_rate", sample_rate, *SAMPLE_RATES_HZ, " Hz")
+        duration = real("duration", duration, 1 / sample_rate, LONGEST_S, " s")
         places = self._places(observed)
         heard = places if listener is None else ears
         body = self._struck_body(modes, support)
+        channels = len(heard) if isinstance(heard, np.ndarray) else 1
+        samples = samples_of(duration, sample_rate)
+        remedy = "Ask for less time at once, or a lower rate."
+        require_room("duration, sample_rate", 4 * channels * samples, remedy)
         parts = body.sounds(
             contacts, pushes, duration, sample_rate, pulse=pulse, observed=places, listeners=ears
         )
-        channels = len(heard) if isinstance(heard, np.ndarray) else 1
         single = np.ndim(observed if listener is None else listener) < 2
-        return (len(contacts), channels, samples_of(duration, sample_rate)), single, parts
+        return (len(contacts), channels, samples), single, parts
 
     def _places(self, observed: str | np.ndarray) -> Observed:
         """Return a name, or points (channels, 3) on the surface."""
         if not isinstance(observed, str):
-            return self.project(observed).points
+            return self.project(point_rows(observed, "observed", 1), name="observed").points
         if observed not in (CONTACT, RMS):
             raise QueryError(
                 "observed", f"{observed!r}", f"Use {CONTACT!r}, {RMS!r} or points of the surface."
@@ -290,17 +302,20 @@ class SoundQueries(ABC):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Return contacts on the surface (n, 3), a force each, and listeners (channels, 3)."""
         contacts = self.project(points).points
-        if np.ndim(forces) != 3:
-            pushes = point_rows(forces, "forces")
-        else:
-            pushes = point_rows(np.reshape(forces, (-1, np.shape(forces)[2])), "forces")
-            pushes = pushes.reshape(np.shape(forces))
+        remedy = "Give (n, 3) newton seconds, or (n, k, 3) newtons at the samples."
+        pushes = real_array("forces", forces, remedy)
+        pushes = pushes[None] if pushes.ndim == 1 else pushes
+        if pushes.ndim not in (2, 3) or pushes.shape[-1] != 3 or 0 in pushes.shape[1:]:
+            raise QueryError("forces", f"shape {np.shape(forces)}", remedy)
         if not np.abs(pushes).max(initial=0.0) <= LARGEST_FORCE:
             raise QueryError("forces", f"above {LARGEST_FORCE:g}", "Give newton seconds, or newtons.")
         if len(pushes) not in (1, len(contacts)):
             raise QueryError("forces", f"{len(pushes)} for {len(contacts)} points", "Give one a point.")
         pushes = np.broadcast_to(pushes, (len(contacts), *pushes.shape[1:]))
-        return contacts, pushes, None if listener is None else point_rows(listener, "listener")
+        return contacts, pushes, self._listeners(listener)
+
+    def _listeners(self, listener: np.ndarray | None) -> np.ndarray | None:
+        return None if listener is None else point_rows(listener, "listener", 1)
 
     def _gains(self, points: np.ndarray) -> np.ndarray:
         """Return `AudioNet.gains`, but for those that no body of this mass has.
@@ -325,8 +340,9 @@ class SoundQueries(ABC):
 
     def _struck_body(self, modes: int | None, support: Support | None = None) -> StruckBody:
         """Modes, as a support changes them, and body as synthesis takes them."""
-        if modes is not None and not isinstance(modes, int | np.integer):
-            raise QueryError("modes", reprlib.repr(modes), "Give a whole number, or None for all.")
+        modes = None if modes is None else whole("modes", modes, 0, MOST_MODES)
+        if not isinstance(support, Support | None):
+            raise QueryError("support", reprlib.repr(support), "Give a `Support`, or None.")
         net, body, material = self.modes, self.description.get("body"), self.description.get("material")
         rigid = None
         if body:
@@ -341,7 +357,7 @@ class SoundQueries(ABC):
             )
         eigenvalues, dampings = net.eigenvalues[:modes], net.dampings_per_s[:modes]
         if support is not None:
-            held = self._gains(self.project(support.points).points)[:, :, : len(eigenvalues)]
+            held = self._gains(self.project(support.points, name="support").points)[:, :, : len(eigenvalues)]
             stiffer, faster = support.added(held)
             eigenvalues, dampings = eigenvalues + stiffer, dampings + faster
         return StruckBody(
@@ -353,21 +369,3 @@ class SoundQueries(ABC):
             rigid,
             (material["youngs_modulus_pa"], material["poisson_ratio"]) if material else None,
         )
-
-
-def _real(name: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError) as error:
-        raise QueryError(name, reprlib.repr(value), "Give a number.") from error
-
-
-def _check_pulse(pulse: Pulse) -> None:
-    if pulse is None or isinstance(pulse, ContactBody):
-        return
-    try:
-        durations = np.asarray(pulse, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise QueryError("pulse", reprlib.repr(pulse), "Give seconds.") from error
-    if ((durations > 0) & (durations < SHORTEST_PULSE_S)).any():
-        raise QueryError("pulse", f"shorter than {SHORTEST_PULSE_S:g} s", "Give None for an instant.")

@@ -12,6 +12,7 @@ from objectfolder.audio.synthesis.force import drive
 from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.errors import QueryError
+from objectfolder.query_values import real_array
 
 Floats = NDArray[np.float64]
 Pulse = float | ArrayLike | ContactBody | None
@@ -19,6 +20,7 @@ CONTACT, RMS = "contact", "rms"
 Observed = str | Floats
 CHUNK_NUMBERS = 1 << 22  # of gains and of samples at once
 FLAT = np.inf
+SHORTEST_PULSE_S, LONGEST_PULSE_S = 1e-12, 1e5
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,10 @@ class StruckBody:
         if forces.ndim == 3:
             raise QueryError("pulse", "given with sampled forces", "Forces (n, k, 3) are their own profile.")
         if not isinstance(pulse, ContactBody):
-            durations = np.asarray(pulse, dtype=np.float64)
+            durations = real_array("pulse", pulse, "Give seconds, or a `ContactBody`.")
+            if ((durations < SHORTEST_PULSE_S) | (durations > LONGEST_PULSE_S)).any():
+                remedy = f"Give {SHORTEST_PULSE_S:g} s to {LONGEST_PULSE_S:g} s; None for an instant."
+                raise QueryError("pulse", "a length out of range", remedy)
             if durations.shape not in ((), (len(points),)):
                 finding = f"shape {durations.shape} for {len(points)} contacts"
                 raise QueryError("pulse", finding, "Give one duration, or one each.")

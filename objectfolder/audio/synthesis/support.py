@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
-from objectfolder.surface.points import point_rows
+from objectfolder.query_values import point_rows, real_array
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -54,11 +54,11 @@ class Support:
     damping_n_s_m: float | Floats = 0.0
 
     def __post_init__(self) -> None:
-        places = point_rows(np.asarray(self.points), "support")
+        places = point_rows(self.points, "support", 1)
         object.__setattr__(self, "points", places)
         for name in ("stiffness_n_m", "damping_n_s_m"):
-            given = np.asarray(getattr(self, name), dtype=np.float64)
-            if given.shape not in ((), (len(places),)) or not (np.isfinite(given) & (given >= 0)).all():
+            given = real_array(name, getattr(self, name))
+            if given.shape not in ((), (len(places),)) or not (given >= 0).all():
                 remedy = "Give one number, or one a point, not negative."
                 raise QueryError(name, f"{given.tolist()!r} for {len(places)} points", remedy)
             each = given if given.ndim else np.full(len(places), given / max(len(places), 1))

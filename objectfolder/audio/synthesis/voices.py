@@ -15,9 +15,11 @@ from objectfolder.audio.synthesis.bank import FLOOR_DB, Bank, interleaved
 from objectfolder.audio.synthesis.force import FORCE_BLOCK, ForceTables
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.errors import QueryError
+from objectfolder.query_values import whole
 
 Floats = NDArray[np.float64]
 LONGEST_BLOCK = 1024
+MOST_SAMPLES = 1 << 26  # of a block
 MOST_VOICES = 4096
 MOST_ONSET_SAMPLES = 1 << 22
 
@@ -195,8 +197,7 @@ class Voices:
         QueryError
             A number that is not positive.
         """
-        if samples < 1:
-            raise QueryError("samples", f"{samples}", "Give one or more.")
+        samples = whole("samples", samples, 1, MOST_SAMPLES)
         sound = np.zeros(samples)
         for start in range(0, samples, LONGEST_BLOCK):
             self._fill(sound[start : start + LONGEST_BLOCK])

@@ -148,7 +148,16 @@ def _tilt(frame, tilt, azimuth):
 
 
 @kernel
-def first_touch_poses(points, normals, tilt, azimuth, gel):
+def _roll(frame, roll):
+    """Turn a frame (3, 3) in place about the sensor's axis: the image's right moves towards its top."""
+    cosine, sine = np.cos(roll), np.sin(roll)
+    for row in range(3):
+        y, z = frame[row, 1], frame[row, 2]
+        frame[row, 1], frame[row, 2] = cosine * y - sine * z, sine * y + cosine * z
+
+
+@kernel
+def first_touch_poses(points, normals, tilt, azimuth, roll, gel):
     """Poses (n, 4, 4), sensor_to_object, in which the undeformed gel just touches a flat surface at points.
 
     A tilted sensor rolls over the point on its curved gel: the gel's normal there opposes the surface's.
@@ -157,8 +166,8 @@ def first_touch_poses(points, normals, tilt, azimuth, gel):
     ----------
     points, normals
         (n, 3).
-    tilt, azimuth
-        (n,) radians.
+    tilt, azimuth, roll
+        (n,) radians; the roll is about the axis of the leaning sensor, and turns no lean.
     gel
         As of `gel.gel_constants`.
     """
@@ -171,6 +180,8 @@ def first_touch_poses(points, normals, tilt, azimuth, gel):
         _contact_frame(normal, pose)
         if tilt[i] != 0:
             _tilt(pose, tilt[i], azimuth[i])
+        if roll[i] != 0:
+            _roll(pose, roll[i])
         inward = np.zeros(3)
         for axis in range(3):
             for k in range(3):

@@ -38,6 +38,7 @@ class FacePatches:
         self.corner_normals = surface.corner_normals
         tree = BoundingBoxTree(self.triangles)
         self._boxes, self._order = tree.boxes, tree.order
+        self.diagonal_m = float(np.linalg.norm(np.ptp(self.triangles.reshape(-1, 3), axis=0)))
 
     def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Face (n,) nearest to each point (n, 3), and barycentric coordinates (n, 3) of its nearest point.

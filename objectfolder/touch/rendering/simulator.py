@@ -62,11 +62,11 @@ class Simulator:
         self._gel = gel_constants(sensor)
 
     def stand(
-        self, points: np.ndarray, tilt: np.ndarray, azimuth: np.ndarray
+        self, points: np.ndarray, tilt: np.ndarray, azimuth: np.ndarray, roll: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the touched points (n, 3), mean normals (n, 3) and poses of first touch (n, 4, 4).
 
-        `tilt` and `azimuth` are (n,) radians.
+        `tilt`, `azimuth` and `roll` are (n,) radians.
         """
         patches, radius = self._patches, self._sensor.contact_radius_m
         face, barycentric = patches.closest(points)
@@ -76,7 +76,7 @@ class Simulator:
         normals = contact_normals(
             closest, shading, starts, faces, patches.triangles, patches.face_normals, radius
         )
-        return closest, normals, first_touch_poses(closest, normals, tilt, azimuth, self._gel)
+        return closest, normals, first_touch_poses(closest, normals, tilt, azimuth, roll, self._gel)
 
     def approach(self, pose: np.ndarray, least: float) -> Near:
         """Return the faces that may reach deeper into the gel than `least` metres, 0 or less, at a pose."""
@@ -84,8 +84,9 @@ class Simulator:
         return Near(faces, triangles, bounds, deepest(triangles, bounds, self._gel))
 
     def meets_housing(self, pose: np.ndarray) -> bool:
-        """Whether the object enters the housing."""
-        low, high = np.asarray(self._sensor.housing_low_m), np.asarray(self._sensor.housing_high_m)
+        """Whether the object enters the housing at a pose, or on its straight way there along its axis."""
+        low, high = np.array(self._sensor.housing_low_m), np.asarray(self._sensor.housing_high_m)
+        low[0] -= self._patches.diagonal_m
         return self._patches.enters_box(pose, low, high)
 
     def see(self, pose: np.ndarray, near: Near) -> TouchImage:

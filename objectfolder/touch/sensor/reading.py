@@ -3,6 +3,8 @@
 Stored touches are without either.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from objectfolder.errors import QueryError
@@ -47,13 +49,7 @@ def calibrated(rgb: np.ndarray, no_contact: np.ndarray, background: np.ndarray, 
     # Here: an Object File opens without SciPy.
     from scipy.ndimage import correlate1d
 
-    background = np.asarray(background)
-    if background.shape != no_contact.shape or background.dtype != np.uint8:
-        raise QueryError(
-            "background",
-            f"{background.dtype} of shape {background.shape}",
-            f"Give a uint8 image of shape {no_contact.shape}.",
-        )
+    background = checked_background(background, sensor)
     images = rgb if rgb.ndim == 4 else rgb[None]
     kernel = blur_kernel(sensor.background_blur_pixels)
     laid = np.empty_like(images)
@@ -64,6 +60,25 @@ def calibrated(rgb: np.ndarray, no_contact: np.ndarray, background: np.ndarray, 
             difference = correlate1d(difference, kernel, axis, mode="mirror")
         laid[index] = np.clip(difference + background, 0, 255)
     return laid.reshape(rgb.shape)
+
+
+def checked_background(background: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Return a background of the size of a sensor's images.
+
+    Raises
+    ------
+    QueryError
+        Another size or type.
+    """
+    shape = (sensor.image_height, sensor.image_width, 3)
+    if isinstance(background, np.ndarray) and background.shape == shape and background.dtype == np.uint8:
+        return background
+    given = (
+        f"{background.dtype} of shape {background.shape}"
+        if isinstance(background, np.ndarray)
+        else "no array"
+    )
+    raise QueryError("background", given, f"Give a uint8 image of shape {shape}.")
 
 
 def blur_kernel(size: int) -> np.ndarray:
@@ -104,7 +119,7 @@ def synthetic_background(sensor: Sensor, seed: int, samples: int = 2) -> np.ndar
     return np.asarray(np.clip(np.rint(values), 0, 255).astype(np.uint8))
 
 
-def with_noise(rgb: np.ndarray, sensor: Sensor, seed: int) -> np.ndarray:
+def with_noise(rgb: np.ndarray, sensor: Sensor, seed: int | Sequence[int]) -> np.ndarray:
     """Add the sensor's Gaussian noise to images.
 
     Each value gets noise of its own, of standard deviation `sensor.noise_sigma_grey_levels`, as in TACTO;
@@ -115,7 +130,8 @@ def with_noise(rgb: np.ndarray, sensor: Sensor, seed: int) -> np.ndarray:
     rgb
         (height, width, 3) or (n, height, width, 3) uint8.
     seed
-        0 or more. The noise of an image is set by the seed and its row: more images change none of it.
+        0 or more. The noise of an image is set by the seed and its row: more images change none of it. Or one
+        seed an image, whose noise is then as if it were alone.
 
     Returns
     -------
@@ -125,7 +141,7 @@ def with_noise(rgb: np.ndarray, sensor: Sensor, seed: int) -> np.ndarray:
     images = rgb if rgb.ndim == 4 else rgb[None]
     noisy = np.empty_like(images)
     for index, image in enumerate(images):
-        random = np.random.default_rng([seed, index])
+        random = np.random.default_rng([seed, index] if isinstance(seed, int) else [seed[index], 0])
         noise = random.standard_normal(image.shape, dtype=np.float32)
         noise *= np.float32(sensor.noise_sigma_grey_levels)
         noise += image

@@ -1,16 +1,16 @@
 """Press a sensor against a surface: pose, image, indentation, and what is true of the touch."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from objectfolder.errors import QueryError
+from objectfolder.query_values import point_rows
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.simulator import Simulator, TouchImage
+from objectfolder.touch.rendering.simulator import Near, Simulator, TouchImage
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.elastic_press import press_elastic
-from objectfolder.touch.truth.touches import TOLERANCE_M, Press, Touches, saturation_depth_m
+from objectfolder.touch.truth.touches import TOLERANCE_M, Press, Reach, Touches, saturation_depth_m
 
 
 def press(
@@ -59,9 +59,7 @@ def press(
     """
     asked = Press() if asked is None else asked
     patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
-    points = np.asarray(points, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise QueryError("points", f"shape {points.shape} or values are not (n, 3) finite coordinates")
+    points = point_rows(points, "points")
     simulator = Simulator(patches, sensor, asked.samples)
     touches = Touches.empty(len(points), sensor)
     touches.points[:], touches.normals[:], poses = simulator.stand(points, *asked.angles(len(points)))
@@ -84,10 +82,52 @@ def render_poses(
     return [simulator.see(pose, simulator.approach(pose, 0.0)) for pose in poses]
 
 
-def _press_one(
-    simulator: Simulator, sensor: Sensor, first_touch: np.ndarray, depth: float, touches: Touches, index: int
-) -> None:
-    """Advance from the pose of first touch, render, and fill row `index` of `touches`."""
+def reach(
+    surface: Surface | FacePatches, sensor: Sensor, points: np.ndarray, asked: Press, rolls: int
+) -> "Reach":
+    """Try presses at several rolls of the sensor, without images.
+
+    Parameters
+    ----------
+    surface, sensor, points
+        As for `press`.
+    asked
+        Depth, tilt and azimuth, and the roll to begin with; the contact is rigid.
+    rolls
+        How many, evenly round a turn.
+
+    Raises
+    ------
+    QueryError
+        As for `press`.
+    """
+    patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
+    simulator = Simulator(patches, sensor, 1)
+    points = point_rows(points, "points")
+    depths = asked.depths(len(points), sensor.maximum_depth_m)
+    tilt, azimuth, first = asked.angles(len(points))
+    turns = np.arange(rolls) * (2 * np.pi / rolls)
+    reachable = np.zeros((len(points), rolls), dtype=bool)
+    for column, turn in enumerate(turns):
+        _, _, poses = simulator.stand(points, tilt, azimuth, first + turn)
+        for row, pose in enumerate(poses):
+            reachable[row, column] = _stand(simulator, pose, float(depths[row])).reachable
+    return Reach(np.degrees(first[:, None] + turns), reachable)
+
+
+@dataclass(frozen=True)
+class _Stand:
+    """Where a press to a depth ends: pose, faces near it, and what the labels say."""
+
+    pose: np.ndarray
+    near: Near
+    offset_m: float
+    obstructed: bool
+    reachable: bool
+
+
+def _stand(simulator: Simulator, first_touch: np.ndarray, depth: float) -> _Stand:
+    """Advance from the pose of first touch by `depth` from the first contact on."""
     near = simulator.approach(first_touch, -depth)
     # The touched point itself is on the gel, but for rounding.
     offset = near.greatest
@@ -97,15 +137,23 @@ def _press_one(
     # Backing off may bring other parts between camera and gel.
     near = near.advanced(advance) if advance >= 0 else simulator.approach(pose, 0.0)
     obstructed = near.greatest > depth + TOLERANCE_M
-    touches.sensor_to_object[index] = pose
-    touches.first_contact_offset_m[index] = offset
-    touches.penetration_m[index] = 0.0 if obstructed else depth
-    touches.saturated[index] = not obstructed and depth >= saturation_depth_m(sensor) - TOLERANCE_M
-    touches.reachable[index] = (
-        not obstructed and offset <= depth + TOLERANCE_M and not simulator.meets_housing(pose)
-    )
-    if obstructed:
+    reachable = not obstructed and offset <= depth + TOLERANCE_M and not simulator.meets_housing(pose)
+    return _Stand(pose, near, offset, obstructed, reachable)
+
+
+def _press_one(
+    simulator: Simulator, sensor: Sensor, first_touch: np.ndarray, depth: float, touches: Touches, index: int
+) -> None:
+    """Advance from the pose of first touch, render, and fill row `index` of `touches`."""
+    found = _stand(simulator, first_touch, depth)
+    near, blocked = found.near, found.obstructed
+    touches.sensor_to_object[index] = found.pose
+    touches.first_contact_offset_m[index] = found.offset_m
+    touches.penetration_m[index] = 0.0 if blocked else depth
+    touches.saturated[index] = not blocked and depth >= saturation_depth_m(sensor) - TOLERANCE_M
+    touches.reachable[index] = found.reachable
+    if blocked:
         near = replace(near, bounds=np.full_like(near.bounds, -np.inf))
-    image = simulator.see(pose, near)
+    image = simulator.see(found.pose, near)
     touches.rgb[index], touches.depth[index], touches.mask[index] = image.rgb, image.depth, image.mask
     touches.contact_area_m2[index] = image.contact_area_m2

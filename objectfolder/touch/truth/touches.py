@@ -1,15 +1,18 @@
 """What is asked of a press, and what is known of the touches that follow."""
 
+import reprlib
 from dataclasses import dataclass
 
 import numpy as np
 
 from objectfolder.errors import QueryError
+from objectfolder.query_values import real_array
 from objectfolder.touch.sensor.sensor import Sensor
 
 TOLERANCE_M = 1e-6
 DEFAULT_DEPTH_M = 0.001
-GREATEST_TILT_DEG = 45.0
+GREATEST_TILT_DEG, GREATEST_TURN_DEG = 45.0, 1e6
+GREATEST_FORCE_N = 1e6
 CONTACTS = ("rigid", "elastic")
 
 
@@ -26,7 +29,9 @@ class Press:
         Instead of a depth, the force to press with, newtons, under the elastic model.
     tilt_deg, azimuth_deg
         Lean of the sensor, 0 up to 45 degrees, and its direction, counted from the image's right towards
-        its top.
+        its top where the roll is 0.
+    roll_deg
+        Turn of the leaning sensor about its own axis, the image's right towards its top.
     contact
         ``"rigid"``: the object shows through a gel that gives way where it is, as in TACTO; ``"elastic"``:
         the gel deforms as an elastic solid and bears a force. None stands for elastic where a force is
@@ -48,6 +53,7 @@ class Press:
     force_n: float | np.ndarray | None = None
     tilt_deg: float | np.ndarray = 0.0
     azimuth_deg: float | np.ndarray = 0.0
+    roll_deg: float | np.ndarray = 0.0
     contact: str | None = None
     samples: int = 2
     cell_m: float = 0.03 / 192
@@ -61,11 +67,13 @@ class Press:
         QueryError
             An unknown one, or a force asked of the rigid one.
         """
-        contact = self.contact or ("rigid" if self.force_n is None else "elastic")
+        contact = self.contact
+        if contact is None:
+            contact = "rigid" if self.force_n is None else "elastic"
         if contact not in CONTACTS:
-            raise QueryError("contact", f"{contact!r}", "Use 'rigid' or 'elastic'.")
+            raise QueryError("contact", reprlib.repr(contact), "Use 'rigid' or 'elastic'.")
         if contact == "rigid" and self.force_n is not None:
-            raise QueryError("force_n", "a rigid contact bears no force", "Ask with contact='elastic'.")
+            raise QueryError("force", "a rigid contact bears no force", "Ask with contact='elastic'.")
         return contact
 
     def depths(self, count: int, greatest_m: float) -> np.ndarray:
@@ -77,7 +85,7 @@ class Press:
             Another shape, or depths outside 0 to `greatest_m`.
         """
         depth = DEFAULT_DEPTH_M if self.depth_m is None else self.depth_m
-        return _per_touch("depth_m", depth, count, greatest_m)
+        return _per_touch("depth", depth, count, 0.0, greatest_m, " m")
 
     def forces(self, count: int) -> np.ndarray | None:
         """Forces (count,) newtons; None where a depth is asked for.
@@ -90,22 +98,23 @@ class Press:
         if self.force_n is None:
             return None
         if self.depth_m is not None:
-            raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
-        force = _per_touch("force_n", self.force_n, count, None)
-        if (force < 0).any():
-            raise QueryError("force_n", f"{force.min()} is below 0", "A gel does not pull.")
-        return force
+            raise QueryError("depth, force", "both given", "Ask for one of them.")
+        return _per_touch("force", self.force_n, count, 0.0, GREATEST_FORCE_N, " N")
 
-    def angles(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Tilts and azimuths (count,), radians.
+    def angles(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tilts, azimuths and rolls (count,), radians.
 
         Raises
         ------
         QueryError
             Another shape, angles that are not finite, tilts outside 0 to 45 degrees.
         """
-        tilt = _per_touch("tilt_deg", self.tilt_deg, count, GREATEST_TILT_DEG)
-        return np.radians(tilt), np.radians(_per_touch("azimuth_deg", self.azimuth_deg, count, None))
+        tilt = _per_touch("tilt", self.tilt_deg, count, 0.0, GREATEST_TILT_DEG, " degrees")
+        azimuth, roll = (
+            _per_touch(name, value, count, -GREATEST_TURN_DEG, GREATEST_TURN_DEG, " degrees")
+            for name, value in (("azimuth", self.azimuth_deg), ("roll", self.roll_deg))
+        )
+        return np.radians(tilt), np.radians(azimuth), np.radians(roll)
 
 
 @dataclass(frozen=True)
@@ -126,8 +135,9 @@ class Touches:
     points, normals
         (n, 3) float64: the touched points of the surface and its mean normals over the contact radius.
     reachable
-        (n,) bool: the gel touches the asked point before it is pressed further than asked elsewhere, and
-        neither the housing nor the room between camera and gel holds a part of the object.
+        (n,) bool: the gel touches the asked point before it is pressed further than asked elsewhere,
+        neither the housing nor the room between camera and gel holds a part of the object, and the
+        housing's straight way there along the sensor's axis is free.
     first_contact_offset_m
         (n,) float64: how long before the asked point another part of the object meets the gel; the asked
         point itself is `penetration_m - first_contact_offset_m` deep in it (outside where negative).
@@ -188,20 +198,59 @@ class Touches:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """At which rolls of the sensor n points can be pressed.
+
+    Parameters
+    ----------
+    roll_deg
+        (n, rolls) degrees, evenly round a turn from the roll asked for on.
+    reachable
+        (n, rolls) bool, as of `Touches`.
+    """
+
+    roll_deg: np.ndarray
+    reachable: np.ndarray
+
+    @property
+    def at_some_roll(self) -> np.ndarray:
+        """(n,) bool: whether a point is reachable at any of the rolls."""
+        return np.asarray(self.reachable.any(axis=1))
+
+    @property
+    def best_roll_deg(self) -> np.ndarray:
+        """(n,) degrees: the reachable roll with most room to both sides; not a number where there is none.
+
+        Of equal ones it is that nearest to the roll asked for.
+        """
+        rolls = self.reachable.shape[1]
+        order = sorted(range(rolls), key=lambda column: (min(column, rolls - column), column))
+        best = np.full(len(self.reachable), np.nan)
+        for row, fits in enumerate(self.reachable):
+            blocked = np.flatnonzero(~fits)
+            if fits.any():
+                apart = np.abs(np.array(order)[:, None] - blocked)
+                room = np.minimum(apart, rolls - apart).min(axis=1, initial=rolls)
+                best[row] = self.roll_deg[row, order[int(np.argmax(room))]]
+        return best
+
+
 def saturation_depth_m(sensor: Sensor) -> float:
     """Deepest indentation of the gel, metres: its limit, or where the camera's near plane ends it."""
     clear = sensor.gel_apex_m[0] - sensor.camera_position_m[0] - sensor.near_m
     return min(sensor.maximum_depth_m, clear)
 
 
-def _per_touch(name: str, value: float | np.ndarray, count: int, highest: float | None) -> np.ndarray:
-    """A number, or one a touch, as (count,) float64 from 0 to `highest`, if that is given."""
-    values = np.asarray(value, dtype=np.float64)
+def _per_touch(
+    name: str, value: float | np.ndarray, count: int, low: float, high: float, unit: str
+) -> np.ndarray:
+    """A number, or one a touch, as (count,) float64 from `low` to `high`."""
+    values = real_array(name, value, "Give a number, or one a touch.")
     if values.shape not in ((), (count,)):
-        raise QueryError(name, f"shape {values.shape}, expected a number or ({count},)")
-    if not np.isfinite(values).all():
-        raise QueryError(name, "not finite")
-    if highest is not None and values.size and not (values.min() >= 0 and values.max() <= highest):
-        worst = values.ravel()[np.argmax(np.abs(values - highest / 2))]
-        raise QueryError(name, f"{worst} is out of range", f"Ask for 0 to {highest}.")
+        raise QueryError(name, f"shape {values.shape}", f"Give a number or ({count},).")
+    outside = (values < low) | (values > high)
+    if outside.any():
+        finding = f"{values[outside].ravel()[0]}{unit} is out of range"
+        raise QueryError(name, finding, f"Ask for {low:g} to {high:g}{unit}.")
     return np.broadcast_to(values, (count,))

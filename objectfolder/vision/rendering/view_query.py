@@ -1,13 +1,14 @@
 """Cameras and lights as a query gives them: one or many of each."""
 
-import operator
 import reprlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from objectfolder.errors import QueryError
+from objectfolder.query_values import image_sides, real, real_array, whole
 
 FARTHEST = 1e6  # coordinate of a camera or a light, times the object's size: its square is a float32
 BRIGHTEST = 1e6  # factor of the data set's light
@@ -51,7 +52,7 @@ def view_query(
     QueryError
         Shapes that do not match, values that are not finite, a pose that is not rigid.
     """
-    cameras = _numbers("camera_to_world", camera_to_world)
+    cameras = real_array("camera_to_world", camera_to_world)
     cameras = cameras[None] if cameras.ndim == 2 else cameras
     if cameras.ndim != 3 or cameras.shape[1:] != (4, 4):
         raise QueryError("camera_to_world", f"shape {cameras.shape}", "Give (n, 4, 4) poses.")
@@ -60,9 +61,9 @@ def view_query(
     if not rigid or (np.linalg.det(rotation) < 0).any() or (cameras[:, 3] != [0, 0, 0, 1]).any():
         remedy = "Give an orthonormal rotation without a mirror, a translation, and 0 0 0 1 below."
         raise QueryError("camera_to_world", "not a rigid pose", remedy)
-    lights = _numbers("light_position", light_position)
-    if lights.ndim in (1, 2):
-        lights = lights.reshape(-1, 1, lights.shape[-1])
+    lights = real_array("light_position", light_position)
+    if lights.ndim in (1, 2) and lights.shape[-1] == 3:
+        lights = lights.reshape(-1, 1, 3)
     if lights.ndim != 3 or lights.shape[2] != 3 or len(lights) not in (1, len(cameras)):
         raise QueryError(
             "light_position",
@@ -81,7 +82,7 @@ def light_colours(light_colour: np.ndarray | None, shape: tuple[int, ...]) -> np
     QueryError
         A shape that does not fit that of the lights, or values not within 0 to `BRIGHTEST`.
     """
-    colours = np.ones(3) if light_colour is None else _numbers("light_colour", light_colour)
+    colours = np.ones(3) if light_colour is None else real_array("light_colour", light_colour)
     # A colour for each light: one that numpy would repeat over a longer axis of another meaning is refused.
     fits = colours.shape == (3,) or (
         1 < colours.ndim <= len(shape)
@@ -107,8 +108,8 @@ def ray_query(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, 
     QueryError
         Shapes that do not match, values that are not finite, a direction without length.
     """
-    starts = np.atleast_2d(_numbers("origins", origins))
-    along = np.atleast_2d(_numbers("directions", directions))
+    starts = np.atleast_2d(real_array("origins", origins))
+    along = np.atleast_2d(real_array("directions", directions))
     if along.ndim != 2 or along.shape[1] != 3 or starts.shape not in ((1, 3), along.shape):
         raise QueryError(
             "origins, directions",
@@ -129,23 +130,27 @@ def image_query(
     Raises
     ------
     QueryError
-        Another type, or more than `most_sub_rays`; ranges are for those to check that use them.
+        Another type, or a number out of range.
     """
-    try:
-        sides = tuple(resolution) if np.iterable(resolution) else (resolution, resolution)
-        height, width = (operator.index(side) for side in sides)
-    except (TypeError, ValueError) as error:
-        remedy = "Give whole pixels of a side, or (height, width)."
-        raise QueryError("resolution", reprlib.repr(resolution), remedy) from error
-    try:
-        rays, degrees = operator.index(sub_rays), float(field_of_view)
-    except (TypeError, ValueError) as error:
-        finding = f"{reprlib.repr(field_of_view)}, {reprlib.repr(sub_rays)}"
-        remedy = "Give degrees, and a whole number of rays."
-        raise QueryError("field of view, sub_rays", finding, remedy) from error
-    if rays > most_sub_rays:
-        raise QueryError("sub_rays", f"{rays} rays a pixel", f"Use 1 to {most_sub_rays}.")
-    return (height, width), degrees, rays
+    rays = whole("sub_rays", sub_rays, 1, most_sub_rays)
+    return image_sides(resolution, 1), real("field_of_view", field_of_view, 0.0, 180.0, " degrees"), rays
+
+
+def pass_names(passes: Any, known: Sequence[str]) -> tuple[str, ...]:
+    """Return which passes a query wants; the first of `known` if None.
+
+    Raises
+    ------
+    QueryError
+        None of them, or one that is not known.
+    """
+    if passes is None:
+        return (known[0],)
+    names = tuple(passes) if np.iterable(passes) and not isinstance(passes, str) else ()
+    for name in names or (passes,):
+        if name not in known:
+            raise QueryError("passes", reprlib.repr(name), f"Give a list of some of {', '.join(known)}.")
+    return names
 
 
 def require_near(name: str, positions: np.ndarray) -> None:
@@ -158,14 +163,3 @@ def require_near(name: str, positions: np.ndarray) -> None:
     """
     if not np.abs(positions).max(initial=0.0) <= FARTHEST:
         raise QueryError(name, f"more than {FARTHEST:g} times the object's size away", "Come nearer.")
-
-
-def _numbers(name: str, values: Any) -> np.ndarray:
-    """Return finite values as float64."""
-    try:
-        found = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise QueryError(name, f"{reprlib.repr(values)}", "Give an array of numbers.") from error
-    if not np.isfinite(found).all():
-        raise QueryError(name, "not finite", "Give numbers.")
-    return found

@@ -1,5 +1,6 @@
 """What an Object File answers when it is looked at."""
 
+import reprlib
 from collections.abc import Collection
 from functools import cached_property
 from typing import overload
@@ -7,8 +8,8 @@ from typing import overload
 import numpy as np
 
 from objectfolder.errors import QueryError
+from objectfolder.query_values import MOST_SAMPLED, generator, point_rows, real, whole
 from objectfolder.surface.frames import UnitFrame
-from objectfolder.surface.points import point_rows
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import (
     CAMERA_RADIUS,
@@ -18,7 +19,7 @@ from objectfolder.vision.cameras import (
 )
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.environment import Environment
-from objectfolder.vision.rendering.view_query import ray_query, view_query
+from objectfolder.vision.rendering.view_query import FARTHEST, pass_names, ray_query, view_query
 from objectfolder.vision.studio import STUDIOS, exposed, exposure, studio_lights, turntable
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
@@ -115,11 +116,8 @@ class SightQueries:
         >>> round(float(depth[0].min()), 1)  # metres
         0.3
         """
-        wanted = ("image",) if passes is None else tuple(passes)
         names = {"image": "rgba", "depth": "depth", "normal": "normal", "mask": "mask"}
-        for name in wanted:
-            if name not in names:
-                raise QueryError("passes", f"{name!r}", f"Use {', '.join(names)}.")
+        wanted = pass_names(passes, tuple(names))
         if (light is None) == (light_position is None) or (light is not None and light_colour is not None):
             remedy = "Give lamps, with their colours or without, or one light for all views."
             raise QueryError("light_position, light", "neither, or one beside the other", remedy)
@@ -196,8 +194,9 @@ class SightQueries:
         >>> cameras.shape, lights.shape
         ((4, 4, 4), (4, 3))
         """
-        random = np.random.default_rng(seed)
-        cameras = look_at(uniform_on_sphere(count, camera_radius, random))
+        count, random = whole("count", count, 0, MOST_SAMPLED), generator(seed)
+        radius = real("camera_radius", camera_radius, 1e-3, FARTHEST)
+        cameras = look_at(uniform_on_sphere(count, radius, random))
         lights = uniform_on_sphere(count, LIGHT_RADIUS, random)
         return self.frame.camera_to_object(cameras), self.frame.to_object(lights)
 
@@ -243,10 +242,10 @@ class SightQueries:
         >>> pictures.shape, pictures[0, 0, 0].tolist()  # white beside the bar
         ((3, 64, 64, 3), [255, 255, 255])
         """
-        if studio not in STUDIOS:
-            raise QueryError("studio", f"{studio!r}", f"Use {' or '.join(STUDIOS)}.")
+        if not isinstance(studio, str) or studio not in STUDIOS:
+            raise QueryError("studio", reprlib.repr(studio), f"Use {' or '.join(STUDIOS)}.")
         if isinstance(cameras, int | np.integer):
-            poses = self._all_round(int(cameras))
+            poses = self._all_round(whole("cameras", cameras, 1, MOST_SAMPLED))
         else:
             poses = view_query(cameras, np.zeros(3), None).cameras
         if studio not in self._exposures:

@@ -2,7 +2,7 @@
 
 import copy
 import importlib.util
-import reprlib
+import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, overload
 
@@ -11,8 +11,8 @@ import numpy as np
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.stored_values import number, whole_number
 from objectfolder.products.tensor_file import REMEDY
+from objectfolder.query_values import point_rows, require_room
 from objectfolder.surface.frames import UnitFrame
-from objectfolder.surface.points import point_rows
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.environment import Environment
@@ -23,6 +23,7 @@ from objectfolder.vision.rendering.pixel_centres import cast_pixel_centres
 from objectfolder.vision.rendering.view_query import (
     image_query,
     light_colours,
+    pass_names,
     ray_query,
     require_near,
     view_query,
@@ -36,6 +37,7 @@ PREFIX = "vision."
 DEVICES = ("cpu", "cuda")
 SUB_RAYS = 64
 MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
+MOST_RAYS = 1 << 33  # of all images of a query: some half an hour
 BAND_PIXELS = 1 << 21  # rendered at once: working memory does not grow with the image
 # Shape of a pixel, and type, of what a view can show.
 PASSES: dict[str, tuple[tuple[int, ...], type]] = {
@@ -223,10 +225,7 @@ class VisionNet:
             (n, height, width, 4) float32 scene-linear premultiplied RGBA; alpha 0 where the object is not.
             With `passes`, any of ``rgba``, ``depth``, ``normal``, ``mask``, a dict of them.
         """
-        wanted = ("rgba",) if passes is None else tuple(passes)
-        for name in wanted:
-            if name not in PASSES:
-                raise QueryError("passes", f"{name!r}", f"Use {', '.join(PASSES)}.")
+        wanted = pass_names(passes, tuple(PASSES))
         around = light_position if isinstance(light_position, Environment) else None
         lamps = np.zeros(3) if isinstance(light_position, Environment) else light_position
         query = view_query(camera_to_world, lamps, light_colour)
@@ -235,7 +234,8 @@ class VisionNet:
         rays = self.sub_rays if sub_rays is None else sub_rays
         resolution, field_of_view_deg, rays = image_query(resolution, field_of_view_deg, rays, MOST_SUB_RAYS)
         size = image_size(resolution)
-        part = _part(crop, size)
+        part = image_crop(crop, size)
+        _require_room(len(query.cameras) * part[2] * part[3], wanted, rays)
         stacked: dict[str, np.ndarray] = {
             name: np.zeros((len(query.cameras), *part[2:], *PASSES[name][0]), PASSES[name][1])
             for name in wanted
@@ -277,13 +277,14 @@ class VisionNet:
         return self._rendering().radiance(starts, along, lights, colours)
 
 
-def _part(crop: tuple[int, int, int, int] | None, size: tuple[int, int]) -> tuple[int, int, int, int]:
-    try:
-        return image_crop(crop, size)
-    except (OverflowError, TypeError, ValueError) as error:
-        if isinstance(error, QueryError):
-            raise
-        raise QueryError("crop", reprlib.repr(crop), "Give (top, left, height, width).") from error
+def _require_room(pixels: int, wanted: Collection[str], rays: int) -> None:
+    """Refuse answers that do not fit into memory, and images that would take hours."""
+    size = sum(math.prod(PASSES[name][0]) * np.dtype(PASSES[name][1]).itemsize for name in wanted)
+    remedy = "Ask for fewer views, fewer pixels, or one crop after another."
+    require_room("camera_to_world, resolution", pixels * size, remedy)
+    if "rgba" in wanted and pixels * rays > MOST_RAYS:
+        finding = f"{pixels} pixels of {rays} rays, more than {MOST_RAYS} rays"
+        raise QueryError("sub_rays, resolution", finding, "Ask for fewer rays a pixel or fewer pixels.")
 
 
 def _bands(part: tuple[int, int, int, int]) -> Iterator[tuple[slice, tuple[int, int, int, int]]]:

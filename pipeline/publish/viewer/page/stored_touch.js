@@ -73,13 +73,15 @@
       return length(total) > 1e-3 * radius * radius ? unit(total) : normal;
     }
 
-    // Triangles in the sensor frame that lie near it: nine numbers each.
+    // Triangles in the sensor frame that lie near it or behind it: nine numbers each.
     _seen(origin, axes) {
       const { sensor, surface } = this;
       const middle = plus(origin, axes.reduce((sum, axis, index) => plus(sum, times(axis, sensor.gel_apex_m[index])), [0, 0, 0]));
       const found = [];
       for (const { start, stop, centre, radius } of surface.bins) {
-        if (length(minus(centre, middle)) > radius + 0.06) continue;
+        const away = minus(centre, middle);
+        const along = dot(away, axes[0]);
+        if (along > radius + 0.06 || length(minus(away, times(axes[0], along))) > radius + 0.06) continue;
         for (let face = start; face < stop; face += 1) {
           found.push(surface.corners(face).map((corner) => axes.map((axis) => dot(minus(corner, origin), axis))));
         }
@@ -99,10 +101,11 @@
       return deepest;
     }
 
+    // At its place or on its straight way there.
     _meetsHousing(triangles) {
       const { housing_low_m: low, housing_high_m: high } = this.sensor;
       let meets = false;
-      eachPlace(triangles, [low[1], high[1], low[2], high[2]], ([x]) => (meets ||= x > low[0] && x < high[0]));
+      eachPlace(triangles, [low[1], high[1], low[2], high[2]], ([x]) => (meets ||= x < high[0]));
       return meets;
     }
 
