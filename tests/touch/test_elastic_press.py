@@ -189,6 +189,18 @@ def test_no_depth_and_no_force_show_the_untouched_gel() -> None:
         assert touch.reachable[0]
 
 
+def test_no_force_indents_nothing_where_a_spike_lies_between_cells() -> None:
+    pitch, x, y = Press().cell_m, 0.5 * SENSOR.gel_width_m, 0.5 * SENSOR.gel_height_m
+    # Half a cell beside every centre: the nearest centre is above the spike's steep side.
+    tip = np.array([0.5 * pitch, 0.5 * pitch, 0.0])
+    corners = [[0.1 * pitch * i, 0.1 * pitch * j, -0.01] for i, j in ((0, 0), (10, 0), (10, 10), (0, 10))]
+    spike = Surface(np.array([*corners, tip]), np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]))
+    assert min(x, y) > pitch
+    touch = press(spike, SENSOR, tip[None], Press(force_n=0.0, contact="elastic"))
+    assert touch.penetration_m[0] == touch.force_n[0] == touch.contact_area_m2[0] == 0
+    assert not touch.mask.any()
+
+
 def test_a_force_beyond_the_gel_saturates_it() -> None:
     touch = press(BALL, SENSOR, BALL_POINT, Press(force_n=1e4, samples=1, contact="elastic"))
     assert touch.saturated[0]

@@ -11,6 +11,7 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.touch.elastic.conjugate_gradients import minimise
+from objectfolder.touch.elastic.contact_area import covered_cells
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.influence import compliance
 
@@ -58,8 +59,8 @@ class Contact:
 
     @property
     def contact_area_m2(self) -> float:
-        """Area of the cells in contact, projected on the plane of the grid."""
-        return float(np.count_nonzero(self.pressure_pa)) * self.pitch_m[0] * self.pitch_m[1]
+        """Area in contact, projected on the plane of the grid, to parts of a cell; see `covered_cells`."""
+        return covered_cells(self.pressure_pa) * self.pitch_m[0] * self.pitch_m[1]
 
     @property
     def force_n(self) -> float:

@@ -43,7 +43,7 @@ def press_elastic(
     touches
         n, filled in, but for points and normals: as of `press.press`, but ``depth`` is how far the gel that a
         pixel sees is displaced along the sensor's axis, in contact or not, negative where it bulges out;
-        ``mask`` is where the gel is touched; ``contact_area_m2`` is the area of all cells of gel in contact;
+        ``mask`` is where the gel is touched; ``contact_area_m2`` is the area of gel in contact;
         ``penetration_m`` is how far the object lies in the undeformed gel; ``force_n`` is what the gel bears,
         less than asked for where it is saturated before.
 
@@ -93,8 +93,8 @@ def _gel_contact(gap: np.ndarray, sensor: Sensor, depth: float | None, force: fl
     """Contact of the gel with an object `gap` (rows, columns) metres over it."""
     pitch = sensor.gel_height_m / gap.shape[0], sensor.gel_width_m / gap.shape[1]
     gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
-    if depth is not None:
-        return solve_contact(gap, pitch, gel, indentation_m=depth)
+    if depth is not None or force == 0:
+        return solve_contact(gap, pitch, gel, indentation_m=depth or 0.0)
     contact = solve_contact(gap, pitch, gel, force_n=force)
     limit = greatest_depth_m(sensor)
     if contact.indentation_m <= limit:
