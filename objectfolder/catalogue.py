@@ -184,6 +184,9 @@ def _check_columns(path: Path, columns: list[str]) -> None:
         )
         if name not in columns and (near or name in REQUIRED_COLUMNS):
             remedy = f"Rename {near[0]!r} to {name!r}" if near else f"Add a column {name!r}"
+            for separator, said in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+                if len(columns) == 1 and separator in columns[0]:
+                    remedy = f"Its columns are separated by {said}: separate them by commas"
             raise InputError(str(path), f"has no column {name!r}", remedy)
 
 

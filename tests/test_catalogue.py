@@ -56,6 +56,8 @@ def test_length_as_in_file(folder, length):
 
 def test_table_that_cannot_be_used(subtests, folder):
     for text, finding in [
+        ("id;mesh;material\ncube;cube/model.obj;steel\n", "separated by semicolons: separate them by commas"),
+        ("id\tmesh\tmaterial\ncube\tcube/model.obj\tsteel\n", "separated by tabs: separate them by commas"),
         ("id,mesh\ncube,cube/model.obj\n", "has no column 'material'. Add a column 'material'"),
         (
             "id,material,lenght_m\ncube,steel,0.1\n",

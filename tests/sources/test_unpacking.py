@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 import tarfile
+import time
 import tracemalloc
 import unicodedata
 import zipfile
@@ -180,6 +181,23 @@ def test_bombs(tmp_path, kind, monkeypatch):
     many = MAKERS[kind]([(str(number), b"") for number in range(101)])
     monkeypatch.setattr(unpacking, "LIMIT_FILES", 100)
     assert "more than 100 members" in refused(tmp_path, many)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "name",
+    ["CON", "nul.txt", "a/aux/b", ".git/config", "x/.GIT/hooks/pre-commit", "a/.gitmodules", "git~1/x"],
+)
+def test_reserved_names(tmp_path, kind, name):
+    assert "is reserved" in refused(tmp_path, MAKERS[kind]([("fine", b""), (name, b"x")]))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_member_too_many_is_refused_soon(tmp_path, kind):
+    many = MAKERS[kind]([(f"d{number % 50}/{number}", b"x") for number in range(10_001)])
+    begin = time.process_time()
+    assert "more than 10000 members" in refused(tmp_path, many)
+    assert time.process_time() - begin < 4
 
 
 @pytest.mark.parametrize(

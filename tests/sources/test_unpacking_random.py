@@ -14,11 +14,18 @@ from pipeline.intake.sources.unpacking import unpack
 from tests.sources.hostile_archives import KINDS, MAKERS, tree
 
 SURROGATES_AND_CONTROLS = ("Cs", "Cc")
+DEVICES = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    *(f"{port}{number}" for port in ("COM", "LPT") for number in range(1, 10)),
+}
 PART = st.text(
     st.characters(exclude_categories=SURROGATES_AND_CONTROLS, exclude_characters="/\\:"),
     min_size=1,
     max_size=12,
-).filter(lambda part: part not in (".", ".."))
+).filter(lambda part: part not in (".", "..") and part.split(".")[0].upper() not in DEVICES)
 NAME = st.lists(PART, min_size=1, max_size=4).map("/".join)
 PLAIN = st.dictionaries(NAME, st.binary(max_size=2000), min_size=1, max_size=8)
 HOSTILE_PARTS = (

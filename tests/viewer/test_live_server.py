@@ -197,6 +197,12 @@ def test_questions_without_an_answer_say_why(server, path, question, named):
     assert named in json.loads(body)["error"]
 
 
+def test_deep_json_is_refused(server):
+    for deep in (b"[" * 20_000, b'{"a":' * 8_000):
+        assert asked(server, "POST", "/render", deep, JSON)[0] == 400
+    assert asked(server, "GET", "/")[0] == 200
+
+
 def test_long_requests_are_refused(server):
     with contextlib.suppress(ConnectionError):
         assert asked(server, "POST", "/render", b" " * (1 << 20), JSON)[0] in (400, 413)

@@ -31,6 +31,8 @@ DAMAGE = (
     TypeError, ValueError, AttributeError, RuntimeError, OverflowError,
 )  # fmt: skip
 _DRIVE = re.compile(r"[A-Za-z]:")
+# Devices of Windows, and what git obeys.
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[1-9]|lpt[1-9])(\..*)?|\.git.*|git~\d+", re.IGNORECASE)
 
 
 class _Member(NamedTuple):
@@ -125,6 +127,8 @@ def _plain_path(name: str) -> PurePosixPath:
         raise ValueError(f"{name!r} has control characters, or is not UTF-8")
     if "\\" in name or any(part == ".." or _DRIVE.match(part) for part in path.parts):
         raise ValueError(f"{name!r} leads out of its folder, on this machine or on others")
+    if any(_RESERVED.fullmatch(part) for part in path.parts):
+        raise ValueError(f"{name!r} is reserved for a device or for git")
     return path
 
 
@@ -167,6 +171,8 @@ def _zip_members(file: _Bounded, archive: zipfile.ZipFile) -> Iterator[_Member]:
         archive.extract(entry, folder)
 
     entries = archive.infolist()
+    if len(entries) > LIMIT_FILES:
+        raise ValueError(f"it has more than {LIMIT_FILES} members")
     # The reader uses only the directory's size; with a damaged one an archive seems to have fewer members.
     file.seek(-12 - len(archive.comment), io.SEEK_END)
     (count,) = struct.unpack("<H", file.read(2))

@@ -104,7 +104,7 @@ class Query(Guarded):
             header, payload = await asyncio.get_running_loop().run_in_executor(
                 self._threads, self._answer, number, asked
             )
-        except (ObjectFolderError, ValueError, OSError) as error:
+        except (ObjectFolderError, ValueError, OSError, RecursionError) as error:
             self.set_status(400)
             self.finish({"error": str(error)})
             return
