@@ -4,7 +4,7 @@ import csv
 import difflib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 
 from objectfolder.errors import InputError
@@ -22,6 +22,8 @@ class Material:
     rayleigh_alpha_per_s, rayleigh_beta_s : damping matrix alpha M + beta K, not negative
     roughness, metallic : defaults of the looks, in [0, 1]
     citation : where the numbers come from
+    friction, restitution, contact_citation : dry contact, sliding friction not negative, restitution in
+        [0, 1], and where they come from; None and empty where the table does not say
     """
 
     name: str
@@ -33,6 +35,9 @@ class Material:
     roughness: float
     metallic: float
     citation: str
+    friction: float | None = None
+    restitution: float | None = None
+    contact_citation: str = ""
 
     @property
     def shear_speed_m_s(self) -> float:
@@ -40,7 +45,7 @@ class Material:
         return math.sqrt(self.youngs_modulus_pa / (2 * (1 + self.poisson_ratio)) / self.density_kg_m3)
 
 
-COLUMNS = tuple(field.name for field in fields(Material))
+COLUMNS = tuple(field.name for field in fields(Material) if field.default is MISSING)
 # Open and closed ends of what is physically possible.
 RANGES = {
     "density_kg_m3": ("positive", lambda x: x > 0),
@@ -50,6 +55,11 @@ RANGES = {
     "rayleigh_beta_s": ("zero or positive", lambda x: x >= 0),
     "roughness": ("between 0 and 1", lambda x: 0 <= x <= 1),
     "metallic": ("between 0 and 1", lambda x: 0 <= x <= 1),
+}
+# Columns that a table may lack, or leave empty.
+CONTACT_RANGES = {
+    "friction": ("zero or positive", lambda x: x >= 0),
+    "restitution": ("between 0 and 1", lambda x: 0 <= x <= 1),
 }
 
 
@@ -88,7 +98,10 @@ def read_materials(path: Path | str) -> dict[str, Material]:
         if name in materials:
             raise InputError(where, f"material {name} comes twice", "Keep one of the rows.")
         numbers = {column: _number(where, column, row[column]) for column in RANGES}
-        materials[name] = Material(name=name, citation=(row["citation"] or "").strip(), **numbers)
+        stated = [column for column in CONTACT_RANGES if (row.get(column) or "").strip()]
+        numbers |= {column: _number(where, column, row[column]) for column in stated}
+        citation, contact = ((row.get(column) or "").strip() for column in ("citation", "contact_citation"))
+        materials[name] = Material(name=name, citation=citation, contact_citation=contact, **numbers)
     return materials
 
 
@@ -111,7 +124,7 @@ def find_material(materials: Mapping[str, Material], name: str, where: str) -> M
 
 
 def _number(where: str, column: str, text: str | None) -> float:
-    meaning, holds = RANGES[column]
+    meaning, holds = {**RANGES, **CONTACT_RANGES}[column]
     try:
         value = float(text or "")
     except ValueError:

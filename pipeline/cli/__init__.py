@@ -40,6 +40,8 @@ objectfolder press mug.safetensors --points queries/points.npy --depth 0.001 -o 
 objectfolder modes mug.obj --material ceramic --max-frequency 20000 --json
 objectfolder fetch ycb:025_mug gso:ACE_Coffee_Mug_Kristen_16_oz_cup
 objectfolder export mug --format nerf -o mug-nerf
+objectfolder export mug --format mjcf -o mug-mujoco
+objectfolder scene mug bell fork -o table/scene.xml
 objectfolder plan --count 1000 --workers 2 64
 ```
 """
@@ -52,7 +54,8 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     ),
     "Versions": (versions.audit, versions.verify, versions.history),
     "Publishing": (
-        publishing.cards, publishing.get, publishing.export, publishing.export_samples, publishing.listen,
+        publishing.cards, publishing.get, publishing.export, publishing.export_samples, publishing.scene,
+        publishing.listen,
     ),
 }  # fmt: skip
 

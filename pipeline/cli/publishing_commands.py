@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from objectfolder.errors import InputError
 from pipeline.cli.options import AtLeastOne, Fields, Output, Remote, Root
 from pipeline.cli.printing import FAILED, FINE, print_error, status_line
 from pipeline.publish.queries.requests import Exporting
@@ -85,27 +86,73 @@ def get(
 
 
 def export(
-    object_: Annotated[str, Parameter(name="OBJECT")],
-    /,
-    *,
+    *objects: Annotated[str, Parameter(name="OBJECT")],
     wanted: Annotated[Exporting, Fields],
     output: Output,
     root: Root = Path("."),
 ) -> None:
-    """Write views as NeRF or COLMAP data, or a surface as textured glTF.
+    """Write views as NeRF or COLMAP data, a surface as textured glTF, or an object for simulators.
 
     Parameters
     ----------
-    object_
+    objects
         an id of the data set, a product of views or objects (.zarr.zip), an Object File (.safetensors), or,
-        for glTF, a mesh in metres
+        for glTF, a mesh in metres; for simulators also several (default there: all of the data set)
     output
-        a folder that does not exist yet
+        a folder that does not exist yet; several objects get a folder each in it
     """
+    from pipeline.publish.export.assets import ALL_FORMATS, all_objects, write_assets
     from pipeline.publish.export.exports import write_export
     from pipeline.publish.export.found_products import find_products
 
-    print(write_export(find_products(object_, root), wanted, output))
+    if wanted.format in (*ALL_FORMATS, "all"):
+        for line in write_assets(objects or all_objects(root), root, wanted, output):
+            print(line, flush=True)
+        return
+    if len(objects) != 1:
+        raise InputError("OBJECT", f"{len(objects)} are named", f"Name one: --format {wanted.format}.")
+    print(write_export(find_products(objects[0], root), wanted, output))
+
+
+def scene(
+    *objects: Annotated[str, Parameter(name="OBJECT")],
+    output: Output,
+    table_m: Annotated[float, Number(gt=0, lte=100)] = 1.0,
+    height_m: Annotated[float, Number(gte=0, lte=100)] = 0.0,
+    seed: int = 0,
+    most_parts: Annotated[int, AtLeastOne] = 16,
+    texture_side: Annotated[int, AtLeastOne] = 1024,
+    overwrite: bool = False,
+    root: Root = Path("."),
+) -> None:
+    """Write a table with objects at rest on it: MJCF (.xml), SDF (.sdf) or USD (.usda).
+
+    Parameters
+    ----------
+    objects
+        ids of the data set or Object Files; one may come several times
+    output
+        the scene; assets of the objects are written to folders beside it
+    table_m
+        side of the square table, metres
+    height_m
+        height of its top, metres
+    seed
+        of stable poses, turns and places
+    most_parts
+        largest number of convex parts of an object
+    texture_side
+        texels a side, where colours are those of an Object File
+    overwrite
+        replace an earlier scene and its assets
+    """
+    from pipeline.publish.export.assets import all_objects, compose_scene
+
+    wanted = Exporting(
+        format="all", seed=seed, most_parts=most_parts, texture_side=texture_side, overwrite=overwrite
+    )
+    named = objects or all_objects(root)
+    print(compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m))
 
 
 def export_samples(

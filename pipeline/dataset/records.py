@@ -132,12 +132,15 @@ def _unreadable(error: Exception) -> InputError:
 
 
 def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
-    """Return what the stages read of an object: its record, and all values of its material."""
+    """Return what the stages read of an object: its record, and its material as sound and sight take it."""
+    from objectfolder.audio.materials import CONTACT_RANGES
+
     appearance = {
         "roughness": material.roughness if record.roughness is None else record.roughness,
         "metallic": material.metallic if record.metallic is None else record.metallic,
     }
-    physical = {key: value for key, value in asdict(material).items() if key not in (*appearance, "citation")}
+    elsewhere = (*appearance, *CONTACT_RANGES, "citation", "contact_citation")
+    physical = {key: value for key, value in asdict(material).items() if key not in elsewhere}
     return {
         **{name: getattr(record, name) for name in ("name", "mesh", "texture", "length_m", *STATED)},
         "file_names": [record.mesh.name, record.texture.name if record.texture else None],

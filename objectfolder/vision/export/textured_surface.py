@@ -20,6 +20,13 @@ ColourOf = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 def write_mesh(path: Path, mesh: TexturedMesh, appearance: Appearance, credit: Credit) -> dict[str, Any]:
     """Write a mesh with its own textures, nothing resampled; return what was written as JSON."""
+    said = {"colour": "the source's own textures"}
+    write_glb(path, mesh_parts(mesh, appearance), appearance, credit, mipmaps=True, extras=said)
+    return {"triangles": len(mesh.faces), **said, "bytes": path.stat().st_size}
+
+
+def mesh_parts(mesh: TexturedMesh, appearance: Appearance) -> list[Part]:
+    """Return the faces of each texture of a mesh."""
     normals = mesh.surface.corner_normals
     parts = []
     for index in np.unique(mesh.face_texture).tolist():
@@ -34,8 +41,7 @@ def write_mesh(path: Path, mesh: TexturedMesh, appearance: Appearance, credit: C
                 metallic_roughness=_metallic_roughness(mesh, index, appearance),
             )
         )
-    write_glb(path, parts, appearance, credit, mipmaps=True, extras={"colour": "the source's own textures"})
-    return {"triangles": len(mesh.faces), "colour": "the source's own textures", "bytes": path.stat().st_size}
+    return parts
 
 
 def _metallic_roughness(mesh: TexturedMesh, index: int, appearance: Appearance) -> np.ndarray | None:
@@ -87,17 +93,26 @@ def write_surface(
         colours = colour_of(face, np.tile(np.eye(3), (len(surface.faces), 1)))
         parts = [Part(positions, normals, colours=colours.reshape(-1, 3, 4))]
     else:
-        atlas = pack(positions, side, finest_m)
-        image, baked = bake(atlas, colour_of)
-        parts = [Part(positions, normals, atlas.texture_coordinates(), image)]
-        said |= {
-            "texture_side": side,
-            "texels_baked": baked,
-            "texel_pitch_m": atlas.pitch_m,
-            "texels_per_m2": baked / surface.area,
-        }
+        part, baked = baked_part(surface, colour_of, side, finest_m)
+        parts = [part]
+        said |= baked
     write_glb(path, parts, appearance, credit, mipmaps=False, extras=dict(said))
     return {**said, "bytes": path.stat().st_size}
+
+
+def baked_part(
+    surface: Surface, colour_of: ColourOf, side: int = 1024, finest_m: float = 0.0
+) -> tuple[Part, dict[str, Any]]:
+    """Return a surface with its colours in an atlas (see `write_surface`), and what was baked as JSON."""
+    positions = surface.vertices[surface.faces]
+    atlas = pack(positions, side, finest_m)
+    image, baked = bake(atlas, colour_of)
+    return Part(positions, surface.corner_normals, atlas.texture_coordinates(), image), {
+        "texture_side": side,
+        "texels_baked": baked,
+        "texel_pitch_m": atlas.pitch_m,
+        "texels_per_m2": baked / surface.area,
+    }
 
 
 def bake(atlas: Atlas, colour_of: ColourOf) -> tuple[np.ndarray, int]:

@@ -65,7 +65,7 @@ def _write_views(found: FoundProducts, wanted: Exporting, output: Path) -> str:
 
 def _write_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
     surface = wanted.surface or ("stored" if found.object_file is not None else "source")
-    appearance, credit = _appearance(found, wanted), found.credit()
+    appearance, credit = appearance_of(found, wanted), found.credit()
     name = f"{found.object_id}.glb"
     if surface == "source" and wanted.vertex_colours:
         raise InputError("--vertex-colours", "the source mesh has its own textures", "Leave one of them out.")
@@ -73,7 +73,7 @@ def _write_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
         if surface == "source":
             written = write_mesh(folder / name, found.source_mesh(), appearance, credit)
         else:
-            stored, colour_of, colour, finest_m = _stored_colours(found, wanted, appearance)
+            stored, colour_of, colour, finest_m = stored_colours(found, wanted, appearance)
             written = write_surface(
                 folder / name,
                 stored,
@@ -91,7 +91,7 @@ def _write_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
     return f"{name}, {written['triangles']} triangles of the {surface} surface{pitch}, {size}"
 
 
-def _stored_colours(
+def stored_colours(
     found: FoundProducts, wanted: Exporting, appearance: Appearance
 ) -> tuple[Surface, ColourOf, str, float]:
     """Return the stored surface, its colours, these in words, and the texel pitch that suffices (metres)."""
@@ -120,7 +120,7 @@ def _stored_colours(
     )
 
 
-def _appearance(found: FoundProducts, wanted: Exporting) -> Appearance:
+def appearance_of(found: FoundProducts, wanted: Exporting) -> Appearance:
     """Return roughness and metallic as asked, as rendered, or as the materials table has them."""
     known: dict[str, Any] = {}
     if found.views is not None:

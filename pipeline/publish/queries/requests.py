@@ -166,7 +166,7 @@ class ModesOfMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class Exporting:
-    """An export of views or of a surface.
+    """An export of views, of a surface, or of what simulators need.
 
     Parameters
     ----------
@@ -181,10 +181,10 @@ class Exporting:
     points
         colmap: surface points to draw
     seed
-        colmap: seed of the points
+        colmap: seed of the points; simulators: of convex parts and of a scene's places
     surface
-        gltf: the compressed surface of the Object File, or the source mesh (default: the stored one where
-        there is an Object File)
+        gltf, simulators: the compressed surface of the Object File, or the source mesh (default: the stored
+        one where there is an Object File; for simulators the source's where it is at hand)
     colour
         gltf, stored surface: what VisionNet learned, or the source's texture (default where there is one)
     texture_side
@@ -197,9 +197,19 @@ class Exporting:
         gltf: in place of the material's
     materials
         materials table (CSV)
+    mass_kg
+        simulators: a measured mass; the inertia follows (default: that of the solid)
+    friction
+        simulators: coefficient of sliding friction, in place of the material's
+    restitution
+        simulators: in place of the material's
+    most_parts
+        simulators: largest number of convex parts for collisions
+    threshold_m
+        simulators: concavity that a part may have, metres (default: a hundredth of the object's length)
     """
 
-    format: Literal["nerf", "colmap", "gltf"]
+    format: Literal["nerf", "colmap", "gltf", "mjcf", "urdf", "sdf", "usd", "all"]
     overwrite: bool = False
     frame: Literal["unit", "object"] = "unit"
     exr: bool = False
@@ -212,3 +222,8 @@ class Exporting:
     roughness: float | None = None
     metallic: float | None = None
     materials: Path = MATERIALS
+    mass_kg: float | None = None
+    friction: float | None = None
+    restitution: float | None = None
+    most_parts: int = 16
+    threshold_m: float | None = None

@@ -1,0 +1,226 @@
+"""Scans as assets of simulators: what loads, how well convex parts fit, and whether bodies rest.
+
+    python -m bench.factory.simulators --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
+
+Engines that are not installed are left out, and named: `pip install pybullet drake sapien` for all. Assets
+and rows are kept in FOLDER and not made again, so that a run can be stopped and taken up.
+"""
+
+import os
+import time
+import traceback
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.factory.engines import (
+    ENGINES,
+    drift_of_angular_momentum,
+    rest_in_mujoco,
+    rest_in_pybullet,
+    slide_in_mujoco,
+)
+from bench.record import conclude, cpu_seconds, kept, save, subplots
+from bench.senses.catalogue import Scans, scan_arguments
+from objectfolder.errors import ObjectFolderError
+from objectfolder.mesh.body import solid_properties, topology_of
+from objectfolder.simulators.asset import Asset, Contact, RigidBody
+from objectfolder.simulators.collision import convex_parts
+from objectfolder.simulators.formats import write_asset
+from objectfolder.simulators.stable_poses import stable_poses
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.export.files import Credit
+from objectfolder.vision.export.textured_surface import mesh_parts
+
+COMPARED = (
+    "Assets of scans, made by convex_parts and write_asset with their defaults, as simulators read them; "
+    "rest: four seconds from each stable pose of probability above 5 % on a plane"
+)
+# Metres, degrees, metres or radians a second, metres: what counts as at rest.
+RESTS = {"moved_m": 2e-3, "tilted_deg": 2.0, "speed": 1e-3, "overlap_m": 2e-4}
+
+
+def main() -> None:
+    parser = scan_arguments("scans as assets of simulators", "assets and rows")
+    parser.add_argument("--only", nargs="+", metavar="ID")
+    given = parser.parse_args()
+    scans = Scans(given.objects)
+    table = {}
+    for name in given.only or scans.ids:
+        path = given.folder / f"{name}.json"
+        table[name] = kept(path, lambda at=name: measure(scans, at, given.folder / at))
+        print(name, table[name], flush=True)
+    conclude("simulators", figures(table), settings(), COMPARED, draw)
+
+
+def settings() -> dict[str, Any]:
+    versions = {}
+    for package in ("mujoco", "pybullet", "drake", "sapien", "usd-core", "coacd"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "not installed"
+    return {
+        "engines": versions,
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
+        "times": "CPU seconds",
+        "at_rest": RESTS,
+    }
+
+
+def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
+    """One object's row; a failure has its reason."""
+    try:
+        return _measure(scans, name, folder)
+    except ObjectFolderError as error:
+        return {"failure": str(error)}
+    except Exception:
+        return {"failure": traceback.format_exc(limit=1)}
+
+
+def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
+    mesh, material = scans.mesh(name), scans.material(name)
+    surface = scans.surface(name)
+    topology = topology_of(surface)
+    solid = solid_properties(surface.vertices, surface.faces)
+    if not (topology.watertight and topology.consistent):
+        raise ObjectFolderError(name, "its surface is open or torn, so it has no inertia")
+    density = material.density_kg_m3
+    body = RigidBody(
+        density * solid.volume_m3, solid.centre_of_mass_m, density * solid.inertia_per_density_m5
+    )
+    start = cpu_seconds()
+    collision = convex_parts(surface, name=name)
+    decomposed = cpu_seconds()
+    contact = Contact(material.friction or 0.0, material.restitution or 0.0)
+    looks = Appearance(roughness=material.roughness, metallic=material.metallic)
+    asset = Asset(name, mesh_parts(mesh, looks), looks, collision, body, contact, Credit(name))
+    folder.mkdir(parents=True, exist_ok=True)
+    write_asset(folder, asset)
+    first_load_ms = load_ms(folder)
+    length = float(np.ptp(surface.bounds, axis=0).max())
+    flat, *_ = poses = stable_poses(asset)
+    return {
+        "failure": None,
+        **collision.to_dict(),
+        "outward_share": collision.outward_m / length,
+        "inward_share": collision.inward_m / length,
+        "decompose_cpu_s": decomposed - start,
+        "read": read(asset, folder, length),
+        "rest": [rests(folder, pose.object_to_world) | {"probability": pose.probability} for pose in poses],
+        "slide_over_friction": slide_in_mujoco(folder, flat.object_to_world, contact.friction),
+        "angular_momentum_drift": drift_of_angular_momentum(folder),
+        "step_us": step_us(folder, flat.object_to_world),
+        "load_ms": first_load_ms,
+    }
+
+
+def read(asset: Asset, folder: Path, length_m: float) -> dict[str, Any]:
+    """The worst relative error of mass, centre and moments by engine and format; or why it does not load."""
+    found: dict[str, Any] = {}
+    for engine, (reader, kinds) in ENGINES.items():
+        for kind in kinds:
+            try:
+                found[f"{engine} {kind}"] = reader(folder, kind).worst_relative(asset.body, length_m)
+            except Exception as error:
+                found[f"{engine} {kind}"] = repr(error)
+    return found
+
+
+def rests(folder: Path, pose: np.ndarray) -> dict[str, Any]:
+    engines = {"MuJoCo": rest_in_mujoco}
+    if "PyBullet" in ENGINES:
+        engines["PyBullet"] = rest_in_pybullet
+    outcome: dict[str, Any] = {}
+    ends = []
+    for engine, rest in engines.items():
+        found = rest(folder, pose)
+        ends.append(found.pose)
+        outcome[engine] = {name: getattr(found, name) for name in RESTS}
+    if len(ends) == 2:
+        apart = np.clip(ends[0][2, :3] @ ends[1][2, :3], -1, 1)
+        outcome["apart_deg"] = float(np.degrees(np.arccos(apart)))
+    return outcome
+
+
+def step_us(folder: Path, pose: np.ndarray) -> float:
+    """CPU microseconds of a MuJoCo step of 2 ms: those of two more seconds of simulation."""
+    taken = []
+    for time_s in (1.0, 3.0):
+        start = time.process_time()
+        rest_in_mujoco(folder, pose, time_s=time_s)
+        taken.append(time.process_time() - start)
+    return (taken[1] - taken[0]) / 1000 * 1e6
+
+
+def load_ms(folder: Path) -> float:
+    """CPU milliseconds of MuJoCo's first reading of the folder; it keeps meshes for the next."""
+    import mujoco
+
+    start = time.process_time()
+    mujoco.MjModel.from_xml_path(str(folder / "object.xml"))
+    return (time.process_time() - start) * 1e3
+
+
+def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    made = {name: row for name, row in table.items() if row["failure"] is None}
+    column = {
+        key: np.array([row[key] for row in made.values()])
+        for key in (
+            "parts", "union_iou", "outward_share", "inward_share", "decompose_cpu_s", "slide_over_friction",
+            "angular_momentum_drift", "step_us", "load_ms",
+        )
+    }  # fmt: skip
+    poses = [(name, rest) for name, row in made.items() for rest in row["rest"]]
+    loads: dict[str, Any] = {}
+    for reader in sorted({reader for row in made.values() for reader in row["read"]}):
+        errors = [row["read"][reader] for row in made.values()]
+        numbers = [error for error in errors if isinstance(error, float)]
+        loads[reader] = {"loaded": len(numbers), "worst_relative_error": max(numbers, default=None)}
+
+    def moving(engine: str) -> list[str]:
+        return [name for name, rest in poses if engine in rest and not at_rest(rest[engine])]
+
+    return {
+        "objects": table,
+        "made": len(made),
+        "failed": {name: row["failure"] for name, row in table.items() if row["failure"]},
+        "loads": loads,
+        "median": {key: float(np.median(values)) for key, values in column.items()},
+        "tenth": {key: float(np.quantile(values, 0.1)) for key, values in column.items()},
+        "nine_tenths": {key: float(np.quantile(values, 0.9)) for key, values in column.items()},
+        "largest": {key: float(values.max()) for key, values in column.items()},
+        "rest": {
+            engine: {
+                "poses": sum(engine in rest for _, rest in poses),
+                "moving": len(moving(engine)),
+                "objects_moving": sorted(set(moving(engine))),
+            }
+            for engine in ("MuJoCo", "PyBullet")
+        },
+        "apart_within_1_deg": sum(rest.get("apart_deg", 180.0) <= 1 for _, rest in poses),
+    }
+
+
+def at_rest(rest: dict[str, float]) -> bool:
+    return all(rest[name] <= limit for name, limit in RESTS.items())
+
+
+def draw(figures: dict[str, Any]) -> None:
+    made = [row for row in figures["objects"].values() if row["failure"] is None]
+    picture, (left, right) = subplots(1, 2, figsize=(10, 4))
+    left.hist([row["union_iou"] for row in made], bins=np.linspace(0, 1, 41), color="#4477aa")
+    left.axvline(figures["median"]["union_iou"], color="0.3", ls="--", lw=1)
+    left.set(xlabel="collision parts and solid: volume in both over volume in either", ylabel="objects")
+    right.scatter(
+        [row["decompose_cpu_s"] for row in made], [row["union_iou"] for row in made], s=16, color="#4477aa"
+    )
+    right.set(xscale="log", xlabel="CPU seconds of the decomposition", ylabel="the same")
+    picture.suptitle(f"{len(made)} scans as simulator assets", fontsize=10)
+    save(picture, "simulators")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""Objects for simulators: an asset each, and scenes of them."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import objectfolder
+from objectfolder.audio.materials import find_material, read_materials
+from objectfolder.errors import InputError
+from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.simulators.asset import Asset, Contact, RigidBody
+from objectfolder.simulators.collision import convex_parts
+from objectfolder.simulators.formats import FORMATS, write_asset
+from objectfolder.simulators.scene import write_scene
+from objectfolder.simulators.stable_poses import lay_out
+from objectfolder.vision.export.files import new_folder
+from objectfolder.vision.export.gltf import Part
+from objectfolder.vision.export.textured_surface import baked_part, mesh_parts
+from pipeline.dataset.stages import OBJECT_FILES
+from pipeline.publish.export.exports import appearance_of, stored_colours
+from pipeline.publish.export.found_products import FoundProducts, find_products
+from pipeline.publish.queries.requests import Exporting
+
+ALL_FORMATS = tuple(FORMATS)
+
+
+def write_assets(names: Sequence[str], root: Path, wanted: Exporting, output: Path) -> Iterator[str]:
+    """Write each object as an asset, into `output`, or where there are several into a folder each there.
+
+    Yields
+    ------
+    str
+        A line an object, when it is written.
+
+    Raises
+    ------
+    InputError
+        What is asked for is not there, cannot be written, or is no rigid body.
+    """
+    for name in names:
+        found = find_products(name, root)
+        folder = output / found.object_id if len(names) > 1 else output
+        described = _write(found, wanted, folder)[1]
+        collision = described["collision"]
+        yield (
+            f"{folder}: {described['mass_kg']:.4g} kg, {collision['parts']} convex parts, "
+            f"union {collision['union_iou']:.3f} of the solid, at most {collision['outward_m'] * 1e3:.2f} mm "
+            f"outside; {found.credit().licence}"
+        )
+
+
+def compose_scene(
+    names: Sequence[str], root: Path, wanted: Exporting, output: Path, *, table_m: float, height_m: float
+) -> str:
+    """Write a scene file, and the asset of each object in a folder beside it; return a line."""
+    wanted_of = {".xml": "mjcf", ".sdf": "sdf", ".usda": "usd"}
+    if output.suffix not in wanted_of:
+        raise InputError(str(output), "its suffix names no format of scenes", f"Use {', '.join(wanted_of)}.")
+    if output.exists() and not wanted.overwrite:
+        raise InputError(str(output), "is there already", "Name another file, or give --overwrite.")
+    assets = {}
+    for name in dict.fromkeys(names):
+        found = find_products(name, root)
+        folder = output.parent / found.object_id
+        assets[name] = _write(found, wanted, folder, formats=(wanted_of[output.suffix],))[0]
+    laid = [assets[name] for name in names]
+    poses = lay_out(laid, table_m, height_m=height_m, seed=wanted.seed)
+    write_scene(output, [asset.name for asset in laid], poses, table_m, height_m=height_m)
+    return f"{output}: {len(laid)} objects at rest on a table of {table_m:g} m"
+
+
+def all_objects(root: Path) -> tuple[str, ...]:
+    """Return the ids of all Object Files of a data set."""
+    ids = tuple(OBJECT_FILES.object_ids(root))
+    if not ids:
+        raise InputError(str(root), "has no Object Files", "Run `dvc repro` there, or name objects.")
+    return ids
+
+
+def _write(
+    found: FoundProducts, wanted: Exporting, folder: Path, *, formats: tuple[str, ...] = ()
+) -> tuple[Asset, dict[str, Any]]:
+    if not formats:
+        formats = ALL_FORMATS if wanted.format == "all" else (wanted.format,)
+    asset, file = _asset(found, wanted)
+    with new_folder(folder, overwrite=wanted.overwrite) as new:
+        described = write_asset(new, asset, formats)
+        if found.object_file is not None:
+            (new / f"{found.object_id}{OBJECT_FILES.suffix}").write_bytes(found.object_file.read_bytes())
+        found.write_manifest(new, wanted.format, {**described, "provenance": file.description["provenance"]})
+    return asset, described
+
+
+def _asset(found: FoundProducts, wanted: Exporting) -> tuple[Asset, ObjectFile]:
+    if found.object_file is None:
+        raise InputError(
+            found.object_id, "has no Object File, which has its mass and inertia", "Make or name one."
+        )
+    file = objectfolder.load(found.object_file)
+    body, contact = _body(file, found, wanted), _contact(file, wanted)
+    collision = convex_parts(
+        file.surface,
+        threshold_m=wanted.threshold_m,
+        most_parts=wanted.most_parts,
+        seed=wanted.seed,
+        name=found.object_id,
+    )
+    appearance = appearance_of(found, wanted)
+    if found.objects is not None and wanted.surface != "stored":
+        visual: list[Part] = mesh_parts(found.source_mesh(), appearance)
+    else:
+        surface, colour_of, _, finest_m = stored_colours(found, wanted, appearance)
+        visual = [baked_part(surface, colour_of, wanted.texture_side, finest_m)[0]]
+    return Asset(found.object_id, visual, appearance, collision, body, contact, found.credit()), file
+
+
+def _body(file: ObjectFile, found: FoundProducts, wanted: Exporting) -> RigidBody:
+    stated = file.description["body"]
+    if stated is None or stated["mass_kg"] is None:
+        finding = "its surface is open or torn, so its mass and inertia are not known"
+        raise InputError(found.object_id, finding, "Mend the mesh, and make the object again.")
+    body = RigidBody(
+        stated["mass_kg"], np.array(stated["centre_of_mass_m"]), np.array(stated["inertia_kg_m2"])
+    )
+    return body if wanted.mass_kg is None else body.of_mass(wanted.mass_kg)
+
+
+def _contact(file: ObjectFile, wanted: Exporting) -> Contact:
+    name = file.description["material"]["name"]
+    material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
+    friction = material.friction if wanted.friction is None else wanted.friction
+    restitution = material.restitution if wanted.restitution is None else wanted.restitution
+    if friction is None or restitution is None:
+        absent = "friction" if friction is None else "restitution"
+        raise InputError(
+            str(wanted.materials), f"{material.name} has no {absent}", f"Fill the column, or give --{absent}."
+        )
+    return Contact(friction, restitution)

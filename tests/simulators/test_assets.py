@@ -1,0 +1,237 @@
+"""Assets against closed forms, as written and as MuJoCo and USD read them."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from pxr import Usd, UsdGeom, UsdPhysics
+
+from bench.factory.engines import (
+    ENGINES,
+    drift_of_angular_momentum,
+    rest_in_mujoco,
+    slide_in_mujoco,
+)
+from objectfolder.errors import InputError
+from objectfolder.simulators.asset import Asset, Contact, RigidBody
+from objectfolder.simulators.collision import convex_parts, measure_parts
+from objectfolder.simulators.formats import write_asset
+from objectfolder.simulators.scene import write_scene
+from objectfolder.simulators.stable_poses import lay_out, stable_poses
+from objectfolder.surface.surface import Surface
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.export.files import Credit
+from objectfolder.vision.export.gltf import Part
+
+SIDES = np.array([0.12, 0.08, 0.03])
+DENSITY = 2700.0
+MASS = DENSITY * float(SIDES.prod())
+INERTIA = np.diag(MASS / 12 * ((SIDES**2).sum() - SIDES**2))
+CENTRE = np.array([0.01, -0.02, 0.03])
+
+
+def surface_of(mesh: trimesh.Trimesh) -> Surface:
+    return Surface(np.array(mesh.vertices), np.array(mesh.faces))
+
+
+def box(sides: np.ndarray = SIDES, centre: np.ndarray = CENTRE) -> Surface:
+    mesh = trimesh.creation.box(sides)
+    mesh.apply_translation(centre)
+    return surface_of(mesh)
+
+
+def angle(side: float = 0.1, wall: float = 0.03, height: float = 0.05) -> Surface:
+    """Return a prism over an L."""
+    outline = np.array([(0, 0), (side, 0), (side, wall), (wall, wall), (wall, side), (0, side)])
+    caps = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)])
+    low = np.arange(6)
+    high = (low + 1) % 6
+    sides = np.concatenate([np.stack([low, high, high + 6], 1), np.stack([low, high + 6, low + 6], 1)])
+    vertices = np.concatenate([np.c_[outline, np.zeros(6)], np.c_[outline, np.full(6, height)]])
+    return Surface(vertices, np.concatenate([caps[:, ::-1], caps + 6, sides]))
+
+
+def asset_of(surface: Surface, body: RigidBody, name: str = "block") -> Asset:
+    texture = np.zeros((4, 4, 4), np.uint8)
+    texture[..., 0] = texture[..., 3] = 255
+    flat = np.zeros((len(surface.faces), 3, 2))
+    part = Part(surface.vertices[surface.faces], surface.corner_normals, flat, texture)
+    looks = Appearance(roughness=0.4, metallic=0.0)
+    return Asset(name, [part], looks, convex_parts(surface), body, Contact(0.35, 0.5), Credit(name))
+
+
+@pytest.fixture(scope="module")
+def block() -> Asset:
+    return asset_of(box(), RigidBody(MASS, CENTRE, INERTIA))
+
+
+@pytest.fixture(scope="module")
+def folder(block: Asset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("block")
+    write_asset(folder, block)
+    return folder
+
+
+def test_a_box_is_one_part_that_covers_it(block: Asset) -> None:
+    assert len(block.collision.hulls) == 1
+    assert block.collision.union_iou > 0.999
+    assert block.collision.outward_m < 1e-6
+    assert block.collision.inward_m < 1e-6
+
+
+def test_an_angle_is_few_parts_that_cover_it() -> None:
+    parts = convex_parts(angle(), seed=3)
+    assert 2 <= len(parts.hulls) <= 3
+    assert parts.union_iou > 0.99
+    again = convex_parts(angle(), seed=3)
+    assert [hull.vertices.tobytes() for hull in parts.hulls] == [h.vertices.tobytes() for h in again.hulls]
+
+
+def test_measures_of_parts_are_those_of_boxes() -> None:
+    # A hull that sticks out on one side by 10 mm and stays 20 mm inside on the other.
+    hull = box(SIDES - np.array([0.01, 0, 0]), CENTRE + np.array([0.015, 0, 0]))
+    measured = measure_parts(box(), (hull,))
+    both, either = SIDES[0] - 0.02, SIDES[0] + 0.01
+    assert measured.union_iou == pytest.approx(both / either, abs=0.01)
+    assert measured.outward_m == pytest.approx(0.01, rel=1e-6)
+    assert measured.inward_m == pytest.approx(0.02, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("engine", "kind"), [(engine, kind) for engine, (_, kinds) in ENGINES.items() for kind in kinds]
+)
+def test_every_engine_reads_mass_centre_and_inertia(
+    folder: Path, block: Asset, engine: str, kind: str
+) -> None:
+    assert ENGINES[engine][0](folder, kind).worst_relative(block.body, 0.12) < 1e-6
+
+
+def test_the_description_says_what_was_written(folder: Path) -> None:
+    described = json.loads((folder / "object.json").read_text())
+    assert described["mass_kg"] == MASS
+    assert described["collision"]["parts"] == 1
+    assert all((folder / name).is_file() for name in described["files"])
+    assert {"object.xml", "object.urdf", "model.sdf", "object.usda"} <= set(described["files"])
+
+
+def test_no_geometry_adds_mass_and_looks_do_not_collide(folder: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(folder / "object.xml"))
+    assert model.body_mass.sum() == pytest.approx(MASS, rel=1e-12)
+    visual = [at for at in range(model.ngeom) if model.geom(at).group[0] == 2]
+    assert visual
+    assert all(model.geom_contype[at] == 0 and model.geom_conaffinity[at] == 0 for at in visual)
+    assert model.ntex == 1
+
+
+def test_usd_is_in_metres_with_a_convex_guide_and_the_contact_bound(folder: Path) -> None:
+    stage = Usd.Stage.Open(str(folder / "object.usda"))
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    assert UsdGeom.GetStageUpAxis(stage) == "Z"
+    hulls = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.CollisionAPI)]
+    assert [UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get() for prim in hulls] == [
+        "convexHull"
+    ]
+    assert UsdGeom.Imageable(hulls[0]).GetPurposeAttr().Get() == "guide"
+    material = UsdPhysics.MaterialAPI(stage.GetPrimAtPath("/object/contact"))
+    assert material.GetDynamicFrictionAttr().Get() == pytest.approx(0.35)
+
+
+def test_a_box_rests_on_three_pairs_of_sides(block: Asset, folder: Path) -> None:
+    poses = stable_poses(block, least_probability=0.0)
+    assert len(poses) == 6
+    assert sum(pose.probability for pose in poses) == pytest.approx(1, abs=1e-6)
+    heights = sorted({round(float((pose.object_to_world @ [*CENTRE, 1])[2]), 6) for pose in poses})
+    assert heights == pytest.approx(sorted(SIDES / 2))
+    # The flattest pose is the most probable.
+    assert (poses[0].object_to_world @ [*CENTRE, 1])[2] == pytest.approx(SIDES[2] / 2)
+    rest = rest_in_mujoco(folder, poses[0].object_to_world)
+    assert rest.moved_m < 2e-4
+    assert rest.tilted_deg < 0.1
+    assert rest.speed < 1e-3
+    assert rest.overlap_m < 2e-4
+
+
+def test_a_box_slides_where_the_slope_exceeds_its_friction(block: Asset, folder: Path) -> None:
+    flat = stable_poses(block)[0].object_to_world
+    assert slide_in_mujoco(folder, flat, 0.35) == pytest.approx(1, abs=0.05)
+
+
+def test_a_spinning_box_keeps_its_angular_momentum(folder: Path) -> None:
+    assert drift_of_angular_momentum(folder) < 1e-3
+
+
+def test_a_measured_mass_scales_the_inertia(block: Asset) -> None:
+    heavier = block.body.of_mass(2 * MASS)
+    np.testing.assert_allclose(heavier.inertia_kg_m2, 2 * INERTIA)
+
+
+@given(st.floats(0.01, 10), st.integers(0, 2**31))
+def test_principal_moments_and_axes_give_the_inertia_back(scale: float, seed: int) -> None:
+    turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
+    inertia = scale * turn @ INERTIA @ turn.T
+    inertia = (inertia + inertia.T) / 2
+    moments, axes = RigidBody(MASS, CENTRE, inertia).principal()
+    assert np.linalg.det(axes) == pytest.approx(1)
+    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, inertia, rtol=1e-9, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: RigidBody(0.0, CENTRE, INERTIA), "a mass of 0 kg"),
+        (lambda: RigidBody(float("nan"), CENTRE, INERTIA), "not finite"),
+        (lambda: RigidBody(1.0, CENTRE, np.diag([1.0, 1.0, 3.0])), "no body's"),
+        (lambda: RigidBody(1.0, CENTRE, -INERTIA), "no body's"),
+        (lambda: RigidBody(1.0, CENTRE[:2], INERTIA), "not finite"),
+        (lambda: Contact(-0.1, 0.5), "friction -0.1"),
+        (lambda: Contact(0.1, 1.5), "restitution 1.5"),
+        (lambda: convex_parts(box(), most_parts=0), "0 collision parts"),
+        (lambda: convex_parts(box(), threshold_m=-1.0), "a threshold of -1"),
+    ],
+    ids=["no mass", "nan", "triangle", "negative", "shape", "friction", "restitution", "parts", "threshold"],
+)
+def test_what_no_body_has_is_refused(make: Callable[[], object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        make()
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".usda"])
+def test_a_scene_holds_its_objects_at_rest_and_apart(block: Asset, tmp_path: Path, suffix: str) -> None:
+    other = replace(block, name="other")
+    for asset in (block, other):
+        (tmp_path / asset.name).mkdir()
+        write_asset(tmp_path / asset.name, asset, ("mjcf", "usd"))
+    assets = [block, other, block]
+    poses = lay_out(assets, 0.6, height_m=0.7, seed=5)
+    path = tmp_path / f"scene{suffix}"
+    write_scene(path, [asset.name for asset in assets], poses, 0.6, height_m=0.7)
+    if suffix == ".usda":
+        stage = Usd.Stage.Open(str(path))
+        bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
+        assert len(bodies) == 3
+        return
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert all(contact.dist > -1e-6 for contact in data.contact)
+    before = data.qpos.copy()
+    while data.time < 1:
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qpos, before, atol=1e-3)
+    assert np.abs(data.qvel).max() < 1e-3
+
+
+def test_the_same_seed_lays_out_alike_and_a_small_table_is_refused(block: Asset) -> None:
+    first, second = lay_out([block] * 3, 0.6, seed=1), lay_out([block] * 3, 0.6, seed=1)
+    np.testing.assert_array_equal(first, second)
+    with pytest.raises(InputError, match=r"no room on a table of 0\.15 m"):
+        lay_out([block] * 3, 0.15, seed=1)
+    with pytest.raises(InputError, match="names no format of scenes"):
+        write_scene(Path("scene.obj"), [], [], 1.0)

@@ -1,0 +1,97 @@
+"""`objectfolder export --format mjcf` and `objectfolder scene` as a user types them, on one Object File."""
+
+import json
+from pathlib import Path
+
+import mujoco
+import pytest
+
+import objectfolder
+from pipeline.cli import main
+
+MATERIALS = str(Path(__file__).parents[2] / "data" / "materials.csv")
+
+
+@pytest.fixture
+def bar(small_file: Path, tmp_path: Path) -> Path:
+    """An Object File of a bar with the body that a data set would have given it."""
+    mass = 2600 * 0.12 * 0.03 * 0.008
+    inertia = [
+        [mass / 12 * (0.03**2 + 0.008**2), 0, 0],
+        [0, mass / 12 * (0.12**2 + 0.008**2), 0],
+        [0, 0, mass / 12 * (0.12**2 + 0.03**2)],
+    ]
+    return with_body(small_file, tmp_path / "bar.safetensors", mass, [0.0, 0.0, 0.0], inertia)
+
+
+def with_body(
+    file: Path, path: Path, mass_kg: float | None, centre_m: object = None, inertia: object = None
+) -> Path:
+    body = {"mass_kg": mass_kg, "centre_of_mass_m": centre_m, "inertia_kg_m2": inertia, "filled_mass_kg": 1.0}
+    objectfolder.load(file).with_description(body=body).save(path)
+    return path
+
+
+def run(*arguments: str) -> int:
+    more = ("--materials", MATERIALS, "--texture-side", "256") if arguments[0] == "export" else ()
+    return main([*arguments, *more])
+
+
+def test_all_formats_of_one_object(bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "out"
+    assert run("export", str(bar), "--format", "all", "-o", str(output)) == 0
+    assert "1 convex parts" in capsys.readouterr().out
+    described = json.loads((output / "export.json").read_text())
+    model = mujoco.MjModel.from_xml_path(str(output / "object.xml"))
+    assert model.body_mass[1] == pytest.approx(described["mass_kg"], rel=1e-12)
+    assert {"object.urdf", "model.sdf", "model.config", "object.usda", "ATTRIBUTION.txt"} <= {
+        path.name for path in output.iterdir()
+    }
+    assert (output / "bar.safetensors").read_bytes() == bar.read_bytes()
+
+
+def test_a_measured_mass_and_friction_replace_the_materials(bar: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    options = ("--mass", "0.5", "--friction", "0.2", "--format", "mjcf")
+    assert run("export", str(bar), *options, "-o", str(output)) == 0
+    model = mujoco.MjModel.from_xml_path(str(output / "object.xml"))
+    assert model.body_mass[1] == pytest.approx(0.5)
+    assert model.geom_friction[model.ngeom - 1][0] == pytest.approx(0.2)
+    assert not (output / "object.urdf").exists()
+
+
+def test_a_scene_of_one_object_twice(bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmp_path / "table" / "scene.xml"
+    assert run("scene", str(bar), str(bar), "-o", str(scene), "--table", "0.5", "--texture-side", "256") == 0
+    assert mujoco.MjModel.from_xml_path(str(scene)).nbody == 3
+    capsys.readouterr()
+    assert run("scene", str(bar), "-o", str(scene)) == 1
+    assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--format", "mjcf", "--mass", "-1"), "a mass of -1 kg"),
+        (("--format", "mjcf", "--friction", "-1"), "friction -1"),
+        (("--format", "mjcf", "--most-parts", "0"), "0 collision parts"),
+        (("--format", "mjcf", "--threshold", "nan"), "a threshold of nan"),
+    ],
+    ids=["mass", "friction", "parts", "threshold"],
+)
+def test_bad_options_are_one_line_and_leave_nothing(
+    bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], said: str
+) -> None:
+    assert run("export", str(bar), *options, "-o", str(tmp_path / "out")) == 1
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_open_surface_has_no_asset(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = with_body(small_file, tmp_path / "open.safetensors", None)
+    assert run("export", str(path), "--format", "urdf", "-o", str(tmp_path / "out")) == 1
+    assert "open or torn" in capsys.readouterr().err
