@@ -2,6 +2,7 @@
 
 import json
 import lzma
+import time
 import tracemalloc
 import zlib
 from collections.abc import Callable
@@ -14,9 +15,11 @@ import pytest
 from objectfolder.audio.audionet import audionet
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.object_file import ObjectFile
-from objectfolder.products.integer_coding import LZMA_FILTERS
+from objectfolder.products.integer_coding import LZMA_FILTERS, pack_integers
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.products.unpacking import unpack_deflate, unpack_lzma
+from objectfolder.surface.codec import LARGEST_COUNT, encode_surface
+from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
 
@@ -87,13 +90,49 @@ def test_a_surface_that_unpacks_to_more(name, changed, lzma_bomb):
 
 @pytest.mark.parametrize(
     ("counts", "planes"),
-    [((1 << 40, 12), 0), ((8, 1 << 40), 1), ((-1, 12), 255), ((8, 0), 1), ((1 << 62, 1 << 62), 255)],
+    [
+        ((1 << 40, 12), 0),
+        ((8, 1 << 40), 1),
+        ((-1, 12), 255),
+        ((8, 0), 1),
+        ((1 << 62, 1 << 62), 255),
+        ((LARGEST_COUNT + 1, 12), 1),
+        ((8, LARGEST_COUNT + 1), 1),
+    ],
 )
 def test_a_surface_of_more_than_there_are(counts, planes, changed, lzma_bomb):
     streams = {
         name: stream(bytes([planes]) + lzma_bomb) for name in ("surface.connectivity", "surface.positions")
     }
     refused(changed({"surface.counts": np.array(counts), **streams}, {}), "vertices and")
+
+
+def test_a_surface_whose_faces_meet_in_a_few_places(changed):
+    """Smooth normals look at all pairs of corners in a place: 60,000 faces at seven places were 2.6 TB."""
+    faces = 60_000
+    places = np.random.default_rng(0).integers(0, 1000, (7, 3))
+    vertices = places[np.arange(faces + 2) % 7] * 1e-5
+    strip = Surface(vertices, np.arange(faces)[:, None] + np.arange(3))
+    begin = time.process_time()
+    refused(changed(encode_surface(strip), {}), "corners of faces in one place")
+    assert time.process_time() - begin < 5  # the writing of it included
+
+
+def test_the_largest_surface_opens_or_is_refused_soon(changed):
+    count = LARGEST_COUNT - 2
+    # A strip: each face but the first takes the last two vertices and a new one.
+    ages = np.zeros((3, count), int)
+    ages[0, 1:], ages[1, 1:] = 2, 1
+    strip = {
+        "surface.counts": np.array([LARGEST_COUNT, count]),
+        "surface.connectivity": pack_integers(ages),
+        "surface.positions": pack_integers(np.zeros(3 * LARGEST_COUNT, int)),
+    }
+    path = changed(strip, {})
+    begin = time.process_time()
+    with pytest.raises(FormatError):
+        ObjectFile.load(path)
+    assert time.process_time() - begin < 2
 
 
 def test_numbers_of_too_many_bytes(changed, lzma_bomb):

@@ -18,6 +18,7 @@ from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
+from objectfolder.surface.codec import too_large
 
 
 def ingest_object(
@@ -72,6 +73,8 @@ def ingest_object(
         if problem.where.startswith(where):
             raise
         raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
+    if finding := too_large(mesh.vertices, mesh.faces):
+        raise InputError(where, f"has {finding}", "Decimate it")
     walls = measure_walls(mesh.surface)
     attributes = _measured(mesh, report, walls, warnings, length_m)
     body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()

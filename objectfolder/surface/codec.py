@@ -14,7 +14,8 @@ from objectfolder.surface.surface import Surface
 
 QUANTISATION_STEP_M = 1e-6
 STEPS_ALONG_LONGEST_SIDE = 1 << 14
-LARGEST_COUNT = 1 << 22  # of vertices or faces; a larger number in a file is no reason to set memory aside
+LARGEST_COUNT = 1 << 18  # of vertices or faces: six times those of the largest of a hundred scans
+MOST_MEETINGS = 1 << 24  # pairs of corners in one place, which smooth normals need: a fan of 4,096 faces
 LARGEST_COORDINATE_M = 1e6
 
 
@@ -95,9 +96,34 @@ def decode_surface(tensors: dict[str, np.ndarray]) -> Surface:
         vertices = tensors["surface.origin"] + positions * float(tensors["surface.step"][0])
         if not np.abs(vertices).max() <= LARGEST_COORDINATE_M:
             raise ValueError(f"a coordinate that is not within {LARGEST_COORDINATE_M:g} m")
+        if problem := too_large(vertices, corners):
+            raise ValueError(problem)
         return Surface(vertices, corners.reshape(-1, 3))
     except (ValueError, KeyError, IndexError) as error:
         raise FormatError("surface", f"damaged ({error})") from error
+
+
+def too_large(vertices: np.ndarray, faces: np.ndarray) -> str:
+    """Say why an Object File does not hold a surface; nothing if it does.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) metres, and any shape of indices.
+
+    Examples
+    --------
+    >>> too_large(np.zeros((3, 3)), np.zeros((5000, 3), np.int64))
+    'up to 15000 corners of faces in one place'
+    """
+    if max(len(vertices), faces.size // 3) > LARGEST_COUNT:
+        return f"{len(vertices)} vertices and {faces.size // 3} faces, more than {LARGEST_COUNT} of each"
+    # Vertices in one place share this number, and hardly any others do.
+    number = vertices[:, 0] * np.sqrt(2) + vertices[:, 1] * np.sqrt(3) + vertices[:, 2] * np.sqrt(5)
+    meeting = np.bincount(np.unique(number, return_inverse=True)[1][faces.ravel()])
+    return (
+        f"up to {meeting.max()} corners of faces in one place" if (meeting**2).sum() > MOST_MEETINGS else ""
+    )
 
 
 def _walk(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -133,46 +159,42 @@ def _walk(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(order), np.array(rotations)
 
 
-def _references(corners: np.ndarray, is_new: np.ndarray) -> list[tuple[int, int, int]]:
+def _references(corners: np.ndarray, is_new: np.ndarray) -> np.ndarray:
     """For each vertex in order of appearance, (u, v, w) whose u + v - w predicts it; all -1 for the first.
 
     The parallelogram across the shared edge where that face is known, else the vertex before.
     """
-    sequence = corners.tolist()
-    fresh = is_new.tolist()
-    opposite: dict[tuple[int, int], int] = {}
-    references: list[tuple[int, int, int]] = []
-    for start in range(0, len(sequence), 3):
-        a, b, c = sequence[start : start + 3]
-        for corner in range(3):
-            if fresh[start + corner]:
-                across = opposite.get((min(a, b), max(a, b))) if corner == 2 else None
-                last = len(references) - 1
-                references.append((last, last, last) if across is None else (a, b, across))
-        opposite[min(a, b), max(a, b)] = c
-        opposite[min(b, c), max(b, c)] = a
-        opposite[min(c, a), max(c, a)] = b
+    faces = corners.reshape(-1, 3)
+    first, second, opposite = faces.ravel(), faces[:, [1, 2, 0]].ravel(), faces[:, [2, 0, 1]].ravel()
+    edge = np.minimum(first, second) << 32 | np.maximum(first, second)
+    # Equal edges in the order of their faces: the one before is the last that was known.
+    order = np.argsort(edge, kind="stable")
+    again = np.flatnonzero(edge[order[1:]] == edge[order[:-1]])
+    across = np.full(len(edge), -1)
+    across[order[again + 1]] = opposite[order[again]]
+    new = np.flatnonzero(is_new)
+    before = np.arange(len(new)) - 1
+    references = np.stack([before, before, before], axis=1)
+    edges = new - 2  # of a face's third corner: its first edge
+    known = np.flatnonzero((new % 3 == 2) & (across[edges] >= 0))
+    references[known] = np.stack([first, second, across], axis=1)[edges[known]]
     return references
 
 
 def _predictions(corners: np.ndarray, is_new: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    references = np.array(_references(corners, is_new))
+    references = _references(corners, is_new)
     predicted = positions[references[:, 0]] + positions[references[:, 1]] - positions[references[:, 2]]
     predicted[references[:, 0] < 0] = 0
     return predicted
 
 
 def _integrate(corners: np.ndarray, is_new: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    xs: list[int] = []
-    ys: list[int] = []
-    zs: list[int] = []
-    for (u, v, w), (x, y, z) in zip(_references(corners, is_new), offsets.tolist(), strict=True):
-        if u < 0:
-            xs.append(x)
-            ys.append(y)
-            zs.append(z)
-        else:
-            xs.append(xs[u] + xs[v] - xs[w] + x)
-            ys.append(ys[u] + ys[v] - ys[w] + y)
-            zs.append(zs[u] + zs[v] - zs[w] + z)
-    return np.stack([xs, ys, zs], axis=1)
+    """Positions (n, 3) of vertices, each its prediction from those before and its offset."""
+    u, v, w = (column.tolist() for column in _references(corners, is_new).T)
+    axes = []
+    for steps in offsets.T:
+        places = steps.tolist()
+        for index in range(1, len(places)):
+            places[index] += places[u[index]] + places[v[index]] - places[w[index]]
+        axes.append(places)
+    return np.array(axes).T

@@ -10,6 +10,7 @@ import numpy as np
 from objectfolder.surface.bounding_boxes import BoundingBoxTree, closest_barycentric, intersect
 
 SMOOTH_BELOW_DEG = 30.0
+PAIRS_AT_ONCE = 1 << 20  # of corners: the memory that smooth normals take
 SHARP_ABOVE_DEG = 50.0
 
 
@@ -320,17 +321,26 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     order = np.argsort(vertex, kind="stable")
     count = np.bincount(vertex, minlength=len(vertices))
     start = np.concatenate([[0], np.cumsum(count)[:-1]])
-    # Every ordered pair of corners that share a vertex.
     partners = count[vertex]
-    own = np.repeat(np.arange(len(vertex)), partners)
-    rank = np.arange(len(own)) - np.repeat(np.cumsum(partners) - partners, partners)
-    other = order[np.repeat(start[vertex], partners) + rank]
-    cosine = np.einsum("ij,ij->i", normals[own // 3], normals[other // 3])
+    ends = np.cumsum(partners)
+    total = np.empty((len(vertex), 3))
     low, high = np.cos(np.radians(SHARP_ABOVE_DEG)), np.cos(np.radians(SMOOTH_BELOW_DEG))
-    ramp = np.clip((cosine - low) / (high - low), 0.0, 1.0)
-    weight = angles.ravel()[other] * ramp * ramp * (3 - 2 * ramp)
-    weighted = normals[other // 3] * weight[:, None]
-    total = np.stack([np.bincount(own, weighted[:, axis], len(vertex)) for axis in range(3)], axis=1)
+    first = 0
+    while first < len(vertex):
+        # Every ordered pair of corners that share a vertex, some at a time.
+        begin = ends[first] - partners[first]
+        last = max(first + 1, int(np.searchsorted(ends, begin + PAIRS_AT_ONCE, side="right")))
+        few = partners[first:last]
+        own = np.repeat(np.arange(last - first), few)
+        rank = np.arange(len(own)) - np.repeat(ends[first:last] - few - begin, few)
+        other = order[np.repeat(start[vertex[first:last]], few) + rank]
+        cosine = np.einsum("ij,ij->i", normals[(own + first) // 3], normals[other // 3])
+        ramp = np.clip((cosine - low) / (high - low), 0.0, 1.0)
+        weight = angles.ravel()[other] * ramp * ramp * (3 - 2 * ramp)
+        weighted = normals[other // 3] * weight[:, None]
+        for axis in range(3):
+            total[first:last, axis] = np.bincount(own, weighted[:, axis], last - first)
+        first = last
     length = np.linalg.norm(total, axis=1)
     flat = length < 1e-12
     total[flat] = normals[np.flatnonzero(flat) // 3]

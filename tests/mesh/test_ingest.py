@@ -9,6 +9,7 @@ from small_meshes import checker, cube, write_textured_cube
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
+from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of, with_length
 from objectfolder.mesh.walls import (
@@ -184,3 +185,16 @@ def test_shape_alone_is_ingested_where_textures_are_missing(tmp_path):
     (tmp_path / "texture.png").unlink()
     product = ingest_object(path, None, None, "cube", with_textures=False)
     assert product["texture_0"].shape == (1, 1, 4)
+
+
+def test_a_mesh_that_no_object_file_holds_is_refused(tmp_path):
+    count = 5000
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    lines = [f"v {np.cos(a):.9f} {np.sin(a):.9f} 0" for a in angle] + ["v 0 0 1", "v 0 0 -1"]
+    for first in range(count):
+        second = (first + 1) % count
+        lines += [f"f {first + 1} {second + 1} {count + 1}", f"f {second + 1} {first + 1} {count + 2}"]
+    path = tmp_path / "spindle.obj"
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"up to 5000 corners of faces in one place\. Decimate it"):
+        ingest_object(path, None, 0.1, "spindle")
