@@ -172,5 +172,5 @@ def require_room(name: str, size: float, remedy: str) -> None:
         More.
     """
     if size > MOST_BYTES:
-        finding = f"{size / 1e9:.3g} GB, more than {MOST_BYTES / 1e9:.2g} at once"
+        finding = f"{size / 1e9:.4g} GB, more than {MOST_BYTES / 1e9:.4g} at once"
         raise QueryError(name, finding, remedy)

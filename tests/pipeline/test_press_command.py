@@ -70,3 +70,21 @@ def test_info_says_how_much_of_the_surface_the_sensor_reaches(
     assert main(["info", str(small_file)]) == 0
     share = objectfolder.load(small_file).description["fidelity"]["touch"]["unreachable_share"]
     assert f"{100 * share:.0f} % of the surface out of the sensor's reach" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        (["--resolution", "1", "1"], "resolution: 1. Give a whole number, 2 to"),
+        (["--resolution", "0", "9", "--background", "synthetic"], "resolution: 0. Give"),
+        (["--depth", "nan"], "depth: not finite"),
+        (["--noise-seed", "-1"], "noise_seed: -1. Give a whole number"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: list[str], named: str
+) -> None:
+    assert main(["press", str(small_file), *asked, "-o", str(tmp_path / "touches")]) == 1
+    said = capsys.readouterr().err
+    assert named in said
+    assert said.count("\n") == 1

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import FormatError
+from objectfolder.query_values import image_sides
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 
 Vector = tuple[float, float, float]
@@ -121,8 +122,14 @@ class Sensor:
         """Return the same sensor with images of `height` x `width` pixels, and its vertical field of view.
 
         Pixels are square, so that an image of other proportions sees more or less at its sides.
+
+        Raises
+        ------
+        QueryError
+            Not whole numbers of pixels, 2 at least.
         """
-        return replace(self, image_height=int(height), image_width=int(width))
+        height, width = image_sides((height, width), 2)
+        return replace(self, image_height=height, image_width=width)
 
     @property
     def gel_stretch(self) -> float:
