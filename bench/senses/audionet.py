@@ -19,6 +19,7 @@ from objectfolder.audio.synthesis import mode_bank
 from objectfolder.fidelity.sounds import (
     envelope_distance,
     gain_error_by_mode_db,
+    gain_error_by_point_db,
     gain_error_db,
     stft_distance,
     unscaled_stft_distance,
@@ -125,13 +126,15 @@ def measure(surface: Surface, modes: Product) -> dict[str, float]:
     start = time.process_time()
     answer = net.gains(points)
     batch_s = time.process_time() - start
-    by_mode = gain_error_by_mode_db(truth, answer)
+    by_mode, by_point = gain_error_by_mode_db(truth, answer), gain_error_by_point_db(truth, answer)
     sounds = [struck(modes, gains[:SOUNDS], SAMPLE_RATE_HZ) for gains in (truth, answer)]
     return {
         "modes": float(truth.shape[2]),
         "gain_error_db": gain_error_db(truth, answer),
         "gain_error_median_mode_db": float(np.median(by_mode)),
         "gain_error_worst_mode_db": float(by_mode.max()),
+        "gain_error_95_percent_of_points_db": float(np.quantile(by_point, 0.95)),
+        "gain_error_worst_point_db": float(by_point.max()),
         "stft_distance": stft_distance(sounds[0], sounds[1], SAMPLE_RATE_HZ),
         "unscaled_stft_distance": unscaled_stft_distance(sounds[0], sounds[1]),
         "envelope_distance": envelope_distance(sounds[0], sounds[1]),

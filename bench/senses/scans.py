@@ -62,6 +62,7 @@ def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     """One object's row."""
     surface, material = scans.surface(name), scans.material(name)
     many = name in OBJECTS
+    forget_peak_memory()
     start = cpu_seconds()
     try:
         solid = fill(surface, name=name)
@@ -104,7 +105,19 @@ def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
         "fill_cpu_s": filled - start,
         "solve_cpu_s": done - filled,
         "cpu_s": done - start,
+        "peak_memory_mb": peak_memory_mb(),
     }
+
+
+def forget_peak_memory() -> None:
+    """Begin the largest memory of this process anew (Linux, proc(5): clear_refs)."""
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_memory_mb() -> float:
+    """Return the largest resident memory since `forget_peak_memory`, in MB of 10^6 bytes."""
+    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in line)
+    return int(line.split()[1]) * 1024 / 1e6
 
 
 def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
@@ -126,6 +139,10 @@ def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
             "share_of_modes_within_10": float(np.mean(pooled <= 10)),
         },
         "cpu_s": {"median": float(np.median(seconds)), "largest": max(seconds), "sum": sum(seconds)},
+        "peak_memory_mb": {
+            "median": median(solved, "peak_memory_mb"),
+            "largest": max(row["peak_memory_mb"] for row in solved),
+        },
     }
 
 
