@@ -1,5 +1,7 @@
 """Safetensors files: readable by the format's own library, equal bytes, damage refused."""
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -92,3 +94,13 @@ def test_foreign_files_are_refused_by_name(subtests, file):
 def test_types_the_format_lacks_are_refused():
     with pytest.raises(ValueError, match="complex"):
         to_bytes(TensorFile({"x": np.zeros(2, complex)}))
+
+
+@pytest.mark.parametrize("shape", [[1] * 70, [10**400], [0] + [1 << 61] * 7, [-1], [True], [1.0], None])
+def test_shapes_that_no_array_has(tmp_path, shape):
+    size = 0 if shape and shape[0] == 0 else 8
+    header = json.dumps({"a": {"dtype": "F64", "shape": shape, "data_offsets": [0, size]}}).encode()
+    path = tmp_path / "shape.safetensors"
+    path.write_bytes(len(header).to_bytes(8, "little") + header + bytes(size))
+    with pytest.raises(FormatError, match=r"shape\.safetensors: array a"):
+        read_tensor_file(path)

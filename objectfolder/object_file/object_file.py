@@ -15,7 +15,14 @@ import numpy as np
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.object_file.html import NotebookCard
-from objectfolder.products.stored_values import check_body, check_material, number, numbers
+from objectfolder.products.stored_values import (
+    check_body,
+    check_fidelity,
+    check_material,
+    check_words,
+    number,
+    numbers,
+)
 from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.query_values import LARGEST_SEED, MOST_SAMPLED, point_rows, whole
 from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
@@ -144,6 +151,8 @@ class ObjectFile(NotebookCard):
         """
         surface = decode_surface(dict(tensors))
         frame = _frame_around(surface, description["frame"])
+        check_words(description["object"])
+        check_fidelity(description["fidelity"])
         check_body(description["body"])
         check_material(description["material"])
         vision = VisionNet.from_tensors(tensors, description["vision"], surface, frame)

@@ -10,6 +10,13 @@ from objectfolder.errors import FormatError
 from objectfolder.products.tensor_file import REMEDY
 
 LARGEST_KG = 1e9
+LARGEST_FIGURE = 1e12
+# Figures of fidelity that are told of every file; those of sound, where there is any.
+FIGURES = {
+    "vision": ("psnr_db", "psnr_foreground_db", "ssim", "held_out_views"),
+    "audio": ("gain_error_db", "frequency_error_cents"),
+    "touch": ("psnr_db", "held_out_touches", "unreachable_share"),
+}
 
 
 def number(where: str, value: Any, low: float, high: float) -> float:
@@ -84,6 +91,41 @@ def check_material(material: Any) -> None:
         fields = _fields("material", material)
         number("material.youngs_modulus_pa", fields["youngs_modulus_pa"], 1.0, 1e15)
         number("material.poisson_ratio", fields["poisson_ratio"], -1.0, 0.5)
+
+
+def check_words(described: Any) -> None:
+    """Check the description ``object``: texts by name.
+
+    Raises
+    ------
+    FormatError
+        No id, or something that is no text.
+    """
+    fields = _fields("object", described)
+    for name in ("id", *fields):
+        if not isinstance(fields.get(name), str | None) or (name == "id" and not fields.get(name)):
+            raise FormatError(f"object.{name}", f"{reprlib.repr(fields.get(name))} is no text", REMEDY)
+
+
+def check_fidelity(fidelity: Any) -> None:
+    """Check the description ``fidelity``, which is None where it was not measured.
+
+    Raises
+    ------
+    FormatError
+        Figures that are missing, or no numbers.
+    """
+    if fidelity is None:
+        return
+    for sense, named in FIGURES.items():
+        figures = _fields(f"fidelity.{sense}", _fields("fidelity", fidelity).get(sense))
+        needed = () if sense == "audio" and not figures.get("audible") else named
+        for name in (*needed, *figures):
+            value = figures.get(name)
+            if not isinstance(value, str | bool) and (value is not None or name in needed):
+                number(f"fidelity.{sense}.{name}", value, -LARGEST_FIGURE, LARGEST_FIGURE)
+            elif name in needed:
+                raise FormatError(f"fidelity.{sense}.{name}", f"{reprlib.repr(value)} is no number", REMEDY)
 
 
 def _fields(where: str, value: Any) -> Mapping[str, Any]:

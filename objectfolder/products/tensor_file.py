@@ -37,6 +37,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
 NAMES = {dtype: name for name, dtype in DTYPES.items()}
 LARGEST_HEADER = 100_000_000  # bytes, the limit of the format
 DIGEST = "content_digest"
+MOST_AXES, LARGEST_NUMBER = 8, 1 << 62
 REMEDY = "Make it again, or fetch it again from where it came."
 
 
@@ -132,7 +133,10 @@ def read_tensor_file(path: Path | str) -> TensorFile:
     tensors = {}
     for name, entry in entries.items():
         begin, end = entry["data_offsets"]
-        tensors[name] = np.frombuffer(data[begin:end], DTYPES[entry["dtype"]]).reshape(entry["shape"])
+        try:
+            tensors[name] = np.frombuffer(data[begin:end], DTYPES[entry["dtype"]]).reshape(entry["shape"])
+        except ValueError as error:
+            raise FormatError(where, f"array {name}: {error}", REMEDY) from error
     return TensorFile(tensors, metadata)
 
 
@@ -163,12 +167,15 @@ def _checked_metadata(where: str, header: Mapping[str, Any], data_size: int) -> 
             continue
         try:
             (begin, end), shape = entry["data_offsets"], entry["shape"]
-            expected = math.prod(shape) * DTYPES[entry["dtype"]].itemsize
             # Types, not instances: true and false are integers to Python, and no sizes to numpy.
-            whole = all(type(number) is int and number >= 0 for number in (begin, end, *shape))
+            if len(shape) > MOST_AXES or not all(
+                type(number) is int and 0 <= number < LARGEST_NUMBER for number in (begin, end, *shape)
+            ):
+                raise ValueError("no shape or place")
+            expected = math.prod(shape) * DTYPES[entry["dtype"]].itemsize
         except (KeyError, TypeError, ValueError) as error:
             raise FormatError(where, f"array {name} is not described ({error!r})", REMEDY) from error
-        if not whole or end - begin != expected:
+        if end - begin != expected:
             raise FormatError(where, f"array {name} of {expected} bytes lies at {begin}..{end}", REMEDY)
         spans.append((begin, end))
     position = 0
