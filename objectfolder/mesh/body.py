@@ -8,7 +8,7 @@ import numpy as np
 
 from objectfolder.surface.surface import Surface, connected_pieces
 
-MEASURED = ("topology", "solid", "wall_thickness", "area_m2", "length", "warnings")
+MEASURED = ("topology", "solid", "wall_thickness", "area_m2", "length", "normals_of_source", "warnings")
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,8 @@ def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled_volume_m3:
     dict
         Lengths in metres, masses in kilograms, inertia about the centre of mass in the object frame.
         ``volume_m3``, ``mass_kg``, ``centre_of_mass_m`` and ``inertia_kg_m2`` are None for a surface that
-        bounds no volume; ``filled_mass_kg`` is the mass of the solid that sounds.
+        bounds no volume; ``filled_mass_kg`` is the mass of the solid that sounds; ``normals_of_source`` is
+        the share of corners with normals of the source.
     """
     solid, topology, walls = measured["solid"], measured["topology"], measured["wall_thickness"]
     closed = bool(solid["meaningful"])
@@ -125,5 +126,17 @@ def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled_volume_m3:
         "wall_effective_m": walls["effective_m"],
         "wall_median_m": walls["median_m"],
         "wall_thin_m": walls["thin_m"],
+        "normals_of_source": measured["normals_of_source"],
         "warnings": list(measured["warnings"]),
     }
+
+
+def told_normals(share: float) -> str:
+    """Say whose the normals of a surface are, of which a share 0..1 is the source's.
+
+    >>> told_normals(0.0), told_normals(1.0)
+    ('by the angles between faces', 'of the source')
+    """
+    if share in (0, 1):
+        return "of the source" if share else "by the angles between faces"
+    return f"of the source at {100 * share:.3g} % of corners, else by the angles between faces"

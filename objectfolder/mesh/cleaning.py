@@ -13,11 +13,14 @@ from scipy.sparse.csgraph import connected_components
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.surface.surface import EdgeTable, connected_pieces, edge_table
+from objectfolder.surface.surface import EdgeTable, connected_pieces, edge_table, face_normals_and_areas
 from objectfolder.surface.winding_number import solid_angles
 
 MOST_PIECES = 2000
 """Not connected to one another; what lies in what is asked of every pair. Furniture has up to 1,200."""
+
+_SHORTEST_NORMAL = 1e-6
+"""Normals are written with length one; shorter ones are rounding."""
 
 _PROBES = 9
 """Vertices of a patch tested for lying within another."""
@@ -53,7 +56,8 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
 
     Faces with a vertex twice go. Faces on the same three vertices go in pairs, both of each pair, as they
     enclose nothing; where such faces repeat a face of the surface one stays (see `_folded_and_repeated`).
-    Texture coordinates move with their corners. Cleaning a clean mesh changes nothing.
+    Texture coordinates and normals move with their corners (see `usable_normals`). Cleaning
+    a clean mesh changes nothing.
 
     Parameters
     ----------
@@ -89,13 +93,18 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
         )
     orientation = outward_orientation(positions, faces)
     turned = orientation.reverse[:, None]
-    used, packed = np.unique(np.where(turned, faces[:, ::-1], faces), return_inverse=True)
+    wound = np.where(turned, faces[:, ::-1], faces)
+    used, packed = np.unique(wound, return_inverse=True)
+    normals = None if mesh.normals is None else mesh.normals[kept]
+    if normals is not None:
+        normals = np.where(turned[..., None], normals[:, ::-1], normals)
     cleaned = replace(
         mesh,
         vertices=positions[used],
         faces=packed.reshape(-1, 3).astype(np.int64),
         texture_coordinates=np.where(turned[..., None], coordinates[:, ::-1], coordinates),
         face_texture=mesh.face_texture[kept],
+        normals=None if normals is None else usable_normals(positions, wound, normals, orientation.reverse),
     )
     return cleaned, CleaningReport(
         vertices_welded=len(mesh.vertices) - len(positions),
@@ -108,6 +117,45 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
         nested_solids=orientation.nested_solids,
         unorientable_patches=orientation.unorientable_patches,
     )
+
+
+def usable_normals(
+    vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, reversed_faces: np.ndarray
+) -> np.ndarray | None:
+    """Normals of a source that can be those of its surface, float32.
+
+    Those of a reversed face turn with it where they point inwards. Left out, as zeros, are those that are
+    not finite, have no length, or still lie on the inner side of their face.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) metres and (F, 3), wound outwards.
+    normals
+        (F, 3, 3) of any length.
+    reversed_faces
+        (F,) bool, whose winding in the source was the other one.
+
+    Returns
+    -------
+    (F, 3, 3) unit normals, zero where there are none; None for none at all.
+
+    Examples
+    --------
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    >>> given = np.array([[[0.0, 0.6, 0.8], [0.0, 0.0, -1.0], [0.0, 0.0, 2.0]]])
+    >>> usable_normals(corners, np.array([[0, 1, 2]]), given, np.array([False]))[0, :, 2].round(1).tolist()
+    [0.800000011920929, 0.0, 1.0]
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(normals, axis=2, keepdims=True)
+    valid = np.isfinite(length) & (length > _SHORTEST_NORMAL)
+    unit = np.divide(normals, length, out=np.zeros(normals.shape), where=valid)
+    outwards = np.einsum("fcx,fx->fc", unit, face_normals_and_areas(vertices, faces)[0])
+    turned = reversed_faces & (outwards.sum(axis=1) < 0)
+    sign = np.where(turned, -1.0, 1.0)[:, None]
+    usable = np.where((outwards * sign > 0)[..., None], unit * sign[..., None], 0.0)
+    return usable.astype(np.float32) if usable.any() else None
 
 
 def _welded(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

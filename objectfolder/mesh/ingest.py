@@ -48,10 +48,12 @@ def ingest_object(
     -------
     Product
         `vertices` (vertex, axis) metres, `faces` (face, corner), `texture_coordinates` (face, corner, uv),
-        `face_texture` (face) and `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`,
-        `roughness_0`, `metallic_0`, ... where the source has them; in its attributes the report:
-        cleaning, topology, solid, wall thickness, warnings (of walls: what geometry alone tells), digests of
-        geometry and texture, source files, measures of the walls (see `WallMeasures`).
+        `face_texture` (face), `normals` (face, corner, axis) where the source has some, and
+        `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`, `roughness_0`, `metallic_0`,
+        ... where the source has them; in its attributes the report: cleaning, topology, solid, wall
+        thickness, share of corners with normals of the source, warnings (of walls: what geometry alone
+        tells), digests of geometry, texture and normals, source files, measures of the walls (see
+        `WallMeasures`).
 
     Raises
     ------
@@ -87,6 +89,7 @@ def ingest_object(
             "body": body,
             "geometry": _digest(mesh.vertices, mesh.faces),
             "texture": _digest(*texture),
+            "normals": _digest(*([] if mesh.normals is None else [mesh.normals])),
         },
     }
     return Product(mesh_arrays(mesh), attributes)
@@ -109,6 +112,7 @@ def _measured(
         "topology": asdict(topology),
         "solid": {"meaningful": walls.closed, **solid.to_dict()},
         "wall_thickness": walls.thickness(),
+        "normals_of_source": 0.0 if mesh.normals is None else float(mesh.normals.any(axis=2).mean()),
         "warnings": warnings + _warnings(report, topology, walls.closed) + doubts,
         "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
     }

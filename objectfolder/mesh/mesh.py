@@ -48,6 +48,9 @@ class TexturedMesh:
         for transparency.
     face_texture
         (F,) int32 index into `textures`.
+    normals
+        (F, 3, 3) of each corner, custom and split ones included, zero or not finite where the source has
+        none; None for none at all.
     alpha_cutoffs
         By index of a texture: the alpha in 0..1 from which the surface is there, below which it is not.
         Alpha of textures without a cutoff blends.
@@ -61,6 +64,7 @@ class TexturedMesh:
     texture_coordinates: np.ndarray
     textures: tuple[np.ndarray, ...]
     face_texture: np.ndarray
+    normals: np.ndarray | None = None
     alpha_cutoffs: Mapping[int, float] = field(default_factory=dict)
     roughness_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
     metallic_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
@@ -72,6 +76,7 @@ class TexturedMesh:
             "faces": (self.faces.shape, (count, 3)),
             "texture_coordinates": (self.texture_coordinates.shape, (count, 3, 2)),
             "face_texture": (self.face_texture.shape, (count,)),
+            "normals": ((count, 3, 3) if self.normals is None else self.normals.shape, (count, 3, 3)),
         }
         for name, (found, expected) in shapes.items():
             if found != expected:
@@ -87,7 +92,7 @@ class TexturedMesh:
     @cached_property
     def surface(self) -> Surface:
         """The triangles alone, ready for ray, closest-point and sampling queries."""
-        return Surface(self.vertices, self.faces)
+        return Surface(self.vertices, self.faces, normals=self.normals)
 
     @property
     def extents(self) -> np.ndarray:
@@ -105,6 +110,7 @@ def textured_mesh_of(product: Product) -> TexturedMesh:
         product["texture_coordinates"],
         tuple(textures[index] for index in range(len(textures))),
         product["face_texture"],
+        product["normals"] if "normals" in product.arrays else None,
         alpha_cutoffs={index: float(cutoff[0]) for index, cutoff in cutoffs.items()},
         roughness_maps=_numbered(product, "roughness_"),
         metallic_maps=_numbered(product, "metallic_"),
@@ -136,6 +142,14 @@ def mesh_arrays(mesh: TexturedMesh) -> dict[str, Array]:
         ),
         "face_texture": Array(mesh.face_texture, ("face",), "1", "Texture index of each face", False),
     }
+    if mesh.normals is not None:
+        arrays["normals"] = Array(
+            mesh.normals,
+            ("face", "corner", "axis"),
+            "1",
+            "The source's normals, zero where it has none",
+            False,
+        )
     for index, texture in enumerate(mesh.textures):
         arrays[f"texture_{index}"] = Array(
             texture, ("y", "x", "channel"), "1", "Base colour RGBA, sRGB-encoded, row 0 on top", False

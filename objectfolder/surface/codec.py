@@ -3,13 +3,14 @@
 Faces are walked from neighbour to neighbour. A corner is coded by how long ago its vertex appeared (0:
 never), so connectivity decodes as one cumulative sum; a new vertex is coded as its offset from the
 parallelogram of the face it was reached from (Touma and Gotsman 1998). LZMA takes what regularity
-is left.
+is left. Normals of the source follow (`normal_codec.py`).
 """
 
 import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
+from objectfolder.surface.normal_codec import decoded_normals, encode_normals
 from objectfolder.surface.surface import Surface
 
 QUANTISATION_STEP_M = 1e-6
@@ -38,7 +39,8 @@ def encode_surface(surface: Surface, step: float | None = None) -> dict[str, np.
     -------
     dict
         ``surface.origin`` (3,) and ``surface.step`` (1,) float64 metres, ``surface.counts`` (2,) int64
-        vertices and faces, ``surface.connectivity`` and ``surface.positions`` uint8 streams.
+        vertices and faces, ``surface.connectivity`` and ``surface.positions`` uint8 streams; and what
+        `encode_normals` returns, where the source has normals of its own.
 
     Examples
     --------
@@ -64,12 +66,18 @@ def encode_surface(surface: Surface, step: float | None = None) -> dict[str, np.
     age = np.where(is_new, 0, np.cumsum(is_new) - corners)
     positions = grid[sequence]
     offsets = positions - _predictions(corners, is_new, positions)
+    normals = None
+    if surface.normals is not None:
+        turned = (rotation[:, None] + np.arange(3)) % 3
+        normals = np.take_along_axis(surface.normals[order], turned[..., None], axis=1)
+    decoded = Surface(origin + positions * step, corners.reshape(-1, 3), normals=normals)
     return {
         "surface.origin": origin.astype(np.float64),
         "surface.step": np.array([step]),
         "surface.counts": np.array([len(sequence), len(faces)], dtype=np.int64),
         "surface.connectivity": pack_integers(age.reshape(-1, 3).T.ravel()),
         "surface.positions": pack_integers(zigzag(offsets).T.ravel()),
+        **encode_normals(decoded),
     }
 
 
@@ -98,7 +106,9 @@ def decode_surface(tensors: dict[str, np.ndarray]) -> Surface:
             raise ValueError(f"a coordinate that is not within {LARGEST_COORDINATE_M:g} m")
         if problem := too_large(vertices, corners):
             raise ValueError(problem)
-        return Surface(vertices, corners.reshape(-1, 3))
+        surface = Surface(vertices, corners.reshape(-1, 3))
+        surface.normals = decoded_normals(tensors, surface)
+        return surface
     except (ValueError, KeyError, IndexError) as error:
         raise FormatError("surface", f"damaged ({error})") from error
 

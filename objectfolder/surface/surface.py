@@ -91,6 +91,8 @@ class Surface:
         Trace rays with Embree (single precision search, double precision result); by default where it
         is installed. Without it the numpy tree of `bounding_boxes` is used. Both name the same face
         but for rays that pass within about 1e-7 of the object's size of an edge.
+    normals
+        (F, 3, 3) unit normals of the source at corners, zero where it has none; None for none at all.
 
     Raises
     ------
@@ -107,7 +109,13 @@ class Surface:
     array([[1., 0., 0.]])
     """
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, use_embree: bool | None = None) -> None:
+    def __init__(
+        self,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        use_embree: bool | None = None,
+        normals: np.ndarray | None = None,
+    ) -> None:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3)
         self.faces = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1, 3)
         if len(self.faces) == 0 or self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
@@ -115,6 +123,7 @@ class Surface:
         if not np.isfinite(self.vertices).all():
             raise ValueError("the coordinates of a surface must be finite")
         self.face_normals, self.face_areas = face_normals_and_areas(self.vertices, self.faces)
+        self.normals = normals
         self._use_embree = (
             importlib.util.find_spec("embreex") is not None if use_embree is None else use_embree
         )
@@ -132,8 +141,12 @@ class Surface:
 
     @cached_property
     def corner_normals(self) -> np.ndarray:
-        """Crease-aware shading normals (F, 3, 3) at the corners of each face."""
-        return corner_normals(self.vertices, self.faces)
+        """Shading normals (F, 3, 3) at corners: the source's, else those of the rule of `corner_normals`."""
+        by_rule = corner_normals(self.vertices, self.faces)
+        if self.normals is None:
+            return by_rule
+        given = np.asarray(self.normals, dtype=np.float64)
+        return np.where(given.any(axis=2, keepdims=True), given, by_rule)
 
     @cached_property
     def edges(self) -> EdgeTable:

@@ -15,6 +15,7 @@ OBJECT_FILES = ProductKind("data/object_files", TENSORS, "fidelity")
 FIDELITY = ProductKind("data/fidelity")
 
 GEOMETRY = ProductInput(OBJECTS, ("digests.geometry",))
+LIT_SURFACE = ProductInput(OBJECTS, ("digests.geometry", "digests.normals"))
 
 STAGES = {
     stage.name: stage
@@ -32,7 +33,7 @@ STAGES = {
             "views",
             "pipeline.tasks.views:render_views",
             (VIEWS,),
-            inputs=(ProductInput(OBJECTS, ("digests.geometry", "digests.texture")),),
+            inputs=(ProductInput(OBJECTS, ("digests.geometry", "digests.texture", "digests.normals")),),
             parameters=("vision",),
             fields=("appearance",),
             packages=("bpy", "embreex", "numpy", "zarr"),
@@ -53,7 +54,7 @@ STAGES = {
             "touches",
             "pipeline.tasks.touches:press_sensor",
             (TOUCHES,),
-            inputs=(GEOMETRY,),
+            inputs=(LIT_SURFACE,),
             parameters=("touch",),
             packages=("numba", "numpy", "scipy", "zarr"),
             tolerances=TOLERANCES["touches"],
@@ -63,7 +64,7 @@ STAGES = {
             "pipeline.tasks.encode:encode_object",
             (ENCODED,),
             inputs=(
-                GEOMETRY,
+                LIT_SURFACE,
                 ProductInput(VIEWS),
                 ProductInput(MODES),
                 ProductInput(TOUCHES, ("sensor", "contact")),

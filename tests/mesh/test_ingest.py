@@ -73,7 +73,7 @@ def test_what_is_said_of_walls_moves_no_digest_of_shape_or_texture(tmp_path, mon
     silent = ingest_object(path, None, None, "cube").attributes
     assert silent["warnings"] == []
     same = {name: silent["digests"][name] == said["digests"][name] for name in said["digests"]}
-    assert same == {"body": False, "geometry": True, "texture": True}
+    assert same == {"body": False, "geometry": True, "texture": True, "normals": True}
 
 
 def test_digests_tell_a_new_shape_from_a_new_texture(tmp_path):

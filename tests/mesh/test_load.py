@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,62 @@ def test_obj_normals_without_texture_coordinates(tmp_path):
     mesh = load_mesh(path)
     assert mesh.textures[0].shape == (1, 1, 4)
     assert not mesh.texture_coordinates.any()
+
+
+def test_custom_and_split_normals_of_an_obj_are_those_of_its_corners(tmp_path):
+    path = tmp_path / "model.obj"
+    path.write_text(QUAD + "vn 0 0 2\nvn 0 .6 .8\nvn 0 0 -1\nf 1//1 2//-2 3//3\nf 1 3 4\n")
+    mesh, _ = clean(load_mesh(path))
+    # One points inwards, and a face has none: these are left to the rule.
+    np.testing.assert_allclose(mesh.normals[0], [[0, 0, 1], [0, 0.6, 0.8], [0, 0, 0]], atol=1e-6)
+    assert not mesh.normals[1].any()
+    np.testing.assert_allclose(
+        mesh.surface.corner_normals[0], [[0, 0, 1], [0, 0.6, 0.8], [0, 0, 1]], atol=1e-6
+    )
+    path.write_text(QUAD + "vn 0 0 1\nf 1//1 2//1 3//2\n")
+    with pytest.raises(InputError, match=r"line 6: .*normal 2 of 1"):
+        load_mesh(path)
+
+
+def test_normals_turn_with_faces_that_are_reversed():
+    inside_out = cube()
+    outwards = np.sign(inside_out.vertices - inside_out.vertices.mean(axis=0))[inside_out.faces]
+    given = replace(inside_out, faces=inside_out.faces[:, ::-1], normals=-outwards[:, ::-1])
+    np.testing.assert_allclose(clean(given)[0].normals, outwards / np.sqrt(3), atol=1e-6)
+    # A file may say outwards with its normals and inwards with the order of corners.
+    given = replace(given, normals=outwards[:, ::-1])
+    np.testing.assert_allclose(clean(given)[0].normals, outwards / np.sqrt(3), atol=1e-6)
+
+
+def test_normals_of_vertices_of_a_ply(tmp_path):
+    path = tmp_path / "model.ply"
+    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}element face 1\n"
+        "property list uchar int vertex_indices\nend_header\n"
+        "0 0 0 0 0 1\n1 0 0 0 .6 .8\n1 1 0 0 0 3\n3 0 1 2\n"
+    )
+    np.testing.assert_allclose(load_mesh(path).normals[0], [[0, 0, 1], [0, 0.6, 0.8], [0, 0, 3]], atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [[1, 1, 4], [-1, 1, 4]], ids=["stretched", "mirrored"])
+def test_normals_of_gltf_stay_normal_in_stretched_and_mirrored_nodes(tmp_path, scale):
+    path = write_gltf(tmp_path / "model.gltf", node={"scale": scale})
+    header = json.loads(path.read_text())
+    header["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 3
+    # Of a plane that rises along x: not that of the triangle, which a custom normal need not be.
+    normal = np.array([-0.6, 0, 0.8] * 3, dtype="<f4")
+    (tmp_path / "normals.bin").write_bytes(normal.tobytes())
+    header["buffers"].append({"uri": "normals.bin", "byteLength": 36})
+    header["bufferViews"].append({"buffer": 1, "byteLength": 36})
+    header["accessors"].append({"bufferView": 3, "componentType": 5126, "count": 3, "type": "VEC3"})
+    path.write_text(json.dumps(header))
+    mesh = load_mesh(path)
+    along = np.array([0.8 * scale[0], 0, 0.6 * scale[2]])  # in that plane
+    np.testing.assert_allclose(mesh.normals @ along, 0, atol=1e-6)
+    facet = np.cross(mesh.vertices[mesh.faces[0, 1]] - mesh.vertices[mesh.faces[0, 0]],
+                     mesh.vertices[mesh.faces[0, 2]] - mesh.vertices[mesh.faces[0, 0]])  # fmt: skip
+    assert (mesh.normals[0] @ facet > 0).all()
 
 
 def test_obj_with_several_materials_colours_and_textures(tmp_path):

@@ -64,6 +64,50 @@ def test_any_soup_of_triangles_survives(seed: int, face_count: int) -> None:
     assert decoded.area == pytest.approx(expected.area, rel=1e-9)
 
 
+def _turned_normals(surface: Surface, most_deg: float) -> np.ndarray:
+    """Normals of the rule, leant over by up to an angle, another way at each corner."""
+    across = np.cross(surface.corner_normals, np.random.default_rng(0).normal(size=(*surface.faces.shape, 3)))
+    angle = np.radians(most_deg) * np.random.default_rng(1).random((*surface.faces.shape, 1))
+    across /= np.linalg.norm(across, axis=2, keepdims=True)
+    return np.cos(angle) * surface.corner_normals + np.sin(angle) * across
+
+
+@pytest.mark.parametrize(
+    "mesh", [trimesh.creation.icosphere(3, 0.04), trimesh.creation.box((0.1, 0.05, 0.02))]
+)
+def test_normals_of_the_source_come_back_within_a_degree(mesh: trimesh.Trimesh) -> None:
+    walked = decode_surface(
+        encode_surface(Surface(mesh.vertices, mesh.faces))
+    )  # corners keep their order now
+    given = _turned_normals(walked, 50)
+    given[1] = 0  # the source has none there
+    surface = Surface(walked.vertices, walked.faces, normals=given)
+    decoded = decode_surface(encode_surface(surface))
+    np.testing.assert_array_equal(decoded.faces, surface.faces)
+    cosine = np.einsum("fcx,fcx->fc", decoded.corner_normals, surface.corner_normals)
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 1
+    np.testing.assert_array_equal(
+        decoded.corner_normals[1], decode_surface(encode_surface(walked)).corner_normals[1]
+    )
+
+
+def test_normals_that_the_rule_gives_take_no_bytes() -> None:
+    mesh = trimesh.creation.icosphere(3, 0.04)
+    bare = Surface(mesh.vertices, mesh.faces)
+    named = Surface(mesh.vertices, mesh.faces, normals=bare.corner_normals)
+    assert encode_surface(named).keys() == encode_surface(bare).keys()
+
+
+@pytest.mark.parametrize("name", ["surface.normals", "surface.normal_ranks"])
+def test_damaged_normals_are_an_error(name: str) -> None:
+    mesh = trimesh.creation.icosphere(2, 0.04)
+    bare = Surface(mesh.vertices, mesh.faces)
+    tensors = encode_surface(Surface(mesh.vertices, mesh.faces, normals=_turned_normals(bare, 50)))
+    for broken in (tensors[name][:-9], tensors[name][:1]):
+        with pytest.raises(FormatError, match="surface: damaged"):
+            decode_surface({**tensors, name: broken})
+
+
 def test_encoding_is_idempotent_and_reproducible() -> None:
     mesh = trimesh.creation.icosphere(3, 0.04)
     once = encode_surface(Surface(mesh.vertices, mesh.faces))

@@ -82,6 +82,7 @@ def simulate_modes(
     [2750.0]
     """
     started = _cpu_seconds()
+    surface = Surface(surface.vertices, surface.faces)  # normals of a source are made to be seen by
     solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, name=name)
     seconds = options.get("seconds")
     if seconds is not None:

@@ -186,10 +186,23 @@ def _part(
         coordinates,
         (material.texture,),
         np.zeros(len(faces), dtype=np.int32),
+        _normals(primitive, len(local), faces, transform[:3, :3]),
         alpha_cutoffs={} if material.alpha_cutoff is None else {0: material.alpha_cutoff},
         roughness_maps={} if material.roughness is None else {0: material.roughness},
         metallic_maps={} if material.metallic is None else {0: material.metallic},
     )
+
+
+def _normals(primitive: Primitive, count: int, faces: np.ndarray, linear: np.ndarray) -> np.ndarray:
+    """Normals (F, 3, 3) at corners, turned as planes are: by cofactors; zero where there are none."""
+    if "NORMAL" not in primitive:
+        return np.zeros((len(faces), 3, 3))
+    normals = primitive.values("NORMAL")
+    if normals.shape != (count, 3):
+        raise ValueError("NORMAL does not fit the positions")
+    cofactors = np.cross(np.roll(linear, -1, axis=1), np.roll(linear, -2, axis=1), axis=0)
+    mirrored = -1 if np.linalg.det(linear) < 0 else 1
+    return np.asarray((mirrored * normals @ cofactors.T)[faces])
 
 
 def _refuse_outside(path: Path, coordinates: np.ndarray) -> None:
@@ -213,6 +226,7 @@ def _joined(meshes: list[TexturedMesh]) -> TexturedMesh:
         np.concatenate(
             [np.full(len(mesh.faces), index, dtype=np.int32) for index, mesh in enumerate(meshes)]
         ),
+        np.concatenate([mesh.normals for mesh in meshes if mesh.normals is not None]),
         alpha_cutoffs=_of_each([mesh.alpha_cutoffs for mesh in meshes]),
         roughness_maps=_of_each([mesh.roughness_maps for mesh in meshes]),
         metallic_maps=_of_each([mesh.metallic_maps for mesh in meshes]),

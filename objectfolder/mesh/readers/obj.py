@@ -36,18 +36,21 @@ class _Statements:
 
     vertices: list[list[float]] = field(default_factory=list)
     texture_vertices: list[list[float]] = field(default_factory=list)
+    normals: list[list[float]] = field(default_factory=list)
     polygons: list[list[int]] = field(default_factory=list)
     polygon_texture_vertices: list[list[int]] = field(default_factory=list)
+    polygon_normals: list[list[int]] = field(default_factory=list)
     polygon_materials: list[str] = field(default_factory=list)
     libraries: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class _Triangles:
-    """Vertex and texture vertex of each corner, (F, 3) each, and the polygon each triangle is of, (F,)."""
+    """Vertex, texture vertex and normal of corners, (F, 3) each, and the polygon of each triangle, (F,)."""
 
     faces: np.ndarray
     texture_vertices: np.ndarray
+    normals: np.ndarray
     polygon: np.ndarray
 
 
@@ -100,6 +103,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         coordinates,
         textures,
         face_texture,
+        _corner_normals(statements, triangles),
         roughness_maps={index: image for index, image in enumerate(roughness) if image is not None},
         metallic_maps={index: image for index, image in enumerate(metallic) if image is not None},
     )
@@ -124,7 +128,8 @@ def _triangles(path: Path, vertices: np.ndarray, statements: _Statements) -> _Tr
     if all(len(polygon) == 3 for polygon in polygons):
         faces = np.array(polygons, dtype=np.int64)
         texture_vertices = np.array(statements.polygon_texture_vertices, dtype=np.int64)
-        return _Triangles(faces, texture_vertices, np.arange(len(faces)))
+        normals = np.array(statements.polygon_normals, dtype=np.int64)
+        return _Triangles(faces, texture_vertices, normals, np.arange(len(faces)))
     try:
         places, polygon = triangulated(vertices, polygons)
     except ValueError as problem:
@@ -134,6 +139,7 @@ def _triangles(path: Path, vertices: np.ndarray, statements: _Statements) -> _Tr
     return _Triangles(
         np.concatenate(polygons).astype(np.int64)[places],
         np.concatenate(statements.polygon_texture_vertices).astype(np.int64)[places],
+        np.concatenate(statements.polygon_normals).astype(np.int64)[places],
         polygon,
     )
 
@@ -144,6 +150,12 @@ def _corner_coordinates(statements: _Statements, triangles: _Triangles) -> np.nd
     pairs = [[*row, 0.0][:2] for row in statements.texture_vertices]
     table = np.array([*pairs, [np.nan, np.nan]], dtype=np.float64)
     return table[triangles.texture_vertices]
+
+
+def _corner_normals(statements: _Statements, triangles: _Triangles) -> np.ndarray | None:
+    if not statements.normals:
+        return None
+    return np.array([*statements.normals, [0.0, 0.0, 0.0]], dtype=np.float64)[triangles.normals]
 
 
 def _vertex_colours(path: Path, colours: np.ndarray) -> np.ndarray:
@@ -163,6 +175,8 @@ def _parse(path: Path) -> _Statements:
                 statements.vertices.append(_floats(values, 3))
             elif keyword == "vt":
                 statements.texture_vertices.append(_floats(values, 1))
+            elif keyword == "vn":
+                statements.normals.append(_floats(values, 3)[:3])
             elif keyword == "f":
                 _append_polygon(statements, values, material)
             elif keyword == "usemtl":
@@ -187,16 +201,18 @@ def _floats(values: list[str], least: int) -> list[float]:
 def _append_polygon(statements: _Statements, corners: list[str], material: str) -> None:
     if len(corners) < 3:
         raise ValueError("a face needs three corners")
-    vertex_indices, texture_indices = [], []
+    vertex_indices, texture_indices, normal_indices = [], [], []
     for corner in corners:
         parts = corner.split("/")
         vertex_indices.append(_resolved(int(parts[0]), len(statements.vertices), "vertex"))
-        texture = parts[1] if len(parts) > 1 else ""
-        # -1 is the row of NaN that the table of texture coordinates ends with.
+        texture, normal = [*parts[1:3], "", ""][:2]
+        # -1 is the last row of a table: NaN for texture coordinates, zero for normals.
         count = len(statements.texture_vertices)
         texture_indices.append(_resolved(int(texture), count, "texture coordinate") if texture else -1)
+        normal_indices.append(_resolved(int(normal), len(statements.normals), "normal") if normal else -1)
     statements.polygons.append(vertex_indices)
     statements.polygon_texture_vertices.append(texture_indices)
+    statements.polygon_normals.append(normal_indices)
     statements.polygon_materials.append(material)
 
 

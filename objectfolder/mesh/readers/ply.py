@@ -32,6 +32,7 @@ _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": 
 _LONGEST_HEADER_BYTES = 2**16
 _COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _INDICES = ("vertex_indices", "vertex_index")
+_NORMALS = ("nx", "ny", "nz")
 _COLOURS = ("red", "green", "blue")
 
 
@@ -110,7 +111,15 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         if colours is not None:
             atlas, coordinates = corner_colour_atlas(colours)
             texture = opaque(atlas)
-    return TexturedMesh(vertices, faces, coordinates, (texture,), np.zeros(len(faces), dtype=np.int32))
+    of_face = np.zeros(len(faces), dtype=np.int32)
+    return TexturedMesh(vertices, faces, coordinates, (texture,), of_face, _normals(columns, faces))
+
+
+def _normals(columns: dict[str, dict[str, Column]], faces: np.ndarray) -> np.ndarray | None:
+    if not all(axis in columns["vertex"] for axis in _NORMALS):
+        return None
+    normals = np.stack([_numbers(columns["vertex"][axis]) for axis in _NORMALS], axis=1)
+    return normals.astype(np.float64)[faces]
 
 
 def ply_texture_name(path: Path) -> str | None:

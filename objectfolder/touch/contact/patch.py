@@ -31,7 +31,8 @@ class FacePatches:
         if not kept.any():
             raise QueryError("surface", "no face has an area", "Touch needs a surface.")
         if not kept.all():
-            surface = Surface(surface.vertices, surface.faces[kept])
+            normals = None if surface.normals is None else surface.normals[kept]
+            surface = Surface(surface.vertices, surface.faces[kept], normals=normals)
         self.surface = surface
         self.triangles = surface.vertices[surface.faces]
         self.face_normals = surface.face_normals
@@ -76,4 +77,4 @@ def _welded(surface: Surface) -> Surface:
         return surface
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.cumsum(first) - 1
-    return Surface(placed[first], place[surface.faces])
+    return Surface(placed[first], place[surface.faces], normals=surface.normals)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.catalogue import AS_IN_FILE
+from objectfolder.mesh.body import told_normals
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.walls import (
     ANY_MATERIAL,
@@ -87,7 +88,8 @@ def lines_about(checked: Checked) -> list[str]:
         f"object       {checked.row['name']} ({checked.object_id}), {checked.row['licence']}",
         f"size         {' x '.join(f'{side:.4g}' for side in extents)} m, longest side {origin}",
         f"surface      {len(checked.product['faces'])} triangles, {closed}, "
-        f"pieces {topology['components'] - cavities}, cavities {cavities}",
+        f"pieces {topology['components'] - cavities}, cavities {cavities}, "
+        f"normals {told_normals(attributes['normals_of_source'])}",
         f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
         f"{checked.material.name} ({density:g} kg/m3)",
     ]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from objectfolder.mesh.body import told_normals
 from objectfolder.object_file import ObjectFile
 
 
@@ -57,7 +58,8 @@ def _body(file: ObjectFile) -> list[str]:
     wall = "unknown" if body["wall_median_m"] is None else f"{body['wall_median_m'] * 1e3:.2g} mm"
     warnings = [f"warning      {warning}" for warning in body.get("warnings") or []]
     return [
-        f"body         {mass:.4g} kg ({closed}), pieces {body['components']}, median wall {wall}",
+        f"body         {mass:.4g} kg ({closed}), pieces {body['components']}, median wall {wall}, "
+        f"normals {told_normals(body.get('normals_of_source', 0.0))}",
         *warnings,
     ]
 
