@@ -16,6 +16,8 @@ from objectfolder.mesh.readers.files import is_file
 AS_IN_FILE = "as in file"
 """Value of `length_m` for a mesh whose own unit is the metre."""
 
+SENSES = ("vision", "audio", "touch")
+
 REQUIRED_COLUMNS = ("id", "material")
 COLUMNS = (
     "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "roughness",
@@ -50,6 +52,8 @@ class ObjectRecord:
     shell_m
         Thickness in metres of the wall, for its sound, of a closed container that the scan has as solid. Not
         together with `wall_m`.
+    senses
+        Those of `SENSES` that it gets; sound alone can be left out.
     source_id
         What `objectfolder fetch` knows the object by, as ``ycb:025_mug``; empty for one's own.
     """
@@ -68,6 +72,7 @@ class ObjectRecord:
     wall_m: float | None = None
     shell_m: float | None = None
     source_id: str = ""
+    senses: tuple[str, ...] = SENSES
 
 
 @dataclass(frozen=True)
@@ -259,6 +264,7 @@ def _record(
         wall_m=wall_m,
         shell_m=shell_m,
         source_id=source_id,
+        senses=_senses(row.get("senses", ""), f"{where}, field senses"),
     )
     # Last: a row that only waits for its files has no other fault.
     _check_exists(record.mesh, f"{where}, field mesh", source_id)
@@ -316,6 +322,14 @@ def _fraction(text: str, where: str) -> float | None:
     if not 0 <= value <= 1:
         raise InputError(where, f"{text!r} is not a number in 0..1", "Correct it, or leave it empty")
     return value
+
+
+def _senses(text: str, where: str) -> tuple[str, ...]:
+    named = text.lower().split() or list(SENSES)
+    if not {"vision", "touch"} <= set(named) <= set(SENSES):
+        remedy = f"Give {' '.join(SENSES)!r}, 'vision touch' to leave sound out, or nothing for all"
+        raise InputError(where, f"{text!r} is not vision, touch and perhaps audio", remedy)
+    return tuple(sense for sense in SENSES if sense in named)
 
 
 def _thickness(text: str, where: str) -> float | None:

@@ -33,6 +33,10 @@ class SimulationError(ObjectFolderError):
     """A simulation that did not reach its stated accuracy or could not run."""
 
 
+class UnsolvableError(SimulationError):
+    """A simulation that an object does not allow, on whatever machine it runs."""
+
+
 class QueryError(ObjectFolderError, ValueError):
     """A query that an Object File cannot answer truthfully."""
 

@@ -41,6 +41,7 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
     frequencies = modes["frequencies_hz"]
     result: dict[str, Any] = {
         "audible": bool(modes.attributes["audible"]),
+        "absent": modes.attributes.get("absent"),
         "modes": len(frequencies),
         "first_frequency_hz": float(frequencies[0]) if len(frequencies) else None,
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],

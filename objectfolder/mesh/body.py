@@ -89,7 +89,9 @@ def solid_properties(vertices: np.ndarray, faces: np.ndarray) -> SolidProperties
     return SolidProperties(volume, origin + centre, np.trace(moments) * np.eye(3) - moments)
 
 
-def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled_volume_m3: float) -> dict[str, Any]:
+def body_of(
+    measured: Mapping[str, Any], density_kg_m3: float, filled_volume_m3: float | None
+) -> dict[str, Any]:
     """Describe a homogeneous body of a density, as JSON.
 
     Parameters
@@ -99,7 +101,8 @@ def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled_volume_m3:
     density_kg_m3
         Of the material.
     filled_volume_m3
-        Volume of the solid that the modes were solved on; it exists for open surfaces, too.
+        Volume of the solid that the modes were solved on; it exists for open surfaces, too. None where no
+        modes were solved.
 
     Returns
     -------
@@ -122,7 +125,7 @@ def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled_volume_m3:
         "centre_of_mass_m": solid["centre_of_mass_m"] if closed else None,
         "inertia_kg_m2": inertia.tolist() if closed else None,
         "filled_volume_m3": filled_volume_m3,
-        "filled_mass_kg": density_kg_m3 * filled_volume_m3,
+        "filled_mass_kg": None if filled_volume_m3 is None else density_kg_m3 * filled_volume_m3,
         "wall_effective_m": walls["effective_m"],
         "wall_median_m": walls["median_m"],
         "wall_thin_m": walls["thin_m"],

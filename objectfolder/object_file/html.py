@@ -46,7 +46,7 @@ class NotebookCard(SightQueries, SoundQueries):
         name, licence, by = (html.escape(str(said.get(key) or "not stated")) for key in stated)
         material = html.escape(str((self.description["material"] or {}).get("name", "unknown material")))
         picture = _data_uri("image/png", png_bytes(self.pictures(1, SIDE_PX)[0]))
-        heard = "no audible mode"
+        heard = "no sound" if self.modes.absent else "no audible mode"
         if len(self.modes.frequencies_hz):
             points, normals = self.sample_contacts(1, seed=0)
             sound = self.strike(points, -normals, DURATION_S, SAMPLE_RATE_HZ)

@@ -73,7 +73,9 @@ def check_body(body: Any) -> None:
     """
     if body is None:
         return
-    number("body.filled_mass_kg", _fields("body", body)["filled_mass_kg"], 1 / LARGEST_KG, LARGEST_KG)
+    filled_mass_kg = _fields("body", body)["filled_mass_kg"]
+    if filled_mass_kg is not None:
+        number("body.filled_mass_kg", filled_mass_kg, 1 / LARGEST_KG, LARGEST_KG)
     if body["inertia_kg_m2"] is not None:
         number("body.mass_kg", body["mass_kg"], 1 / LARGEST_KG, LARGEST_KG)
         numbers("body.centre_of_mass_m", body["centre_of_mass_m"], (3,), LARGEST_KG)

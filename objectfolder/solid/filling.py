@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from objectfolder.errors import InputError, SimulationError
+from objectfolder.errors import InputError, UnsolvableError
 from objectfolder.mesh.cleaning import outward_orientation
 from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
 from objectfolder.solid.normal_form import NormalForm, normal_form
@@ -162,7 +162,7 @@ def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[S
             break
     if best is None:
         reasons = dict.fromkeys(str(entry.get("failed", "it encloses no volume")) for entry in tried)
-        raise SimulationError(
+        raise UnsolvableError(
             name,
             f"no solid came of filling it: {', '.join(reasons)}",
             "Check that the surface is closed or nearly so; state shell_m, wall_m or a longer time_limit_s",

@@ -83,7 +83,7 @@ def sources(row: Mapping[str, Any]) -> dict[str, Path]:
 
 def write_records(root: Path, records: Records) -> None:
     """Write what later stages read of the objects, atomically."""
-    handed_on = ("name", "material", "material_citation", "appearance", "walls", *STATED)
+    handed_on = ("name", "material", "material_citation", "appearance", "walls", "senses", *STATED)
     content = {
         "objects": {
             object_id: {field: row[field] for field in handed_on} for object_id, row in records.rows.items()
@@ -148,4 +148,5 @@ def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
         "material_citation": material.citation,
         "appearance": appearance,
         "walls": {"wall_m": record.wall_m, "shell_m": record.shell_m},
+        "senses": list(record.senses),
     }

@@ -46,7 +46,7 @@ STAGES = {
             (MODES,),
             inputs=(GEOMETRY,),
             parameters=("audio",),
-            fields=("material", "walls"),
+            fields=("material", "walls", "senses"),
             packages=("embreex", "mkl", "numpy", "pytetwild", "scikit-image", "scipy", "zarr"),
             tolerances=TOLERANCES["modes"],
         ),

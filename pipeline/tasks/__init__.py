@@ -10,5 +10,6 @@ returns `objectfolder.products.store.Product` for a ``.zarr.zip`` or
 ``request.inputs`` has the paths under the kind's name (``request.inputs["views"]``),
 ``request.parameters`` the declared sections as dictionaries (``request.parameters["vision"]``).
 The record of an object: ``name``, ``material`` (all values, a dictionary), ``appearance``
-(``roughness``, ``metallic``), ``walls`` (``wall_m``, ``shell_m``), ``source``, ``licence``, ``attribution``.
+(``roughness``, ``metallic``), ``walls`` (``wall_m``, ``shell_m``), ``senses``, ``source``, ``licence``,
+``attribution``.
 """

@@ -16,8 +16,11 @@ def verify_object(request: Request) -> Timed:
     measured = read_attributes(request.inputs["objects"])
     modes = read_product(request.inputs["modes"])
     density = record["material"]["density_kg_m3"]
+    body = body_of(measured, density, modes.attributes["volume_m3"])
+    if encoded.modes.absent:
+        body["warnings"] += modes.attributes["warnings"]
     named = encoded.with_description(
-        body=body_of(measured, density, modes.attributes["volume_m3"]),
+        body=body,
         object={"id": request.object_id, **{key: record[key] for key in DESCRIBED}},
         material={**record["material"], "citation": record["material_citation"]},
     )

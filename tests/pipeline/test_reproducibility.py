@@ -120,14 +120,14 @@ def test_modes_and_views_are_as_declared_on_another_processor(tmp_path, bar):
     described = type("Record", (), {})()
     for field in ("name", "source", "licence", "attribution"):
         setattr(described, field, "")
-    described.mesh, described.texture = bar, None
+    described.mesh, described.texture, described.senses = bar, None, ("vision", "audio", "touch")
     for field in ("length_m", "roughness", "metallic", "wall_m", "shell_m"):
         setattr(described, field, None)
     row = row_of(described, material)
     stages = {
         "objects": QUICK["objects"],
         "modes": {
-            "record": {"material": row["material"], "walls": row["walls"]},
+            "record": {"material": row["material"], "walls": row["walls"], "senses": row["senses"]},
             "parameters": {
                 "audio": {
                     "max_frequency_hz": 8000.0, "max_modes": 8, "accuracy_cents": 20.0,

@@ -75,6 +75,12 @@ class AudioNet:
         """Damped frequencies (modes,), hertz; 0 where a mode does not ring."""
         return np.sqrt(np.maximum(self.eigenvalues - self.dampings_per_s**2, 0.0)) / (2 * np.pi)
 
+    @property
+    def absent(self) -> str | None:
+        """Why the object has no sound at all; None where it has modes, or none in the band."""
+        reason = self._metadata.get("absent")
+        return None if reason is None else str(reason)
+
     def tensors(self) -> dict[str, np.ndarray]:
         """Return what is stored, keys ``audio.*``."""
         return dict(self._tensors)

@@ -99,7 +99,8 @@ def fit_audionet(
         Bytes that do not hold even the frequencies.
     """
     training = ~modes["held_out"]
-    values = modes["mode_shapes"][training].astype(np.float64).reshape(int(training.sum()), -1)
+    shapes = modes["mode_shapes"][training].astype(np.float64)
+    values = shapes.reshape(len(shapes), 3 * shapes.shape[2])
     own = {name: np.array(modes[name], dtype=np.float64) for name in MODE_TENSORS}
     room = most_bytes - sum(tensor.nbytes for tensor in own.values()) - 8
     if values.size:
@@ -110,6 +111,7 @@ def fit_audionet(
         tensors, described = _nothing(), {"kernel": asdict(KernelParameters()), "detour_dimensions": 0}
     metadata = {
         "audible": len(modes["eigenvalues"]) > 0,
+        "absent": modes.attributes.get("absent"),
         "modes": len(modes["eigenvalues"]),
         "control_points": len(tensors["control_faces"]),
         "training_points": len(values),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from objectfolder.audio.factorisation import AT_ONCE, Factorisation, shifted
-from objectfolder.errors import SimulationError
+from objectfolder.errors import UnsolvableError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -227,7 +227,7 @@ def lowest_elastic(
             return lanczos.pairs(shift, below, at_most, tolerance)
         except np.linalg.LinAlgError:  # the block of vectors became dependent
             continue
-    raise SimulationError(
+    raise UnsolvableError(
         "eigenvalue solver",
         f"blocks of vectors became dependent from {MOST_STARTS} random starts of {pencil.size} unknowns",
         "Change the seed.",
@@ -264,7 +264,7 @@ class _Lanczos:
                 return Eigenpairs(shift + 1 / theta[:wanted], self._basis[:, :width] @ ritz[:, :wanted])
             if full:
                 self._restart(theta, ritz, min(width - BLOCK, wanted + 2 * BLOCK))
-        raise SimulationError(
+        raise UnsolvableError(
             "eigenvalue solver",
             f"no convergence after {MOST_BLOCKS} blocks of {self._pencil.size} unknowns",
             "Lower the frequency limit or the number of modes.",

@@ -21,7 +21,7 @@ from objectfolder.audio.modes.eigen import (
     refine,
     rigid_motions,
 )
-from objectfolder.errors import SimulationError
+from objectfolder.errors import UnsolvableError
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
 
@@ -287,7 +287,7 @@ def _from_scratch(pencil: Pencil, band: _Band) -> _Found:
         counted = count_below(pencil, limit) if band.certify else kept
         if counted == kept:
             return _Found(pairs.first(kept), limit)
-    raise SimulationError(
+    raise UnsolvableError(
         "modes",
         f"inertia counts {counted} elastic modes, {kept} were found",
         "Change the frequency limit or the seed.",

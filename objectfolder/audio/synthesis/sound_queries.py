@@ -339,7 +339,16 @@ class SoundQueries(ABC):
         return gains
 
     def _struck_body(self, modes: int | None, support: Support | None = None) -> StruckBody:
-        """Modes, as a support changes them, and body as synthesis takes them."""
+        """Modes, as a support changes them, and body as synthesis takes them.
+
+        Raises
+        ------
+        QueryError
+            The object has no sound: with the reason.
+        """
+        if self.modes.absent is not None:
+            finding = f"the object has no sound: {self.modes.absent}"
+            raise QueryError("audio", finding, "It can be seen and felt.")
         modes = None if modes is None else whole("modes", modes, 0, MOST_MODES)
         if not isinstance(support, Support | None):
             raise QueryError("support", reprlib.repr(support), "Give a `Support`, or None.")

@@ -13,7 +13,8 @@ def info_lines(file: ObjectFile, path: Path) -> list[str]:
     said = file.description["object"]
     modes = file.modes.frequencies_hz
     parts = ", ".join(f"{name} {count}" for name, count in file.bytes_by_part().items())
-    sound = f"{len(modes)} modes, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else "no audible mode"
+    silent = "no sound" if file.modes.absent else "no audible mode"
+    sound = f"{len(modes)} modes, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else silent
     return [
         f"{said['name']} ({said['id']}), {file.description['material']['name']}",
         f"licence      {said['licence']}; {said['attribution']}",
@@ -32,7 +33,7 @@ def fidelity_lines(file: ObjectFile) -> list[str]:
     if not fidelity:
         return ["fidelity     not measured"]
     vision, audio, touch = fidelity["vision"], fidelity["audio"], fidelity["touch"]
-    heard = "no audible mode"
+    heard = "no sound" if audio.get("absent") else "no audible mode"
     if audio["audible"]:
         heard = (
             f"gain error {audio['gain_error_db']:.1f} dB, "
@@ -54,11 +55,12 @@ def _body(file: ObjectFile) -> list[str]:
     if not body:
         return []
     closed = "watertight" if body["watertight"] else "open: mass of the filled solid"
-    mass = body["mass_kg"] if body["mass_kg"] is not None else body["filled_mass_kg"]
+    known = [mass for mass in (body["mass_kg"], body["filled_mass_kg"]) if mass is not None]
+    mass = f"{known[0]:.4g} kg" if known else "mass unknown"
     wall = "unknown" if body["wall_median_m"] is None else f"{body['wall_median_m'] * 1e3:.2g} mm"
     warnings = [f"warning      {warning}" for warning in body.get("warnings") or []]
     return [
-        f"body         {mass:.4g} kg ({closed}), pieces {body['components']}, median wall {wall}, "
+        f"body         {mass} ({closed}), pieces {body['components']}, median wall {wall}, "
         f"normals {told_normals(body.get('normals_of_source', 0.0))}",
         *warnings,
     ]
