@@ -92,7 +92,7 @@ def products_of_a_former_run(root):
                 write_tensor_file(path, TensorFile({}, made))
             else:
                 more = {
-                    "digests": {"geometry": "g", "texture": "t", "body": "b"},
+                    "digests": {"geometry": "g", "texture": "t", "normals": "n", "body": "b"},
                     "sensor": {"pixels": 1},
                     "contact": "rigid",
                 }

@@ -60,7 +60,7 @@ def run(request):
     colour = hashlib.sha256(texture.read_bytes() if texture else b"").hexdigest()
     return product(
         1,
-        digests={"geometry": geometry, "texture": colour, "body": geometry},
+        digests={"geometry": geometry, "texture": colour, "body": geometry, "normals": geometry},
         length={"extents_m": [0.1, 0.1, 0.1]},
         area_m2=0.06,
         wall_thickness={"effective_m": 0.002, "median_m": 0.002, "thin_m": 0.002},
