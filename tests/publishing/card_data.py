@@ -22,6 +22,7 @@ def row(name: str, licence: str = "CC0-1.0", attribution: str = "A. Maker", sour
         "material_citation": "a book",
         "appearance": {"roughness": 0.4, "metallic": 1.0},
         "walls": {"wall_m": None, "shell_m": None},
+        "senses": ["vision", "audio", "touch"],
         "source": source,
         "licence": licence,
         "attribution": attribution,

@@ -21,6 +21,7 @@ RECORD = {
     "material_citation": "",
     "appearance": {"roughness": 0.25, "metallic": 1.0},
     "walls": {},
+    "senses": ["vision", "audio", "touch"],
     "source": "made by code",
     "licence": "CC-BY-4.0",
     "attribution": "the tests",
