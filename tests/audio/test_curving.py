@@ -7,7 +7,7 @@ import pytest
 from structured_solids import box, filled_ball
 
 from bench.references.bodies import BODIES
-from objectfolder.audio.elements.curving import curve
+from objectfolder.audio.elements.curving import _unfold, curve
 from objectfolder.audio.elements.elasticity import chunks, element_integrals
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import read_materials
@@ -91,6 +91,22 @@ def test_elements_that_would_fold_are_held_back() -> None:
     bent, report = curve(space, faces, Surface(coarse.vertices, faces).face_normals, dented)
     assert report["held_straight"] > 0
     assert volume(bent) > 0  # and raises if an element is folded
+
+
+def test_a_short_edge_that_folds_its_element_leaves_the_long_ones_bent() -> None:
+    """As at a rounded rim: the long edges beside it carry the curvature of the wall."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, 0.9, 0.1]])
+    space = Space.on(corners, np.array([[0, 1, 2, 3]]), 2)
+    geometry = space.geometry.copy()
+    long, short = space.numbers[0, 4], space.numbers[0, 9]
+    geometry[long], geometry[short] = (0, 0.05, 0), (0, -0.3, 0.3)
+    unfolded, held, kept = _unfold(space, geometry)
+    assert held.all()
+    np.testing.assert_array_equal(unfolded[long], geometry[long])
+    assert 0 < np.linalg.norm(unfolded[short]) < np.linalg.norm(geometry[short])
+    assert kept[long]
+    assert not kept[short]
+    assert volume(space.shaped(unfolded)) > 0  # and raises if it is folded
 
 
 def test_order_one_cannot_be_bent(solid: Solid) -> None:

@@ -213,6 +213,31 @@ def _two_apart() -> tuple[np.ndarray, np.ndarray, dict]:
     return vertices, np.concatenate([one.tetrahedra, one.tetrahedra + len(one.vertices)]), {}
 
 
+@pytest.mark.parametrize(("cents", "above", "below"), [(-2.0, 1, 0), (2.0, 0, 1), (-80.0, 0, 0)])
+def test_modes_near_the_limit_are_counted_on_either_side_of_it(
+    bar: Product, cents: float, above: int, below: int
+) -> None:
+    """A limit 2 cents from a mode, where the elements or the shape may be more than that off."""
+    solid = box((6, 2, 1), BAR)
+    solid = dataclasses.replace(solid, report={**solid.report, "volume_error": -0.002})
+    undamped = np.sqrt(bar["eigenvalues"]) / (2 * np.pi)
+    product = modes_of_solid(
+        surface_of(solid),
+        solid,
+        material(),
+        max_frequency_hz=undamped[2] * 2 ** (cents / 1200),
+        training_points=8,
+        held_out_points=8,
+        seed=0,
+        accuracy_cents=20.0,
+    )
+    certificate = product.attributes["count_certificate"]
+    assert product.attributes["geometry_error_estimate_cents"] == pytest.approx(3.5, abs=0.1)
+    assert certificate["left_within_error_above_limit"] == above
+    assert certificate["found_within_error_below_limit"] == below
+    assert np.isfinite(product["error_estimates_cents"]).all()
+
+
 @pytest.mark.slow
 def test_a_scanned_mug_rings(shared_objects: Path) -> None:
     from objectfolder.audio.materials import read_materials

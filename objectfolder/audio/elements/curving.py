@@ -43,6 +43,9 @@ LEAST_BEND = 2e-3
 LEAST_JACOBIAN, LEAST_SHRINKING = 0.1, 0.4
 # Share of the shortest edge at a boundary point that the point may move by.
 FARTHEST = 0.5
+# Edges of a folded element that are straightened, by their bend over that of the most bent one, and the
+# factor to their bends, until none is folded.
+UNFOLDING = ((0.7, 0.5),) * 4 + ((0.0, 0.5),) * 3 + ((0.0, 0.0),) * 2
 # Points along each side with which edges are bent and faces fitted.
 DIVISIONS = 4
 FITS = 3
@@ -84,11 +87,11 @@ def curve(space: Space, faces: Integers, normals: Floats, target: Surface) -> tu
     geometry, creased_edges = _bend(space, geometry, boundary, facing)
     free = np.ones(len(geometry), dtype=bool)
     free[boundary.vertices[creased]] = free[boundary.numbers[creased_edges]] = False
-    geometry, held = _unfold(space, bend_along(space, geometry, boundary.numbers))
+    geometry, held, kept = _unfold(space, bend_along(space, geometry, boundary.numbers))
     for _ in range(FITS):
-        free[space.numbers[held, 4:10]] = False
+        free &= kept
         geometry = _fit(space, geometry, boundary, facing, free)
-        geometry, more = _unfold(space, bend_along(space, geometry, boundary.numbers))
+        geometry, more, kept = _unfold(space, bend_along(space, geometry, boundary.numbers))
         held |= more
     bent = space.shaped(geometry)
     moved = geometry[: space.vertex_count] != space.geometry[: space.vertex_count]
@@ -297,16 +300,21 @@ def _edge_functions(space: Space, edges: Integers) -> Integers:
     return np.asarray(space.numbers[:, 4:10].T.ravel()[first[wanted]])
 
 
-def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen]:
-    """Geometry in which no element is folded or nearly so, and which (t,) had to be bent less."""
+def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen, Chosen]:
+    """Geometry without folded elements or nearly so; which (t,) had to be bent less; functions kept.
+
+    Of a folded element first the edges are straightened that bend most for their length: short ones around a
+    rim. The long ones of the wall beside it carry its curvature. Functions (function,) not kept bend less.
+    """
     points, _ = quadrature(2 * GEOMETRY_ORDER)
     corners_too = np.concatenate([points, np.eye(4), (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]]) / 2])
     derivative = differentiate(corners_too, GEOMETRY_ORDER)
     reference = derivative[:, :, 1:] - derivative[:, :, :1]
     count = reference.shape[1]
     held = np.zeros(len(space.tetrahedra), dtype=bool)
+    kept = np.ones(len(geometry), dtype=bool)
     geometry = geometry.copy()
-    for step in range(8):
+    for sharpest, factor in UNFOLDING:
         bent = np.flatnonzero(np.any(geometry[space.numbers[:, 4:count]] != 0, axis=(1, 2)))
         bad = []
         for start in range(0, len(bent), 2000):
@@ -320,8 +328,15 @@ def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen]:
         if len(folded) == 0:
             break
         held[folded] = True
-        geometry[np.unique(space.numbers[folded, 4:count])] *= 0.5 if step < 4 else 0.0
-    return geometry, held
+        numbers = space.numbers[folded, 4:count]
+        ends = geometry[space.tetrahedra[folded][:, EDGES]]
+        bend = np.linalg.norm(geometry[numbers], axis=2) / np.linalg.norm(
+            ends[:, :, 1] - ends[:, :, 0], axis=2
+        )
+        less = np.unique(numbers[bend >= sharpest * bend.max(axis=1, keepdims=True)])
+        geometry[less] *= factor
+        kept[less] = False
+    return geometry, held, kept
 
 
 def _mean_normals(groups: Integers, normals: Floats) -> tuple[Integers, Floats]:

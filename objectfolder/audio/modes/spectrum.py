@@ -53,7 +53,8 @@ class Spectrum:
     rigid_eta_squared : largest |u^T K u| of the rigid motions, zero but for rounding
     volume : of the elements, units of L^3
     unknowns : three times the number of functions in use
-    error_cents : (at most 100,) estimated errors of the first frequencies; empty where nothing is known
+    error_cents : (k,) estimated errors of the frequencies; empty where nothing is known
+    beyond : eta^2 of some modes from the limit on, ascending
     steps : what was solved on the way, JSON-able
     seconds : CPU seconds by step
     """
@@ -68,6 +69,7 @@ class Spectrum:
     volume: float
     unknowns: int
     error_cents: Floats = field(default_factory=lambda: np.zeros(0))
+    beyond: Floats = field(default_factory=lambda: np.zeros(0))
     steps: list[dict[str, Any]] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -95,10 +97,16 @@ class _Band:
 
 @dataclass(frozen=True)
 class _Found:
-    """The modes kept, and the limit below which there are no others."""
+    """The modes kept, the limit below which there are no others, and eigenvalues of some beyond it."""
 
     pairs: Eigenpairs
     limit: float
+    beyond: Floats
+
+    @classmethod
+    def of(cls, pairs: Eigenpairs, kept: int, limit: float) -> "_Found":
+        """The first so many of the pairs."""
+        return cls(pairs.first(kept), limit, pairs.values[kept:])
 
 
 def space_on(solid: Solid, order: int, length: float, *, bend: bool = False) -> tuple[Space, dict[str, Any]]:
@@ -197,6 +205,7 @@ def _as_spectrum(
         # Corner functions sum to one.
         float(pencil.mass[: space.vertex_count, : space.vertex_count].sum()),
         pencil.size,
+        beyond=found.beyond,
         seconds=seconds,
     )
 
@@ -255,8 +264,8 @@ def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _Found | None:
     pairs = _polished(pencil, pairs, band.below)
     kept, limit = band.cut(pairs.values)
     if kept == inside:
-        return _Found(pairs.first(kept), shift)
-    return _Found(pairs.first(kept), limit) if count_below(pencil, limit) == kept else None
+        return _Found.of(pairs, kept, shift)
+    return _Found.of(pairs, kept, limit) if count_below(pencil, limit) == kept else None
 
 
 def _polished(pencil: Pencil, pairs: Eigenpairs, below: float) -> Eigenpairs:
@@ -286,7 +295,7 @@ def _from_scratch(pencil: Pencil, band: _Band) -> _Found:
         kept, limit = band.cut(pairs.values)
         counted = count_below(pencil, limit) if band.certify else kept
         if counted == kept:
-            return _Found(pairs.first(kept), limit)
+            return _Found.of(pairs, kept, limit)
     raise UnsolvableError(
         "modes",
         f"inertia counts {counted} elastic modes, {kept} were found",

@@ -115,6 +115,9 @@ def modes_table(result: dict[str, Any]) -> str:
         f"count: {certificate['counted']} eigenvalues below the limit = {certificate['rigid']} rigid + "
         f"{certificate['elastic_found']} found ({certificate['method']})"
     )
+    over, under = certificate["found_within_error_below_limit"], certificate["left_within_error_above_limit"]
+    if over or under:
+        lines.append(f"near the limit: {over} of them may lie above it, {under} others below it")
     geometry = result["geometry_error_estimate_cents"]
     if geometry is not None:
         lines.append(
