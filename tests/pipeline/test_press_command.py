@@ -23,12 +23,12 @@ def test_every_option_reaches_the_sensor(small_file: Path, contacts: Path, tmp_p
     bar = objectfolder.load(small_file)
     background = synthetic_background(bar.touch.sensor.at_resolution(80, 60), 1)
     Image.fromarray(background).save(tmp_path / "gel.png")
-    asked = ["--depth", "0.0008", "--tilt", "10", "--azimuth", "30", "--contact", "rigid"]
+    asked = ["--depth", "0.0008", "--tilt", "10", "--azimuth", "30", "--roll", "25", "--contact", "rigid"]
     asked += ["--resolution", "80", "60", "--noise-seed", "4", "--background", str(tmp_path / "gel.png")]
     output = tmp_path / "touches"
     assert main(["press", str(small_file), "--points", str(contacts), *asked, "-o", str(output)]) == 0
     expected = bar.press(
-        np.load(contacts), 0.0008, 10, 30, resolution=(80, 60), noise_seed=4, background=background
+        np.load(contacts), 0.0008, 10, 30, roll=25, resolution=(80, 60), noise_seed=4, background=background
     )
     images = [np.asarray(Image.open(output / f"{index:04d}.png")) for index in range(2)]
     np.testing.assert_array_equal(images, expected.rgb)

@@ -152,6 +152,7 @@ def press_points(
         depth_m,
         wanted.tilt_deg,
         wanted.azimuth_deg,
+        roll=wanted.roll_deg,
         force=force_n,
         contact=wanted.contact,
         resolution=resolution,

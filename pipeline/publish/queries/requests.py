@@ -107,6 +107,8 @@ class Pressing:
         degrees from the surface normal
     azimuth_deg
         degrees from the image's right to its top
+    roll_deg
+        degrees of the sensor about its own axis
     contact
         contact model (default: the file's own)
     resolution
@@ -121,6 +123,7 @@ class Pressing:
     seed: int = 0
     tilt_deg: float = 0.0
     azimuth_deg: float = 0.0
+    roll_deg: float = 0.0
     contact: Literal["rigid", "elastic"] | None = None
     resolution: tuple[int, int] | None = None
     background: str | None = None
