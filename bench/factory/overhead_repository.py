@@ -59,7 +59,7 @@ BODIES = {
 def prepare_object(request):
     digest = hashlib.sha256(request.inputs["mesh"].read_bytes()).hexdigest()
     measures = {
-        "digests": {"geometry": digest, "texture": digest, "body": digest},
+        "digests": {"geometry": digest, "texture": digest, "body": digest, "normals": digest},
         "length": {"extents_m": [0.19, 0.026, 0.009]},
         "area_m2": 0.0065,
         "wall_thickness": {"effective_m": 0.0017, "median_m": 0.0022, "thin_m": 0.0015},
