@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from objectfolder.errors import InputError, UnsolvableError
+from objectfolder.errors import InputError, SimulationError, UnsolvableError
 from objectfolder.mesh.cleaning import outward_orientation
 from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
 from objectfolder.solid.normal_form import NormalForm, normal_form
@@ -30,7 +30,7 @@ from objectfolder.solid.solid import LOCAL_FACES as LOCAL_FACES
 from objectfolder.solid.solid import SMALLEST_SHARE, Solid
 from objectfolder.solid.solid import clean as clean
 from objectfolder.solid.solid import volumes as volumes
-from objectfolder.solid.tetwild import Envelope, run_tetwild
+from objectfolder.solid.tetwild import CutOffError, Envelope, run_tetwild
 from objectfolder.solid.thickening import thicken
 from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface, edge_table
@@ -135,8 +135,10 @@ def fill(
     ------
     InputError
         Both `wall_m` and `shell_m`, or one that the object cannot have.
-    SimulationError
+    UnsolvableError
         The surface encloses no volume, by any way.
+    SimulationError
+        No way made a solid, and a limit or a signal ended one of them.
     """
     filling = filling or Filling()
     target, walls = _target(_outward(surface), wall_m, shell_m, name)
@@ -162,7 +164,8 @@ def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[S
             break
     if best is None:
         reasons = dict.fromkeys(str(entry.get("failed", "it encloses no volume")) for entry in tried)
-        raise UnsolvableError(
+        cut_off = any(entry.get("cut_off") for entry in tried)
+        raise (SimulationError if cut_off else UnsolvableError)(
             name,
             f"no solid came of filling it: {', '.join(reasons)}",
             "Check that the surface is closed or nearly so; state shell_m, wall_m or a longer time_limit_s",
@@ -249,9 +252,13 @@ def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, 
         surface: Surface | None = measured.form.surface
         if way == "remeshed":
             surface = surface_at_depth(measured.form.surface, epsilon / 4)
-        raw = run_tetwild(surface, envelope) if surface is not None else "nothing is inside"
+        failed: dict[str, Any] = {}
+        try:
+            raw = run_tetwild(surface, envelope) if surface is not None else "nothing is inside"
+        except CutOffError as error:
+            raw, failed = f"{error.where} {error.finding}", {"cut_off": True}
         if isinstance(raw, str):
-            yield way, np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), {"failed": raw}
+            yield way, np.zeros((0, 3)), np.zeros((0, 4), dtype=np.int64), {"failed": raw, **failed}
             continue
         done = {
             "epsilon_m": envelope.epsilon * scale,

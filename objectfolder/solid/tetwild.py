@@ -11,9 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.errors import SimulationError
 from objectfolder.surface.surface import Surface
 
 PATIENCE = 10  # wall seconds for a CPU second: a busy machine must not change what comes out
+
+
+class CutOffError(SimulationError):
+    """A limit or a signal ended fTetWild: on another machine, or another day, it may get further."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,11 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
     -------
     dict or str
         `vertices` (v, 3), `tetrahedra` (t, 4), `faces` the surface was simplified to, rms distance `moved`.
+
+    Raises
+    ------
+    CutOffError
+        It took too long, or a signal ended it.
     """
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "solid.npz"
@@ -43,7 +53,7 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
         command = [sys.executable, "-m", "objectfolder.solid.tetwild_process", str(source), str(target)]
         root = str(Path(__file__).parents[2])
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-        slow = f"fTetWild took more than {envelope.time_limit_s:.0f} CPU-s"
+        slow = CutOffError("fTetWild", f"took more than {envelope.time_limit_s:.0f} CPU-s")
         try:
             done = subprocess.run(
                 command,
@@ -54,10 +64,12 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
                 check=False,
                 env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
             )
-        except subprocess.TimeoutExpired:
-            return slow
+        except subprocess.TimeoutExpired as error:
+            raise slow from error
+        if done.returncode in (-24, -9):
+            raise slow
         if done.returncode < 0:
-            return slow if done.returncode in (-24, -9) else f"fTetWild ended with signal {-done.returncode}"
+            raise CutOffError("fTetWild", f"ended with signal {-done.returncode}")
         if done.returncode > 0:
             last = done.stderr.strip().splitlines()[-1:] or ["no message"]
             return f"fTetWild failed: {last[0]}"
