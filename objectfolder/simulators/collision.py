@@ -111,11 +111,11 @@ def convex_parts(
     else:
         within_m = threshold_m or length * min(THRESHOLD / max(solidity, 1e-3), LARGEST_THRESHOLD)
         hulls = _hulls(_decimated(surface, most_faces), within_m, most_parts, seed, name)
-    usable = [hull for hull in map(_convex_hull, hulls) if hull is not None]
-    sizes = [hull for hull in usable if _thickness(hull) > FLATTEST * length]
-    if not sizes:
+    convex = [hull for hull in map(_convex_hull, hulls) if hull is not None]
+    thick = tuple(hull for hull in convex if _thickness(hull) > FLATTEST * length)
+    if not thick:
         raise InputError(name, "its convex parts have no volume", "Check that the mesh encloses a solid.")
-    return measure_parts(surface, tuple(sizes))
+    return measure_parts(surface, thick)
 
 
 def measure_parts(surface: Surface, hulls: tuple[Surface, ...]) -> ConvexParts:

@@ -17,6 +17,7 @@ TABLE_THICKNESS_M = 0.04
 TABLE_COLOUR = (0.55, 0.45, 0.36, 1.0)
 # The plane's own friction: least, where a simulator takes the larger of two bodies, and the objects' decides.
 LEAST_FRICTION = 0.01
+SUFFIXES = {".xml": "mjcf", ".sdf": "sdf", ".usda": "usd"}
 
 
 def write_scene(
@@ -39,9 +40,20 @@ def write_scene(
     InputError
         Another suffix.
     """
-    if path.suffix not in WRITERS:
-        raise InputError(str(path), "its suffix names no format of scenes", f"Use {', '.join(WRITERS)}.")
-    WRITERS[path.suffix](path, names, poses, side_m, height_m)
+    WRITERS[format_of_scene(path)](path, names, poses, side_m, height_m)
+
+
+def format_of_scene(path: Path) -> str:
+    """Return the format of `FORMATS` in which the objects of a scene are written, by its suffix.
+
+    Raises
+    ------
+    InputError
+        A suffix of no format of scenes.
+    """
+    if path.suffix not in SUFFIXES:
+        raise InputError(str(path), "its suffix names no format of scenes", f"Use {', '.join(SUFFIXES)}.")
+    return SUFFIXES[path.suffix]
 
 
 def _mjcf(path: Path, names: Sequence[str], poses: Sequence[Floats], side_m: float, height_m: float) -> None:
@@ -106,4 +118,4 @@ def _usd(path: Path, names: Sequence[str], poses: Sequence[Floats], side_m: floa
     path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
 
 
-WRITERS = {".xml": _mjcf, ".sdf": _sdf, ".usda": _usd}
+WRITERS = {"mjcf": _mjcf, "sdf": _sdf, "usd": _usd}

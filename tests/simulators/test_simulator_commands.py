@@ -69,6 +69,20 @@ def test_a_scene_of_one_object_twice(bar: Path, tmp_path: Path, capsys: pytest.C
     assert "is there already" in capsys.readouterr().err
 
 
+def test_a_scene_without_room_or_of_two_objects_of_one_name_leaves_nothing(
+    bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, more = tmp_path / "table" / "scene.xml", ("--texture-side", "256")
+    assert run("scene", *[str(bar)] * 3, "-o", str(scene), "--table", "0.2", *more) == 1
+    assert "no room on a table" in capsys.readouterr().err
+    (tmp_path / "other").mkdir()
+    namesake = tmp_path / "other" / bar.name
+    namesake.write_bytes(bar.read_bytes())
+    assert run("scene", str(bar), str(namesake), "-o", str(scene), *more) == 1
+    assert "two of its objects are called bar" in capsys.readouterr().err
+    assert not scene.parent.exists()
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -1,5 +1,6 @@
 """Objects for simulators: an asset each, and scenes of them."""
 
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,11 @@ import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.products.tensor_file import read_metadata
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import FORMATS, write_asset
-from objectfolder.simulators.scene import write_scene
+from objectfolder.simulators.scene import format_of_scene, write_scene
 from objectfolder.simulators.stable_poses import lay_out
 from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.gltf import Part
@@ -42,7 +44,8 @@ def write_assets(names: Sequence[str], root: Path, wanted: Exporting, output: Pa
     for name in names:
         found = find_products(name, root)
         folder = output / found.object_id if len(names) > 1 else output
-        described = _write(found, wanted, folder)[1]
+        formats = ALL_FORMATS if wanted.format == "all" else (wanted.format,)
+        described = _write(found, _asset(found, wanted), wanted, folder, formats)
         collision = described["collision"]
         yield (
             f"{folder}: {described['mass_kg']:.4g} kg, {collision['parts']} convex parts, "
@@ -55,18 +58,20 @@ def compose_scene(
     names: Sequence[str], root: Path, wanted: Exporting, output: Path, *, table_m: float, height_m: float
 ) -> str:
     """Write a scene file, and the asset of each object in a folder beside it; return a line."""
-    wanted_of = {".xml": "mjcf", ".sdf": "sdf", ".usda": "usd"}
-    if output.suffix not in wanted_of:
-        raise InputError(str(output), "its suffix names no format of scenes", f"Use {', '.join(wanted_of)}.")
+    kind = format_of_scene(output)
     if output.exists() and not wanted.overwrite:
         raise InputError(str(output), "is there already", "Name another file, or give --overwrite.")
-    assets = {}
-    for name in dict.fromkeys(names):
-        found = find_products(name, root)
-        folder = output.parent / found.object_id
-        assets[name] = _write(found, wanted, folder, formats=(wanted_of[output.suffix],))[0]
+    found = {name: find_products(name, root) for name in names}
+    assets = {name: _asset(one, wanted) for name, one in found.items()}
+    ids = [asset.name for asset in assets.values()]
+    if len(set(ids)) < len(ids):
+        raise InputError(
+            str(output), f"two of its objects are called {max(ids, key=ids.count)}", "Rename one."
+        )
     laid = [assets[name] for name in names]
     poses = lay_out(laid, table_m, height_m=height_m, seed=wanted.seed)
+    for name, asset in assets.items():
+        _write(found[name], asset, wanted, output.parent / asset.name, (kind,))
     write_scene(output, [asset.name for asset in laid], poses, table_m, height_m=height_m)
     return f"{output}: {len(laid)} objects at rest on a table of {table_m:g} m"
 
@@ -80,20 +85,20 @@ def all_objects(root: Path) -> tuple[str, ...]:
 
 
 def _write(
-    found: FoundProducts, wanted: Exporting, folder: Path, *, formats: tuple[str, ...] = ()
-) -> tuple[Asset, dict[str, Any]]:
-    if not formats:
-        formats = ALL_FORMATS if wanted.format == "all" else (wanted.format,)
-    asset, file = _asset(found, wanted)
+    found: FoundProducts, asset: Asset, wanted: Exporting, folder: Path, formats: tuple[str, ...]
+) -> dict[str, Any]:
+    """Write the folder of an asset with its Object File; return its description."""
+    assert found.object_file is not None
+    stored = found.object_file.read_bytes()
+    provenance = json.loads(read_metadata(found.object_file).get("provenance", "null"))
     with new_folder(folder, overwrite=wanted.overwrite) as new:
         described = write_asset(new, asset, formats)
-        if found.object_file is not None:
-            (new / f"{found.object_id}{OBJECT_FILES.suffix}").write_bytes(found.object_file.read_bytes())
-        found.write_manifest(new, wanted.format, {**described, "provenance": file.description["provenance"]})
-    return asset, described
+        (new / f"{found.object_id}{OBJECT_FILES.suffix}").write_bytes(stored)
+        found.write_manifest(new, wanted.format, {**described, "provenance": provenance})
+    return described
 
 
-def _asset(found: FoundProducts, wanted: Exporting) -> tuple[Asset, ObjectFile]:
+def _asset(found: FoundProducts, wanted: Exporting) -> Asset:
     if found.object_file is None:
         raise InputError(
             found.object_id, "has no Object File, which has its mass and inertia", "Make or name one."
@@ -113,7 +118,7 @@ def _asset(found: FoundProducts, wanted: Exporting) -> tuple[Asset, ObjectFile]:
     else:
         surface, colour_of, _, finest_m = stored_colours(found, wanted, appearance)
         visual = [baked_part(surface, colour_of, wanted.texture_side, finest_m)[0]]
-    return Asset(found.object_id, visual, appearance, collision, body, contact, found.credit()), file
+    return Asset(found.object_id, visual, appearance, collision, body, contact, found.credit())
 
 
 def _body(file: ObjectFile, found: FoundProducts, wanted: Exporting) -> RigidBody:

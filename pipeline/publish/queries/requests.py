@@ -209,7 +209,8 @@ class Exporting:
     most_parts
         simulators: largest number of convex parts for collisions
     threshold_m
-        simulators: concavity that a part may have, metres (default: a hundredth of the object's length)
+        simulators: concavity that a part may have, metres (default: a hundredth of the object's length, up
+        to a twentieth where it is hollow)
     """
 
     format: Literal["nerf", "colmap", "gltf", "mjcf", "urdf", "sdf", "usd", "all"]
