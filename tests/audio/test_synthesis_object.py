@@ -36,7 +36,10 @@ def die() -> StruckBody:
     mass = 1070 * side**3
     rigid = RigidBody(mass, np.zeros(3), mass * side**2 / 6 * np.eye(3), 6 * side**2)
     none = np.zeros(0)
-    nothing = lambda points: np.zeros((len(points), 3, 0))  # noqa: E731
+
+    def nothing(points: np.ndarray) -> np.ndarray:
+        return np.zeros((len(points), 3, 0))
+
     return StruckBody(none, none, none, nothing, np.zeros_like, rigid, (1.4e9, 0.35))
 
 

@@ -25,7 +25,7 @@ from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectru
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Chosen = NDArray[np.bool_]
-# Modes at most that lead the choice; of more, so many evenly spread over the band.
+# Modes at most that lead the choice: where there are more, this number of them, evenly spread over the band.
 LEADING_MODES = 100
 # A higher order than the usual one takes 1.5 times as long on thin walls. It is for bodies of few functions,
 # and where more than the usual accuracy is asked for.

@@ -105,7 +105,7 @@ class _Found:
 
     @classmethod
     def of(cls, pairs: Eigenpairs, kept: int, limit: float) -> "_Found":
-        """The first so many of the pairs."""
+        """The first `kept` of the pairs, and the eigenvalues of the rest."""
         return cls(pairs.first(kept), limit, pairs.values[kept:])
 
 
