@@ -21,7 +21,7 @@ SENSES = ("vision", "audio", "touch")
 REQUIRED_COLUMNS = ("id", "material")
 COLUMNS = (
     "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "roughness",
-    "metallic", "wall_m", "shell_m", "source_id",
+    "metallic", "wall_m", "shell_m", "mass_kg", "source_id",
 )  # fmt: skip
 
 # Windows opens a device for these names, whatever extension follows, and drops a dot at the end.
@@ -52,6 +52,8 @@ class ObjectRecord:
     shell_m
         Thickness in metres of the wall, for its sound, of a closed container that the scan has as solid. Not
         together with `wall_m`.
+    mass_kg
+        As measured, where it is known. It is that of simulators' assets; sound keeps the material's density.
     senses
         Those of `SENSES` that it gets; sound alone can be left out.
     source_id
@@ -71,6 +73,7 @@ class ObjectRecord:
     metallic: float | None = None
     wall_m: float | None = None
     shell_m: float | None = None
+    mass_kg: float | None = None
     source_id: str = ""
     senses: tuple[str, ...] = SENSES
 
@@ -240,8 +243,8 @@ def _record(
     mesh_name = row["mesh"] if "mesh" in columns else "model.obj"
     if not mesh_name:
         raise InputError(f"{where}, field mesh", "is empty", "Name the mesh file")
-    wall_m = _thickness(row.get("wall_m", ""), f"{where}, field wall_m")
-    shell_m = _thickness(row.get("shell_m", ""), f"{where}, field shell_m")
+    wall_m = _positive(row.get("wall_m", ""), f"{where}, field wall_m", "metres")
+    shell_m = _positive(row.get("shell_m", ""), f"{where}, field shell_m", "metres")
     if wall_m is not None and shell_m is not None:
         raise InputError(
             f"{where}, field shell_m",
@@ -263,6 +266,7 @@ def _record(
         metallic=_fraction(row.get("metallic", ""), f"{where}, field metallic"),
         wall_m=wall_m,
         shell_m=shell_m,
+        mass_kg=_positive(row.get("mass_kg", ""), f"{where}, field mass_kg", "kilograms"),
         source_id=source_id,
         senses=_senses(row.get("senses", ""), f"{where}, field senses"),
     )
@@ -332,10 +336,10 @@ def _senses(text: str, where: str) -> tuple[str, ...]:
     return tuple(sense for sense in SENSES if sense in named)
 
 
-def _thickness(text: str, where: str) -> float | None:
+def _positive(text: str, where: str, unit: str) -> float | None:
     if not text:
         return None
     value = number_in(text)
     if not (math.isfinite(value) and value > 0):
-        raise InputError(where, f"{text!r} is not a positive number", "Give metres, or leave it empty")
+        raise InputError(where, f"{text!r} is not a positive number", f"Give {unit}, or leave it empty")
     return value

@@ -9,7 +9,7 @@ import pytest
 import objectfolder
 from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.absent import absent_modes
+from objectfolder.audio.modes.absent import LEFT_OUT, absent_modes
 from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError, QueryError
 from objectfolder.fidelity.sound import measure_sound
@@ -55,7 +55,7 @@ def seen_and_felt(small_file: Path, tmp_path_factory: pytest.TempPathFactory) ->
     bar = objectfolder.load(small_file)
     folder = tmp_path_factory.mktemp("absent")
     _modes(folder, ["vision", "touch"])
-    body = body_of(read_attributes(folder / "objects.zarr.zip"), 7850.0, None)
+    body = body_of(read_attributes(folder / "objects.zarr.zip"), 7850.0, absent_modes(LEFT_OUT).attributes)
     silent = fit_audionet(bar.surface, absent_modes(REASON))
     described = {**bar.description, "body": body}
     file = bar.of_encoders(encode_surface(bar.surface), bar.frame, bar.vision, silent, bar.touch, described)
@@ -99,7 +99,7 @@ def test_its_fidelity_says_why_there_is_no_sound(seen_and_felt: ObjectFile) -> N
 
 def test_the_body_of_an_object_without_a_solid_has_no_filled_mass(tmp_path: Path) -> None:
     _modes(tmp_path, ["vision", "touch"])
-    body = body_of(read_attributes(tmp_path / "objects.zarr.zip"), 7850.0, None)
+    body = body_of(read_attributes(tmp_path / "objects.zarr.zip"), 7850.0, absent_modes(LEFT_OUT).attributes)
     assert body["filled_mass_kg"] is None
     assert body["mass_kg"] is None
 

@@ -109,9 +109,9 @@ def test_walls_and_shells_are_metres_and_optional(folder):
     ]
 
 
-@pytest.mark.parametrize("field", ["wall_m", "shell_m"])
+@pytest.mark.parametrize("field", ["wall_m", "shell_m", "mass_kg"])
 @pytest.mark.parametrize("value", ["0", "-0.001", "3 mm", "nan", "inf"])
-def test_walls_that_are_no_thickness(folder, field, value):
+def test_walls_and_masses_are_positive(folder, field, value):
     path = write(folder, f"id,material,{field}\ncube,steel,{value}\n")
     problem = read_catalogue(path, MATERIALS).errors["cube"]
     assert f"field {field}" in problem.where

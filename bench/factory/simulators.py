@@ -96,7 +96,7 @@ def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     decomposed = cpu_seconds()
     contact = Contact(material.friction or 0.0, material.restitution or 0.0)
     looks = Appearance(roughness=material.roughness, metallic=material.metallic)
-    asset = Asset(name, mesh_parts(mesh, looks), looks, collision, body, contact, Credit(name))
+    asset = Asset(name, mesh_parts(mesh, looks), looks, collision, body, "solid", contact, Credit(name))
     folder.mkdir(parents=True, exist_ok=True)
     write_asset(folder, asset)
     first_load_ms = load_ms(folder)

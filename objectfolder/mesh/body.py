@@ -9,6 +9,7 @@ import numpy as np
 from objectfolder.surface.surface import Surface, connected_pieces
 
 MEASURED = ("topology", "solid", "wall_thickness", "area_m2", "length", "normals_of_source", "warnings")
+FILLED = ("volume_m3", "mass_kg", "centre_of_mass_m", "inertia_kg_m2")
 
 
 @dataclass(frozen=True)
@@ -89,9 +90,7 @@ def solid_properties(vertices: np.ndarray, faces: np.ndarray) -> SolidProperties
     return SolidProperties(volume, origin + centre, np.trace(moments) * np.eye(3) - moments)
 
 
-def body_of(
-    measured: Mapping[str, Any], density_kg_m3: float, filled_volume_m3: float | None
-) -> dict[str, Any]:
+def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a homogeneous body of a density, as JSON.
 
     Parameters
@@ -100,17 +99,17 @@ def body_of(
         Attributes `MEASURED` of an objects product (see `mesh.ingest.ingest_object`).
     density_kg_m3
         Of the material.
-    filled_volume_m3
-        Volume of the solid that the modes were solved on; it exists for open surfaces, too. None where no
-        modes were solved.
+    filled
+        Attributes of the modes: volume, mass, centre and inertia of the solid that they were solved on. It
+        exists for open surfaces, too. Each is None where no modes were solved.
 
     Returns
     -------
     dict
         Lengths in metres, masses in kilograms, inertia about the centre of mass in the object frame.
         ``volume_m3``, ``mass_kg``, ``centre_of_mass_m`` and ``inertia_kg_m2`` are None for a surface that
-        bounds no volume; ``filled_mass_kg`` is the mass of the solid that sounds; ``normals_of_source`` is
-        the share of corners with normals of the source.
+        bounds no volume; those that begin with ``filled_`` are of the solid that sounds;
+        ``normals_of_source`` is the share of corners with normals of the source.
     """
     solid, topology, walls = measured["solid"], measured["topology"], measured["wall_thickness"]
     closed = bool(solid["meaningful"])
@@ -124,8 +123,7 @@ def body_of(
         "mass_kg": density_kg_m3 * solid["volume_m3"] if closed else None,
         "centre_of_mass_m": solid["centre_of_mass_m"] if closed else None,
         "inertia_kg_m2": inertia.tolist() if closed else None,
-        "filled_volume_m3": filled_volume_m3,
-        "filled_mass_kg": None if filled_volume_m3 is None else density_kg_m3 * filled_volume_m3,
+        **{f"filled_{name}": filled[name] for name in FILLED},
         "wall_effective_m": walls["effective_m"],
         "wall_median_m": walls["median_m"],
         "wall_thin_m": walls["thin_m"],

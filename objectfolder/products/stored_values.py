@@ -73,13 +73,13 @@ def check_body(body: Any) -> None:
     """
     if body is None:
         return
-    filled_mass_kg = _fields("body", body)["filled_mass_kg"]
-    if filled_mass_kg is not None:
-        number("body.filled_mass_kg", filled_mass_kg, 1 / LARGEST_KG, LARGEST_KG)
-    if body["inertia_kg_m2"] is not None:
-        number("body.mass_kg", body["mass_kg"], 1 / LARGEST_KG, LARGEST_KG)
-        numbers("body.centre_of_mass_m", body["centre_of_mass_m"], (3,), LARGEST_KG)
-        numbers("body.inertia_kg_m2", body["inertia_kg_m2"], (3, 3), LARGEST_KG)
+    if _fields("body", body)["filled_mass_kg"] is not None:
+        number("body.filled_mass_kg", body["filled_mass_kg"], 1 / LARGEST_KG, LARGEST_KG)
+    for solid in ("", "filled_"):
+        if body.get(f"{solid}inertia_kg_m2") is not None:
+            number(f"body.{solid}mass_kg", body[f"{solid}mass_kg"], 1 / LARGEST_KG, LARGEST_KG)
+            for name, shape in (("centre_of_mass_m", (3,)), ("inertia_kg_m2", (3, 3))):
+                numbers(f"body.{solid}{name}", body[f"{solid}{name}"], shape, LARGEST_KG)
 
 
 def check_material(material: Any) -> None:
@@ -97,15 +97,17 @@ def check_material(material: Any) -> None:
 
 
 def check_words(described: Any) -> None:
-    """Check the description ``object``: texts by name.
+    """Check the description ``object``: texts by name, and perhaps a measured mass.
 
     Raises
     ------
     FormatError
-        No id, or something that is no text.
+        No id, something that is no text, or a mass that no body has.
     """
     fields = _fields("object", described)
-    for name in ("id", *fields):
+    if fields.get("mass_kg") is not None:
+        number("object.mass_kg", fields["mass_kg"], 1 / LARGEST_KG, LARGEST_KG)
+    for name in {"id", *fields} - {"mass_kg"}:
         if not isinstance(fields.get(name), str | None) or (name == "id" and not fields.get(name)):
             raise FormatError(f"object.{name}", f"{reprlib.repr(fields.get(name))} is no text", REMEDY)
 

@@ -106,8 +106,12 @@ class Asset:
         Roughness and metallic factors.
     collision
         Convex parts.
-    body, contact
-        Mass and inertia; friction and restitution.
+    body
+        Mass and inertia.
+    mass_of
+        Whose the mass is, in words.
+    contact
+        Friction and restitution.
     credit
         Source, licence, attribution.
     """
@@ -117,5 +121,6 @@ class Asset:
     appearance: Appearance
     collision: ConvexParts
     body: RigidBody
+    mass_of: str
     contact: Contact
     credit: Credit

@@ -51,6 +51,7 @@ def write_asset(folder: Path, asset: Asset, formats: Collection[str] = tuple(FOR
         "object": asset.credit.to_dict(),
         "unit": "metre, kilogram, second; object frame, z up",
         "mass_kg": asset.body.mass_kg,
+        "mass_of": asset.mass_of,
         "centre_of_mass_m": np.asarray(asset.body.centre_of_mass_m).tolist(),
         "inertia_kg_m2": np.asarray(asset.body.inertia_kg_m2).tolist(),
         "friction": asset.contact.friction,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 MATERIALS = Path("data/materials.csv")
 RECORDS = Path("data/records.json")
-STATED = ("source", "licence", "attribution")
+STATED = ("source", "licence", "attribution", "mass_kg")
 # As the table's own check: an id names files, and must not lead out of their folder.
 SAFE_ID = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")
 

@@ -84,7 +84,7 @@ STAGES = {
                 ProductInput(MODES),
                 ProductInput(TOUCHES),
             ),
-            fields=("name", "material", "material_citation", "source", "licence", "attribution"),
+            fields=("name", "material", "material_citation", "source", "licence", "attribution", "mass_kg"),
             packages=("embreex", "numba", "numpy", "scikit-image", "scipy", "torch", "zarr"),
             tolerances=TOLERANCES["fidelity"],
         ),

@@ -6,7 +6,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import read_attributes, read_product
 from pipeline.dataset.task import Request, Timed
 
-DESCRIBED = ("name", "source", "licence", "attribution")
+DESCRIBED = ("name", "source", "licence", "attribution", "mass_kg")
 
 
 def verify_object(request: Request) -> Timed:
@@ -16,7 +16,7 @@ def verify_object(request: Request) -> Timed:
     measured = read_attributes(request.inputs["objects"])
     modes = read_product(request.inputs["modes"])
     density = record["material"]["density_kg_m3"]
-    body = body_of(measured, density, modes.attributes["volume_m3"])
+    body = body_of(measured, density, modes.attributes)
     if encoded.modes.absent:
         body["warnings"] += modes.attributes["warnings"]
     named = encoded.with_description(

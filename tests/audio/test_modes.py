@@ -53,6 +53,9 @@ def test_the_product_says_what_it_holds(bar: Product, tmp_path: Path) -> None:
     assert bar["held_out"].sum() == 30
     assert bar.attributes["mass_kg"] == pytest.approx(2700 * np.prod(BAR))
     assert bar.attributes["volume_m3"] == pytest.approx(np.prod(BAR))
+    squared = np.square(BAR)
+    inertia = np.diag(bar.attributes["mass_kg"] / 12 * (squared.sum() - squared))
+    np.testing.assert_allclose(bar.attributes["inertia_kg_m2"], inertia, rtol=1e-9, atol=1e-15)
     assert np.all(np.diff(bar["frequencies_hz"]) >= 0)
     assert bar["residuals"].max() < 1e-4
     assert bar.attributes["rigid_frequency_hz"] < 0.1

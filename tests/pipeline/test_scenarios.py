@@ -58,6 +58,7 @@ def test_nothing_changed_makes_nothing(workshop):
         ("material", "glass", {*SIGHT, *SOUND}),
         ("licence", "CC BY 4.0", {"fidelity"}),
         ("attribution", "B. Maker", {"fidelity"}),
+        ("mass_kg", "0.4", {"fidelity"}),
     ],
 )
 def test_a_cell_of_one_object_changed(workshop, field, value, stages):

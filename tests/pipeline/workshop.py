@@ -141,7 +141,7 @@ MODULES = {
     "units": '"""Units."""\n\nPASCAL = 1.0\n',
     "stranger": '"""Nobody imports it."""\n\nVALUE = 1\n',
 }
-COLUMNS = ("id", "mesh", "texture", "material", "licence", "attribution")
+COLUMNS = ("id", "mesh", "texture", "material", "licence", "attribution", "mass_kg")
 
 
 class Workshop:

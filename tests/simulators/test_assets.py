@@ -64,7 +64,7 @@ def asset_of(surface: Surface, body: RigidBody, name: str = "block") -> Asset:
     flat = np.zeros((len(surface.faces), 3, 2))
     part = Part(surface.vertices[surface.faces], surface.corner_normals, flat, texture)
     looks = Appearance(roughness=0.4, metallic=0.0)
-    return Asset(name, [part], looks, convex_parts(surface), body, Contact(0.35, 0.5), Credit(name))
+    return Asset(name, [part], looks, convex_parts(surface), body, "solid", Contact(0.35, 0.5), Credit(name))
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 
 import objectfolder
@@ -103,7 +104,28 @@ def test_bad_options_are_one_line_and_leave_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_an_open_surface_has_no_asset(
+def test_the_mass_of_the_table_is_the_asset_s(bar: Path, tmp_path: Path) -> None:
+    file, weighed = objectfolder.load(bar), tmp_path / "weighed.safetensors"
+    file.with_description(object={"id": "weighed", "mass_kg": 0.25}).save(weighed)
+    assert run("export", str(weighed), "--format", "mjcf", "-o", str(tmp_path / "out")) == 0
+    described = json.loads((tmp_path / "out" / "object.json").read_text())
+    assert (described["mass_kg"], described["mass_of"]) == (0.25, "measured")
+    solid = file.description["body"]
+    ratio = np.divide(described["inertia_kg_m2"], 0.25) - np.divide(solid["inertia_kg_m2"], solid["mass_kg"])
+    assert np.abs(ratio).max() < 1e-15
+
+
+def test_an_open_surface_has_the_mass_of_what_fills_it(small_file: Path, tmp_path: Path) -> None:
+    filled = {"filled_centre_of_mass_m": [0.0, 0.0, 0.0], "filled_inertia_kg_m2": (np.eye(3) * 1e-3).tolist()}
+    body = {"mass_kg": None, "centre_of_mass_m": None, "inertia_kg_m2": None, "filled_mass_kg": 1.0, **filled}
+    path = tmp_path / "open.safetensors"
+    objectfolder.load(small_file).with_description(body=body).save(path)
+    assert run("export", str(path), "--format", "mjcf", "-o", str(tmp_path / "out")) == 0
+    described = json.loads((tmp_path / "out" / "object.json").read_text())
+    assert (described["mass_kg"], described["mass_of"]) == (1.0, "solid that sounds")
+
+
+def test_an_open_surface_without_sound_has_no_asset(
     small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = with_body(small_file, tmp_path / "open.safetensors", None)

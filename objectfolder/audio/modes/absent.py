@@ -40,7 +40,8 @@ def absent_modes(reason: str) -> Product:
     shapes = np.zeros((0, 3, 0), dtype=np.float32)
     arrays["mode_shapes"] = Array(shapes, ("point", "axis", "mode"), "kg-1/2", "of no mode", False)
     arrays["held_out"] = Array(np.zeros(0, dtype=bool), ("point",), "1", "point is not for fitting")
-    unknown = ("volume_m3", "mass_kg", "error_estimate_cents", "geometry_error_estimate_cents")
+    rigid = ("volume_m3", "mass_kg", "centre_of_mass_m", "inertia_kg_m2")
+    unknown = (*rigid, "error_estimate_cents", "geometry_error_estimate_cents")
     attributes: dict[str, Any] = {
         "absent": reason,
         "audible": False,

@@ -12,6 +12,7 @@ from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
 from objectfolder.audio.modes.spectrum import Spectrum, space_on
+from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
@@ -198,12 +199,22 @@ def _read(
             **_volume_error(solid, volume_m3),
         },
         "volume_m3": volume_m3,
-        "mass_kg": material.density_kg_m3 * volume_m3,
+        **_rigid(solid, material.density_kg_m3 * volume_m3),
         "effective_wall_thickness_m": wall_m,
         "transfer_distance_max_m": float(distance.max(initial=0.0)),
         "material": material.name,
     }
     return arrays, attributes
+
+
+def _rigid(solid: Solid, mass_kg: float) -> dict[str, Any]:
+    """Mass, centre and inertia about it of the solid; the latter two are those of straight elements."""
+    straight = solid_properties(solid.vertices, solid.boundary()[0])
+    return {
+        "mass_kg": mass_kg,
+        "centre_of_mass_m": straight.centre_of_mass_m.tolist(),
+        "inertia_kg_m2": (mass_kg / straight.volume_m3 * straight.inertia_per_density_m5).tolist(),
+    }
 
 
 def _shape_arrays(points: Floats, normals: Floats, shapes: Floats, training: int) -> dict[str, Array]:

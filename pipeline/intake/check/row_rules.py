@@ -10,7 +10,7 @@ from pipeline.intake.sources.registry import source_and_name
 
 READABLE, LICENCE, PROVENANCE, MATERIAL = "readable", "licence", "provenance", "material"
 
-NUMBERS = ("mass_kg", "paper_length_m", "paper_index")
+NUMBERS = ("paper_length_m", "paper_index")
 """Columns of numbers above 0 that the factory itself passes over."""
 
 MEANT: Mapping[str, Set[str]] = {

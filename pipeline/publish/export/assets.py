@@ -104,7 +104,7 @@ def _asset(found: FoundProducts, wanted: Exporting) -> Asset:
             found.object_id, "has no Object File, which has its mass and inertia", "Make or name one."
         )
     file = objectfolder.load(found.object_file)
-    body, contact = _body(file, found, wanted), _contact(file, wanted)
+    (body, mass_of), contact = _body(file, found, wanted), _contact(file, wanted)
     collision = convex_parts(
         file.surface,
         threshold_m=wanted.threshold_m,
@@ -118,18 +118,23 @@ def _asset(found: FoundProducts, wanted: Exporting) -> Asset:
     else:
         surface, colour_of, _, finest_m = stored_colours(found, wanted, appearance)
         visual = [baked_part(surface, colour_of, wanted.texture_side, finest_m)[0]]
-    return Asset(found.object_id, visual, appearance, collision, body, contact, found.credit())
+    return Asset(found.object_id, visual, appearance, collision, body, mass_of, contact, found.credit())
 
 
-def _body(file: ObjectFile, found: FoundProducts, wanted: Exporting) -> RigidBody:
-    stated = file.description["body"]
-    if stated is None or stated["mass_kg"] is None:
-        finding = "its surface is open or torn, so its mass and inertia are not known"
+def _body(file: ObjectFile, found: FoundProducts, wanted: Exporting) -> tuple[RigidBody, str]:
+    """Return the body, and whose its mass is."""
+    stated = file.description["body"] or {}
+    solid, whose = ("", "solid") if stated.get("mass_kg") is not None else ("filled_", "solid that sounds")
+    if stated.get(f"{solid}inertia_kg_m2") is None:
+        finding = "its surface is open or torn and it has no sound, so its mass and inertia are not known"
         raise InputError(found.object_id, finding, "Mend the mesh, and make the object again.")
-    body = RigidBody(
-        stated["mass_kg"], np.array(stated["centre_of_mass_m"]), np.array(stated["inertia_kg_m2"])
-    )
-    return body if wanted.mass_kg is None else body.of_mass(wanted.mass_kg)
+    values = (stated[f"{solid}{name}"] for name in ("mass_kg", "centre_of_mass_m", "inertia_kg_m2"))
+    mass_kg, centre_m, inertia = values
+    body = RigidBody(mass_kg, np.array(centre_m), np.array(inertia))
+    if wanted.mass_kg is not None:
+        return body.of_mass(wanted.mass_kg), "given"
+    measured_kg = (file.description["object"] or {}).get("mass_kg")
+    return (body, whose) if measured_kg is None else (body.of_mass(measured_kg), "measured")
 
 
 def _contact(file: ObjectFile, wanted: Exporting) -> Contact:
