@@ -23,6 +23,20 @@ DEFINITIONS = {
 }
 
 
+def measure_touches(
+    truth: np.ndarray, truth_mask: np.ndarray, answer: np.ndarray, answer_mask: np.ndarray
+) -> list[dict[str, Any]]:
+    """Return ``psnr_db`` and ``psnr_contact_db`` of each touch; the latter is None where none is seen.
+
+    Parameters are those of `measure_feel`.
+    """
+    region = truth_mask | answer_mask
+    return [
+        {"psnr_db": psnr_db(t, a), "psnr_contact_db": psnr_db(t, a, m) if m.any() else None}
+        for t, a, m in zip(truth, answer, region, strict=True)
+    ]
+
+
 def measure_feel(
     truth: np.ndarray, truth_mask: np.ndarray, answer: np.ndarray, answer_mask: np.ndarray
 ) -> dict[str, Any]:
@@ -33,10 +47,10 @@ def measure_feel(
     dict
         ``psnr_db``, ``psnr_contact_db``, ``ssim``: means over touches (contact: over those that touch).
     """
-    region = truth_mask | answer_mask
-    contact = [psnr_db(t, a, m) for t, a, m in zip(truth, answer, region, strict=True) if m.any()]
+    rows = measure_touches(truth, truth_mask, answer, answer_mask)
+    contact = [row["psnr_contact_db"] for row in rows if row["psnr_contact_db"] is not None]
     return {
-        "psnr_db": float(np.mean([psnr_db(t, a) for t, a in zip(truth, answer, strict=True)])),
+        "psnr_db": float(np.mean([row["psnr_db"] for row in rows])),
         "psnr_contact_db": float(np.mean(contact)) if contact else None,
         "psnr_contact_worst_db": float(np.min(contact)) if contact else None,
         "ssim": float(np.mean([ssim(t, a) for t, a in zip(truth, answer, strict=True)])),

@@ -10,7 +10,8 @@ import numpy as np
 
 from objectfolder.audio.synthesis.struck_body import RMS
 from objectfolder.fidelity import feel, sight, sound
-from objectfolder.fidelity.images import psnr_db
+from objectfolder.fidelity.contacts import contact_pictures
+from objectfolder.fidelity.sheets import sheet, webp
 from objectfolder.fidelity.sounds import stft_distance
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Array, Product
@@ -113,10 +114,13 @@ def _row(sense: str, setting: str, value: float, error: float | None, unit: str,
     }
 
 
-def _spread(values: list[float]) -> np.ndarray:
-    """Return indices of at most `PICTURES` values from the least to the greatest, evenly by rank."""
-    order = np.argsort(values, kind="stable")
+def _spread(order: np.ndarray) -> np.ndarray:
+    """Return at most `PICTURES` of indices in an order, evenly with both ends."""
     return order[np.unique(np.linspace(0, len(order) - 1, PICTURES).round().astype(int))]
+
+
+def _file(content: np.ndarray, name: str) -> Array:
+    return Array(content, ("byte",), "1", f"WebP file: {name}", chunk_first=False)
 
 
 def _sight(
@@ -136,7 +140,7 @@ def _sight(
     for sub_rays, images in answers.items():
         psnr = sight.measure_sight(truth, foreground, images)["psnr_db"]
         rows.append(_row("vision", "sub_rays", sub_rays, psnr, "PSNR dB", parts["vision"] + parts["surface"]))
-    shown = _spread([row["psnr_db"] for row in measured["per_view"]])
+    shown = _spread(np.argsort([row["psnr_db"] for row in measured["per_view"]], kind="stable"))
     summary = {
         **measured,
         "noise_floor_db": views.attributes["noise_floor_db"],
@@ -148,15 +152,14 @@ def _sight(
         "resolution": int(truth.shape[1]),
         "sub_rays": file.vision.sub_rays,
     }
+    turning = file.pictures(TURNTABLE_FRAMES, TURNTABLE_PIXELS, sub_rays=TURNTABLE_SUB_RAYS)
     dims = ("picture", "y", "x", "channel")
     arrays = {
         "vision_truth": Array(truth[shown], dims, "1", "held-out views on white, worst first: truth"),
         "vision_answer": Array(answer[shown], dims, "1", "held-out views on white, worst first: Object File"),
-        "turntable": Array(
-            file.pictures(TURNTABLE_FRAMES, TURNTABLE_PIXELS, sub_rays=TURNTABLE_SUB_RAYS),
-            dims,
-            "1",
-            "from all round, in a studio's light",
+        "vision_sheet": _file(sheet(truth, answer), "every held-out view"),
+        "turntable": _file(
+            webp(np.concatenate(list(turning), axis=1)), "from all round, in a studio's light"
         ),
     }
     return summary, rows, arrays
@@ -199,6 +202,7 @@ def _feel(
     angles = (touches["tilt_deg"][held_out], touches["azimuth_deg"][held_out])
     answer = file.press(*queries, *angles)
     measured = feel.measure_feel(truth, mask, answer.rgb, answer.mask)
+    per_touch = feel.measure_touches(truth, mask, answer.rgb, answer.mask)
     blank = np.broadcast_to(file.touch.no_contact, truth.shape)
     empty = feel.measure_feel(truth, mask, blank, np.zeros_like(mask))
     rows = []
@@ -211,8 +215,13 @@ def _feel(
         error = feel.measure_feel(truth, mask, coarse.rgb, coarse.mask)["psnr_contact_db"]
         size = sum(tensor.nbytes for tensor in tensors.values())
         rows.append(_row("touch", "surface_step_um", step * 1e6, error, "contact PSNR dB", size))
+    # Those that touch nothing come last.
+    contact = np.array([row["psnr_contact_db"] for row in per_touch], dtype=np.float64)
+    order = np.argsort(contact, kind="stable")
+    shown = _spread(order[: np.isfinite(contact).sum() or len(order)])
     summary = {
         **measured,
+        "per_touch": per_touch,
         "empty_psnr_db": empty["psnr_db"],
         "empty_psnr_contact_db": empty["psnr_contact_db"],
         "empty_ssim": empty["ssim"],
@@ -221,14 +230,28 @@ def _feel(
         **feel.measure_reach(touches),
         "surface_bytes": file.bytes_by_part()["surface"],
     }
-    region = mask | answer.mask
-    touching = np.flatnonzero(region.any(axis=(1, 2)))
-    if len(touching) == 0:
-        touching = np.arange(len(truth))
-    shown = touching[_spread([psnr_db(truth[i], answer.rgb[i], region[i]) for i in touching])]
     dims = ("picture", "y", "x", "channel")
     arrays = {
         "touch_truth": Array(truth[shown], dims, "1", "held-out touches with a contact, worst first: truth"),
         "touch_answer": Array(answer.rgb[shown], dims, "1", "the same touches: Object File"),
+        "touch_sheet": _file(sheet(truth, answer.rgb), "every held-out touch"),
+        **_contacts(file, touches),
     }
     return summary, rows, arrays
+
+
+def _contacts(file: ObjectFile, touches: Product) -> dict[str, Array]:
+    shown = contact_pictures(file.surface, touches, touches["held_out"])
+    sides = shown.sides.reshape(-1, *shown.sides.shape[2:])
+    return {
+        "touch_sides": _file(webp(sides), "the object from sides where held-out touches were made"),
+        "touch_side": Array(shown.side, ("touch",), "1", "which side shows a touch", chunk_first=False),
+        "touch_visible": Array(shown.visible, ("touch",), "1", "whether it is in sight", chunk_first=False),
+        "touch_pixels": Array(
+            shown.pixels,
+            ("touch", "place", "axis"),
+            "pixel",
+            "contact point, begin of the arrow to it, and corners of the gel there",
+            chunk_first=False,
+        ),
+    }

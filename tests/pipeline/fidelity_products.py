@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from objectfolder.fidelity.images import psnr_db
+from objectfolder.fidelity.sheets import sheet
 from objectfolder.products.store import Array, Product
 from pipeline.dataset.failures import FailedObject
 
+HELD_OUT = {"vision": 8, "touch": 6}
 COST_COLUMNS = [
     "object",
     "stage",
@@ -34,6 +37,18 @@ def views(count: int, height: int, width: int, noise: float, seed: int) -> tuple
     return truth, answer.astype(np.uint8)
 
 
+def pictures(
+    sense: str, pairs: tuple[np.ndarray, np.ndarray], scores: list[float], kept: int
+) -> dict[str, Array]:
+    """A sheet of all pairs, and some of them as they are, from the worst to the best."""
+    chosen = np.argsort(scores)[np.linspace(0, len(scores) - 1, kept).round().astype(int)]
+    truth, answer = (
+        Array(pair[chosen], ("query", "y", "x", "channel"), "1", "a few of them") for pair in pairs
+    )
+    every = Array(sheet(*pairs), ("byte",), "1", "all", chunk_first=False)
+    return {f"{sense}_truth": truth, f"{sense}_answer": answer, f"{sense}_sheet": every}
+
+
 def fidelity(
     object_id: str,
     *,
@@ -44,8 +59,11 @@ def fidelity(
     kept: int = 4,
 ) -> Product:
     """A fidelity product; `shift` makes every measure worse by as many dB."""
-    view_truth, view_answer = views(kept, size, size, 2 + shift, 1)
-    touch_truth, touch_answer = views(kept, size * 5 // 4, size * 15 // 16, 1 + shift, 2)
+    seen = views(HELD_OUT["vision"], size, size, 2 + shift, 1)
+    felt = views(HELD_OUT["touch"], size * 5 // 4, size * 15 // 16, 1 + shift, 2)
+    view_scores, touch_scores = (
+        [psnr_db(*pair) for pair in zip(*pairs, strict=True)] for pairs in (seen, felt)
+    )
     time = np.arange(66150 if audible else 0) / 44100
     partials = [(561.6 * 1.7**index, 2.0 + 6.0 * index**1.5) for index in range(7)]
     truth = np.stack([sum(np.exp(-c * time) * np.sin(2 * np.pi * f * time) * 1e-6 for f, c in partials)] * 2)
@@ -72,7 +90,10 @@ def fidelity(
             "training_views": 60,
             "resolution": size,
             "sub_rays": 16,
-            "per_view": [],
+            "per_view": [
+                {"view": index, "psnr_db": score, "psnr_foreground_db": None, "ssim": 0.9}
+                for index, score in enumerate(view_scores)
+            ],
         },
         "audio": {
             "audible": audible,
@@ -106,6 +127,7 @@ def fidelity(
             "empty_psnr_contact_db": 20.0,
             "empty_ssim": 0.94,
             "held_out_touches": 24,
+            "per_touch": [{"psnr_db": score, "psnr_contact_db": score} for score in touch_scores],
             "unreachable_share": 0.13,
             "surface_bytes": 60_000,
         },
@@ -144,13 +166,10 @@ def fidelity(
         "definitions": {"vision.psnr_db": "Own words of the product."},
         "provenance": {"fingerprints": {"views": "new", "fidelity": "new"}},
     }
-    images = ("query", "y", "x", "channel")
     return Product(
         {
-            "vision_truth": Array(view_truth, images, "1", "simulated view"),
-            "vision_answer": Array(view_answer, images, "1", "view of the Object File"),
-            "touch_truth": Array(touch_truth, images, "1", "simulated touch"),
-            "touch_answer": Array(touch_answer, images, "1", "touch of the Object File"),
+            **pictures("vision", seen, view_scores, kept),
+            **pictures("touch", felt, touch_scores, kept),
             "strike_truth": Array(strikes.astype(np.float32), ("strike", "sample"), "1", "sound"),
             "strike_answer": Array((0.98 * strikes).astype(np.float32), ("strike", "sample"), "1", "sound"),
         },

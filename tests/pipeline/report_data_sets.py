@@ -4,10 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fidelity_products import fidelity
+from fidelity_products import HELD_OUT, fidelity
 
+from objectfolder.fidelity.contacts import contact_pictures
+from objectfolder.fidelity.sheets import webp
 from objectfolder.products.store import Array, Product, write_product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
+from objectfolder.surface.surface import Surface
 
 HOSTILE = (
     "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\">'\"&</title></table>"
@@ -38,15 +41,13 @@ def sensor_to_object(point: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return pose
 
 
-def touched(truth: np.ndarray, before: int = 3) -> tuple[Product, np.ndarray, np.ndarray]:
-    """Touches of a cube, `before` others ahead of those that `truth` shows; their points and normals."""
-    count = before + len(truth)
+def touched(count: int = HELD_OUT["touch"]) -> Product:
+    """Touches of a cube, one for training ahead of `count` that are held out."""
+    count += 1
     generator = np.random.default_rng(7)
     normals = np.tile([[1.0, 0, 0], [0, -1.0, 0], [0, 0, 1.0], [0, 0, -1.0]], (count, 1))[:count]
     spread = generator.uniform(-0.4, 0.4, (count, 3)) * SIDE_M * (normals == 0)
     points = normals * SIDE_M / 2 + spread
-    images = generator.integers(0, 255, (count, *truth.shape[1:]), np.uint8)
-    images[before:] = truth
     per_touch = {
         "points": points,
         "normals": normals,
@@ -60,8 +61,22 @@ def touched(truth: np.ndarray, before: int = 3) -> tuple[Product, np.ndarray, np
     arrays = {
         name: Array(value, ("touch", "i", "j")[: value.ndim], "1", name) for name, value in per_touch.items()
     }
-    arrays["rgb"] = Array(images, ("touch", "y", "x", "channel"), "1", "images")
-    return Product(arrays, {"sensor": SENSOR}), points, normals
+    return Product(arrays, {"sensor": SENSOR})
+
+
+def touch_pictures(touches: Product) -> dict[str, Array]:
+    """Where the held-out ones were made, as a fidelity product has it."""
+    shown = contact_pictures(Surface(*cube()), touches, touches["held_out"])
+    arrays = {
+        "touch_sides": webp(shown.sides.reshape(-1, *shown.sides.shape[2:])),
+        "touch_side": shown.side,
+        "touch_visible": shown.visible,
+        "touch_pixels": shown.pixels,
+    }
+    return {
+        name: Array(value, ("i", "j", "k")[: value.ndim], "1", name, chunk_first=False)
+        for name, value in arrays.items()
+    }
 
 
 def write_object(
@@ -93,9 +108,10 @@ def write_object(
         "record": {"material": {"density_kg_m3": 2700.0, text or "note": text}, "material_citation": text},
         "seed": 5,
     }
+    touches = touched()
     arrays = {
         name: array
-        for name, array in product.arrays.items()
+        for name, array in {**product.arrays, **touch_pictures(touches)}.items()
         if {"vision": "v", "strike": "a", "touch": "t"}[name.partition("_")[0]] in senses
     }
     write_product(data / "fidelity" / f"{object_id}.zarr.zip", Product(arrays, attributes))
@@ -105,7 +121,6 @@ def write_object(
         "faces": Array(faces, ("face", "corner"), "1", "faces", chunk_first=False),
     }
     write_product(data / "objects" / f"{object_id}.zarr.zip", Product(mesh, {"fingerprint": "object"}))
-    touches, _, _ = touched(product["touch_truth"])
     write_product(data / "touches" / f"{object_id}.zarr.zip", touches)
     if audible:
         write_modes(data, object_id, [mode["frequency_hz"] for mode in attributes["audio"]["modes_table"]])

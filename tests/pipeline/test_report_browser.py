@@ -255,17 +255,46 @@ def test_the_switch_is_remembered(reports: Path, open_page: Callable[..., Any]) 
 
 def test_a_slider_chooses_the_query_by_keyboard(reports: Path, open_page: Callable[..., Any]) -> None:
     page = open_page(reports / "objects" / "mug.html").page
-    for sense in ("view", "touch"):
+    for sense, count in (("view", 8), ("touch", 6)):
         shown = f"[data-sense={sense}] .query:not([hidden])"
         assert page.locator(shown).count() == 1
         assert page.get_attribute(shown, "data-place") == "worst"
         page.focus(f"#{sense}-query")
         page.keyboard.press("ArrowRight")
-        assert page.get_attribute(shown, "data-place") == "rank 2 of 4 stored"
+        assert page.get_attribute(f"#{sense}-query", "aria-valuetext") == f"2 of {count}"
         page.keyboard.press("End")
         assert page.get_attribute(shown, "data-place") == "best"
-        assert page.get_attribute(f"#{sense}-query", "aria-valuetext") == "4 of 4: best"
-        assert page.inner_text(f"[data-sense={sense}] output") == "4 of 4: best"
+        assert page.get_attribute(f"#{sense}-query", "aria-valuetext") == f"{count} of {count}: best"
+        assert page.inner_text(f"[data-sense={sense}] output") == f"{count} of {count}: best"
+
+
+def test_every_query_is_there_and_what_is_not_stored_alone_comes_from_the_sheet(
+    reports: Path, open_page: Callable[..., Any]
+) -> None:
+    product = read_product(reports.parent / "data" / "fidelity" / "mug.zarr.zip")
+    watched = open_page(reports / "objects" / "mug.html", viewport=PHONE)
+    page = watched.page
+    for sense, name, ranks in (("view", "vision", [1, 3, 4, 6]), ("touch", "touch", [1, 4])):
+        kind = "view" if sense == "view" else "touch"
+        scores = [row["psnr_db"] for row in product.attributes[name][f"per_{kind}"]]
+        drawn = Image.open(io.BytesIO(product[f"{name}_sheet"].tobytes())).convert("RGB")
+        height, width = product[f"{name}_truth"].shape[1:3]
+        page.focus(f"#{sense}-query")
+        for rank in range(len(scores)):
+            if rank in ranks:
+                row = int(np.argsort(scores)[rank])
+                until(
+                    page, f"document.querySelector('[data-sense={sense}] .sheet').dataset.drawn === '{row}'"
+                )
+                assert page.locator(f"[data-sense={sense}] .query:not([hidden])").count() == 1
+                assert page.inner_text(f"[data-sense={sense}] .sheet .row").split()[-2:] != []
+                assert f"{max(scores[row], 0):.1f}" in page.inner_text(f"[data-sense={sense}] .sheet .row")
+                shown = f"[data-sense={sense}] .sheet canvas"
+                assert page.locator(shown).nth(2).is_visible()
+            page.keyboard.press("ArrowRight")
+        assert drawn.size == (3 * width, height * len(scores))
+        assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    assert watched.errors == []
 
 
 def pixels(page: Any, selector: str) -> np.ndarray:

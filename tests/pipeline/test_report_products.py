@@ -1,28 +1,21 @@
 """What pages read of products, and where on an object they say a touch was made."""
 
+import io
 import json
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fidelity_products import fidelity
+from PIL import Image
 from report_data_sets import SENSOR, SIDE_M, cube, touched, write_modes, write_object
 
 from objectfolder.errors import FormatError
+from objectfolder.fidelity.contacts import PIXELS, SIDES, Side, gel_corners, in_sight, sides_showing
 from objectfolder.fidelity.images import psnr_db
-from objectfolder.products.store import Array, Product, read_product, write_product
+from objectfolder.products.store import Array, Product, write_product
 from objectfolder.surface.surface import Surface
 from pipeline.dataset.verified import Verified
-from pipeline.publish.report.contacts import (
-    PIXELS,
-    Side,
-    contacts,
-    find_touches,
-    gel_corners,
-    in_sight,
-    sides_showing,
-)
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.queries import modal_table, queries
 
@@ -90,32 +83,27 @@ def test_the_digest_tells_contents_apart_and_equal_ones_not(tmp_path: Path) -> N
     assert a == b != c
 
 
-def test_touches_shown_are_found_in_the_truth() -> None:
-    truth = fidelity("cube")["touch_truth"]
-    touches, _, _ = touched(truth, before=3)
-    assert find_touches(truth, touches["rgb"]) == [3, 4, 5, 6]
-    assert find_touches(255 - truth, touches["rgb"]) == [None] * 4
-    assert find_touches(truth[:, 1:], touches["rgb"]) == [None] * 4
-
-
 def test_a_contact_is_marked_where_it_is(tmp_path: Path) -> None:
     """The surface under the marked pixel is the touched face, seen from outside."""
     write_object(tmp_path, "cube")
-    truth = fidelity("cube")["touch_truth"]
-    _, points, normals = touched(truth, before=3)
+    touches = touched()
+    points, normals = (touches[name][touches["held_out"]] for name in ("points", "normals"))
     surface = Surface(*cube())
-    sides = sides_showing(surface, points[3:7], normals[3:7])
-    assert len({side.uri for side, _ in sides}) < len(sides), "a picture may show several"
-    for index, contact in enumerate(contacts(truth, ObjectProducts(tmp_path, "cube")), start=3):
-        assert contact is not None
+    chosen, _ = sides_showing(surface, points, normals)
+    products = ObjectProducts(tmp_path, "cube")
+    shown = queries(products.arrays("fidelity"), products, 4)["touches"].items
+    assert sorted(one.row for one in shown) == list(range(len(points)))
+    assert len({one.contact.side for one in shown}) < len(shown), "a picture may show several"
+    for one in shown:
+        contact, normal = one.contact, normals[one.row]
         assert contact.visible
-        millimetres = [value for _, value, unit in contact.labels if unit == "mm"]
-        assert millimetres[:3] == pytest.approx(1e3 * points[index])
-        side = sides[index - 3][0]
+        millimetres = [fact.value for fact in one.facts if fact.unit == "mm"]
+        assert millimetres[:3] == pytest.approx(1e3 * points[one.row])
+        side = Side(surface, SIDES[np.unique(chosen)[contact.side]])
         x, y = contact.spot
         face = side.faces()[int(y), int(x)]
-        assert surface.face_normals[face] @ normals[index] == pytest.approx(1.0)
-        assert 0.2 < side.direction @ normals[index] < 0.9, "obliquely"
+        assert surface.face_normals[face] @ normal == pytest.approx(1.0)
+        assert 0.2 < side.direction @ normal < 0.9, "obliquely"
         corners = np.array([[float(part) for part in pair.split(",")] for pair in contact.gel.split()])
         assert np.all(corners.min(axis=0) <= [x, y])
         assert np.all(corners.max(axis=0) >= [x, y])
@@ -139,8 +127,8 @@ def test_a_hidden_point_is_said_to_be_hidden() -> None:
     surface = Surface(*cube())
     points = np.array([[SIDE_M / 2, 0.01, 0.0], [-SIDE_M / 2, 0.01, 0.0]])
     assert in_sight(surface, points, np.array([[1.0, 0.0, 0.0]])).tolist() == [[True, False]]
-    ((_, inside),) = sides_showing(surface, np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
-    assert not inside
+    _, inside = sides_showing(surface, np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+    assert inside.tolist() == [False]
 
 
 def test_corners_of_the_gel_lie_in_its_plane() -> None:
@@ -166,26 +154,33 @@ def test_errors_of_modes_are_those_of_the_file(tmp_path: Path) -> None:
     assert all(np.isnan(row.error_cents) for row in rows), "a file of other modes says nothing of these"
 
 
-def test_views_shown_carry_the_numbers_of_their_view(tmp_path: Path) -> None:
-    """The stored views are the product's own choice by rank, recognised by their score."""
+def test_every_held_out_view_has_its_rank_its_numbers_and_its_row_of_the_sheet(tmp_path: Path) -> None:
     write_object(tmp_path, "cube")
-    path = tmp_path / "fidelity" / "cube.zarr.zip"
-    product = read_product(path)
-    scores = [psnr_db(*pair) for pair in zip(product["vision_truth"], product["vision_answer"], strict=True)]
-    order = np.argsort(scores)
-    rows = [
-        {"view": 10 + rank, "psnr_db": scores[index], "ssim": 0.9 + rank / 100}
-        for rank, index in enumerate(order)
-    ]
-    arrays = {
-        name: Array(array.data[order] if name.startswith("vision") else array.data, array.dims, "1", name)
-        for name, array in product.arrays.items()
-    }
-    vision = {**product.attributes["vision"], "per_view": rows[::-1]}
-    write_product(path, Product(arrays, {**product.attributes, "vision": vision}))
     products = ObjectProducts(tmp_path, "cube")
-    shown = queries(products.arrays("fidelity"), products, 4)["views"]
-    facts = [{fact.name: fact.value for fact in view.facts} for view in shown]
-    assert [view.place for view in shown] == ["worst", "rank 2 of 4 stored", "rank 3 of 4 stored", "best"]
-    assert [fact["full image"] for fact in facts] == pytest.approx(sorted(scores))
-    assert [fact["SSIM"] for fact in facts] == pytest.approx([0.9, 0.91, 0.92, 0.93])
+    product = products.arrays("fidelity")
+    gallery = queries(product, products, 4)["views"]
+    scores = [row["psnr_db"] for row in product.attributes["vision"]["per_view"]]
+    assert [one.rank for one in gallery.items] == list(range(8))
+    assert [one.row for one in gallery.items] == np.argsort(scores).tolist()
+    facts = [{fact.name: fact.value for fact in one.facts} for one in gallery.items]
+    assert [fact["full image"] for fact in facts] == sorted(scores)
+    assert [one.rank for one in gallery.stored] == [0, 2, 5, 7]
+    assert [one.place for one in gallery.items] == ["worst", *[""] * 6, "best"]
+    pairs = zip(product["vision_truth"], product["vision_answer"], strict=True)
+    assert [psnr_db(*pair) for pair in pairs] == [sorted(scores)[rank] for rank in (0, 2, 5, 7)]
+    drawn = np.asarray(Image.open(io.BytesIO(product["vision_sheet"].tobytes())).convert("RGB"))
+    for one, truth in zip(gallery.stored, product["vision_truth"], strict=True):
+        rows = slice(one.row * gallery.height, (one.row + 1) * gallery.height)
+        assert psnr_db(truth, drawn[rows, : gallery.width]) > 30, "with loss"
+
+
+def test_touches_without_a_contact_come_last(tmp_path: Path) -> None:
+    write_object(tmp_path, "cube")
+    products = ObjectProducts(tmp_path, "cube")
+    product = products.arrays("fidelity")
+    rows = product.attributes["touch"]["per_touch"]
+    rows[3]["psnr_contact_db"] = None
+    shown = queries(product, products, 4)["touches"].items
+    assert (shown[-1].row, shown[-1].place) == (3, "no contact")
+    assert shown[-2].place == "best"
+    assert [one.rank for one in shown if one.truth] == [0, 1, 3, 4]

@@ -7,19 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.surface.surface import Hits, Surface
+from objectfolder.surface.parallel_views import LIGHT, Floats, axes_towards, look
 from objectfolder.surface.texture_lookup import bilinear
-
-Floats = NDArray[np.float64]
 
 SAMPLES = 2
 """Rays a side of a pixel."""
 
 CUT = np.array([0.85, 0.45, 0.15])
 """Colour of material that is cut through."""
-
-LIGHT = np.array([-0.45, 0.55, 0.9]) / np.linalg.norm([0.45, 0.55, 0.9])
-"""Direction to the lamp along the picture's right, up and back."""
 
 Tint = Callable[[Floats, Floats, Floats], Floats]
 """From points (n, 3), outward normals (n, 3) and colours (n, 3) to colours (n, 3)."""
@@ -43,14 +38,6 @@ class View(NamedTuple):
     cut: bool = False
 
 
-def axes_towards(eye: Floats, above: Floats) -> Floats:
-    """Return the (3, 3) axes of a `View` from the direction `eye`, in whose pictures `above` is up."""
-    back = eye / np.linalg.norm(eye)
-    right = np.cross(above, back)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(back, right), back])
-
-
 def standard_views(extents: Floats, up_axis: int) -> list[View]:
     """Two corners, two sides, from above, and a section along the object's longer side."""
     up = np.eye(3)[up_axis]
@@ -72,18 +59,6 @@ def side_m(mesh: TexturedMesh, views: list[View]) -> float:
     """Side of a square that every view of the mesh fits in, metres."""
     corners = mesh.vertices - mesh.surface.bounds.mean(axis=0)
     return 2.12 * max(float(np.abs(corners @ view.axes[:2].T).max()) for view in views)
-
-
-def look(surface: Surface, axes: Floats, side: float, pixels: int, before: float) -> Hits:
-    """Return what parallel rays first hit, a ray a pixel of a square, row by row from the top.
-
-    In metres are the `side` of the square, whose centre is the surface's, and how far before it rays begin.
-    """
-    steps = ((np.arange(pixels) + 0.5) / pixels - 0.5) * side
-    x, y = np.meshgrid(steps, -steps)
-    origins = np.stack([x, y, np.full_like(x, before)], axis=-1).reshape(-1, 3) @ axes
-    rays = np.broadcast_to(-axes[2], origins.shape)
-    return surface.ray_hits(surface.bounds.mean(axis=0) + origins, rays)
 
 
 def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | None = None) -> np.ndarray:

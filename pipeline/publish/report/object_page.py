@@ -11,6 +11,7 @@ from typing import Any
 
 import jinja2
 
+from objectfolder.fidelity.contacts import PIXELS
 from objectfolder.products.provenance import canonical_json
 from objectfolder.products.store import Product
 from pipeline.dataset.failures import FailedObject
@@ -20,7 +21,7 @@ from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.dataset.verified import Verified
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
-from pipeline.publish.report.pictures import sprite
+from pipeline.publish.report.pictures import no_picture
 from pipeline.publish.report.summary import definitions_of, error_words, setting_words, split
 from pipeline.publish.report.templates import security_policy, template_environment
 
@@ -31,6 +32,12 @@ SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 HEAD_BYTES = 4096
 OBJECTS = "objects"  # folder of the pages beside the first
 PLAYER = ".player.js"
+# Arrays of the fidelity product that are files beside the page, by their suffixes.
+SHEETS = {
+    "vision_sheet": ".views.webp",
+    "touch_sheet": ".touches.webp",
+    "touch_sides": ".sides.webp",
+}
 PLAYER_STYLE = b'href="player.css"'
 _FINGERPRINT = re.compile(rb'<meta name="fingerprint" content="([0-9a-f]{64})">')
 
@@ -75,6 +82,10 @@ class ObjectPage:
         there = self.products.path(OBJECT_FILES.name).is_file() and SAFE_ID.fullmatch(object_id)
         return f"{object_id}{PLAYER}" if there else ""
 
+    def beside(self, suffix: str) -> str:
+        """Return the name of a file of `tile`."""
+        return str(Path(page_name(self.subject.object_id)).with_suffix(suffix))
+
     @cached_property
     def fingerprint(self) -> str:
         """A hash of all that the page is made from: products, costs, neighbours, code of reports."""
@@ -90,8 +101,9 @@ class ObjectPage:
 
     @property
     def tile(self) -> tuple[str, ...]:
-        """Suffixes of the files for the first page: pictures, and a strike where it rings."""
-        return (".webp",) if self.subject.part("audio").get("audible") is not True else (".webp", ".wav")
+        """Suffixes of the files beside the page: pictures, and a strike where it rings."""
+        audible = self.subject.part("audio").get("audible") is True
+        return (".webp", *SHEETS.values(), *([".wav"] if audible else []))
 
     def render(self, fingerprint: str, player: str, findings: Sequence[str]) -> tuple[str, dict[str, bytes]]:
         """Return the page as HTML that carries `fingerprint`, and the files of `tile` by suffix.
@@ -114,10 +126,9 @@ class ObjectPage:
             shown = queries(fidelity, products, self.pairs)
             with products.reading("modal table"):
                 modes = modal_table(products, subject.attributes)
-            beside = {suffix: b"" for suffix in self.tile} | {".webp": sprite(None)}
-            with products.reading("pictures"):
-                if "turntable" in fidelity:
-                    beside[".webp"] = sprite(fidelity["turntable"])
+            beside = dict.fromkeys(self.tile, b"")
+            for name, suffix in {"turntable": ".webp", **SHEETS}.items():
+                beside[suffix] = (fidelity[name] if name in fidelity else no_picture()).tobytes()
             with products.reading("strikes"):
                 if ".wav" in beside:
                     from pipeline.publish.report.sounds import short_sound
@@ -203,6 +214,7 @@ def _environment() -> jinja2.Environment:
     }
     environment.globals |= {
         "byte_parts": BYTE_PARTS,
+        "contact_pixels": PIXELS,
         "definitions_of": definitions_of,
         "headline": HEADLINE,
         "material_of": _material,

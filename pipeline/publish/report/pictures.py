@@ -1,13 +1,13 @@
-"""Pictures as data URIs, and the frames of a turning object in one file."""
+"""Pictures as data URIs."""
 
 import base64
 import io
 import zlib
+from functools import cache
 
 import numpy as np
 
-GREY = 128
-QUALITY = 80  # of WebP
+from objectfolder.fidelity.sheets import GREY, webp
 
 
 def picture_uri(image: np.ndarray) -> str:
@@ -35,15 +35,10 @@ def indexed_uri(levels: np.ndarray, palette: np.ndarray, transparent: int | None
     return _uri(buffer.getvalue())
 
 
-def sprite(frames: np.ndarray | None) -> bytes:
-    """Return (n, h, w, 3) uint8 frames side by side as a WebP; a grey pixel for none."""
-    from PIL import Image
-
-    if frames is None or not len(frames):
-        frames = np.full((1, 1, 1, 3), GREY, np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(np.concatenate(list(frames), axis=1)).save(buffer, "WEBP", quality=QUALITY, method=2)
-    return buffer.getvalue()
+@cache
+def no_picture() -> np.ndarray:
+    """Return the bytes of a grey pixel as a WebP."""
+    return webp(np.full((1, 1, 3), GREY, np.uint8))
 
 
 def _uri(png: bytes) -> str:

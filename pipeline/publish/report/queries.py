@@ -1,24 +1,22 @@
 """Queries to an Object File and its answers, as a page shows them: pictures, sounds, contacts."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from objectfolder.fidelity.images import psnr_db
+from objectfolder.fidelity.sheets import MOST_PIXELS
 from objectfolder.fidelity.sounds import cents
 from objectfolder.products.store import Product
 from objectfolder.products.tensor_file import read_tensor_file
 from pipeline.dataset.measures import number_at
 from pipeline.dataset.stages import OBJECT_FILES
-from pipeline.publish.report.contacts import Contact, contacts
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
 from pipeline.publish.report.sounds import SoundPair, sound_pair
+from pipeline.publish.report.templates import number
 
-# A score computed from the stored pair is the product's own to rounding.
-SAME_DB = 1e-6
 IMPULSE = ("x", "y", "z")
 
 
@@ -31,16 +29,76 @@ class Fact(NamedTuple):
     decimals: int = 1
 
 
-class Seen(NamedTuple):
-    """Truth and answer of a held-out view or touch, as data URIs."""
+class Contact(NamedTuple):
+    """Where a touch was made: (x, y) pixels of the object's picture from a side, `PIXELS` a side.
 
+    Parameters
+    ----------
+    side
+        Which picture, from the top of the file with all.
+    visible
+        Whether the contact point is in sight.
+    spot, arrow
+        The contact point, and where the arrow along the outward normal begins.
+    gel
+        Corners of the gel's plane at its apex, as an SVG polygon's points.
+    """
+
+    side: int
+    visible: bool
+    spot: list[float]
+    arrow: list[float]
+    gel: str
+
+
+class Seen(NamedTuple):
+    """A held-out view or touch: what is known of it, and truth and answer as data URIs where they are stored.
+
+    Parameters
+    ----------
+    rank
+        Among those shown, from the worst.
+    row
+        Of the sheet.
+    """
+
+    rank: int
     place: str
-    truth: str
-    answer: str
-    width: int
-    height: int
+    row: int
     facts: list[Fact]
     contact: Contact | None = None
+    truth: str = ""
+    answer: str = ""
+
+
+class Gallery(NamedTuple):
+    """Every held-out view or touch, worst first, and the size of their pictures."""
+
+    items: list[Seen]
+    height: int
+    width: int
+
+    @property
+    def stored(self) -> list[Seen]:
+        """Those with pictures of their own."""
+        return [one for one in self.items if one.truth]
+
+    def others(self) -> dict[str, Any]:
+        """Return what a page needs to show the others from the sheet, as JSON, by rank."""
+        return {
+            str(one.rank): {
+                "place": one.place,
+                "row": one.row,
+                "facts": [
+                    (fact.name, number(fact.value, fact.decimals), fact.unit)
+                    for fact in one.facts
+                    if fact.value is not None
+                ],
+                "contact": one.contact and one.contact._asdict(),
+            }
+            for one in self.items
+            if not one.truth
+        }
 
 
 class Heard(NamedTuple):
@@ -51,70 +109,81 @@ class Heard(NamedTuple):
     facts: list[Fact]
 
 
-class Stored(NamedTuple):
-    """A query that the fidelity product stores: its rank, worst first, with truth and answer."""
-
-    rank: int
-    place: str
-    truth: np.ndarray
-    answer: np.ndarray
-
-    def seen(self, facts: list[Fact], contact: Contact | None = None) -> Seen:
-        """Return it as a page shows it."""
-        height, width = self.truth.shape[:2]
-        pictures = picture_uri(self.truth), picture_uri(self.answer)
-        return Seen(self.place, *pictures, width, height, facts, contact)
-
-
-def queries(fidelity: Product, products: ObjectProducts, most: int) -> dict[str, list[Any]]:
-    """Return up to `most` views, strikes and touches, as many as the fidelity product stores at most.
+def queries(fidelity: Product, products: ObjectProducts, most: int) -> dict[str, Any]:
+    """Return every view and touch, up to `most` of them with lossless pictures, and up to `most` strikes.
 
     What cannot be read is left out and noted in ``products.unreadable``.
     """
-    found: dict[str, list[Any]] = {"views": [], "strikes": [], "touches": []}
+    found: dict[str, Any] = {"views": None, "strikes": [], "touches": None}
     for sense, read in (("views", _views), ("strikes", _strikes), ("touches", _touches)):
         with products.reading(sense):
             found[sense] = read(fidelity, products, most)
     return found
 
 
-def _stored(fidelity: Product, sense: str, most: int) -> Iterator[Stored]:
-    """Yield at most `most` stored queries, evenly spread over the ranks with both ends."""
+def _spread(count: int, most: int) -> list[int]:
+    """Return at most `most` of `count` ranks, evenly with both ends."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist()
+
+
+def _stored(fidelity: Product, sense: str) -> tuple[np.ndarray, np.ndarray] | None:
     if f"{sense}_truth" not in fidelity:
-        return
+        return None
     truth, answer = fidelity[f"{sense}_truth"], fidelity[f"{sense}_answer"]
     if truth.shape != answer.shape:
         raise ValueError(f"{truth.shape} of truth, {answer.shape} of answer")
-    count = len(truth)
-    for rank in np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist():
-        place = {0: "worst", count - 1: "best"}.get(rank, f"rank {rank + 1} of {count} stored")
-        yield Stored(rank, place if count > 1 else "the only one stored", truth[rank], answer[rank])
+    return truth, answer
 
 
-def _views(fidelity: Product, products: ObjectProducts, most: int) -> list[Seen]:
-    vision = fidelity.attributes.get("vision")
-    rows = vision.get("per_view") or [] if isinstance(vision, Mapping) else []
-    poses: list[Any] = []
-    with products.reading("views"):
-        views = products.arrays("views", "held_out", "camera_to_world", "light_position")
-        cameras, lights = views["camera_to_world"][:, :3, 3], views["light_position"]
-        poses = list(zip(cameras[views["held_out"]], lights[views["held_out"]], strict=True))
-    shown = []
-    for pair in _stored(fidelity, "vision", most):
-        score = psnr_db(pair.truth, pair.answer)
-        same = (one for one in rows if abs((number_at(one, "psnr_db") or 0.0) - score) <= SAME_DB)
-        row: Mapping[str, Any] = next(same, {})
-        facts = [
-            Fact("full image", score, "dB"),
+def _gallery(fidelity: Product, sense: str, facts: list[list[Fact]], score: str, most: int) -> Gallery | None:
+    """Return the held-out queries of a sense ranked by the fact `score`, those without it last.
+
+    The stored pictures are of ranks spread evenly over those with a score, as a verification spreads them.
+    """
+    pairs = _stored(fidelity, sense)
+    if pairs is None or not len(pairs[0]):
+        return None
+    height, width, _ = pairs[0].shape[1:]
+    facts = facts or [[] for _ in pairs[0]]
+    scores = [next((fact.value for fact in own if fact.name == score), None) for own in facts]
+    keys = [math.inf if score is None else score for score in scores]
+    order = sorted(range(len(facts)), key=keys.__getitem__)
+    ranked = len(facts) - scores.count(None) or len(facts)
+    kept = _spread(ranked, len(pairs[0]))
+    shown = {kept[index]: index for index in _spread(len(kept), most)}
+    on_sheet = MOST_PIXELS // height if f"{sense}_sheet" in fidelity else 0
+    items = []
+    for rank, row in enumerate(order):
+        place = {0: "worst", ranked - 1: "best"}.get(rank, "" if rank < ranked else "no contact")
+        own = [picture_uri(pair[shown[rank]]) for pair in pairs] if rank in shown else []
+        if own or row < on_sheet:
+            items.append(Seen(len(items), place, row, facts[row], None, *own))
+    return Gallery(items, height, width)
+
+
+def _table(fidelity: Product, sense: str, name: str) -> list[Mapping[str, Any]]:
+    part = fidelity.attributes.get(sense)
+    rows = part.get(name) if isinstance(part, Mapping) else None
+    return rows or []
+
+
+def _views(fidelity: Product, products: ObjectProducts, most: int) -> Gallery | None:
+    rows = _table(fidelity, "vision", "per_view")
+    facts = [
+        [
+            Fact("full image", number_at(row, "psnr_db"), "dB"),
             Fact("foreground", number_at(row, "psnr_foreground_db"), "dB"),
             Fact("SSIM", number_at(row, "ssim"), "", 4),
         ]
-        view = number_at(row, "view")
-        if view is not None and view < len(poses):
-            for name, position in zip(("camera", "light"), poses[int(view)], strict=True):
-                facts += _pose_facts(name, position)
-        shown.append(pair.seen(facts))
-    return shown
+        for row in rows
+    ]
+    with products.reading("views"):
+        views = products.arrays("views", "held_out", "camera_to_world", "light_position")
+        cameras, lights = views["camera_to_world"][:, :3, 3], views["light_position"]
+        held_out = views["held_out"]
+        for own, camera, light in zip(facts, cameras[held_out], lights[held_out], strict=True):
+            own += [*_pose_facts("camera", camera), *_pose_facts("light", light)]
+    return _gallery(fidelity, "vision", facts, "full image", most)
 
 
 def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
@@ -129,7 +198,9 @@ def _strikes(fidelity: Product, products: ObjectProducts, most: int) -> list[Hea
         modes = products.arrays("modes", "points", "held_out")
         points = modes["points"][modes["held_out"]]
     shown = []
-    for rank, _, truth, answer in _stored(fidelity, "strike", most):
+    for rank, (truth, answer) in enumerate(zip(*(_stored(fidelity, "strike") or ((), ())), strict=True)):
+        if rank == most:
+            break
         sound = sound_pair(truth, answer)
         facts = [Fact("difference", sound.difference_db, "dB of the truth's energy")]
         place = f"strike {rank + 1}"
@@ -140,19 +211,53 @@ def _strikes(fidelity: Product, products: ObjectProducts, most: int) -> list[Hea
     return shown
 
 
-def _touches(fidelity: Product, products: ObjectProducts, most: int) -> list[Seen]:
-    stored = list(_stored(fidelity, "touch", most))
-    found: list[Contact | None] = [None] * len(stored)
-    if stored:
-        with products.reading("contacts"):
-            found = contacts(np.stack([pair.truth for pair in stored]), products)
-    shown = []
-    for pair, contact in zip(stored, found, strict=True):
-        facts = [Fact("whole image", psnr_db(pair.truth, pair.answer), "dB")]
-        for name, value, unit in contact.labels if contact else []:
-            facts.append(Fact(name, value, unit, 2 if name == "depth" else 1))
-        shown.append(pair.seen(facts, contact))
-    return shown
+def _touches(fidelity: Product, products: ObjectProducts, most: int) -> Gallery | None:
+    rows = _table(fidelity, "touch", "per_touch")
+    facts = [
+        [
+            Fact("contact region", number_at(row, "psnr_contact_db"), "dB"),
+            Fact("whole image", number_at(row, "psnr_db"), "dB"),
+        ]
+        for row in rows
+    ]
+    gallery = _gallery(fidelity, "touch", facts, "contact region", most)
+    if gallery is None:
+        return None
+    found: list[tuple[Contact, list[Fact]]] = []
+    with products.reading("contacts"):
+        found = list(zip(_contacts(fidelity), _labels(products), strict=True))
+    if len(found) != len(rows):
+        return gallery
+    items = [
+        one._replace(contact=found[one.row][0], facts=[*one.facts, *found[one.row][1]])
+        for one in gallery.items
+    ]
+    return gallery._replace(items=items)
+
+
+def _contacts(fidelity: Product) -> list[Contact]:
+    named = (fidelity[f"touch_{name}"].tolist() for name in ("side", "visible"))
+    pixels = fidelity["touch_pixels"].astype(np.float64).reshape(-1, 6, 2).round(1).tolist()
+    return [
+        Contact(side, visible, spot, arrow, " ".join(f"{x},{y}" for x, y in gel))
+        for side, visible, (spot, arrow, *gel) in zip(*named, pixels, strict=True)
+    ]
+
+
+def _labels(products: ObjectProducts) -> list[list[Fact]]:
+    """Return what is known of each held-out touch."""
+    names = ("points", "depth_m", "tilt_deg", "contact_area_m2")
+    touches = products.arrays("touches", "held_out", *names)
+    columns = (touches[name][touches["held_out"]].tolist() for name in names)
+    return [
+        [
+            *(Fact(axis, 1e3 * value, "mm") for axis, value in zip("xyz", point, strict=True)),
+            Fact("depth", 1e3 * depth, "mm", 2),
+            Fact("tilt", tilt, "°"),
+            Fact("contact area", 1e6 * area, "mm²"),
+        ]
+        for point, depth, tilt, area in zip(*columns, strict=True)
+    ]
 
 
 class ModeRow(NamedTuple):

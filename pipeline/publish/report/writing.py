@@ -121,7 +121,7 @@ def _write_pages(
 def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
     """Write the files of a page where they are not there already; return their names."""
     path = folder / page_name(page.subject.object_id)
-    files = {path.name, *(path.with_suffix(suffix).name for suffix in page.tile)}
+    files = {path.name, *map(page.beside, page.tile)}
     fingerprint = page.fingerprint
     shown, has_player = shown_fingerprint(path)
     player = page.player
@@ -141,7 +141,7 @@ def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
     text, beside = page.render(fingerprint, player, findings)
     folder.mkdir(parents=True, exist_ok=True)
     for suffix, content in beside.items():
-        path.with_suffix(suffix).write_bytes(content)  # the page, written last, says that all is there
+        (folder / page.beside(suffix)).write_bytes(content)  # the page, written last, says that all is there
     with atomic_write(path) as file:
         file.write(text.encode())
     return files

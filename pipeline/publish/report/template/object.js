@@ -1,9 +1,11 @@
 "use strict";
-// One held-out query at a time, the difference drawn from the two pictures on the page, and sounds by a button.
+// One held-out query at a time, the difference drawn from the two pictures on the page, or all three taken from
+// the sheet beside the page, and sounds by a button.
 (() => {
   const GREY = 128;
   const FACTORS = [1, 2, 4, 8, 16, 32];
-  let factor = 8;
+  const SHEET_FACTOR = 8; // of the differences on a sheet
+  let factor = SHEET_FACTOR;
 
   const pixels = (image) => {
     const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
@@ -13,8 +15,9 @@
   };
 
   const drawDifference = async (query) => {
-    const canvas = query.querySelector("canvas");
-    if (!canvas || canvas.dataset.factor === String(factor)) return;
+    const canvas = query.querySelector("canvas.difference");
+    if (canvas && query.dataset.sheet) canvas.style.filter = `contrast(${factor / SHEET_FACTOR})`;
+    if (!canvas || query.dataset.sheet || canvas.dataset.factor === String(factor)) return;
     const [truth, answer] = [query.querySelector(".truth"), query.querySelector(".answer")];
     await Promise.all([truth.decode(), answer.decode()]);
     const [wanted, given] = [pixels(truth), pixels(answer)];
@@ -30,12 +33,63 @@
     for (const audio of document.querySelectorAll("audio")) audio.pause();
   };
 
+  const drawSheet = async (query, row) => {
+    query.dataset.row = row;
+    query.picture ??= Object.assign(new Image(), { src: query.dataset.sheet });
+    await query.picture.decode();
+    if (query.dataset.row !== String(row)) return; // another was chosen meanwhile
+    for (const [place, canvas] of query.querySelectorAll("canvas").entries()) {
+      const { width, height } = canvas;
+      const context = canvas.getContext("2d");
+      context.drawImage(query.picture, place * width, row * height, width, height, 0, 0, width, height);
+    }
+    query.dataset.drawn = row;
+  };
+
+  const showContact = (query, contact) => {
+    const set = (part, values) => {
+      for (const [name, value] of Object.entries(values)) query.querySelector(part).setAttribute(name, value);
+    };
+    const [[x, y], [x1, y1]] = [contact.spot, contact.arrow];
+    const hidden = contact.visible ? "" : "; the contact is hidden behind the surface";
+    set("svg", { "aria-label": `The object with the contact of this touch marked${hidden}` });
+    set("svg image", { y: -contact.side * query.querySelector("svg image").getAttribute("width") });
+    set(".gel", { points: contact.gel });
+    set(".arrow", { x1, y1, x2: x, y2: y });
+    set(".spot", { cx: x, cy: y, class: contact.visible ? "spot" : "spot hidden" });
+  };
+
+  // The query of a rank, filled in where it comes from the sheet.
+  const queryOf = (sense, rank) => {
+    const own = sense.querySelector(`.query[data-rank="${rank}"]`);
+    if (own) return own;
+    const query = sense.querySelector(".query[data-sheet]");
+    query.known ??= JSON.parse(query.querySelector("script").textContent);
+    const { place, row, facts, contact } = query.known[rank];
+    query.dataset.place = place;
+    query.querySelector(".row").replaceChildren(
+      ...facts.map(([name, value, unit]) => {
+        const item = document.createElement("li");
+        const [label, measured] = ["soft", "unit"].map((kind) =>
+          Object.assign(document.createElement("span"), { className: kind }),
+        );
+        label.textContent = name;
+        measured.textContent = unit;
+        item.append(label, ` ${value} `, measured);
+        return item;
+      }),
+    );
+    if (contact) showContact(query, contact);
+    drawSheet(query, row);
+    return query;
+  };
+
   const show = (sense) => {
     const slider = sense.querySelector("input[type=range]");
-    const queries = [...sense.querySelectorAll(".query")];
-    const chosen = queries[Number(slider.value) - 1];
-    for (const query of queries) query.hidden = query !== chosen;
-    const text = `${slider.value} of ${queries.length}: ${chosen.dataset.place}`;
+    const chosen = queryOf(sense, Number(slider.value) - 1);
+    for (const query of sense.querySelectorAll(".query")) query.hidden = query !== chosen;
+    const { place } = chosen.dataset;
+    const text = `${slider.value} of ${slider.max}${place ? `: ${place}` : ""}`;
     slider.setAttribute("aria-valuetext", text);
     sense.querySelector(".choose output").textContent = text;
     drawDifference(chosen);
