@@ -152,7 +152,7 @@ def _gallery(fidelity: Product, sense: str, facts: list[list[Fact]], score: str,
     kept = _spread(ranked, len(pairs[0]))
     shown = {kept[index]: index for index in _spread(len(kept), most)}
     on_sheet = MOST_PIXELS // height if f"{sense}_sheet" in fidelity else 0
-    items = []
+    items: list[Seen] = []
     for rank, row in enumerate(order):
         place = {0: "worst", ranked - 1: "best"}.get(rank, "" if rank < ranked else "no contact")
         own = [picture_uri(pair[shown[rank]]) for pair in pairs] if rank in shown else []
