@@ -30,6 +30,7 @@ from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import write_asset
 from objectfolder.simulators.stable_poses import stable_poses
+from objectfolder.solid.filling import fill
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.textured_surface import mesh_parts
@@ -85,8 +86,10 @@ def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     surface = scans.surface(name)
     topology = topology_of(surface)
     solid = solid_properties(surface.vertices, surface.faces)
-    if not (topology.watertight and topology.consistent):
-        raise ObjectFolderError(name, "its surface is open or torn, so it has no inertia")
+    closed = topology.watertight and topology.consistent
+    if not closed:  # as a data set has it: that of the solid that sounds
+        filled = fill(surface, name=name)
+        solid = solid_properties(filled.vertices, filled.boundary()[0])
     density = material.density_kg_m3
     body = RigidBody(
         density * solid.volume_m3, solid.centre_of_mass_m, density * solid.inertia_per_density_m5
@@ -104,6 +107,7 @@ def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     flat, *_ = poses = stable_poses(asset)
     return {
         "failure": None,
+        "closed": closed,
         **collision.to_dict(),
         "outward_share": collision.outward_m / length,
         "inward_share": collision.inward_m / length,

@@ -5,7 +5,14 @@ Collision-Aware Concavity and Tree Search", SIGGRAPH 2022), run on a decimated c
 metres. What they cover is measured on the surface itself.
 """
 
+import os
+import signal
+import subprocess
+import sys
+import tempfile
 from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,10 +37,14 @@ CONVEX = 0.97
 # Of the decimated copy. CoACD's seconds grow with it, and the hulls of a scan hardly change: those of a
 # hammer cover .906 with 1000 and .902 with 2000 faces.
 MOST_FACES = 1000
-# Of CoACD's tree search and its samples. Its remeshing of open surfaces doubles the seconds of a mug.
-SEARCH = {"mcts_iterations": 60, "mcts_nodes": 10, "resolution": 1000, "preprocess_mode": "off"}
+# Of a hull, or of all hulls where these are few. Simulators touch a plane at up to four corners of a hull;
+# those of a scan lie so close together that bodies rock on them.
+MOST_VERTICES, MOST_VERTICES_IN_ALL = 32, 128
 # A hull flatter than this share of the longest side has no volume that simulators could use.
 FLATTEST = 1e-4
+# Of CoACD; among a hundred scans only a torn television takes longer.
+TIME_LIMIT_S = 150
+ENDED = (-signal.SIGXCPU, -signal.SIGKILL)
 MEASURING_POINTS = 1 << 14
 SURFACE_POINTS = 2000
 
@@ -98,7 +109,8 @@ def convex_parts(
     Raises
     ------
     InputError
-        CoACD is not installed, settings out of range, or a surface whose parts have no volume.
+        CoACD is not installed or takes too long, settings out of range, or a surface whose parts have no
+        volume.
     """
     if not most_parts >= 1:
         raise InputError(name, f"{most_parts} collision parts", "Ask for one or more.")
@@ -112,7 +124,8 @@ def convex_parts(
         within_m = threshold_m or length * min(THRESHOLD / max(solidity, 1e-3), LARGEST_THRESHOLD)
         hulls = _hulls(_decimated(surface, most_faces), within_m, most_parts, seed, name)
     convex = [hull for hull in map(_convex_hull, hulls) if hull is not None]
-    thick = tuple(hull for hull in convex if _thickness(hull) > FLATTEST * length)
+    most = max(MOST_VERTICES, MOST_VERTICES_IN_ALL // max(len(convex), 1))
+    thick = tuple(_thinned(hull, most) for hull in convex if _thickness(hull) > FLATTEST * length)
     if not thick:
         raise InputError(name, "its convex parts have no volume", "Check that the mesh encloses a solid.")
     return measure_parts(surface, thick)
@@ -155,6 +168,16 @@ def _solidity(surface: Surface) -> float:
     return float(np.mean(WindingNumber(surface)(within) > 0.5)) if len(within) else 1.0
 
 
+def _thinned(hull: Surface, most_vertices: int) -> Surface:
+    """Return a hull with at most that many vertices."""
+    fewer = hull
+    faces = 2 * most_vertices - 4  # of a closed surface with that many vertices
+    while len(fewer.vertices) > most_vertices:
+        fewer = _convex_hull(_decimated(hull, faces).vertices) or hull
+        faces -= 2
+    return fewer
+
+
 def _decimated(surface: Surface, most_faces: int) -> Surface:
     """Return a surface of at most that many faces, by quadric error metrics."""
     if len(surface.faces) <= most_faces:
@@ -167,21 +190,27 @@ def _decimated(surface: Surface, most_faces: int) -> Surface:
 
 
 def _hulls(surface: Surface, threshold_m: float, most_parts: int, seed: int, name: str) -> list[Floats]:
-    try:
-        import coacd
-    except ImportError as error:
+    if find_spec("coacd") is None:
         remedy = "Install it: pip install 'objectfolder-factory[simulators]'."
-        raise InputError(name, "collision shapes are made by coacd, which is missing", remedy) from error
-    coacd.set_log_level("error")
-    parts = coacd.run_coacd(
-        coacd.Mesh(surface.vertices, surface.faces),
-        threshold=threshold_m,
-        max_convex_hull=most_parts,
-        real_metric=True,
-        seed=seed,
-        **SEARCH,
-    )
-    return [np.asarray(vertices, dtype=np.float64) for vertices, _ in parts]
+        raise InputError(name, "collision shapes are made by coacd, which is missing", remedy)
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "surface.npz", Path(folder) / "hulls.npz"
+        given = {"threshold_m": threshold_m, "most_parts": most_parts, "seed": seed}
+        np.savez(source, vertices=surface.vertices, faces=surface.faces, time_limit_s=TIME_LIMIT_S, **given)
+        command = [sys.executable, "-m", "objectfolder.simulators.coacd_process", str(source), str(target)]
+        root = str(Path(__file__).parents[2])
+        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": path}
+        )
+        if done.returncode:
+            last = done.stderr.strip().splitlines()[-1:] or [f"signal {-done.returncode}"]
+            cut_off = done.returncode in ENDED
+            what = f"takes more than {TIME_LIMIT_S} CPU-s" if cut_off else f"failed: {last[0]}"
+            remedy = "Mend its surface, or give --most-parts 1 for its convex hull."
+            raise InputError(name, f"parting it into convex hulls {what}", remedy)
+        with np.load(target) as hulls:
+            return [hulls[key] for key in hulls.files]
 
 
 def _convex_hull(vertices: Floats) -> Surface | None:

@@ -20,6 +20,7 @@ from bench.factory.engines import (
     slide_in_mujoco,
 )
 from objectfolder.errors import InputError
+from objectfolder.simulators import collision
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts, measure_parts
 from objectfolder.simulators.formats import write_asset
@@ -92,6 +93,23 @@ def test_an_angle_is_few_parts_that_cover_it() -> None:
     assert parts.union_iou > 0.99
     again = convex_parts(angle(), seed=3)
     assert [hull.vertices.tobytes() for hull in parts.hulls] == [h.vertices.tobytes() for h in again.hulls]
+
+
+def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
+    ball = surface_of(trimesh.creation.icosphere(subdivisions=4, radius=0.05))
+    (hull,) = convex_parts(ball).hulls
+    assert len(hull.vertices) <= 128
+    radii = np.linalg.norm(hull.vertices, axis=1)
+    assert np.all((radii > 0.049) & (radii < 0.051))
+    rings = surface_of(trimesh.creation.torus(0.05, 0.015))
+    assert max(len(hull.vertices) for hull in convex_parts(rings, most_parts=8).hulls) <= 32
+
+
+def test_a_surface_that_takes_too_long_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(collision, "TIME_LIMIT_S", 1)
+    rings = surface_of(trimesh.creation.torus(0.05, 0.015, major_sections=64, minor_sections=32))
+    with pytest.raises(InputError, match=r"takes more than 1 CPU-s.*--most-parts 1"):
+        convex_parts(rings, threshold_m=1e-4)
 
 
 def test_measures_of_parts_are_those_of_boxes() -> None:
