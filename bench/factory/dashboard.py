@@ -54,7 +54,8 @@ def main() -> None:
             "browser": "headless Chromium without a graphics card, opened from disk, machine with other work",
         },
         "Making a report of repeated objects with all pages against the same with unchanged pages kept, by "
-        "held-out queries a sense without loss; first paint, sort, search and filter by the browser's own entries",
+        "held-out queries a sense without loss; first paint, sort, search and filter by the browser's own "
+        "entries",
         draw,
     )
 
@@ -150,7 +151,8 @@ def sizes(reports: Path) -> dict[str, Any]:
 def draw(figures: dict[str, Any]) -> None:
     """Draw CPU seconds of reports and milliseconds of the page against the aims."""
     figure, (left, right) = subplots(1, 2, figsize=(9, 3.2))
-    rows = {f"all pages, {pairs} lossless pairs a sense": each["cpu_s"] for pairs, each in figures["whole"].items()}
+    whole = figures["whole"].items()
+    rows = {f"all pages, {pairs} lossless pairs a sense": each["cpu_s"] for pairs, each in whole}
     rows |= {
         "one object changed": figures["one_changed"]["cpu_s"],
         "nothing changed": figures["again"]["cpu_s"],
