@@ -38,7 +38,6 @@ ROWS = 16
 # Several times what any object has needed; a larger number in a file is no reason to set memory aside.
 LARGEST_DIMENSIONS = 16
 LARGEST_POINTS = 3000  # no fit takes more
-LARGEST_MODES = 1 << 12
 LARGEST_COEFFICIENTS = 1 << 22
 LARGEST_VALUE = 1e15  # of an eigenvalue: 5 MHz
 KERNEL_RANGES = {

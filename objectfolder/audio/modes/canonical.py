@@ -71,23 +71,19 @@ def canonical_rotation(
     shapes: ArrayLike,
     points: ArrayLike,
     weights: ArrayLike | None = None,
-    *,
-    tolerance: float = RELATIVE_TOLERANCE,
 ) -> Floats:
     """Find the rotation of each cluster, and the sign of each mode, that makes the basis canonical.
 
     Parameters
     ----------
     eigenvalues
-        (m,) ascending.
+        (m,) ascending. A cluster should be whole: a band that ends within one has no canonical basis.
     shapes
         (p, 3, m) mode shapes at points of the body.
     points
         (p, 3) those points; hundreds at least, and the same ones wherever results shall be equal.
     weights
         (p,) quadrature weights; equal ones by default.
-    tolerance
-        See `clusters`. A cluster should be whole: a band that ends within one has no canonical basis.
 
     Returns
     -------
@@ -116,7 +112,7 @@ def canonical_rotation(
     centred = centred / max(float(np.sqrt(w @ np.sum(centred**2, axis=1))), 1e-300)
     functionals = [_functional(index) for index in range(FUNCTIONALS)]
     densities = [w * functional.density(centred) for functional in functionals]
-    for cluster in clusters(values, tolerance):
+    for cluster in clusters(values):
         block = u[:, :, cluster]
         turn = _diagonalise(block, functionals, densities) if block.shape[2] > 1 else np.eye(1)
         rotation[cluster, cluster] = turn * _signs(block @ turn, functionals, densities)

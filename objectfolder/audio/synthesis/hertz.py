@@ -150,11 +150,6 @@ def mass_at_contact(
     return float(1 / (1 / mass_kg + turned @ turning))
 
 
-def half_sine_peak_n(impulse_n_s: ArrayLike, duration_s: ArrayLike) -> Floats:
-    """Peak pi J / (2 T) of the half-sine pulse that has an impulse and a duration."""
-    return np.pi * np.asarray(impulse_n_s, dtype=np.float64) / (2 * np.asarray(duration_s, dtype=np.float64))
-
-
 def _speeds(values: ArrayLike) -> Floats:
     speeds = np.asarray(values, dtype=np.float64)
     if not (np.isfinite(speeds).all() and (speeds > 0).all()):
