@@ -45,6 +45,8 @@ MOSTLY = 0.75
 # Points along an edge, and of all edges, at which distance is taken; of those how many exactly at a time.
 ALONG_EDGE, MOST_ON_EDGES, EXACT_AT_ONCE = 5, 10_000, 64
 OPENING = 0.01  # distance over the diagonal from which on the outside of a solid closes an opening
+NOTHING_INSIDE = "it encloses no volume on a grid of 200,000 nodes"
+TRIED_WALL = 0.01  # thickness over the diagonal that sheets are tried with before it is advised
 NEGLIGIBLE = 1e-7  # distance over the diagonal, that of single precision
 
 
@@ -64,6 +66,7 @@ class Filling:
     stop_energy : conformal AMIPS energy at which fTetWild stops improving elements (regular: 3), for compact
         ones; more for elements as flat as the wall is thin
     time_limit_s : CPU time of the first two runs of fTetWild together; a third has as long as the first
+    memory_limit_gb : of one run of fTetWild, 1e9 bytes
     """
 
     edge_length: float = 0.1
@@ -74,6 +77,7 @@ class Filling:
     most_faces: int = 1600
     stop_energy: float = 40.0
     time_limit_s: float = 100.0
+    memory_limit_gb: float = 3.0
 
 
 @dataclass(frozen=True)
@@ -163,14 +167,32 @@ def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[S
         if not doubts:
             break
     if best is None:
-        reasons = dict.fromkeys(str(entry.get("failed", "it encloses no volume")) for entry in tried)
+        reasons = [f"{entry['way']}: {entry.get('failed', 'it encloses no volume')}" for entry in tried]
         cut_off = any(entry.get("cut_off") for entry in tried)
         raise (SimulationError if cut_off else UnsolvableError)(
-            name,
-            f"no solid came of filling it: {', '.join(reasons)}",
-            "Check that the surface is closed or nearly so; state shell_m, wall_m or a longer time_limit_s",
+            name, f"no solid came of filling it: {'; '.join(reasons)}", _remedy(measured, filling, cut_off)
         )
     return best, tried
+
+
+def _remedy(measured: _Measured, filling: Filling, cut_off: bool) -> str:
+    """What helps a surface that no way filled: `wall_m` where it has sheets, which is tried first."""
+    if cut_off:
+        return "State a longer time_limit_s or a larger memory_limit_gb"
+    closed = "Close the surface"
+    try:
+        thick = thicken(measured.form.surface, TRIED_WALL)[0]
+        raw = run_tetwild(thick, next(_envelopes(_measure(thick), filling))[1])
+        if not is_closed(thick) or isinstance(raw, str):
+            return closed
+    except (InputError, CutOffError):
+        return closed
+    wall_m = TRIED_WALL * measured.form.diagonal_m
+    volume = float(np.abs(volumes(raw["vertices"], raw["tetrahedra"])).sum()) * measured.form.diagonal_m**3
+    return (
+        f"State wall_m, the thickness of its sheets: {wall_m:.2g} m was tried, and gives a solid of "
+        f"{1e6 * volume:.3g} cm3"
+    )
 
 
 def _target(
@@ -227,34 +249,14 @@ def _measure(target: Surface) -> _Measured:
 
 def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:
     """Ways to fill, best first: name, vertices, tetrahedra (none when it failed) and what was done."""
-    epsilon = float(np.clip(measured.wall * filling.epsilon_per_wall, 1e-4, 2e-3))
-    allowed = float(np.clip(measured.wall * filling.simplification_per_wall, epsilon, 2e-3))
-    first = Envelope(
-        epsilon,
-        allowed,
-        _edge(measured, filling),
-        filling.target_faces,
-        filling.most_faces,
-        filling.stop_energy * _flat_energy(measured.wall / filling.edge_length),
-        0.6 * filling.time_limit_s,
-    )
-    second = replace(
-        first,
-        epsilon=2 * epsilon,
-        allowed=2 * allowed,
-        stop_energy=10 * first.stop_energy,
-        most_faces=max(filling.target_faces, filling.most_faces // 2),
-        time_limit_s=0.4 * filling.time_limit_s,
-    )
     scale = measured.form.diagonal_m
-    last = replace(second, time_limit_s=first.time_limit_s)
-    for way, envelope in (("envelope", first), ("wide envelope", second), ("remeshed", last)):
+    for way, envelope in _envelopes(measured, filling):
         surface: Surface | None = measured.form.surface
         if way == "remeshed":
-            surface = surface_at_depth(measured.form.surface, epsilon / 4)
+            surface = surface_at_depth(measured.form.surface, envelope.epsilon / 8)
         failed: dict[str, Any] = {}
         try:
-            raw = run_tetwild(surface, envelope) if surface is not None else "nothing is inside"
+            raw = run_tetwild(surface, envelope) if surface is not None else NOTHING_INSIDE
         except CutOffError as error:
             raw, failed = f"{error.where} {error.finding}", {"cut_off": True}
         if isinstance(raw, str):
@@ -266,6 +268,32 @@ def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, 
             "simplification_moved_rms_m": float(raw["moved"]) * scale,
         }
         yield way, raw["vertices"], raw["tetrahedra"].astype(np.int64), done
+
+
+def _envelopes(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Envelope]]:
+    """What fTetWild gets on each way, best first."""
+    epsilon = float(np.clip(measured.wall * filling.epsilon_per_wall, 1e-4, 2e-3))
+    first = Envelope(
+        epsilon,
+        float(np.clip(measured.wall * filling.simplification_per_wall, epsilon, 2e-3)),
+        _edge(measured, filling),
+        filling.target_faces,
+        filling.most_faces,
+        filling.stop_energy * _flat_energy(measured.wall / filling.edge_length),
+        0.6 * filling.time_limit_s,
+        1e9 * filling.memory_limit_gb,
+    )
+    second = replace(
+        first,
+        epsilon=2 * epsilon,
+        allowed=2 * first.allowed,
+        stop_energy=10 * first.stop_energy,
+        most_faces=max(filling.target_faces, filling.most_faces // 2),
+        time_limit_s=0.4 * filling.time_limit_s,
+    )
+    yield "envelope", first
+    yield "wide envelope", second
+    yield "remeshed", replace(second, time_limit_s=first.time_limit_s)
 
 
 def _edge(measured: _Measured, filling: Filling) -> float:

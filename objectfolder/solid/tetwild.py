@@ -23,7 +23,7 @@ class CutOffError(SimulationError):
 
 @dataclass(frozen=True)
 class Envelope:
-    """What one run of fTetWild gets: dimensionless lengths, see `tetrahedra.Filling`."""
+    """What one run of fTetWild gets: dimensionless lengths, see `filling.Filling`; bytes."""
 
     epsilon: float
     allowed: float
@@ -32,6 +32,7 @@ class Envelope:
     most_faces: int
     stop_energy: float
     time_limit_s: float
+    memory_limit: float
 
 
 def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]] | str:
@@ -45,7 +46,7 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
     Raises
     ------
     CutOffError
-        It took too long, or a signal ended it.
+        It took too long or too much memory, or a signal ended it.
     """
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "solid.npz"
@@ -68,6 +69,8 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
             raise slow from error
         if done.returncode in (-24, -9):
             raise slow
+        if "MemoryError" in done.stderr or "bad_alloc" in done.stderr:
+            raise CutOffError("fTetWild", f"needs more than {envelope.memory_limit / 1e9:.3g} GB")
         if done.returncode < 0:
             raise CutOffError("fTetWild", f"ended with signal {-done.returncode}")
         if done.returncode > 0:

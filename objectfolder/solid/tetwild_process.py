@@ -59,6 +59,8 @@ def main(source: str, target: str) -> None:
     given = np.load(source)
     limit = int(given["time_limit_s"])
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    most = int(given["memory_limit"])
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     surface = Surface(given["vertices"], given["faces"])
     diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
     seed_random_device(Path(PyfTetWildWrapper.__file__), 0)

@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import distances_across
+from objectfolder.solid.sheets import OPENING, opening_shares, patches_of, thick_sheets, unit_offsets
 from objectfolder.surface.surface import Surface, corner_angles, edge_table
 
 Floats = NDArray[np.float64]
@@ -14,7 +15,6 @@ SAMPLES = 8000
 CORNER = 0.8  # of the way from the middle of a face to a corner: where thickness is measured
 SMOOTHINGS = 3  # steps to neighbours nearer than the wall is thick: scans are rough
 MOST_STEPS = 1000
-LONGEST_OFFSET = 2.0  # a corner of a cube moves by the root of 3
 GAP_SHARE = 1 / 3  # of a gap, the most that the wall on one side of it may take
 
 
@@ -26,6 +26,8 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
     surface on the other side faces away within 60 degrees; its rim goes with it, and places between walls and
     thicker parts move by a mean. What is thick enough stays; nothing becomes thinner. Neither face takes more
     than a third of the gap in front of it, so that no gap closes.
+
+    An open patch with nothing behind it is a sheet, and becomes a wall with two sides (see `sheets`).
 
     Parameters
     ----------
@@ -39,7 +41,8 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
     Returns
     -------
     surface, share
-        With the same faces, and the share of its area that belonged to walls that grew.
+        With the same faces but for sheets, and the share of its area that belonged to sheets and to walls
+        that grew.
 
     Raises
     ------
@@ -60,13 +63,19 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
         )
     drawn = surface.sample(SAMPLES, 0)
     thickness = _wall_at(surface, drawn.points, drawn.face)
+    patch = patches_of(surface.faces)
+    walled = np.bincount(patch[drawn.face], thickness < sides[1] / 4, patch.max() + 1)
+    sheet = opening_shares(surface, patch) > OPENING
+    sheet &= walled <= np.bincount(patch[drawn.face], minlength=len(sheet)) / 2
     thin = thickness < wall_m
-    if not thin.any():
-        return surface, 0.0
-    offset = _growth(surface, drawn.points[thin], wall_m)
-    return Surface(surface.vertices + offset[:, None] * unit_offsets(surface), surface.faces), float(
-        thin.mean()
-    )
+    share = float((thin | sheet[patch[drawn.face]]).mean())
+    thin &= ~sheet[patch[drawn.face]]
+    if thin.any():
+        offset = _growth(surface, drawn.points[thin], wall_m)
+        surface = Surface(surface.vertices + offset[:, None] * unit_offsets(surface), surface.faces)
+    if sheet.any():
+        surface = thick_sheets(surface, sheet, patch, wall_m)
+    return surface, share
 
 
 def _wall_at(surface: Surface, points: Floats, faces: NDArray[np.int64]) -> Floats:
@@ -121,20 +130,3 @@ def _mean_of_neighbours(
     number = np.bincount(here, known[there], len(value))
     total = np.bincount(here, np.where(known[there], value[there], 0.0), len(value))
     return total / np.maximum(number, 1), number > 0
-
-
-def unit_offsets(surface: Surface) -> Floats:
-    """How each vertex (v, 3) moves when all faces at it move outwards by one: a normal, longer at creases.
-
-    Least squares of the faces' distances, weighted by their angles; directions that the faces hardly differ
-    in are left out, so that a rough surface is moved along its mean normal.
-    """
-    normals, angles = surface.face_normals, corner_angles(surface.vertices, surface.faces)
-    matrix = np.zeros((len(surface.vertices), 3, 3))
-    vector = np.zeros((len(surface.vertices), 3))
-    for corner, angle in zip(surface.faces.T, angles.T, strict=True):
-        np.add.at(matrix, corner, np.einsum("f,fi,fj->fij", angle, normals, normals))
-        np.add.at(vector, corner, angle[:, None] * normals)
-    offset = np.einsum("vij,vj->vi", np.linalg.pinv(matrix, rcond=0.1, hermitian=True), vector)
-    length = np.linalg.norm(offset, axis=1, keepdims=True)
-    return np.asarray(offset * np.minimum(1.0, LONGEST_OFFSET / np.maximum(length, 1e-300)))

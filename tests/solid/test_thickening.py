@@ -7,9 +7,10 @@ from walled_shapes import cap_volume, spherical_cap
 
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import local_thickness
-from objectfolder.solid.thickening import thicken, unit_offsets
+from objectfolder.solid.sheets import unit_offsets
+from objectfolder.solid.thickening import thicken
 from objectfolder.surface.surface import Surface
-from objectfolder.surface.winding_number import enclosed_volume
+from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
 
 def test_a_fused_bowl_gets_its_stated_wall() -> None:
@@ -81,3 +82,49 @@ def test_offsets_move_faces_by_one() -> None:
     np.testing.assert_allclose(
         unit_offsets(Surface(CUBE_VERTICES, CUBE_FACES)), 2 * CUBE_VERTICES, atol=1e-12
     )
+
+
+def test_a_box_without_a_lid_is_a_box_of_sheets() -> None:
+    """Its wall lies about the faces: the outside is one wall larger than the cavity's, up to the open end."""
+    solid = Surface(CUBE_VERTICES * [0.1, 0.08, 0.06], CUBE_FACES)
+    top = (solid.vertices[solid.faces][:, :, 2] > 0).all(axis=1)
+    box, share = thicken(Surface(solid.vertices, solid.faces[~top]), 0.002)
+    assert share == 1
+    assert is_closed(box)
+    outer, inner = 0.102 * 0.082 * 0.061, 0.098 * 0.078 * 0.059
+    assert enclosed_volume(box)[0] == pytest.approx(outer - inner, rel=1e-9)
+
+
+def test_an_open_tube_is_a_sheet_though_its_two_ends_face_away() -> None:
+    angle = np.arange(64) * 2 * np.pi / 64
+    ring = np.column_stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), np.zeros(64)])
+    here, beside = np.arange(64), (np.arange(64) + 1) % 64
+    faces = np.concatenate(
+        [np.column_stack([here, beside, here + 64]), np.column_stack([beside, beside + 64, here + 64])]
+    )
+    tube, _ = thicken(Surface(np.concatenate([ring, ring + np.array([0, 0, 0.1])]), faces), 0.001)
+    ideal = np.pi * (0.0305**2 - 0.0295**2) * 0.1
+    assert enclosed_volume(tube)[0] == pytest.approx(ideal, rel=0.005)
+
+
+def test_a_tee_of_three_sheets_has_the_volume_of_their_union() -> None:
+    """Three faces meet at an edge: each sheet ends there, and what they share is inside once."""
+    from objectfolder.solid.filling import fill
+
+    vertices = np.array(
+        [
+            [0, 0, 0],
+            [0, 0.1, 0],
+            [0.1, 0, 0],
+            [0.1, 0.1, 0],
+            [-0.1, 0, 0],
+            [-0.1, 0.1, 0],
+            [0, 0, 0.1],
+            [0, 0.1, 0.1],
+        ]
+    )
+    faces = np.array([[0, 2, 1], [2, 3, 1], [4, 0, 1], [4, 1, 5], [0, 6, 7], [0, 7, 1]])
+    solid = fill(Surface(vertices, faces), wall_m=0.004)
+    # The upright sheet lies in the flat ones for half of the wall.
+    assert solid.volume_m3 == pytest.approx(0.1 * 0.004 * (0.2 + 0.1 - 0.002), rel=0.01)
+    assert solid.components == 1
