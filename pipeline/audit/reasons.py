@@ -124,7 +124,13 @@ def _source(role: str, old: Any, new: Any, around: Circumstances) -> Reason:
     known = "geometry" in before and "geometry" in after
     geometry = known and before["geometry"] != after["geometry"]
     texture = known and before.get("texture") != after.get("texture")
-    note = "the file only: geometry and texture are the same" if known and not (geometry or texture) else ""
+    normals = "normals" in before and "normals" in after and before["normals"] != after["normals"]
+    same = "geometry and texture are the same"
+    note = (
+        f"{'its normals' if normals else 'the file'} only: {same}"
+        if known and not (geometry or texture)
+        else ""
+    )
     if role == "texture" or (role != "mesh" and texture):
         return Reason(TEXTURE, "", old, new, note if not texture else "")
     if role == "mesh" and texture and not geometry:

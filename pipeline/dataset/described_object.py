@@ -44,7 +44,9 @@ class DescribedObject:
     metallic
         0..1 (default: the material's)
     mass_kg
-        mass in kilograms where it is known: a check
+        mass in kilograms where it is known: a check, and the mass for simulators
+    silent
+        leave sound out: it is seen and felt
     """
 
     mesh: Path
@@ -61,6 +63,14 @@ class DescribedObject:
     roughness: float | None = None
     metallic: float | None = None
     mass_kg: float | None = None
+    silent: bool = False
+
+    @property
+    def senses(self) -> tuple[str, ...]:
+        """Return the senses that it gets."""
+        from objectfolder.catalogue import SENSES
+
+        return tuple(sense for sense in SENSES if not (self.silent and sense == "audio"))
 
     def check(self) -> None:
         """Raise `InputError` for an absent file, a number that cannot be, or two that exclude each other."""

@@ -119,4 +119,6 @@ def _record(wanted: Building, output: Path) -> "ObjectRecord":
         metallic=wanted.metallic,
         wall_m=wanted.wall_m,
         shell_m=wanted.shell_m,
+        mass_kg=wanted.mass_kg,
+        senses=wanted.senses,
     )

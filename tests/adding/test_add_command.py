@@ -206,6 +206,13 @@ def test_a_kill_leaves_no_row_without_its_files(tmp_path, step, replace):
     assert records(table)["cup"].mesh.read_bytes() == mesh.read_bytes()
 
 
+def test_a_silent_object_of_a_known_mass(tmp_path):
+    mesh, table = cup(tmp_path / "in" / "cup.stl"), tmp_path / "t.csv"
+    assert add(mesh, table, "--silent", "--mass", "0.1") == 0
+    record = records(table)["cup"]
+    assert (record.senses, record.mass_kg) == (("vision", "touch"), 0.1)
+
+
 def put(mesh: Path, table: Path) -> None:
     put_object(check_object(wanted(mesh)), table, replace=False)
 

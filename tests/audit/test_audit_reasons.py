@@ -29,6 +29,8 @@ from pipeline.audit.reasons import (  # fmt: skip
     TEXTURE,
     TOLERANCE,
     UPSTREAM,
+    Circumstances,
+    _source,
 )
 from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
 from pipeline.dataset.tolerances import as_json
@@ -217,6 +219,12 @@ def test_mesh_file_that_says_the_same_in_other_bytes(workshop):
     found = audit_of_change(workshop)
     assert sentences(found, "cup") == ["mesh changed (the file only: geometry and texture are the same)"]
     assert stages_of(found, "cup") == ({"objects"}, set())
+
+
+def test_normals_of_a_mesh():
+    old, new = ({"geometry": "a", "texture": "b", "normals": one} for one in "cd")
+    reason = _source("mesh", "x", "y", Circumstances(digests=(old, new)))
+    assert (reason.kind, reason.note) == (MESH, "its normals only: geometry and texture are the same")
 
 
 def test_two_objects_exchange_meshes(workshop):

@@ -152,6 +152,7 @@ def _row(wanted: Wanted, object_id: str, material: str, licence: str) -> dict[st
         "source": wanted.source,
         "licence": licence,
         "attribution": wanted.attribution or "",
+        "senses": " ".join(wanted.senses) if wanted.silent else "",
     }
     for column in ("roughness", "metallic", "wall_m", "shell_m", "mass_kg"):
         value = getattr(wanted, column)
