@@ -26,6 +26,7 @@ def row(name: str, licence: str = "CC0-1.0", attribution: str = "A. Maker", sour
         "source": source,
         "licence": licence,
         "attribution": attribution,
+        "mass_kg": None,
     }
 
 
