@@ -104,6 +104,21 @@ def test_a_wanted_accuracy_is_reached_and_the_estimate_is_of_the_size_of_the_err
 
 
 @pytest.mark.slow
+def test_a_wide_thin_plate_has_every_mode_at_the_usual_accuracy() -> None:
+    """With order 4 it lacks the last: that is 30 cents too high, and above the limit."""
+    plates = [box((cells, cells, 1), (1, 1, 0.01)) for cells in (8, 12)]
+    spaces = [space_on(plate, 5, 1.0)[0] for plate in plates]
+    wanted = [Wanted(5.0, cents, 200, 180_000, 0) for cents in (5.0, 1.0)]
+    usual, fine = (
+        adapt_spectrum(space, plate.component, 0.3, one)
+        for space, plate, one in zip(spaces, plates, wanted, strict=True)
+    )
+    assert [step["order"] for step in usual.steps] == [2, 3, 4]  # and 5 at last
+    assert len(usual.eta_squared) == len(fine.eta_squared)
+    assert np.abs(600 * np.log2(usual.eta_squared / fine.eta_squared)).max() < 10
+
+
+@pytest.mark.slow
 def test_more_accuracy_takes_more_functions_and_lowers_every_eigenvalue() -> None:
     solid = box((5, 5, 1), (1, 1, 0.02))
     coarse, fine, whole = adapted(solid, 30.0), adapted(solid, 8.0), spectrum(solid, 1.0, 0.3, 20, order=4)
