@@ -1,0 +1,128 @@
+"""Errors of frequencies as stated, against the true ones, of bodies held out when the statement was chosen.
+
+    python -m bench.senses.stated_errors --folder FOLDER [--only NAME ...]
+
+Bodies of revolution and cuboids as triangles, solved at the default settings. A mode's stated error is its
+estimate plus that of the geometry; its true one is against an independent reference (`bench.references`),
+modes matched in ascending order. Rows are kept in FOLDER and not measured again.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bench.record import arguments, conclude, cpu_seconds, kept, save, subplots
+from bench.references.cuboid import cuboid
+from bench.references.held_out import BODIES, CUBOIDS, SEEN
+from bench.references.spectrum import wavenumber_limit
+from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, compare
+from bench.rivals.audio.uniform import MAX_MODES
+from bench.senses.catalogue import MATERIALS
+from objectfolder.audio.materials import Material, read_materials
+from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.surface.surface import Surface
+
+COMPARED = (
+    "stated errors (estimate of the mode plus that of the geometry) with true ones, cents, of undamped "
+    "frequencies below the limit in ascending order, at default settings; no body had part in choosing the "
+    "estimate; unseen: none had part in choosing functions either"
+)
+TURN = Rotation.from_rotvec([0.3, 0.7, -0.4]).as_matrix()
+FIRST_MODES = 50
+
+
+def case_of(name: str) -> tuple[Surface, Material, np.ndarray]:
+    """Triangles of a body, its material, and its undamped frequencies to a little above the limit, Hz."""
+    materials, limit_hz = read_materials(MATERIALS), 1.05 * MAX_FREQUENCY_HZ
+    if name in BODIES:
+        body = BODIES[name]()
+        material = materials[body.material]
+        return body.surface(), material, body.spectrum(material, limit_hz).frequencies_hz(material)
+    lengths, of, turned = CUBOIDS[name]
+    material = materials[of]
+    spectrum = cuboid(lengths, material.poisson_ratio, wavenumber_limit(material, limit_hz))
+    surface = box(np.array(lengths))
+    vertices = surface.vertices @ TURN.T if turned else surface.vertices
+    return Surface(vertices, surface.faces), material, spectrum.frequencies_hz(material)
+
+
+def box(lengths: np.ndarray) -> Surface:
+    """Twelve outward triangles."""
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * lengths
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    return Surface(corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]))
+
+
+def measure(name: str) -> dict[str, Any]:
+    surface, material, reference_hz = case_of(name)
+    start = cpu_seconds()
+    product = simulate_modes(
+        surface, material, name=name, max_frequency_hz=MAX_FREQUENCY_HZ, max_modes=MAX_MODES,
+        training_points=1000, held_out_points=100, seed=0,
+    )  # fmt: skip
+    spent = cpu_seconds() - start
+    geometry = product.attributes["geometry_error_estimate_cents"] or 0.0
+    stated = product["error_estimates_cents"] + geometry
+    found = compare(np.sqrt(product["eigenvalues"]) / (2 * np.pi), reference_hz)
+    certificate = product.attributes["count_certificate"]
+    return {
+        "material": material.name,
+        **found,
+        "stated_cents": np.round(stated[: found["compared"]], 3).tolist(),
+        "near_limit": {key: value for key, value in certificate.items() if "within_error" in key},
+        "unknowns": product.attributes["discretisation"]["unknowns"],
+        "cpu_s": spent,
+    }
+
+
+def figures(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    unseen = {name: row for name, row in rows.items() if name not in SEEN}
+    return {"bodies": rows, "all": together(rows), "unseen": together(unseen)}
+
+
+def together(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    true = np.abs(np.concatenate([row["cents"] for row in rows.values()]))
+    stated = np.concatenate([row["stated_cents"] for row in rows.values()])
+    return {
+        "modes": len(true),
+        "covered": int(np.count_nonzero(stated >= true)),
+        "median_stated_over_true": float(np.median(stated / np.maximum(true, 1e-3))),
+        "worst_cents": float(true.max()),
+        "worst_of_first_50_cents": max(
+            float(np.abs(row["cents"][:FIRST_MODES]).max()) for row in rows.values()
+        ),
+        "counts_right": sum(row["modes"] == row["modes_of_reference"] for row in rows.values()),
+        "median_cpu_s": float(np.median([row["cpu_s"] for row in rows.values()])),
+    }
+
+
+def draw(figures: dict[str, Any]) -> None:
+    """True over stated error of every mode."""
+    figure, axes = subplots(figsize=(6, 6))
+    for name, row in figures["bodies"].items():
+        axes.plot(row["stated_cents"], np.maximum(np.abs(row["cents"]), 1e-2), "o", ms=4, label=name)
+    ends = np.array([0.1, 100.0])
+    axes.plot(ends, ends, "k-", lw=1)
+    axes.set(xscale="log", yscale="log", xlabel="stated error, cents", ylabel="true error, cents")
+    axes.legend(fontsize=8)
+    save(figure, "stated_errors")
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
+    parser.add_argument("--only", nargs="+", default=[*BODIES, *CUBOIDS], choices=[*BODIES, *CUBOIDS])
+    given = parser.parse_args()
+    rows = {}
+    for name in given.only:
+        rows[name] = kept(given.folder / f"{name}.json", lambda at=name: measure(at))
+        shown = ("modes", "modes_of_reference", "median_cents", "worst_cents", "cpu_s")
+        print(name, {key: rows[name].get(key) for key in shown}, flush=True)
+    settings = {"max_frequency_hz": MAX_FREQUENCY_HZ, "accuracy_cents": "the default"}
+    conclude("stated_errors", figures(rows), settings, COMPARED, draw)
+
+
+if __name__ == "__main__":
+    main()
