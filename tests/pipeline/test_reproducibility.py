@@ -121,7 +121,7 @@ def test_modes_and_views_are_as_declared_on_another_processor(tmp_path, bar):
     for field in ("name", "source", "licence", "attribution"):
         setattr(described, field, "")
     described.mesh, described.texture, described.senses = bar, None, ("vision", "audio", "touch")
-    for field in ("length_m", "roughness", "metallic", "wall_m", "shell_m"):
+    for field in ("length_m", "roughness", "metallic", "wall_m", "shell_m", "mass_kg"):
         setattr(described, field, None)
     row = row_of(described, material)
     stages = {
