@@ -1,14 +1,70 @@
-"""What a process started for native code does first: make sure that it does not outlive its parent."""
+"""Modules that run in a process of their own: native code that nothing else could stop or clean up after."""
 
 import contextlib
 import ctypes
 import os
+import resource
 import signal
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 PR_SET_PDEATHSIG = 1
 CHECK_INTERVAL_S = 1.0
+OUT_OF_TIME = -signal.SIGXCPU  # exit status of a process that reached the limit of `limit_cpu_time`
+
+
+def run_module(
+    module: str,
+    *arguments: Path,
+    cwd: Path | None = None,
+    timeout_s: float | None = None,
+    environment: dict[str, str] | None = None,
+) -> subprocess.CompletedProcess[str]:
+    """Run `python -m MODULE ARGUMENTS` with this package on its path, and wait for it.
+
+    Parameters
+    ----------
+    cwd
+        Where it runs; here if None.
+    timeout_s
+        Wall seconds before it is killed; without limit if None.
+    environment
+        Variables besides those of this process.
+
+    Raises
+    ------
+    subprocess.TimeoutExpired
+        It took longer than `timeout_s`.
+    """
+    root = str(Path(__file__).resolve().parents[1])
+    search_path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-m", module, *map(str, arguments)],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        cwd=cwd,
+        timeout=timeout_s,
+        env={**os.environ, "PYTHONPATH": search_path, **(environment or {})},
+    )
+
+
+def last_words(stderr: str, lines: int = 1) -> str:
+    """Return the last lines that a process wrote, joined by slashes."""
+    return " / ".join(stderr.strip().splitlines()[-lines:]) or "no message"
+
+
+def limit_cpu_time(seconds: int) -> None:
+    """End this process with status `OUT_OF_TIME` after that many CPU seconds.
+
+    The hard limit comes later: where both are equal the kernel kills as it does for lack of memory.
+    """
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
 
 
 def end_with(parent: int) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from bench.record import arguments, conclude, cpu_seconds, kept, save, subplots
@@ -43,16 +44,9 @@ def case_of(name: str) -> tuple[Surface, Material, np.ndarray]:
     lengths, of, turned = CUBOIDS[name]
     material = materials[of]
     spectrum = cuboid(lengths, material.poisson_ratio, wavenumber_limit(material, limit_hz))
-    surface = box(np.array(lengths))
-    vertices = surface.vertices @ TURN.T if turned else surface.vertices
-    return Surface(vertices, surface.faces), material, spectrum.frequencies_hz(material)
-
-
-def box(lengths: np.ndarray) -> Surface:
-    """Twelve outward triangles."""
-    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * lengths
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    return Surface(corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]))
+    box = trimesh.creation.box(lengths)
+    vertices = np.array(box.vertices) @ (TURN.T if turned else np.eye(3))
+    return Surface(vertices, np.array(box.faces)), material, spectrum.frequencies_hz(material)
 
 
 def measure(name: str) -> dict[str, Any]:

@@ -1,13 +1,12 @@
 """CoACD in a process of its own, which a limit of CPU time can end: `coacd_process SURFACE.npz HULLS.npz`."""
 
 import os
-import resource
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from objectfolder.child_process import end_with
+from objectfolder.child_process import end_with, limit_cpu_time
 
 # Of CoACD's tree search and its samples. Its remeshing of open surfaces doubles the seconds of a mug.
 SEARCH = {"mcts_iterations": 60, "mcts_nodes": 10, "resolution": 1000, "preprocess_mode": "off"}
@@ -18,8 +17,7 @@ def main(source: Path, target: Path) -> None:
     import coacd
 
     with np.load(source) as given:
-        limit_s = int(given["time_limit_s"])
-        resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
+        limit_cpu_time(int(given["time_limit_s"]))
         coacd.set_log_level("error")
         parts = coacd.run_coacd(
             coacd.Mesh(given["vertices"], given["faces"]),

@@ -5,10 +5,6 @@ Collision-Aware Concavity and Tree Search", SIGGRAPH 2022), run on a decimated c
 metres. What they cover is measured on the surface itself.
 """
 
-import os
-import signal
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -20,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.stats import qmc
 
+from objectfolder.child_process import OUT_OF_TIME, last_words, run_module
 from objectfolder.errors import InputError
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import WindingNumber
@@ -44,7 +41,6 @@ MOST_VERTICES, MOST_VERTICES_IN_ALL = 32, 128
 FLATTEST = 1e-4
 # Of CoACD; among a hundred scans only a torn television takes longer.
 TIME_LIMIT_S = 150
-ENDED = (-signal.SIGXCPU, -signal.SIGKILL)
 MEASURING_POINTS = 1 << 14
 SURFACE_POINTS = 2000
 
@@ -170,12 +166,13 @@ def _solidity(surface: Surface) -> float:
 
 def _thinned(hull: Surface, most_vertices: int) -> Surface:
     """Return a hull with at most that many vertices."""
-    fewer = hull
-    faces = 2 * most_vertices - 4  # of a closed surface with that many vertices
-    while len(fewer.vertices) > most_vertices:
-        fewer = _convex_hull(_decimated(hull, faces).vertices) or hull
-        faces -= 2
-    return fewer
+    if len(hull.vertices) <= most_vertices:
+        return hull
+    for faces in range(2 * most_vertices - 4, 3, -2):  # first, of a closed surface with that many vertices
+        fewer = _convex_hull(_decimated(hull, faces).vertices)
+        if fewer is not None and len(fewer.vertices) <= most_vertices:
+            return fewer
+    return hull
 
 
 def _decimated(surface: Surface, most_faces: int) -> Surface:
@@ -197,16 +194,11 @@ def _hulls(surface: Surface, threshold_m: float, most_parts: int, seed: int, nam
         source, target = Path(folder) / "surface.npz", Path(folder) / "hulls.npz"
         given = {"threshold_m": threshold_m, "most_parts": most_parts, "seed": seed}
         np.savez(source, vertices=surface.vertices, faces=surface.faces, time_limit_s=TIME_LIMIT_S, **given)
-        command = [sys.executable, "-m", "objectfolder.simulators.coacd_process", str(source), str(target)]
-        root = str(Path(__file__).parents[2])
-        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": path}
-        )
+        done = run_module("objectfolder.simulators.coacd_process", source, target)
         if done.returncode:
-            last = done.stderr.strip().splitlines()[-1:] or [f"signal {-done.returncode}"]
-            cut_off = done.returncode in ENDED
-            what = f"takes more than {TIME_LIMIT_S} CPU-s" if cut_off else f"failed: {last[0]}"
+            what = f"ended with status {done.returncode}: {last_words(done.stderr)}"
+            if done.returncode == OUT_OF_TIME:
+                what = f"takes more than {TIME_LIMIT_S} CPU-s"
             remedy = "Mend its surface, or give --most-parts 1 for its convex hull."
             raise InputError(name, f"parting it into convex hulls {what}", remedy)
         with np.load(target) as hulls:

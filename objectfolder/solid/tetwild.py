@@ -1,8 +1,6 @@
 """fTetWild in a child process, within a limit of CPU time."""
 
-import os
 import subprocess
-import sys
 import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.child_process import OUT_OF_TIME, last_words, run_module
 from objectfolder.errors import SimulationError
 from objectfolder.surface.surface import Surface
 
@@ -51,30 +50,25 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "solid.npz"
         np.savez(source, vertices=surface.vertices, faces=surface.faces, **asdict(envelope))
-        command = [sys.executable, "-m", "objectfolder.solid.tetwild_process", str(source), str(target)]
-        root = str(Path(__file__).parents[2])
-        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
         slow = CutOffError("fTetWild", f"took more than {envelope.time_limit_s:.0f} CPU-s")
         try:
-            done = subprocess.run(
-                command,
-                capture_output=True,
-                text=True,
-                timeout=PATIENCE * envelope.time_limit_s,
-                cwd=folder,  # fTetWild leaves files where it runs
-                check=False,
-                env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+            done = run_module(
+                "objectfolder.solid.tetwild_process",
+                source,
+                target,
+                cwd=Path(folder),  # fTetWild leaves files where it runs
+                timeout_s=PATIENCE * envelope.time_limit_s,
+                environment={"OMP_NUM_THREADS": "1"},
             )
         except subprocess.TimeoutExpired as error:
             raise slow from error
-        if done.returncode in (-24, -9):
+        if done.returncode == OUT_OF_TIME:
             raise slow
         if "MemoryError" in done.stderr or "bad_alloc" in done.stderr:
             raise CutOffError("fTetWild", f"needs more than {envelope.memory_limit / 1e9:.3g} GB")
         if done.returncode < 0:
             raise CutOffError("fTetWild", f"ended with signal {-done.returncode}")
         if done.returncode > 0:
-            last = done.stderr.strip().splitlines()[-1:] or ["no message"]
-            return f"fTetWild failed: {last[0]}"
+            return f"fTetWild failed: {last_words(done.stderr)}"
         with np.load(target) as result:
             return {key: result[key] for key in result.files}

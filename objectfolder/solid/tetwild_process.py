@@ -16,7 +16,7 @@ import pyvista
 from numpy.typing import NDArray
 from pytetwild import PyfTetWildWrapper
 
-from objectfolder.child_process import end_with
+from objectfolder.child_process import end_with, limit_cpu_time
 from objectfolder.solid.seeded_random_device import seed_random_device
 from objectfolder.surface.surface import Surface
 
@@ -57,8 +57,7 @@ def _signed_volume(surface: Surface) -> float:
 def main(source: str, target: str) -> None:
     """Read, simplify, fill, write."""
     given = np.load(source)
-    limit = int(given["time_limit_s"])
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    limit_cpu_time(int(given["time_limit_s"]))
     most = int(given["memory_limit"])
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     surface = Surface(given["vertices"], given["faces"])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from vision_shapes import cube, sphere
 
+from objectfolder import child_process
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import srgb_decode
-from objectfolder.vision.truth import cycles_process
 from objectfolder.vision.truth.cycles import read_exr
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.passes import cast_passes
@@ -127,7 +127,7 @@ def test_bad_parameters_and_appearances_are_named():
 
 
 def test_a_failed_render_process_says_why(monkeypatch):
-    monkeypatch.setattr(cycles_process.sys, "executable", "/bin/false")
+    monkeypatch.setattr(child_process.sys, "executable", "/bin/false")
     shots = Shots(look_at(np.array([[0, 0, 2.5]])), np.array([[0.0, 0, 1]]), np.array([0]), 1, 8, 8, 40.0)
     with pytest.raises(SimulationError, match="status 1"):
         render_in_children(scene_of(cube()), shots)

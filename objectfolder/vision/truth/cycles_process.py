@@ -1,14 +1,12 @@
 """Cycles in child processes: the parent never imports bpy, and a child renders one sample count."""
 
 import dataclasses
-import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from objectfolder.child_process import last_words, run_module
 from objectfolder.errors import SimulationError
 from objectfolder.vision.truth.render_request import Scene, Shots, save_request
 
@@ -56,20 +54,10 @@ def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
 
 
 def _run(request: Path, result: Path) -> None:
-    package_root = str(Path(__file__).resolve().parents[3])
-    search_path = os.pathsep.join(filter(None, [package_root, os.environ.get("PYTHONPATH", "")]))
-    finished = subprocess.run(
-        [sys.executable, "-m", "objectfolder.vision.truth.cycles", str(request), str(result)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": search_path},
-        check=False,
-    )
+    finished = run_module("objectfolder.vision.truth.cycles", request, result)
     if finished.returncode or not result.exists():
-        words = finished.stderr.decode(errors="replace").strip().splitlines()
         raise SimulationError(
             "Cycles",
-            f"the render process ended with status {finished.returncode}: {' / '.join(words[-3:])}",
+            f"the render process ended with status {finished.returncode}: {last_words(finished.stderr, 3)}",
             "Install the factory extra on Python 3.11 with Blender's system libraries (see README).",
         )
