@@ -14,7 +14,6 @@ from pipeline.dataset.stages import STAGES
 
 OBJECTS = ("bowl", "die", "bell")
 NAMES = ("objects", "touches")
-STAGES_RUN = ",".join(NAMES)
 
 TASKS = '''
 """The real task bodies; each execution leaves a line."""

@@ -32,12 +32,7 @@ ANALYSE_AND_FACTORISE, SOLVE = 12, 33
 
 
 class Factorisation:
-    """Factors of a sparse symmetric matrix.
-
-    Attributes
-    ----------
-    nonzeros : entries of the factors
-    """
+    """Factors of a sparse symmetric matrix."""
 
     def __init__(self, matrix: sparse.csr_matrix, *, definite: bool, solver: str = SOLVER) -> None:
         """Factorise (n, n); without interchanges when `definite`.
@@ -75,7 +70,6 @@ class Factorisation:
             self._factors._call_pardiso(self._upper, np.zeros((self._upper.shape[0], 1)))
         except PyPardisoError as error:
             raise ArithmeticError(str(error)) from error
-        self.nonzeros = int(self._factors.get_iparm(18))
         self._perturbed = int(self._factors.get_iparm(14))
 
     def _super_lu(self, matrix: sparse.csr_matrix, definite: bool) -> None:
@@ -85,7 +79,6 @@ class Factorisation:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        self.nonzeros = int(self._factors.L.nnz)
         if definite and (self._interchanged() or (self._factors.U.diagonal() <= 0).any()):
             raise ArithmeticError("a pivot is not positive, though the matrix should be definite")
 
