@@ -19,7 +19,6 @@ import numpy as np
 
 from bench.record import conclude, cpu_seconds, kept, save, subplots
 from bench.senses.catalogue import Scans, scan_arguments
-from bench.senses.vision_lights import BEHIND_DEG, GRAZING_DEG, LIGHTS, light_positions
 from objectfolder.audio.materials import Material
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
 from objectfolder.products.store import Array, Product, read_product, write_product
@@ -56,6 +55,24 @@ SHINY_SAMPLES = 1024
 TRUTH_SEED = 1 << 29
 # Views of the other tests, and paths a pixel there.
 OTHER_VIEWS, OTHER_SAMPLES = 4, 128
+# Lights for which training views do not prepare a VisionNet.
+LIGHTS = ("radius_0.8", "radius_2", "grazing", "behind")
+GRAZING_DEG, BEHIND_DEG = 100.0, 160.0
+
+
+def light_positions(light: str, cameras: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Return (n, 3) lights: on a sphere about the origin, or at an angle from the camera's direction."""
+    if light.startswith("radius_"):
+        return uniform_on_sphere(len(cameras), float(light.removeprefix("radius_")), random)
+    around = uniform_on_sphere(len(cameras), 1.0, random)
+    if light == "sphere":
+        return around
+    towards = cameras[:, :3, 2]
+    around -= np.einsum("ij,ij->i", around, towards)[:, None] * towards
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    angle = np.deg2rad({"grazing": GRAZING_DEG, "behind": BEHIND_DEG}[light])
+    result: np.ndarray = np.cos(angle) * towards + np.sin(angle) * around
+    return result
 
 
 @dataclass(frozen=True)
