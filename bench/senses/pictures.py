@@ -12,7 +12,7 @@ import numpy as np
 
 import objectfolder
 from bench.record import REPOSITORY, arguments
-from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ, stored_strike
 from objectfolder.products.store import Product, read_product
 
 matplotlib.use("Agg")
@@ -33,9 +33,9 @@ def draw_hero(path: Path, data: Path, products: dict[str, Product]) -> None:
         file = objectfolder.load(data / "object_files" / f"{name}.safetensors")
         shown = file.pictures(1, 512)[0]
         axes[0, index].imshow(shown[np.ix_((shown < 255).any((1, 2)), (shown < 255).any((0, 2)))])
-        strikes, touches = product["strike_answer"], product["touch_answer"]
-        if index % 2 == 0 and len(strikes) and strikes[0].any():
-            level = _level(_frames(strikes[0].astype(np.float64)))[:, :512].T
+        touches = product["touch_answer"]
+        if index % 2 == 0 and "strike_amplitudes" in product:
+            level = _level(_frames(stored_strike(product, 1, 0)))[:, :512].T
             axes[1, index].imshow(level, origin="lower", aspect="auto", cmap="magma", vmin=-RANGE_DB)
         else:
             axes[1, index].imshow(touches[touches.reshape(len(touches), -1).std(axis=1).argmax()])
@@ -78,8 +78,8 @@ def difference_picture(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
 
 
 def draw_strike(path: Path, fidelity: Product, name: str) -> None:
-    """Spectrograms and spectra of the first held-out strike kept."""
-    sounds = [fidelity[f"strike_{which}"][0].astype(np.float64) for which in ("truth", "answer")]
+    """Spectrograms and spectra of the first held-out strike."""
+    sounds = [stored_strike(fidelity, which, 0) for which in (0, 1)]
     figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.2), width_ratios=(1, 1, 1.2), layout="constrained")
     top = max(np.abs(_frames(sound)).max() for sound in sounds)
     for axis, sound, title in zip(axes, sounds, ("truth", "Object File"), strict=False):

@@ -15,7 +15,7 @@ from objectfolder.fidelity.sounds import (
     stft_distance,
 )
 from objectfolder.object_file import ObjectFile
-from objectfolder.products.store import Product
+from objectfolder.products.store import Array, Product
 
 SOUNDS_COMPARED = 24
 DURATION_S = 1.0
@@ -41,6 +41,7 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
     frequencies = modes["frequencies_hz"]
     result: dict[str, Any] = {
         "audible": bool(modes.attributes["audible"]),
+        "per_strike": [],
         "absent": modes.attributes.get("absent"),
         "modes": len(frequencies),
         "first_frequency_hz": float(frequencies[0]) if len(frequencies) else None,
@@ -74,6 +75,10 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
     damping = modes["dampings_per_s"]
     by_point = gain_error_by_point_db(truth, answer)
     true_sounds, file_sounds = sound_pairs(file, modes)
+    differences = [gain_error_db(*pair) for pair in zip(true_sounds, file_sounds, strict=True)]
+    result["per_strike"] = [
+        {"difference_db": None if np.isnan(difference) else difference} for difference in differences
+    ]
     values = (
         float(np.abs(cents(file.modes.frequencies_hz[ringing], frequencies[ringing])).max()),
         float(np.max(np.abs(file.modes.dampings_per_s - damping) / np.maximum(damping, 1e-300))),
@@ -98,19 +103,42 @@ def struck(modes: Product, count: int = SOUNDS_COMPARED) -> tuple[np.ndarray, np
     return points, np.eye(3)[np.arange(len(points)) % 3]
 
 
+def struck_amplitudes(file: ObjectFile, modes: Product) -> np.ndarray:
+    """Return what each mode adds to the sounds of `sound_pairs`: (2, n, modes) m/s, truth and Object File."""
+    points, impulses = struck(modes)
+    truth = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)])
+    answer = np.einsum("nk,nkm->nm", impulses, file.modes.gains(points))
+    return np.stack([truth * modes["radiation_weights"], answer * file.modes.radiation_weights])
+
+
 def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarray]:
     """Strike held-out points (see `struck`): truth and Object File, (n, samples) each.
 
     They are observed in the papers' way, so that their distances are of what the papers compare.
     """
     points, impulses = struck(modes)
-    amplitudes = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)])
-    truth = mode_bank(
-        modes["eigenvalues"],
-        modes["dampings_per_s"],
-        amplitudes * modes["radiation_weights"],
-        DURATION_S,
-        SAMPLE_RATE_HZ,
-    )
+    amplitudes, _ = struck_amplitudes(file, modes)
+    truth = mode_bank(modes["eigenvalues"], modes["dampings_per_s"], amplitudes, DURATION_S, SAMPLE_RATE_HZ)
     answer = file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ, observed=RMS)
     return truth.astype(np.float32), answer
+
+
+def strike_arrays(file: ObjectFile, modes: Product) -> dict[str, Array]:
+    """Return what the sounds of `sound_pairs` are made from, truth and Object File, for a product."""
+    said, dims = "truth and Object File", ("which", "mode")
+    columns = {"eigenvalues": "rad^2/s^2", "dampings_per_s": "1/s"}
+    amplitudes = struck_amplitudes(file, modes).astype(np.float32)
+    return {
+        "strike_amplitudes": Array(amplitudes, ("which", "strike", "mode"), "m/s", f"held out: {said}"),
+        **{
+            f"strike_{name}": Array(np.stack([modes[name], getattr(file.modes, name)]), dims, unit, said)
+            for name, unit in columns.items()
+        },
+    }
+
+
+def stored_strike(fidelity: Product, which: int, row: int) -> np.ndarray:
+    """Return (samples,) m/s of a strike of `strike_arrays`; `which` is 0 for truth, 1 for the Object File."""
+    named = (fidelity[f"strike_{name}"][which] for name in ("eigenvalues", "dampings_per_s", "amplitudes"))
+    eigenvalues, dampings_per_s, amplitudes = named
+    return mode_bank(eigenvalues, dampings_per_s, amplitudes[row], DURATION_S, SAMPLE_RATE_HZ)[0]

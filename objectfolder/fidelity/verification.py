@@ -171,10 +171,8 @@ def _sound(
     summary = sound.measure_sound(file, modes)
     count = len(file.modes.frequencies_hz)
     rows = []
-    pairs = np.zeros((2, 0, 0), dtype=np.float32)
     if count:
-        truth, answer = sound.sound_pairs(file, modes)
-        pairs = np.stack([truth[:PICTURES], answer[:PICTURES]])
+        truth, _ = sound.sound_pairs(file, modes)
         points, impulses = sound.struck(modes)
         for share in MODE_SHARES:
             kept = max(1, round(share * count))
@@ -185,12 +183,7 @@ def _sound(
             error = 10 * np.log10(max(stft_distance(truth, partial, sound.SAMPLE_RATE_HZ), 1e-30))
             size = round(file.bytes_by_part()["audio"] * kept / count)
             rows.append(_row("audio", "modes", kept, float(error), "STFT distance dB", size))
-    dims = ("sound", "sample")
-    arrays = {
-        "strike_truth": Array(pairs[0], dims, "m/s", "struck held-out points, 44100 Hz: truth"),
-        "strike_answer": Array(pairs[1], dims, "m/s", "struck held-out points, 44100 Hz: Object File"),
-    }
-    return summary, rows, arrays
+    return summary, rows, sound.strike_arrays(file, modes) if count else {}
 
 
 def _feel(

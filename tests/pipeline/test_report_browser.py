@@ -12,10 +12,11 @@ from typing import Any
 import axe_playwright_python
 import numpy as np
 import pytest
-from fidelity_products import FAILURE, write_costs
+from fidelity_products import FAILURE, HELD_OUT_STRIKES, write_costs
 from PIL import Image
 from report_data_sets import HOSTILE, write_object
 
+from objectfolder.fidelity.sound import stored_strike
 from objectfolder.products.store import Product, read_product, write_product
 from pipeline.publish.report.index_page import COLUMNS
 from pipeline.publish.report.writing import write_report
@@ -314,6 +315,33 @@ def test_the_difference_is_that_of_the_stored_pictures(reports: Path, open_page:
         page.wait_for_selector(f"{canvas}[data-factor='2']")
         assert np.array_equal(pixels(page, canvas), np.clip(128 + 2 * difference[0], 0, 255))
         page.select_option(f"[data-sense={sense}] select", "8")
+
+
+def test_every_held_out_strike_sounds_as_its_modes_do(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "objects" / "mug.html").page
+    slider = page.locator("#strike-query")
+    assert slider.get_attribute("max") == str(HELD_OUT_STRIKES)
+    fidelity = read_product(reports.parent / "data" / "fidelity" / "mug.zarr.zip")
+    query = "document.querySelector('.query.strikes')"
+    for row in (0, HELD_OUT_STRIKES - 1):
+        found = page.evaluate(
+            f"(() => {{ const {{ gain, sounds }} = struckSounds({query}.dataset, {row});"
+            " return { gain, sounds: sounds.map((sound) => [...sound.subarray(0, 40000)]) }; })()"
+        )
+        for which, sound in enumerate(found["sounds"]):
+            wanted = found["gain"] * stored_strike(fidelity, which, row)[:40000]
+            np.testing.assert_allclose(sound, wanted, atol=1e-6)
+            assert np.abs(sound).max() < 0.901
+    pictured = "[...document.querySelectorAll('.query.strikes image')].map((one) => one.getAttribute('href'))"
+    worst = page.evaluate(pictured)
+    slider.fill(str(HELD_OUT_STRIKES))
+    best = page.evaluate(pictured)
+    assert (
+        page.locator("[data-sense=strike] output").first.text_content()
+        == f"{HELD_OUT_STRIKES} of {HELD_OUT_STRIKES}: best"
+    )
+    assert len(worst) == len(best) == 3
+    assert worst[2] != best[2], "the difference is another"
 
 
 def test_a_button_plays_its_sound_and_stops_the_other(reports: Path, open_page: Callable[..., Any]) -> None:

@@ -112,8 +112,8 @@ def test_hostile_text_is_text(root: Path) -> None:
         assert page.handlers == []
         assert "x" not in [reference for _, reference in page.references]
         assert "<script>document" not in page.source
-        own = {"index.html": {"script": 3}, "": {"script": 4}}
-        assert page.tags.count("script") == own.get(path.name, own[""])["script"]
+        own = {"index.html": 3, "die.html": 5, "deaf.html": 5}  # these two have no strikes
+        assert page.tags.count("script") == own.get(path.name, 6), path.name
         assert page.tags.count("table") == page.source.count("</table>")
     text = Page(root / "reports" / "objects" / "hostile.html").text
     assert text.count(HOSTILE) >= 8, "name, material, licence, attribution, source, definitions, citation ..."
@@ -155,10 +155,9 @@ def test_the_index_says_what_is_known(root: Path) -> None:
 
 def test_a_page_shows_every_sense(root: Path) -> None:
     page = Page(root / "reports" / "objects" / "mug.html")
-    assert page.tags.count("audio") == 4
+    assert page.tags.count("audio") == 2
     assert page.tags.count("canvas") == 2 * (4 + 3), "of stored pairs, and of what comes from the sheets"
     assert page.source.count('class="spot') == 4 + 1
-    assert page.source.count("data:audio/wav") == 4
     assert "views failed." in page.text
     assert "A. Maker" in page.text
     assert "density_kg_m3" in page.text.replace(" ", "_")
@@ -322,7 +321,7 @@ def test_an_open_surface_says_how_it_was_filled(tmp_path: Path) -> None:
 
 def test_a_whole_product_of_another_kind_costs_its_part_of_the_page_alone(tmp_path: Path) -> None:
     flat = {"vision_truth": np.zeros((4, 9)), "vision_answer": np.zeros((4, 9))}
-    mute = {"strike_truth": np.zeros(3), "strike_answer": np.ones(3)}
+    mute = {"strike_amplitudes": np.zeros((2, 3))}
     cases: dict[str, tuple[str, dict[str, np.ndarray], str]] = {
         "flat": ("fidelity", flat, "views: not what"),
         "mute": ("fidelity", mute, "strikes: not what"),

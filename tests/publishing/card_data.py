@@ -43,7 +43,6 @@ def write_data_set(
         path = OBJECT_FILES.path(root, object_id)
         write_tensor_file(path, TensorFile(tensors, {"format": "objectfolder"}))
         picture = Array(np.zeros((1, 8, 8, 3), np.uint8), ("picture", "y", "x", "channel"), "1", "a picture")
-        sound = Array(np.zeros((1, 64), np.float32), ("sound", "sample"), "m/s", "a sound")
         fidelity = {
             "object": {"id": object_id, "name": rows[object_id]["name"], "material": "steel"},
             "vision": {"psnr_db": 50.0 + index, "psnr_foreground_db": 40.0, "ssim": 0.99, "per_view": []},
@@ -52,10 +51,7 @@ def write_data_set(
             "bytes": {"total": path.stat().st_size},
             "definitions": {"vision.psnr_db": "PSNR of |images| on white"},
         }
-        arrays = {
-            **dict.fromkeys(("vision_truth", "vision_answer", "touch_truth", "touch_answer"), picture),
-            **dict.fromkeys(("strike_truth", "strike_answer"), sound),
-        }
+        arrays = dict.fromkeys(("vision_truth", "vision_answer", "touch_truth", "touch_answer"), picture)
         write_product(FIDELITY.path(root, object_id), Product(arrays, fidelity))
     write_report(root / FIDELITY.folder, root / "costs.csv", root / "reports")
     return root / "reports"

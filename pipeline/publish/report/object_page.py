@@ -26,7 +26,7 @@ from pipeline.publish.report.summary import definitions_of, error_words, setting
 from pipeline.publish.report.templates import security_policy, template_environment
 
 SENSE_NAMES = {"vision": "Sight", "audio": "Sound", "touch": "Touch"}
-SCRIPTS = ("theme.js", "object.js")
+SCRIPTS = ("theme.js", "strikes.js", "object.js")
 SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096
@@ -133,7 +133,7 @@ class ObjectPage:
                 if ".wav" in beside:
                     from pipeline.publish.report.sounds import short_sound
 
-                    beside[".wav"] = short_sound(fidelity["strike_answer"][0])
+                    beside[".wav"] = short_sound(fidelity)
             page = environment.get_template("object.html.j2").render(
                 page=self,
                 player=player,

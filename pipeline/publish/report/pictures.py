@@ -1,8 +1,6 @@
 """Pictures as data URIs."""
 
 import base64
-import io
-import zlib
 from functools import cache
 
 import numpy as np
@@ -21,18 +19,6 @@ def picture_uri(image: np.ndarray) -> str:
     # With a level of compression set, OpenCV would try all filters too.
     _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     return _uri(encoded.tobytes())
-
-
-def indexed_uri(levels: np.ndarray, palette: np.ndarray, transparent: int | None = None) -> str:
-    """Return an (h, w) uint8 image of places in an (n, 3) palette as a data URI; one may be see-through."""
-    from PIL import Image
-
-    picture = Image.fromarray(np.ascontiguousarray(levels), "P")
-    picture.putpalette(palette.astype(np.uint8).tobytes())
-    options = {} if transparent is None else {"transparency": transparent}
-    buffer = io.BytesIO()
-    picture.save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, **options)
-    return _uri(buffer.getvalue())
 
 
 @cache

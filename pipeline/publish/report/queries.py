@@ -14,10 +14,10 @@ from pipeline.dataset.measures import number_at
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
-from pipeline.publish.report.sounds import SoundPair, sound_pair
+from pipeline.publish.report.sounds import strike_data
 from pipeline.publish.report.templates import number
 
-IMPULSE = ("x", "y", "z")
+AXES = ("x", "y", "z")
 
 
 class Fact(NamedTuple):
@@ -84,37 +84,40 @@ class Gallery(NamedTuple):
         return [one for one in self.items if one.truth]
 
     def others(self) -> dict[str, Any]:
-        """Return what a page needs to show the others from the sheet, as JSON, by rank."""
-        return {
-            str(one.rank): {
-                "place": one.place,
-                "row": one.row,
-                "facts": [
-                    (fact.name, number(fact.value, fact.decimals), fact.unit)
-                    for fact in one.facts
-                    if fact.value is not None
-                ],
-                "contact": one.contact and one.contact._asdict(),
-            }
-            for one in self.items
-            if not one.truth
+        """Return what a page needs to show those on the sheet; see `by_rank`."""
+        return by_rank([one for one in self.items if not one.truth])
+
+
+def by_rank(items: list[Seen]) -> dict[str, Any]:
+    """Return what a page's script needs to show queries without pictures of their own, as JSON, by rank."""
+    return {
+        str(one.rank): {
+            "place": one.place,
+            "row": one.row,
+            "facts": [
+                (fact.name, number(fact.value, fact.decimals), fact.unit)
+                for fact in one.facts
+                if fact.value is not None
+            ],
+            "contact": one.contact and one.contact._asdict(),
         }
+        for one in items
+    }
 
 
-class Heard(NamedTuple):
-    """Truth and answer of a held-out strike."""
+class Strikes(NamedTuple):
+    """The held-out strikes, worst first, by rank as in `by_rank`, and what their sounds are made from."""
 
-    place: str
-    sound: SoundPair
-    facts: list[Fact]
+    known: dict[str, Any]
+    data: dict[str, str]
 
 
 def queries(fidelity: Product, products: ObjectProducts, most: int) -> dict[str, Any]:
-    """Return every view and touch, up to `most` of them with lossless pictures, and up to `most` strikes.
+    """Return every held-out query of each sense, up to `most` of them with lossless pictures.
 
     What cannot be read is left out and noted in ``products.unreadable``.
     """
-    found: dict[str, Any] = {"views": None, "strikes": [], "touches": None}
+    found: dict[str, Any] = {"views": None, "strikes": None, "touches": None}
     for sense, read in (("views", _views), ("strikes", _strikes), ("touches", _touches)):
         with products.reading(sense):
             found[sense] = read(fidelity, products, most)
@@ -192,23 +195,24 @@ def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
     return [Fact(f"{name} azimuth", azimuth, "°", 0), Fact(f"{name} elevation", elevation, "°", 0)]
 
 
-def _strikes(fidelity: Product, products: ObjectProducts, most: int) -> list[Heard]:
-    points = np.zeros((0, 3))
+def _strikes(fidelity: Product, products: ObjectProducts, most: int) -> Strikes | None:
+    del most  # sounds are made on the page
+    if "strike_amplitudes" not in fidelity:
+        return None
+    data, count = strike_data(fidelity), fidelity["strike_amplitudes"].shape[1]
+    differences = [number_at(row, "difference_db") for row in _table(fidelity, "audio", "per_strike")]
+    facts = [[Fact("difference", value, "dB of the truth's energy")] for value in differences]
+    if len(facts) != count:
+        raise ValueError(f"{len(facts)} differences of {count} strikes")
     with products.reading("modes"):
         modes = products.arrays("modes", "points", "held_out")
-        points = modes["points"][modes["held_out"]]
-    shown = []
-    for rank, (truth, answer) in enumerate(zip(*(_stored(fidelity, "strike") or ((), ())), strict=True)):
-        if rank == most:
-            break
-        sound = sound_pair(truth, answer)
-        facts = [Fact("difference", sound.difference_db, "dB of the truth's energy")]
-        place = f"strike {rank + 1}"
-        if rank < len(points):
-            facts += [Fact(axis, 1e3 * float(x), "mm") for axis, x in zip(IMPULSE, points[rank], strict=True)]
-            place = f"1 N s along {IMPULSE[rank % 3]}"
-        shown.append(Heard(place, sound, facts))
-    return shown
+        for row, point in enumerate(modes["points"][modes["held_out"]][:count].tolist()):
+            facts[row].append(Fact(f"impulse along {AXES[row % 3]}", 1.0, "N s", 0))
+            facts[row] += [Fact(axis, 1e3 * x, "mm") for axis, x in zip(AXES, point, strict=True)]
+    order = sorted(range(count), key=lambda row: math.inf if (d := differences[row]) is None else -d)
+    places = {0: "worst", count - 1: "best"}
+    items = [Seen(rank, places.get(rank, ""), row, facts[row]) for rank, row in enumerate(order)]
+    return Strikes(by_rank(items), data)
 
 
 def _touches(fidelity: Product, products: ObjectProducts, most: int) -> Gallery | None:
@@ -251,7 +255,7 @@ def _labels(products: ObjectProducts) -> list[list[Fact]]:
     columns = (touches[name][touches["held_out"]].tolist() for name in names)
     return [
         [
-            *(Fact(axis, 1e3 * value, "mm") for axis, value in zip("xyz", point, strict=True)),
+            *(Fact(axis, 1e3 * value, "mm") for axis, value in zip(AXES, point, strict=True)),
             Fact("depth", 1e3 * depth, "mm", 2),
             Fact("tilt", tilt, "°"),
             Fact("contact area", 1e6 * area, "mm²"),

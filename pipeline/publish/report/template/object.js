@@ -46,6 +46,18 @@
     query.dataset.drawn = row;
   };
 
+  const drawStrike = (query, row) => {
+    const { gain, files, pictures } = struckSounds(query.dataset, row);
+    query.querySelector(".gain").textContent = gain.toPrecision(3);
+    for (const [which, figure] of query.querySelectorAll("figure").entries()) {
+      figure.querySelector("svg image").setAttribute("href", pictures[which]);
+      const audio = figure.querySelector("audio");
+      if (!audio) continue;
+      URL.revokeObjectURL(audio.src);
+      audio.src = URL.createObjectURL(files[which]);
+    }
+  };
+
   const showContact = (query, contact) => {
     const set = (part, values) => {
       for (const [name, value] of Object.entries(values)) query.querySelector(part).setAttribute(name, value);
@@ -63,7 +75,7 @@
   const queryOf = (sense, rank) => {
     const own = sense.querySelector(`.query[data-rank="${rank}"]`);
     if (own) return own;
-    const query = sense.querySelector(".query[data-sheet]");
+    const query = sense.querySelector(".query[data-sheet], .query.strikes");
     query.known ??= JSON.parse(query.querySelector("script").textContent);
     const { place, row, facts, contact } = query.known[rank];
     query.dataset.place = place;
@@ -80,7 +92,8 @@
       }),
     );
     if (contact) showContact(query, contact);
-    drawSheet(query, row);
+    if (query.dataset.sheet) drawSheet(query, row);
+    else drawStrike(query, row);
     return query;
   };
 
@@ -121,8 +134,6 @@
       head.setAttribute("x2", place);
       if (!audio.paused) requestAnimationFrame(move);
     };
-    audio.controls = false;
-    button.hidden = false;
     button.setAttribute("aria-pressed", "false");
     button.addEventListener("click", () => {
       const again = audio.paused;
