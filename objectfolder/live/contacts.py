@@ -1,0 +1,47 @@
+"""What a running simulation tells of its bodies: poses, masses and contacts, and nothing else."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Touching:
+    """Two bodies that touch at a point.
+
+    Attributes
+    ----------
+    bodies : names of the two
+    point_m : (3,) in the world
+    normal : (3,) unit, from the first body to the second
+    approach_m_s : speed at which they close along the normal, before the contact slowed them; negative apart
+    mass_kg : that the two offer to each other there along the normal (Mirtich 1996, section 3.2)
+    """
+
+    bodies: tuple[str, str]
+    point_m: Floats
+    normal: Floats
+    approach_m_s: float
+    mass_kg: float
+
+
+class Simulation(Protocol):
+    """An engine of rigid bodies with objects in it; `MujocoSimulation` is one.
+
+    `time_s` and `timestep_s` are in seconds. `step` moves the world on by a time step; `touching` and `pose`,
+    (4, 4) object to world, are those at the beginning of the last one.
+    """
+
+    @property
+    def time_s(self) -> float: ...  # noqa: D102
+    @property
+    def timestep_s(self) -> float: ...  # noqa: D102
+    def step(self) -> None: ...  # noqa: D102
+    def pose(self, body: str) -> Floats: ...  # noqa: D102
+    def mass_kg(self, body: str) -> float: ...  # noqa: D102
+    def touching(self) -> Sequence[Touching]: ...  # noqa: D102

@@ -1,0 +1,125 @@
+"""Collisions of a simulation as they are heard: when, how hard, in blocks, and what is refused."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import objectfolder
+from objectfolder.errors import QueryError
+from objectfolder.live import Impact, LiveSound, MujocoSimulation
+
+GRAVITY, STEP_S, RATE_HZ = 9.81, 0.002, 44_000.0  # 88 samples a step
+RADIUS_M = 0.06
+LISTENER_M = np.array([0.0, -0.5, 0.5])
+
+
+@pytest.fixture(scope="module")
+def mug():
+    return objectfolder.example("mug")
+
+
+def world(
+    bodies: dict[str, tuple[float, float, float]], mass_kg: float, step_s: float = STEP_S
+) -> MujocoSimulation:
+    """Balls of the mass of a mug above a plane, by the places of their centres."""
+    moment = 0.4 * mass_kg * RADIUS_M**2
+    balls = "".join(
+        f'<body name="{name}" pos="{x} {y} {z}"><freejoint/>'
+        f'<inertial pos="0 0 0" mass="{mass_kg}" diaginertia="{moment} {moment} {moment}"/>'
+        f'<geom type="sphere" size="{RADIUS_M}"/></body>'
+        for name, (x, y, z) in bodies.items()
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{step_s}" gravity="0 0 -{GRAVITY}"/>'
+        f'<worldbody><geom type="plane" size="1 1 .1"/>{balls}</worldbody></mujoco>'
+    )
+    return MujocoSimulation(model, mujoco.MjData(model))
+
+
+def mass_of(file) -> float:
+    return file.description["body"]["mass_kg"]
+
+
+def heard(simulation: MujocoSimulation, files, blocks: int, **given) -> tuple[np.ndarray, list[Impact]]:
+    live = LiveSound(simulation, files, sample_rate_hz=RATE_HZ, listener_m=LISTENER_M, **given)
+    return np.concatenate([live.block() for _ in range(blocks)]), live.impacts
+
+
+@pytest.mark.parametrize("height_m", [0.05, 0.2])
+def test_a_ball_that_falls_strikes_when_and_as_hard_as_mechanics_says(mug, height_m):
+    simulation = world({"mug": (0, 0, RADIUS_M + height_m)}, mass_of(mug))
+    sound, impacts = heard(simulation, {"mug": mug}, 30, restitution=0.3)
+    first = impacts[0]
+    speed = np.sqrt(2 * GRAVITY * height_m)
+    assert first.time_s == pytest.approx(speed / GRAVITY, abs=2 * STEP_S)
+    assert set(first.bodies) == {"world", "mug"}
+    size = 1.3 * mass_of(mug) * speed
+    assert np.linalg.norm(first.impulse_n_s) == pytest.approx(size, rel=2 * STEP_S * GRAVITY / speed)
+    before = int(first.time_s * RATE_HZ)
+    assert not sound[:before].any()
+    assert np.abs(sound[before:]).max() > 0
+
+
+def test_blocks_are_what_the_file_answers_at_once(mug):
+    simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
+    listener = LISTENER_M - [0, 0, RADIUS_M + 0.1]
+    sound, (first, *_) = heard(simulation, {"mug": mug}, 30, block_samples=512)
+    simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
+    other, _ = heard(simulation, {"mug": mug}, 30 * 4, block_samples=128)
+    scale = np.abs(sound).max()
+    np.testing.assert_allclose(other, sound, atol=1e-9 * scale)
+    sign = 1 if first.bodies[1] == "mug" else -1
+    # The ball touches the ground below its centre, at the foot of the mug's frame.
+    point = mug.surface.closest_points(np.array([[0, 0, -RADIUS_M]])).points
+    wanted = mug.strike(
+        point, sign * first.impulse_n_s, 0.2, RATE_HZ, pulse=first.duration_s, listener=listener
+    )[0]
+    start = round(first.time_s * RATE_HZ)
+    count = 3000  # before the ball comes back
+    np.testing.assert_allclose(sound[start : start + count], wanted[:count], atol=1e-6 * scale)
+
+
+def test_both_bodies_of_a_collision_ring_and_sounds_add_up(mug):
+    places = {"left": (-RADIUS_M - 0.01, 0, 2.0), "right": (RADIUS_M + 0.01, 0, 2.0)}
+    material, sounds = mug.description["material"], {}
+    ceramic = material["youngs_modulus_pa"], material["poisson_ratio"]
+    for files in (("left",), ("right",), ("left", "right")):
+        simulation = world(places, mass_of(mug))
+        simulation._data.qvel[0] = 1.0
+        sounds[files], impacts = heard(simulation, dict.fromkeys(files, mug), 20, others=ceramic)
+        collision = next(one for one in impacts if set(one.bodies) == {"left", "right"})
+        assert np.linalg.norm(collision.impulse_n_s) == pytest.approx(1.5 * mass_of(mug) / 2, rel=0.02)
+        assert np.abs(sounds[files]).max() > 0
+    both = sounds[("left", "right")]
+    np.testing.assert_allclose(both, sounds[("left",)] + sounds[("right",)], atol=1e-9 * np.abs(both).max())
+
+
+def test_a_harder_material_is_struck_for_a_shorter_time(mug):
+    durations = []
+    for others in ((1e9, 0.3), (1.1e10, 0.25), (2e11, 0.29)):
+        simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
+        _, impacts = heard(simulation, {"mug": mug}, 20, others=others)
+        durations.append(impacts[0].duration_s)
+    assert durations == sorted(durations, reverse=True)
+
+
+def test_a_body_at_rest_is_silent(mug):
+    sound, impacts = heard(world({"mug": (0, 0, RADIUS_M)}, mass_of(mug)), {"mug": mug}, 90)
+    assert impacts == []
+    assert not sound.any()
+
+
+def test_what_cannot_be_heard_is_refused(mug):
+    right = world({"mug": (0, 0, 1)}, mass_of(mug))
+    with pytest.raises(QueryError, match="no body 'cup'"):
+        LiveSound(right, {"cup": mug})
+    with pytest.raises(QueryError, match=r"weighs 0\.\d+ kg in the simulation.*Give the file of that object"):
+        LiveSound(world({"mug": (0, 0, 1)}, 1.1**3 * mass_of(mug)), {"mug": mug})
+    with pytest.raises(QueryError, match=r"a time step of 0\.02 s is longer than a block"):
+        LiveSound(world({"mug": (0, 0, 1)}, mass_of(mug), step_s=0.02), {"mug": mug})
+    with pytest.raises(QueryError, match="restitution"):
+        LiveSound(right, {"mug": mug}, restitution=2.0)
+    live = LiveSound(right, {"mug": mug})
+    right._data.qvel[0] = np.nan
+    with pytest.raises(QueryError, match="not finite"):
+        live.block()
