@@ -47,7 +47,8 @@ def stored(name: str) -> dict[str, Any]:
 
 def redraw(name: str) -> None:
     """Draw the stored figures of a comparison by the function `draw` of its module."""
-    folder = "senses" if (REPOSITORY / "bench" / "senses" / f"{name}.py").exists() else "factory"
+    folders = ("senses", "factory", "rivals")
+    folder = next(one for one in folders if (REPOSITORY / "bench" / one / f"{name}.py").exists())
     import_module(f"bench.{folder}.{name}").draw(stored(name)["figures"])
 
 
