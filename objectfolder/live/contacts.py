@@ -31,17 +31,24 @@ class Touching:
 
 
 class Simulation(Protocol):
-    """An engine of rigid bodies with objects in it; `MujocoSimulation` is one.
-
-    `time_s` and `timestep_s` are in seconds. `step` moves the world on by a time step; `touching` and `pose`,
-    (4, 4) object to world, are those at the beginning of the last one.
-    """
+    """An engine of rigid bodies with objects in it; `MujocoSimulation` is one."""
 
     @property
-    def time_s(self) -> float: ...  # noqa: D102
+    def time_s(self) -> float:
+        """Seconds since the engine's start."""
+
     @property
-    def timestep_s(self) -> float: ...  # noqa: D102
-    def step(self) -> None: ...  # noqa: D102
-    def pose(self, body: str) -> Floats: ...  # noqa: D102
-    def mass_kg(self, body: str) -> float: ...  # noqa: D102
-    def touching(self) -> Sequence[Touching]: ...  # noqa: D102
+    def timestep_s(self) -> float:
+        """Seconds a step."""
+
+    def step(self) -> None:
+        """Move the world on by a time step."""
+
+    def pose(self, body: str) -> Floats:
+        """Return the pose (4, 4) of a body at the beginning of the last step, object to world, metres."""
+
+    def mass_kg(self, body: str) -> float:
+        """Return the mass of a body."""
+
+    def touching(self) -> Sequence[Touching]:
+        """Return the contacts at the beginning of the last step."""

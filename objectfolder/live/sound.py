@@ -92,14 +92,14 @@ class LiveSound:
     ) -> None:
         self._simulation, self._files = simulation, dict(files)
         self._restitution = real("restitution", restitution, 0.0, 1.0)
-        self._others = others
+        self._others = real("others[0]", others[0], 1e-3, 1e15, " Pa"), real("others[1]", others[1], -1, 0.5)
         self._rate = real("sample_rate_hz", sample_rate_hz, 1e3, 1e6)
         self._samples = whole("block_samples", block_samples, 1, 1 << 20)
         if simulation.timestep_s * self._rate > self._samples:
             finding = f"a time step of {simulation.timestep_s:g} s is longer than a block"
             raise QueryError("block_samples", finding, "Take shorter steps or longer blocks.")
         for body, file in files.items():
-            _require_same_mass(body, simulation.mass_kg(body), file)
+            _require_same_body(body, simulation.mass_kg(body), file)
         self._streams = {body: self._stream(body, np.asarray(listener_m, np.float64)) for body in files}
         self._start_s = simulation.time_s
         self._now = 0
@@ -126,8 +126,9 @@ class LiveSound:
             slow = max(self._least_m_s, fastest[pair].approach_m_s if pair in fastest else 0.0)
             if touching.approach_m_s > slow and pair & self._files.keys():
                 fastest[pair] = touching
-        for pair in fastest.keys() - self._closing:
-            self._strike(time_s, fastest[pair])
+        for pair, touching in fastest.items():
+            if pair not in self._closing:
+                self._strike(time_s, touching)
         self._closing = set(fastest)
 
     def _strike(self, time_s: float, touching: Touching) -> None:
@@ -144,7 +145,7 @@ class LiveSound:
             # Collision shapes lie up to centimetres beside a surface.
             point = self._files[body].surface.closest_points(local[None]).points[0]
             force = sign * impact.impulse_n_s @ pose[:3, :3]
-            at = (time_s - self._start_s) * self._rate
+            at = max((time_s - self._start_s) * self._rate, self._streams[body].now)  # but for rounding
             self._streams[body].strike(point, force, at=at, pulse=duration_s)
 
     def _contact(self, touching: Touching) -> HertzContact:
@@ -166,8 +167,11 @@ class LiveSound:
         return file.stream(self._rate, listener=(listener_m - pose[:3, 3]) @ pose[:3, :3])
 
 
-def _require_same_mass(body: str, mass_kg: float, file: ObjectFile) -> None:
+def _require_same_body(body: str, mass_kg: float, file: ObjectFile) -> None:
     """Refuse a body whose mass in the simulation is none of its Object File's."""
+    if not (file.description.get("body") and file.description.get("material")):
+        finding = f"the file of {body!r} does not say the object's mass and material"
+        raise QueryError("files", finding, "Build the file again.")
     known = [file.description["object"].get("mass_kg")]
     known += [file.description["body"].get(name) for name in ("mass_kg", "filled_mass_kg")]
     stated = [float(value) for value in known if value]
