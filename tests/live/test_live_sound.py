@@ -109,7 +109,8 @@ def test_a_body_at_rest_is_silent(mug):
     assert not sound.any()
 
 
-def test_what_cannot_be_heard_is_refused(mug):
+def test_what_cannot_be_heard_is_refused(mug, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
     right = world({"mug": (0, 0, 1)}, mass_of(mug))
     with pytest.raises(QueryError, match="no body 'cup'"):
         LiveSound(right, {"cup": mug})
