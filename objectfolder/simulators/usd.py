@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from objectfolder.errors import InputError
-from objectfolder.simulators.asset import Asset
+from objectfolder.simulators.asset import Asset, RigidBody
 from objectfolder.simulators.mesh_files import collision_name, visual_name
 from objectfolder.vision.export.gltf import Part
 
@@ -23,7 +23,7 @@ def write_usd(path: Path, asset: Asset) -> None:
         usd-core is not installed.
     """
     try:
-        from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
+        from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
     except ImportError as error:
         remedy = "Install it: pip install 'objectfolder-factory[simulators]'."
         raise InputError(asset.name, "USD is written by usd-core, which is missing", remedy) from error
@@ -35,31 +35,15 @@ def write_usd(path: Path, asset: Asset) -> None:
     stage.SetDefaultPrim(top.GetPrim())
     top.GetPrim().SetDisplayName(asset.name)
     UsdPhysics.RigidBodyAPI.Apply(top.GetPrim())
-    mass = UsdPhysics.MassAPI.Apply(top.GetPrim())
-    moments, axes = asset.body.principal()
-    x, y, z, w = Rotation.from_matrix(axes).as_quat()
-    mass.CreateMassAttr(asset.body.mass_kg)
-    mass.CreateCenterOfMassAttr(Gf.Vec3f(*map(float, asset.body.centre_of_mass_m)))
-    mass.CreateDiagonalInertiaAttr(Gf.Vec3f(*map(float, moments)))
-    mass.CreatePrincipalAxesAttr(Gf.Quatf(float(w), float(x), float(y), float(z)))
+    _weigh(top.GetPrim(), asset.body)
     rubbing = UsdShade.Material.Define(stage, "/object/contact")
     contact = UsdPhysics.MaterialAPI.Apply(rubbing.GetPrim())
     contact.CreateStaticFrictionAttr(asset.contact.friction)
     contact.CreateDynamicFrictionAttr(asset.contact.friction)
     contact.CreateRestitutionAttr(asset.contact.restitution)
-
-    def mesh(place: str, positions: np.ndarray, faces: np.ndarray) -> Any:
-        made = UsdGeom.Mesh.Define(stage, place)
-        made.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(positions, dtype=np.float32)))
-        made.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
-        made.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(faces)))
-        made.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        made.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(made.GetPointsAttr().Get()))
-        return made
-
     for index, part in enumerate(asset.visual):
         positions = part.positions.reshape(-1, 3)
-        drawn = mesh(f"/object/{visual_name(index)}", positions, np.arange(len(positions)))
+        drawn = _mesh(stage, f"/object/{visual_name(index)}", positions, np.arange(len(positions)))
         drawn.CreateDoubleSidedAttr(True)
         drawn.CreateNormalsAttr(
             Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(part.normals.reshape(-1, 3), dtype=np.float32))
@@ -73,7 +57,7 @@ def write_usd(path: Path, asset: Asset) -> None:
             varying.Set(Vt.Vec2fArray.FromNumpy(coordinates))
         UsdShade.MaterialBindingAPI.Apply(drawn.GetPrim()).Bind(_looks(stage, index, part, asset))
     for index, hull in enumerate(asset.collision.hulls):
-        shape = mesh(f"/object/{collision_name(index)}", hull.vertices, hull.faces)
+        shape = _mesh(stage, f"/object/{collision_name(index)}", hull.vertices, hull.faces)
         shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
         UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
         UsdPhysics.MeshCollisionAPI.Apply(shape.GetPrim()).CreateApproximationAttr(
@@ -83,6 +67,32 @@ def write_usd(path: Path, asset: Asset) -> None:
             rubbing, UsdShade.Tokens.weakerThanDescendants, "physics"
         )
     path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
+
+
+def _weigh(prim: Any, body: RigidBody) -> None:
+    """Give a body its mass, centre and principal moments of inertia."""
+    from pxr import Gf, UsdPhysics
+
+    moments, axes = body.principal()
+    x, y, z, w = Rotation.from_matrix(axes).as_quat()
+    mass = UsdPhysics.MassAPI.Apply(prim)
+    mass.CreateMassAttr(body.mass_kg)
+    mass.CreateCenterOfMassAttr(Gf.Vec3f(*map(float, body.centre_of_mass_m)))
+    mass.CreateDiagonalInertiaAttr(Gf.Vec3f(*map(float, moments)))
+    mass.CreatePrincipalAxesAttr(Gf.Quatf(float(w), float(x), float(y), float(z)))
+
+
+def _mesh(stage: Any, place: str, positions: np.ndarray, faces: np.ndarray) -> Any:
+    """Define a mesh of triangles, and return it."""
+    from pxr import UsdGeom, Vt
+
+    made = UsdGeom.Mesh.Define(stage, place)
+    made.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(positions, dtype=np.float32)))
+    made.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    made.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(faces)))
+    made.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    made.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(made.GetPointsAttr().Get()))
+    return made
 
 
 def _looks(stage: Any, index: int, part: Part, asset: Asset) -> Any:
