@@ -106,9 +106,23 @@ def struck(modes: Product, count: int = SOUNDS_COMPARED) -> tuple[np.ndarray, np
 def struck_amplitudes(file: ObjectFile, modes: Product) -> np.ndarray:
     """Return what each mode adds to the sounds of `sound_pairs`: (2, n, modes) m/s, truth and Object File."""
     points, impulses = struck(modes)
-    truth = np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)])
     answer = np.einsum("nk,nkm->nm", impulses, file.modes.gains(points))
-    return np.stack([truth * modes["radiation_weights"], answer * file.modes.radiation_weights])
+    return np.stack([true_amplitudes(modes), answer * file.modes.radiation_weights])
+
+
+def true_amplitudes(modes: Product) -> np.ndarray:
+    """Return the truth's part (n, modes) of `struck_amplitudes`."""
+    points, impulses = struck(modes)
+    return (
+        np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)]) * modes["radiation_weights"]
+    )
+
+
+def true_sounds(modes: Product) -> np.ndarray:
+    """Return the truth's part (n, samples) of `sound_pairs`."""
+    amplitudes = true_amplitudes(modes)
+    sounds = mode_bank(modes["eigenvalues"], modes["dampings_per_s"], amplitudes, DURATION_S, SAMPLE_RATE_HZ)
+    return sounds.astype(np.float32)
 
 
 def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarray]:
@@ -117,10 +131,8 @@ def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarra
     They are observed in the papers' way, so that their distances are of what the papers compare.
     """
     points, impulses = struck(modes)
-    amplitudes, _ = struck_amplitudes(file, modes)
-    truth = mode_bank(modes["eigenvalues"], modes["dampings_per_s"], amplitudes, DURATION_S, SAMPLE_RATE_HZ)
     answer = file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ, observed=RMS)
-    return truth.astype(np.float32), answer
+    return true_sounds(modes), answer
 
 
 def strike_arrays(file: ObjectFile, modes: Product) -> dict[str, Array]:

@@ -172,7 +172,7 @@ def _sound(
     count = len(file.modes.frequencies_hz)
     rows = []
     if count:
-        truth, _ = sound.sound_pairs(file, modes)
+        truth = sound.true_sounds(modes)
         points, impulses = sound.struck(modes)
         for share in MODE_SHARES:
             kept = max(1, round(share * count))

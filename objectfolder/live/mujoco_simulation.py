@@ -17,7 +17,8 @@ class MujocoSimulation:
     Parameters
     ----------
     model, data
-        `mujoco.MjModel` and `mujoco.MjData`. Bodies are named as in the model; ``world`` is the ground.
+        `mujoco.MjModel` and `mujoco.MjData`. Bodies are named as in the model, nameless ones by
+        number; ``world`` is the ground.
     """
 
     def __init__(self, model: Any, data: Any) -> None:
@@ -54,7 +55,7 @@ class MujocoSimulation:
             mujoco.mjtWarning.mjWARN_BADQVEL,
             mujoco.mjtWarning.mjWARN_BADQACC,
         )
-        if any(self._data.warning[kind].number for kind in bad) or not np.isfinite(self._data.qpos).all():
+        if any(self._data.warning[kind].number for kind in bad):
             raise QueryError("simulation", "poses or speeds that are not finite", "Take a smaller time step.")
 
     def pose(self, body: str) -> Floats:
@@ -87,7 +88,7 @@ class MujocoSimulation:
             along = normal @ (self._jacobian(owners[1], contact.pos) - self._jacobian(owners[0], contact.pos))
             mobility = float(along @ self._accelerated(along))
             if mobility > 0:
-                first, second = (self._model.body(owner).name for owner in owners)
+                first, second = (self._model.body(owner).name or str(owner) for owner in owners)
                 speed = -float(along @ self._velocity)
                 found.append(Touching((first, second), contact.pos.copy(), normal, speed, 1 / mobility))
         return found

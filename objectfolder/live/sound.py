@@ -21,7 +21,7 @@ GRAVITY_M_S2, STEPS_OF_FALL = 9.81, 2
 # Radius of curvature where objects touch, over the longest side: edges and rims. The duration of a contact
 # goes with its -1/5 power.
 CURVATURE_SHARE = 0.02
-# Young's modulus in pascals and Poisson's ratio of bodies without an Object File: oak.
+# Young's modulus in pascals and Poisson's ratio of wood, as in the table of materials.
 WOOD = (1.1e10, 0.25)
 # An asset's mass and its Object File's differ by rounding; a scale of 1.01 is three times as much.
 MASS_TOLERANCE = 0.01

@@ -179,12 +179,12 @@ class SightQueries:
         )
 
     def sample_views(
-        self, count: int, seed: int, camera_radius: float = CAMERA_RADIUS
+        self, count: int, seed: int, camera_radius: float = CAMERA_RADIUS, *, lit: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """Draw valid views: camera_to_world (n, 4, 4) and light_position (n, 3), object frame, metres.
 
         Distributed as the data set's: cameras uniform on the sphere of `camera_radius` (unit frame), lights
-        on the unit sphere.
+        on the unit sphere; with `lit` on its half at the camera's side.
 
         Examples
         --------
@@ -198,6 +198,9 @@ class SightQueries:
         radius = real("camera_radius", camera_radius, 1e-3, FARTHEST)
         cameras = look_at(uniform_on_sphere(count, radius, random))
         lights = uniform_on_sphere(count, LIGHT_RADIUS, random)
+        if lit:
+            behind = np.einsum("ij,ij->i", lights, cameras[:, :3, 3]) < 0
+            lights[behind] = -lights[behind]
         return self.frame.camera_to_object(cameras), self.frame.to_object(lights)
 
     def pictures(

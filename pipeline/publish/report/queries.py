@@ -118,9 +118,12 @@ def queries(fidelity: Product, products: ObjectProducts, most: int) -> dict[str,
     What cannot be read is left out and noted in ``products.unreadable``.
     """
     found: dict[str, Any] = {"views": None, "strikes": None, "touches": None}
-    for sense, read in (("views", _views), ("strikes", _strikes), ("touches", _touches)):
-        with products.reading(sense):
-            found[sense] = read(fidelity, products, most)
+    with products.reading("views"):
+        found["views"] = _views(fidelity, products, most)
+    with products.reading("strikes"):
+        found["strikes"] = _strikes(fidelity, products)
+    with products.reading("touches"):
+        found["touches"] = _touches(fidelity, products, most)
     return found
 
 
@@ -195,8 +198,7 @@ def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
     return [Fact(f"{name} azimuth", azimuth, "°", 0), Fact(f"{name} elevation", elevation, "°", 0)]
 
 
-def _strikes(fidelity: Product, products: ObjectProducts, most: int) -> Strikes | None:
-    del most  # sounds are made on the page
+def _strikes(fidelity: Product, products: ObjectProducts) -> Strikes | None:
     if "strike_amplitudes" not in fidelity:
         return None
     data, count = strike_data(fidelity), fidelity["strike_amplitudes"].shape[1]
