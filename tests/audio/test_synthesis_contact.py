@@ -58,6 +58,35 @@ def test_published_values() -> None:
     assert found.duration_s(1.0) == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("youngs_modulus_pa", "poisson_ratio", "density_kg_m3"),
+    [(2.0e11, 0.29, 7850.0), (6.2e10, 0.20, 2600.0), (1.1e10, 0.25, 750.0)],
+    ids=["steel", "glass", "wood"],
+)
+@pytest.mark.parametrize(("radius_m", "speed_m_s"), [(0.002, 0.1), (0.01, 1.0), (0.05, 3.0)])
+def test_a_sphere_on_a_plate_touches_as_long_as_hertz_says(
+    youngs_modulus_pa: float, poisson_ratio: float, density_kg_m3: float, radius_m: float, speed_m_s: float
+) -> None:
+    """6.71 (rho (1 - nu^2) / E)^(2/5) R v^(-1/5) for a sphere on a thick plate of its own material.
+
+    From 2.87 (m^2 / (R E*^2 v))^(1/5) with m = 4/3 pi rho R^3 and E* = E / (2 (1 - nu^2)).
+    """
+    mass_kg = 4 / 3 * np.pi * density_kg_m3 * radius_m**3
+    sphere = ContactBody(youngs_modulus_pa, poisson_ratio, radius_m, mass_kg)
+    plate = ContactBody(youngs_modulus_pa, poisson_ratio, np.inf, np.inf)
+    softness = density_kg_m3 * (1 - poisson_ratio**2) / youngs_modulus_pa
+    factor = 2.87 * (8 / 3 * np.pi) ** 0.4
+    expected = factor * softness**0.4 * radius_m * speed_m_s**-0.2
+    assert HertzContact.between(sphere, plate).duration_s(speed_m_s) == pytest.approx(expected, rel=0.003)
+
+
+def test_the_patch_of_a_pressed_sphere_is_the_root_of_approach_and_radius() -> None:
+    """a^2 = R d (Johnson, 4.23), with k d^(3/2) the force."""
+    found = contact()
+    force_n = found.stiffness * 1e-6**1.5
+    assert found.patch_radius_m(force_n) == pytest.approx(np.sqrt(found.radius_m * 1e-6), rel=1e-12)
+
+
 def test_a_half_sine_of_the_same_impulse_and_duration_has_nearly_the_same_peak() -> None:
     found = contact()
     impulse = found.impulse_n_s(2.0)

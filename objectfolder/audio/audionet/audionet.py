@@ -24,7 +24,7 @@ from objectfolder.audio.audionet.surface_kernel import (
 from objectfolder.errors import FormatError
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 from objectfolder.products.stored_values import number, whole_number
-from objectfolder.surface.surface import Surface
+from objectfolder.surface.surface import ClosestPoints, Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -133,19 +133,23 @@ class AudioNet:
             (n, 3, modes) float64, kg^-1/2. Each point is answered on its own: a batch equals single
             queries but for rounding.
         """
-        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        modes = len(self.eigenvalues)
-        result = np.zeros((len(points), 3 * modes))
-        if modes and len(points):
+        return self.gains_at(
+            self._surface.closest_points(np.asarray(points, dtype=np.float64).reshape(-1, 3))
+        )
+
+    def gains_at(self, places: ClosestPoints) -> Floats:
+        """Return the same where the places of the surface are known already."""
+        count, modes = len(places.points), len(self.eigenvalues)
+        result = np.zeros((count, 3 * modes))
+        if modes and count:
             centres, weights = self._prepared
-            nearest = self._surface.closest_points(points)
-            features = self._kernel.features(nearest.face, nearest.barycentric)
+            features = self._kernel.features(places.face, places.barycentric)
             block = np.zeros((ROWS, features.shape[1]))
-            for start in range(0, len(points), ROWS):
-                count = min(ROWS, len(points) - start)
-                block[:count] = features[start : start + count]
-                result[start : start + count] = (self._kernel.covariance(block, centres) @ weights)[:count]
-        return result.reshape(len(points), 3, modes)
+            for start in range(0, count, ROWS):
+                rows = min(ROWS, count - start)
+                block[:rows] = features[start : start + rows]
+                result[start : start + rows] = (self._kernel.covariance(block, centres) @ weights)[:rows]
+        return result.reshape(count, 3, modes)
 
     @cached_property
     def _kernel(self) -> SurfaceKernel:

@@ -156,7 +156,10 @@ class ForceTables:
                 for ramp in ramp_responses(oscillators)
             ]
         )
-        self._lag = np.arange(block)[:, None] - np.arange(block + 1)[None, :]
+        self._block_ends = self._ends(block)
+        # What is heard of each mode, (falling or rising, samples after it, modes).
+        heard = np.einsum("rhkm,hm->rkm", self._after[:, :, :block], self._weights)
+        self._heard_after = np.ascontiguousarray(heard)
 
     def respond(self, gains: Floats, forces: Floats, samples: int) -> tuple[Floats, tuple[Floats, Floats]]:
         """Sound (samples,) from rest, and displacement and velocity (1, modes) of the sample after.
@@ -173,14 +176,12 @@ class ForceTables:
         padded = np.zeros((max(blocks * block + 1, len(forces)), forces.shape[1]))
         padded[: len(forces)] = forces
         frames = np.lib.stride_tricks.sliding_window_view(padded, block + 1, axis=0)[::block][:blocks]
-        sound = np.zeros((blocks, block))
+        by_direction = np.ascontiguousarray(frames.transpose(1, 0, 2))
+        matrices = self._toeplitz(*(self._heard_after @ gains.T).transpose(0, 2, 1))
+        sound = np.ascontiguousarray(frames).reshape(blocks, -1) @ matrices.reshape(-1, block)
         kicks = np.zeros((2, blocks, modes))
-        table = self._ends(block)
-        for direction, gain in enumerate(gains):
-            frame = np.ascontiguousarray(frames[:, direction])
-            composite = np.einsum("shkm,hm->sk", self._after[:, :, :block], gain * self._weights)
-            sound += frame @ self._toeplitz(*composite).T
-            kicks += np.matmul(frame, table) * gain
+        for frame, gain in zip(by_direction, gains, strict=True):
+            kicks += np.matmul(frame, self._block_ends) * gain
         states = np.zeros((2, blocks + 1, modes))
         for index in range(blocks):
             step = min(block, samples - index * block)
@@ -209,12 +210,15 @@ class ForceTables:
         return table
 
     def _toeplitz(self, fall: Floats, rise: Floats) -> Floats:
-        """Matrix (block, block + 1) from forces to the sound, of the composite responses (block,)."""
-        lag = self._lag
+        """Matrices (directions, block + 1, block) from forces to sound, of responses (directions, block)."""
         # A force falls over the sample after its own and rises over the one before, which the first lacks.
-        falls = np.where(lag >= 1, fall[np.clip(lag - 1, 0, None)], 0.0)
-        rises = np.where((lag >= 0) & (np.arange(self.block + 1) > 0), rise[np.clip(lag, 0, None)], 0.0)
-        return falls + rises
+        both = np.zeros((len(fall), 2 * self.block + 1))
+        both[:, self.block : -1] += rise
+        both[:, self.block + 1 :] += fall
+        windows = np.lib.stride_tricks.sliding_window_view(both, self.block, axis=1)
+        matrices = windows[:, self.block :: -1].copy()
+        matrices[:, 0] -= rise
+        return matrices
 
 
 def ramp_responses(oscillators: Oscillators) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:

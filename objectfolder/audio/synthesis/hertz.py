@@ -113,6 +113,10 @@ class HertzContact:
         """Force at the greatest approach."""
         return np.asarray(self.stiffness * self.approach_m(speed_m_s) ** 1.5)
 
+    def patch_radius_m(self, force_n: ArrayLike) -> Floats:
+        """Radius (3 F R / (4 E*))^(1/3) of the area of contact under a force (Johnson, 4.22)."""
+        return np.asarray((0.75 * np.asarray(force_n) * self.radius_m / self.modulus_pa) ** (1 / 3))
+
     def impulse_n_s(self, speed_m_s: ArrayLike, restitution: float = 1.0) -> Floats:
         """Impulse (1 + e) m v."""
         return np.asarray((1 + _share(restitution)) * self.mass_kg * _speeds(speed_m_s))

@@ -1,18 +1,23 @@
 """An object's sound in blocks, for scenes that go on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.synthesis.struck_body import Observed, Pulse, StruckBody, along
+from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.struck_body import Motion, Observed, Pulse, Source, StruckBody, along
 from objectfolder.audio.synthesis.voices import Voices
 from objectfolder.errors import QueryError
 from objectfolder.query_values import point_rows, real, real_array
+from objectfolder.surface.surface import ClosestPoints
 
 Floats = NDArray[np.float64]
 LATEST = 2.0**53  # sample: the last that a float64 counts to
-ContactQuery = Callable[[Floats, Floats, Floats | None], tuple[Floats, Floats, Floats | None]]
+ContactQuery = Callable[
+    [Floats | ClosestPoints, Floats, Floats | None], tuple[ClosestPoints, Floats, Floats | None]
+]
 
 
 class ObjectStream:
@@ -53,39 +58,30 @@ class ObjectStream:
         self._body = body
         self._contacts = contacts
         self._rate = sample_rate_hz
+        modes = len(body.eigenvalues)
         self._channels = [
-            [
-                (
-                    source,
-                    Voices(
-                        source.oscillators,
-                        source.weights,
-                        columns=source.columns,
-                        all_modes=len(body.eigenvalues) if source.gains is None else 1,
-                    ),
-                )
-                for source in sources
-            ]
-            for sources in body.channels(sample_rate_hz, observed, listeners)
+            Channel.of(one, modes) for one in body.channels(sample_rate_hz, observed, listeners)
         ]
 
     @property
     def now(self) -> int:
         """Samples given so far, the index of the next one."""
-        return self._channels[0][0][1].now
+        return self._channels[0].voices.now
 
     @property
     def silent(self) -> bool:
         """Whether nothing sounds and nothing waits."""
-        return all(voices.silent for sources in self._channels for _, voices in sources)
+        return all(channel.voices.silent for channel in self._channels)
 
-    def strike(self, point: Floats, force: Floats, *, at: float | None = None, pulse: Pulse = None) -> None:
+    def strike(
+        self, point: Floats | ClosestPoints, force: Floats, *, at: float | None = None, pulse: Pulse = None
+    ) -> None:
         """Let a contact begin; each listener hears it later by the way from the object.
 
         Parameters
         ----------
         point
-            (3,) metres, within the tolerance of the surface.
+            (3,) metres, within the tolerance of the surface; or a place of `Surface.closest_points`.
         force
             (3,) newton seconds, or (k, 3) newtons at the samples (then `at` and the way are whole samples).
         at
@@ -99,21 +95,106 @@ class ObjectStream:
             As for `ObjectFile.strike`; a sample that has passed.
         """
         at = self.now if at is None else real("at", at, self.now, LATEST)
-        pushed, place = real_array("force", force), point_rows(point, "point")
-        if len(place) != 1:
-            raise QueryError("point", f"{len(place)} points", "Add contacts one by one.")
+        pushed = real_array("force", force)
+        place = point if isinstance(point, ClosestPoints) else point_rows(point, "point")
         given = pushed[None] if pushed.ndim == 2 else pushed
-        points, forces, _ = self._contacts(place, given, None)
-        pulses = self._body.pulses(points, forces, pulse)
+        places, forces, _ = self._contacts(place, given, None)
+        if len(forces) != 1:
+            raise QueryError("point", f"{len(forces)} points", "Add contacts one by one.")
+        pulses = self._body.pulses(places.points, forces, pulse)
         pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
-        motion = self._body.motion(points)
-        for source, voices in (pair for sources in self._channels for pair in sources):
-            field = source.field(motion)
+        motion = self._body.motion(places)
+        for channel in self._channels:
+            field = channel.field(motion)
             if forces.ndim == 3:
-                voices.push(field[0], forces[0], at=round(at) + source.delay_samples)
+                channel.voices.push(field[0], forces[0], at=round(at) + channel.delay_samples)
             else:
-                voices.strike(along(forces, field)[0], at=at + source.delay_s * self._rate, pulse_s=pulse_s)
+                later = at + channel.delay_s * self._rate
+                channel.voices.strike(along(forces, field)[0], at=later, pulse_s=pulse_s)
+
+    def motions(self, points: Floats) -> list[Motion]:
+        """Return how the modes move at points (n, 3) of the surface, for `drive`."""
+        return self._body.motion(point_rows(points, "points")).each()
+
+    def drive(self, pushes: Sequence[tuple[Motion, Floats, Floats]], *, at: int) -> None:
+        """Let sampled forces begin together.
+
+        Parameters
+        ----------
+        pushes
+            Of each its place, as `motions` knows it, a unit vector (3,) in the object frame, and newtons (k,)
+            at the samples, linear between them.
+        at
+            Sample of the first, `now` or later.
+        """
+        forces = np.stack([force for _, _, force in pushes], axis=1)
+        for channel in self._channels:
+            fields = [along(direction[None], channel.field(motion))[0] for motion, direction, _ in pushes]
+            channel.voices.push(np.stack(fields), forces, at=at + channel.delay_samples)
+
+    def damp(self, added_per_s: Floats) -> None:
+        """Let decay rates be larger from now on: by (modes,) 1/s, instead of what was added before."""
+        for channel in self._channels:
+            channel.voices.damp(added_per_s)
+
+    def loudness(self) -> tuple[Floats, Floats]:
+        """Frequencies in hertz and present amplitudes (n,) of what sounds in the first channel."""
+        voices = self._channels[0].voices
+        return voices.frequencies_hz, voices.amplitudes()
+
+    def keep(self, heard: NDArray[np.bool_]) -> None:
+        """Sound only some (n,) of what `loudness` tells, until the next contact."""
+        for channel in self._channels:
+            channel.voices.keep(heard)
 
     def block(self, samples: int) -> Floats:
         """Return the next samples (channels, samples) float64, in the unit `ObjectFile.strike` answers in."""
-        return np.stack([sum(voices.block(samples) for _, voices in sources) for sources in self._channels])
+        return np.stack([channel.voices.block(samples) for channel in self._channels])
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What is heard at one place.
+
+    Attributes
+    ----------
+    sources : what sounds, heard equally late
+    voices : all of it
+    """
+
+    sources: list[Source]
+    voices: Voices
+
+    @classmethod
+    def of(cls, sources: list[Source], modes: int) -> "Channel":
+        """Return a silent channel of a body with so many modes."""
+        widths = [modes if source.gains is None else source.gains.shape[1] for source in sources]
+        begins = np.cumsum([0, *widths])
+        oscillators = Oscillators(
+            np.concatenate([source.oscillators.eigenvalues for source in sources]),
+            np.concatenate([source.oscillators.dampings_per_s for source in sources]),
+            sources[0].oscillators.sample_rate_hz,
+        )
+        of_displacement, of_velocity = np.concatenate([source.weights for source in sources], axis=1)
+        columns = [source.columns + begin for source, begin in zip(sources, begins[:-1], strict=True)]
+        voices = Voices(
+            oscillators,
+            (of_displacement, of_velocity),
+            columns=np.concatenate(columns),
+            all_modes=int(begins[-1]),
+        )
+        return cls(sources, voices)
+
+    def field(self, motion: Motion) -> Floats:
+        """Gains (n, 3, all modes) of contacts."""
+        return np.concatenate([source.field(motion) for source in self.sources], axis=2)
+
+    @property
+    def delay_s(self) -> float:
+        """On the way to the listener."""
+        return self.sources[0].delay_s
+
+    @property
+    def delay_samples(self) -> int:
+        """Nearest whole number of samples."""
+        return self.sources[0].delay_samples

@@ -219,10 +219,10 @@ class SoundQueries(ABC):
 
     def _impulses(self, points: np.ndarray, impulses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return contacts on the surface and impulses, (n, 3) each."""
-        contacts, pushes, _ = self._sound_query(points, impulses, None)
+        places, pushes, _ = self._sound_query(points, impulses, None)
         if pushes.ndim != 2:
             raise QueryError("impulses", f"shape {pushes.shape}", "Give (n, 3), newton seconds.")
-        return contacts, pushes
+        return places.points, pushes
 
     def stream(
         self,
@@ -267,7 +267,8 @@ class SoundQueries(ABC):
         support: Support | None,
     ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:
         """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
-        contacts, pushes, ears = self._sound_query(points, forces, listener)
+        at, pushes, ears = self._sound_query(points, forces, listener)
+        contacts = at.points
         sample_rate = real("sample_rate", sample_rate, *SAMPLE_RATES_HZ, " Hz")
         duration = real("duration", duration, 1 / sample_rate, LONGEST_S, " s")
         places = self._places(observed)
@@ -293,15 +294,16 @@ class SoundQueries(ABC):
             )
         return observed
 
-    def _normals(self, points: np.ndarray) -> np.ndarray:
-        closest = self.surface.closest_points(points)
-        return self.surface.normals_at(closest.face, closest.barycentric)
+    def _normals(self, points: np.ndarray | ClosestPoints) -> np.ndarray:
+        places = points if isinstance(points, ClosestPoints) else self.surface.closest_points(points)
+        return self.surface.normals_at(places.face, places.barycentric)
 
     def _sound_query(
-        self, points: np.ndarray, forces: np.ndarray, listener: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return contacts on the surface (n, 3), a force each, and listeners (channels, 3)."""
-        contacts = self.project(points).points
+        self, points: np.ndarray | ClosestPoints, forces: np.ndarray, listener: np.ndarray | None
+    ) -> tuple[ClosestPoints, np.ndarray, np.ndarray | None]:
+        """Return n contacts on the surface, a force each, and listeners (channels, 3)."""
+        places = points if isinstance(points, ClosestPoints) else self.project(points)
+        count = len(places.points)
         remedy = "Give (n, 3) newton seconds, or (n, k, 3) newtons at the samples."
         pushes = real_array("forces", forces, remedy)
         pushes = pushes[None] if pushes.ndim == 1 else pushes
@@ -309,15 +311,15 @@ class SoundQueries(ABC):
             raise QueryError("forces", f"shape {np.shape(forces)}", remedy)
         if not np.abs(pushes).max(initial=0.0) <= LARGEST_FORCE:
             raise QueryError("forces", f"above {LARGEST_FORCE:g}", "Give newton seconds, or newtons.")
-        if len(pushes) not in (1, len(contacts)):
-            raise QueryError("forces", f"{len(pushes)} for {len(contacts)} points", "Give one a point.")
-        pushes = np.broadcast_to(pushes, (len(contacts), *pushes.shape[1:]))
-        return contacts, pushes, self._listeners(listener)
+        if len(pushes) not in (1, count):
+            raise QueryError("forces", f"{len(pushes)} for {count} points", "Give one a point.")
+        pushes = np.broadcast_to(pushes, (count, *pushes.shape[1:]))
+        return places, pushes, self._listeners(listener)
 
     def _listeners(self, listener: np.ndarray | None) -> np.ndarray | None:
         return None if listener is None else point_rows(listener, "listener", 1)
 
-    def _gains(self, points: np.ndarray) -> np.ndarray:
+    def _gains(self, points: np.ndarray | ClosestPoints) -> np.ndarray:
         """Return `AudioNet.gains`, but for those that no body of this mass has.
 
         Raises
@@ -328,7 +330,10 @@ class SoundQueries(ABC):
         body = self.description.get("body")
         mass_kg = float(body["filled_mass_kg"]) if body else LEAST_KG
         try:
-            gains = self.modes.gains(points)
+            if isinstance(points, ClosestPoints):
+                gains = self.modes.gains_at(points)
+            else:
+                gains = self.modes.gains(points)
         except np.linalg.LinAlgError as error:
             raise FormatError("audio", f"its coefficients have no solution ({error})", REMEDY) from error
         largest = np.abs(gains).max(initial=0.0) * np.sqrt(mass_kg)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_a
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.errors import QueryError
 from objectfolder.query_values import real_array
+from objectfolder.surface.surface import ClosestPoints
 
 Floats = NDArray[np.float64]
 Pulse = float | ArrayLike | ContactBody | None
@@ -56,7 +58,7 @@ class StruckBody:
     eigenvalues, dampings_per_s : (modes,) as in `mode_bank`
     radiation_weights : (modes,) kg^-1/2, rms over the surface of the normal component of each mode shape
     gains : from points (n, 3) to (n, 3, modes), modal velocity an impulse of 1 N s along each axis gives
-    normals : from points (n, 3) to outward unit normals of the surface (n, 3)
+    normals : from points (n, 3) to outward unit normals of the surface (n, 3); both also from known places
     rigid : mass and area, None where unknown: then nothing is heard at a listener
     elasticity : Young's modulus (Pa) and Poisson's ratio, None where unknown
     """
@@ -64,8 +66,8 @@ class StruckBody:
     eigenvalues: Floats
     dampings_per_s: Floats
     radiation_weights: Floats
-    gains: Callable[[Floats], Floats]
-    normals: Callable[[Floats], Floats]
+    gains: Callable[[Floats | ClosestPoints], Floats]
+    normals: Callable[[Floats | ClosestPoints], Floats]
     rigid: RigidBody | None
     elasticity: tuple[float, float] | None
 
@@ -119,11 +121,12 @@ class StruckBody:
                 sound[:, channel] = total
             yield rows, sound
 
-    def motion(self, points: Floats) -> "Motion":
+    def motion(self, points: Floats | ClosestPoints) -> "Motion":
         """Return how each mode moves where it is struck."""
         modes = len(self.eigenvalues)
-        shapes = self.gains(points)[:, :, :modes] if modes else np.zeros((len(points), 3, 0))
-        return Motion(shapes, along(self.normals(points), shapes) if modes else shapes[:, 0])
+        count = len(points.points if isinstance(points, ClosestPoints) else points)
+        shapes = self.gains(points)[:, :, :modes] if modes else np.zeros((count, 3, 0))
+        return Motion(shapes, lambda: self.normals(points))
 
     def rms_velocity(self, points: Floats, impulses: Floats, times_s: Floats) -> Floats:
         """Return the level (n, times) of `ObjectFile.rms_velocity`."""
@@ -196,11 +199,23 @@ class Motion:
     Attributes
     ----------
     shapes : (n, 3, modes) mass-normalised mode shapes, kg^-1/2
-    normal : (n, modes) their components along the outward normals
+    normals : asked for (n, 3), the outward unit normals
     """
 
     shapes: Floats
-    normal: Floats
+    normals: Callable[[], Floats]
+
+    @cached_property
+    def normal(self) -> Floats:
+        """Components (n, modes) of the shapes along the outward normals."""
+        return along(self.normals(), self.shapes) if self.shapes.size else self.shapes[:, 0]
+
+    def each(self) -> list["Motion"]:
+        """Return those of the contacts one by one."""
+        return [self._one(slice(row, row + 1)) for row in range(len(self.shapes))]
+
+    def _one(self, row: slice) -> "Motion":
+        return Motion(self.shapes[row], lambda: self.normals()[row])
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.bank import FLOOR_DB, Bank, interleaved
+from objectfolder.audio.synthesis.bank import FLOOR_DB, Bank
 from objectfolder.audio.synthesis.force import FORCE_BLOCK, ForceTables
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.errors import QueryError
@@ -22,6 +22,7 @@ LONGEST_BLOCK = 1024
 MOST_SAMPLES = 1 << 26  # of a block
 MOST_VOICES = 4096
 MOST_ONSET_SAMPLES = 1 << 22
+MOST_SHIFTS = 8  # tables of block lengths kept
 
 
 @dataclass(eq=False)
@@ -71,8 +72,10 @@ class Voices:
         self._given = len(oscillators) if all_modes is None else all_modes
         self._bank = Bank(oscillators, weights, LONGEST_BLOCK, floor_db)
         self._columns = columns[self._bank.order]
-        self._basis = self._bank.oscillators.basis(np.arange(LONGEST_BLOCK + 1))
-        self._fine = interleaved(*self._basis).T.copy()
+        self._free = FreeMotion.of(self._bank)
+        self._all = np.arange(len(oscillators)), self._free
+        self._sounded = self._all
+        self._added: Floats | None = None
         self._forces: ForceTables | None = None
         self._ringing = np.zeros((2, len(oscillators)))
         self._age = math.inf
@@ -189,6 +192,44 @@ class Voices:
         onset, state = self._forces.respond(fields[:, self._columns], pushes, len(pushes))
         self._voices.append(Voice(begin, onset, self._bank.coefficients(state, 0.0)))
 
+    def damp(self, added_per_s: Floats) -> None:
+        """Let decay rates be larger from now on.
+
+        Parameters
+        ----------
+        added_per_s
+            Of the first of all modes, 0 of the others, instead of what was added before. Frequencies stay;
+            what is forced meanwhile is damped as if its force came in the middle.
+        """
+        every = np.zeros(self._given)
+        every[: len(added_per_s)] = added_per_s
+        self._added = every[self._columns] if every.any() else None
+
+    @property
+    def frequencies_hz(self) -> Floats:
+        """Damped frequencies (modes,), in the order of `amplitudes`."""
+        return self._bank.oscillators.frequencies_hz
+
+    def amplitudes(self) -> Floats:
+        """Envelopes (modes,) of what is heard of each ringing mode now, those that live longest first."""
+        a, b = self._ringing
+        ringing = self._bank.oscillators.discriminants > 0
+        return np.hypot(a, np.where(ringing, b / np.maximum(self._bank.oscillators.roots_per_s, 1e-300), b))
+
+    def keep(self, heard: NDArray[np.bool_]) -> None:
+        """Sound only some of the ringing modes until the next contact; all go on moving.
+
+        Parameters
+        ----------
+        heard
+            (modes,) in the order of `amplitudes`.
+        """
+        self._sound_only(np.flatnonzero(heard[: self.ringing_modes]))
+
+    def _sound_only(self, which: NDArray[np.int64]) -> None:
+        if not np.array_equal(which, self._sounded[0]):
+            self._sounded = which, self._free.take(which)
+
     def block(self, samples: int) -> Floats:
         """Return the next samples (samples,) float64.
 
@@ -226,8 +267,14 @@ class Voices:
         count = len(sound)
         living = self.ringing_modes
         if living:
-            sound += self._free(self._ringing[:, :living], count)
-            self._ringing[:, :living] = self._later(self._ringing[:, :living], count)
+            which = self._sounded[0][: np.searchsorted(self._sounded[0], living)]
+            if 8 * len(which) <= 7 * len(self._sounded[0]):
+                self._sound_only(which)
+            which, free = self._sounded
+            added = None if self._added is None else self._added[which]
+            ringing = self._ringing if len(which) == len(self._columns) else self._ringing[:, which]
+            sound += free.sound(ringing, count, added)
+            self._ringing = self._later(self._ringing, count)
         self._ringing[:, living:] = 0
         self._age += count
         for voice in [voice for voice in self._voices if voice.start < self.now + count]:
@@ -236,26 +283,93 @@ class Voices:
             sound[max(0, begin) : max(0, begin) + len(heard)] += heard
             rest = count - begin - len(voice.onset)  # samples of this block after the contact
             if rest > 0:
-                coefficients = np.concatenate(voice.coefficients)
-                sound[count - rest :] += self._free(coefficients, rest)
+                coefficients = self._lost(np.concatenate(voice.coefficients), len(voice.onset) / 2)
+                sound[count - rest :] += self._free.sound(coefficients, rest, self._added)
                 self._ringing += self._later(coefficients, rest)
                 self._age = min(self._age, rest)
+                self._sounded = self._all
                 self._voices.remove(voice)
         self.now += count
 
-    def _free(self, coefficients: Floats, samples: int) -> Floats:
-        """Free motion (samples,) from coefficients (2, modes)."""
-        rows = coefficients.T.reshape(-1)
-        return np.asarray(rows @ self._fine[: len(rows), :samples])
-
     def _later(self, coefficients: Floats, samples: int) -> Floats:
         """Coefficients (2, modes) some samples later."""
-        living = coefficients.shape[1]
-        first, second = (part[samples : samples + 1, :living] for part in self._basis)
-        modes = self._bank.oscillators if living == self._ringing.shape[1] else self._shorter(living)
-        m0, m1, m2, m3 = modes.shift_matrix((first, second))
-        a, b = coefficients
-        return np.concatenate([m0 * a + m1 * b, m2 * a + m3 * b])
+        return self._lost(self._free.later(coefficients, samples), samples)
 
-    def _shorter(self, living: int) -> Oscillators:
-        return self._bank.oscillators.take(np.arange(living))
+    def _lost(self, coefficients: Floats, samples: float) -> Floats:
+        """Coefficients (2, modes) without what added damping takes in some samples."""
+        if self._added is None:
+            return coefficients
+        return coefficients * np.exp(-self._added * samples / self._rate)
+
+
+class FreeMotion:
+    """Tables for blocks of free motion: one over stretches of a block, one over the samples of a stretch.
+
+    Both are small: a processor plays other bodies between two blocks.
+
+    Parameters
+    ----------
+    oscillators
+        Those that move.
+    of_first, of_second
+        (stretches, 2, modes) both coefficients at the start of each stretch, of a unit of either at first.
+    fine
+        (2, modes, samples of a stretch), the basis.
+    """
+
+    def __init__(self, oscillators: Oscillators, of_first: Floats, of_second: Floats, fine: Floats) -> None:
+        self._oscillators, self._of_first, self._of_second, self._fine = (
+            oscillators,
+            of_first,
+            of_second,
+            fine,
+        )
+        self._product = fine.reshape(-1, fine.shape[2])
+        self._shifts: dict[int, tuple[Floats, Floats]] = {}
+
+    @classmethod
+    def of(cls, bank: Bank) -> "FreeMotion":
+        """Return the tables of a bank."""
+        fine = np.stack([table.T for table in bank.oscillators.basis(np.arange(bank.block))])
+        return cls(
+            bank.oscillators, *_shifts(bank.oscillators, np.arange(0, LONGEST_BLOCK, bank.block)), fine
+        )
+
+    def take(self, which: NDArray[np.int64]) -> "FreeMotion":
+        """Return the tables of some of the modes."""
+        of_first, of_second = self._of_first[:, :, which], self._of_second[:, :, which]
+        return FreeMotion(self._oscillators.take(which), of_first, of_second, self._fine[:, which])
+
+    def sound(self, coefficients: Floats, samples: int, added_per_s: Floats | None = None) -> Floats:
+        """Return the motion (samples,) from coefficients (2, modes).
+
+        What is `added_per_s` (modes,) to the decay rates falls linearly within a stretch, a millisecond: of
+        100 1/s that is off by 1e-3.
+        """
+        stretch = self._fine.shape[2]
+        count = -(-samples // stretch)
+        rows = self._of_first[:count] * coefficients[0]
+        rows += self._of_second[:count] * coefficients[1]
+        if added_per_s is None:
+            return (rows.reshape(count, -1) @ self._product).reshape(-1)[:samples]
+        lost = -np.expm1(-added_per_s * stretch / self._oscillators.sample_rate_hz)
+        rows *= ((1 - lost) ** np.arange(count)[:, None])[:, None]
+        falling = (rows * lost).reshape(count, -1) @ self._product
+        falling *= np.arange(stretch) / stretch
+        return (rows.reshape(count, -1) @ self._product - falling).reshape(-1)[:samples]
+
+    def later(self, coefficients: Floats, samples: int) -> Floats:
+        """Return the coefficients (2, modes) some samples later."""
+        if samples not in self._shifts:
+            if len(self._shifts) >= MOST_SHIFTS:
+                self._shifts.clear()
+            of_first, of_second = _shifts(self._oscillators, np.array([samples]))
+            self._shifts[samples] = of_first[0], of_second[0]
+        of_first, of_second = self._shifts[samples]
+        return of_first * coefficients[0] + of_second * coefficients[1]
+
+
+def _shifts(oscillators: Oscillators, offsets: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Both coefficients (n, 2, modes) at later origins (n,), of a unit of the first and of the second."""
+    m0, m1, m2, m3 = oscillators.shift_matrix(oscillators.basis(offsets))
+    return np.stack([m0, m2], axis=1), np.stack([m1, m3], axis=1)
