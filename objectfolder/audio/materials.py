@@ -22,8 +22,9 @@ class Material:
     rayleigh_alpha_per_s, rayleigh_beta_s : damping matrix alpha M + beta K, not negative
     roughness, metallic : defaults of the looks, in [0, 1]
     citation : where the numbers come from
-    friction, restitution, contact_citation : dry contact, sliding friction not negative, restitution in
-        [0, 1], and where they come from; None and empty where the table does not say
+    friction, restitution, roughness_um, contact_citation : dry contact, sliding friction not negative,
+        restitution in [0, 1], root mean square of heights of a surface in micrometres, and where they come from;
+        None and empty where the table does not say
     """
 
     name: str
@@ -37,6 +38,7 @@ class Material:
     citation: str
     friction: float | None = None
     restitution: float | None = None
+    roughness_um: float | None = None
     contact_citation: str = ""
 
     @property
@@ -60,6 +62,7 @@ RANGES = {
 CONTACT_RANGES = {
     "friction": ("zero or positive", lambda x: x >= 0),
     "restitution": ("between 0 and 1", lambda x: 0 <= x <= 1),
+    "roughness_um": ("zero or positive", lambda x: x >= 0),
 }
 
 

@@ -88,12 +88,14 @@ def check_material(material: Any) -> None:
     Raises
     ------
     FormatError
-        Elasticity that no material has.
+        Elasticity or roughness that no material has.
     """
     if material is not None:
         fields = _fields("material", material)
         number("material.youngs_modulus_pa", fields["youngs_modulus_pa"], 1.0, 1e15)
         number("material.poisson_ratio", fields["poisson_ratio"], -1.0, 0.5)
+        if fields.get("roughness_um") is not None:
+            number("material.roughness_um", fields["roughness_um"], 0.0, 1e6)
 
 
 def check_words(described: Any) -> None:

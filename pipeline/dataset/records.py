@@ -83,7 +83,16 @@ def sources(row: Mapping[str, Any]) -> dict[str, Path]:
 
 def write_records(root: Path, records: Records) -> None:
     """Write what later stages read of the objects, atomically."""
-    handed_on = ("name", "material", "material_citation", "appearance", "walls", "senses", *STATED)
+    handed_on = (
+        "name",
+        "material",
+        "material_citation",
+        "roughness_um",
+        "appearance",
+        "walls",
+        "senses",
+        *STATED,
+    )
     content = {
         "objects": {
             object_id: {field: row[field] for field in handed_on} for object_id, row in records.rows.items()
@@ -146,6 +155,7 @@ def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
         "file_names": [record.mesh.name, record.texture.name if record.texture else None],
         "material": physical,
         "material_citation": material.citation,
+        "roughness_um": material.roughness_um,
         "appearance": appearance,
         "walls": {"wall_m": record.wall_m, "shell_m": record.shell_m},
         "senses": list(record.senses),

@@ -84,7 +84,10 @@ STAGES = {
                 ProductInput(MODES),
                 ProductInput(TOUCHES),
             ),
-            fields=("name", "material", "material_citation", "source", "licence", "attribution", "mass_kg"),
+            fields=(
+                *("name", "material", "material_citation", "roughness_um"),
+                *("source", "licence", "attribution", "mass_kg"),
+            ),
             packages=("embreex", "numba", "numpy", "scikit-image", "scipy", "torch", "zarr"),
             tolerances=TOLERANCES["fidelity"],
         ),

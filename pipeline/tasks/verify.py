@@ -22,7 +22,11 @@ def verify_object(request: Request) -> Timed:
     named = encoded.with_description(
         body=body,
         object={"id": request.object_id, **{key: record[key] for key in DESCRIBED}},
-        material={**record["material"], "citation": record["material_citation"]},
+        material={
+            **record["material"],
+            "citation": record["material_citation"],
+            "roughness_um": record["roughness_um"],
+        },
     )
     verification = verify(
         named,

@@ -1,5 +1,7 @@
 """The table of materials and its errors."""
 
+import csv
+import io
 from pathlib import Path
 
 import pytest
@@ -37,13 +39,16 @@ def test_an_impossible_value_names_file_row_and_column(subtests: pytest.Subtests
         ("rayleigh_beta_s", "-1e-7"),
         ("roughness", "1.5"),
         ("metallic", "shiny"),
+        ("roughness_um", "-1"),
     ]:
         with subtests.test(column=column):
             header, *rows = TABLE.read_text().splitlines()
-            cells = rows[1].split(",", 8)
+            cells = next(csv.reader([rows[1]]))
             cells[header.split(",").index(column)] = value
             path = tmp_path / "materials.csv"
-            path.write_text("\n".join([header, rows[0], ",".join(cells)]) + "\n")
+            row = io.StringIO()
+            csv.writer(row).writerow(cells)
+            path.write_text("\n".join([header, rows[0], row.getvalue()]))
             with pytest.raises(InputError, match=rf"materials\.csv, row 3: {column}"):
                 read_materials(path)
 
