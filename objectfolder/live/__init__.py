@@ -1,7 +1,8 @@
-"""Objects inside a running simulation of physics: what they sound like as they fall and collide."""
+"""Objects inside a running simulation: what they sound like as they collide, roll and scrape."""
 
 from objectfolder.live.contacts import Simulation, Touching
 from objectfolder.live.mujoco_simulation import MujocoSimulation
+from objectfolder.live.pybullet_simulation import PybulletSimulation
 from objectfolder.live.sound import Impact, LiveSound
 
-__all__ = ["Impact", "LiveSound", "MujocoSimulation", "Simulation", "Touching"]
+__all__ = ["Impact", "LiveSound", "MujocoSimulation", "PybulletSimulation", "Simulation", "Touching"]

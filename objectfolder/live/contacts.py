@@ -12,26 +12,43 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Touching:
-    """Two bodies that touch at a point.
+    """Two bodies that touch at a point, at the beginning of a step.
 
     Attributes
     ----------
     bodies : names of the two
     point_m : (3,) in the world
     normal : (3,) unit, from the first body to the second
-    approach_m_s : speed at which they close along the normal, before the contact slowed them; negative apart
-    mass_kg : that the two offer to each other there along the normal (Mirtich 1996, section 3.2)
+    force_n : along the normal during the step, not negative
+    velocities_m_s : (2, 3) of the matter of both bodies there, before the contact changed them
+
+    Examples
+    --------
+    >>> up, down = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [0.3, 0.0, -1.0]])
+    >>> touching = Touching(("table", "mug"), np.zeros(3), up, 2.0, down)
+    >>> touching.approach_m_s, touching.sliding_m_s.tolist()
+    (1.0, [0.3, 0.0, 0.0])
     """
 
     bodies: tuple[str, str]
     point_m: Floats
     normal: Floats
-    approach_m_s: float
-    mass_kg: float
+    force_n: float
+    velocities_m_s: Floats
+
+    @property
+    def approach_m_s(self) -> float:
+        """Speed at which the two close along the normal; negative apart."""
+        return float(self.normal @ (self.velocities_m_s[0] - self.velocities_m_s[1]))
+
+    @property
+    def sliding_m_s(self) -> Floats:
+        """Velocity (3,) of the second body over the first, without what closes them."""
+        return self.velocities_m_s[1] - self.velocities_m_s[0] + self.approach_m_s * self.normal
 
 
 class Simulation(Protocol):
-    """An engine of rigid bodies with objects in it; `MujocoSimulation` is one."""
+    """An engine of rigid bodies with objects in it: `MujocoSimulation`, `PybulletSimulation`."""
 
     @property
     def time_s(self) -> float:
@@ -51,4 +68,10 @@ class Simulation(Protocol):
         """Return the mass of a body."""
 
     def touching(self) -> Sequence[Touching]:
-        """Return the contacts at the beginning of the last step."""
+        """Return the contacts of the last step."""
+
+    def mass_at_kg(self, touching: Touching) -> float:
+        """Return the mass that two bodies offer to each other along the normal of a contact of the last step.
+
+        B. Mirtich, PhD thesis, Berkeley 1996, section 3.2; infinite where none can move.
+        """

@@ -19,14 +19,21 @@ class MujocoSimulation:
     model, data
         `mujoco.MjModel` and `mujoco.MjData`. Bodies are named as in the model, nameless ones by
         number; ``world`` is the ground.
+
+    Raises
+    ------
+    QueryError
+        MuJoCo is not installed.
     """
 
     def __init__(self, model: Any, data: Any) -> None:
-        import mujoco
-
+        try:
+            import mujoco
+        except ImportError as error:
+            raise QueryError("mujoco", "is not installed", "pip install mujoco") from error
         mujoco.mj_forward(model, data)  # poses of a state that was just set
-        self._model, self._data = model, data
-        self._velocity = data.qvel.copy()
+        self._engine, self._model, self._data = mujoco, model, data
+        self._names = [model.body(number).name or str(number) for number in range(model.nbody)]
 
     @property
     def time_s(self) -> float:
@@ -46,22 +53,16 @@ class MujocoSimulation:
         QueryError
             The simulation has become unstable.
         """
-        import mujoco
-
-        self._velocity = self._data.qvel.copy()
-        mujoco.mj_step(self._model, self._data)
-        bad = (
-            mujoco.mjtWarning.mjWARN_BADQPOS,
-            mujoco.mjtWarning.mjWARN_BADQVEL,
-            mujoco.mjtWarning.mjWARN_BADQACC,
-        )
+        self._engine.mj_step(self._model, self._data)
+        kinds = self._engine.mjtWarning
+        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
         if any(self._data.warning[kind].number for kind in bad):
             raise QueryError("simulation", "poses or speeds that are not finite", "Take a smaller time step.")
 
     def pose(self, body: str) -> Floats:
         """Return the pose (4, 4) of a body, object to world, metres."""
-        found, pose = self._data.body(body), np.eye(4)
-        pose[:3, :3], pose[:3, 3] = found.xmat.reshape(3, 3), found.xpos
+        number, pose = self._number(body), np.eye(4)
+        pose[:3, :3], pose[:3, 3] = self._data.xmat[number].reshape(3, 3), self._data.xpos[number]
         return pose
 
     def mass_kg(self, body: str) -> float:
@@ -72,39 +73,45 @@ class MujocoSimulation:
         QueryError
             No such body.
         """
-        try:
-            return float(self._model.body(body).mass[0])
-        except KeyError as error:
-            raise QueryError("files", f"no body {body!r} in the simulation", "Name its bodies.") from error
+        return float(self._model.body_mass[self._number(body)])
 
     def touching(self) -> list[Touching]:
-        """Return the contacts that had a force in the last step, of bodies of which one can move."""
-        found = []
-        for contact in self._data.contact:
-            if contact.efc_address < 0:
-                continue
-            owners = [int(self._model.geom_bodyid[geom]) for geom in contact.geom]
-            normal = contact.frame[:3].copy()
-            along = normal @ (self._jacobian(owners[1], contact.pos) - self._jacobian(owners[0], contact.pos))
-            mobility = float(along @ self._accelerated(along))
-            if mobility > 0:
-                first, second = (self._model.body(owner).name or str(owner) for owner in owners)
-                speed = -float(along @ self._velocity)
-                found.append(Touching((first, second), contact.pos.copy(), normal, speed, 1 / mobility))
+        """Return the contacts that had a force in the last step."""
+        contacts, force, found = self._data.contact, np.zeros(6), []
+        which = np.flatnonzero(contacts.efc_address >= 0)
+        owners, points = self._model.geom_bodyid[contacts.geom[which]], contacts.pos[which]
+        velocities, normals = self._velocities(owners, points), contacts.frame[which, :3]
+        for row, index in enumerate(which):
+            self._engine.mj_contactForce(self._model, self._data, index, force)
+            names = self._names[owners[row, 0]], self._names[owners[row, 1]]
+            pressed_n = max(0.0, float(force[0]))
+            found.append(Touching(names, points[row], normals[row], pressed_n, velocities[row]))
         return found
+
+    def mass_at_kg(self, touching: Touching) -> float:
+        """Return the mass that two bodies offer to each other at a contact, joints included."""
+        first, second = (self._jacobian(self._number(body), touching.point_m) for body in touching.bodies)
+        along, accelerated = touching.normal @ (second - first), np.zeros((1, self._model.nv))
+        self._engine.mj_solveM(self._model, self._data, accelerated, along[None])
+        mobility = float(along @ accelerated[0])
+        return 1 / mobility if mobility > 0 else np.inf
+
+    def _number(self, body: str) -> int:
+        try:
+            return self._names.index(body)
+        except ValueError as error:
+            raise QueryError("files", f"no body {body!r} in the simulation", "Name its bodies.") from error
+
+    def _velocities(self, owners: NDArray[np.int32], points: Floats) -> Floats:
+        """Return the velocities (n, 2, 3) of pairs of bodies (n, 2) at points (n, 3), before the step."""
+        known = self._data.cvel[owners]  # turning and moving at the centre of a tree of bodies
+        x = points[:, None] - self._data.subtree_com[self._model.body_rootid[owners]]
+        spin = known[:, :, :3]
+        turned = spin[..., [1, 2, 0]] * x[..., [2, 0, 1]] - spin[..., [2, 0, 1]] * x[..., [1, 2, 0]]
+        return np.asarray(known[:, :, 3:] + turned)
 
     def _jacobian(self, body: int, point: Floats) -> Floats:
         """Return (3, speeds): the velocity of a point of a body for each of the model's speeds."""
-        import mujoco
-
         jacobian = np.zeros((3, self._model.nv))
-        mujoco.mj_jac(self._model, self._data, jacobian, None, point, body)
+        self._engine.mj_jac(self._model, self._data, jacobian, None, point, body)
         return jacobian
-
-    def _accelerated(self, force: Floats) -> Floats:
-        """Return a generalised force (speeds,) over the masses of the model."""
-        import mujoco
-
-        result = np.zeros((1, self._model.nv))
-        mujoco.mj_solveM(self._model, self._data, result, force[None])
-        return result[0]

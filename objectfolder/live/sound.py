@@ -1,4 +1,4 @@
-"""What is heard of objects that collide in a running simulation, block by block."""
+"""What is heard of objects that collide, roll and scrape in a running simulation, block by block."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,25 +6,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.synthesis.hertz import HertzContact
-from objectfolder.audio.synthesis.object_stream import ObjectStream
+from objectfolder.audio.synthesis.roughness import LENGTH_M, RoughProfile
 from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Simulation, Touching
+from objectfolder.live.culling import Culling
+from objectfolder.live.heard_body import HeardBody, Matter
+from objectfolder.live.lasting import LastingContact, LastingContacts
+from objectfolder.live.rubbing import GRAVITY_M_S2, Pushes, Rubbing
 from objectfolder.object_file import ObjectFile
-from objectfolder.query_values import real, whole
+from objectfolder.query_values import generator, real, whole
 
 Floats = NDArray[np.float64]
 SAMPLE_RATE_HZ, BLOCK_SAMPLES = 44100.0, 512
 # Engines leave bodies at rest in motion: they fall for a step, then are pushed up. What closes more slowly
 # than a fall of two steps does not collide; with steps of 2 ms that is 39 mm/s, a drop by .08 mm.
-GRAVITY_M_S2, STEPS_OF_FALL = 9.81, 2
-# Radius of curvature where objects touch, over the longest side: edges and rims. The duration of a contact
-# goes with its -1/5 power.
-CURVATURE_SHARE = 0.02
+STEPS_OF_FALL = 2
+LOOK_S = 5e-3  # between looks at what lasts
 # Young's modulus in pascals and Poisson's ratio of wood, as in the table of materials.
 WOOD = (1.1e10, 0.25)
-# An asset's mass and its Object File's differ by rounding; a scale of 1.01 is three times as much.
-MASS_TOLERANCE = 0.01
+# Of a table under a whole body: an estimate of ours, a stiff contact of 1e6 N/m on a wooden top.
+RESTING_DAMPING_N_S_M = 2.0
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ class LiveSound:
     """The sound of a simulation's objects at a listener, made while it runs.
 
     A collision is a half-sine pulse of Hertz's duration on both bodies, with the impulse (1 + e) m v of the
-    approach. What lasts (rolling, scraping, a hand) is not heard and does not damp.
+    approach. A contact that lasts pushes both by the slopes of their rough surfaces, times the force between
+    them, as it runs along these; and it damps both.
 
     Parameters
     ----------
@@ -65,12 +67,19 @@ class LiveSound:
         e of every collision, 0 to 1.
     others
         Young's modulus in pascals and Poisson's ratio of bodies without a file.
+    resting_damping_n_s_m
+        Of what a body stands on, N s/m under its whole weight; 0 damps nothing.
+    audible_only
+        Leave out modes that are not heard beside louder ones or in quiet, see `audibility`.
+    seed
+        Of the rough surfaces.
     sample_rate_hz, block_samples
         Of the sound.
 
     Attributes
     ----------
     impacts : list of Impact, every collision heard so far
+    culling : Culling, what was left out; None where all is sounded
 
     Raises
     ------
@@ -87,94 +96,133 @@ class LiveSound:
         listener_m: Floats | tuple[float, float, float] = (0.0, -0.5, 0.5),
         restitution: float = 0.5,
         others: tuple[float, float] = WOOD,
+        resting_damping_n_s_m: float = RESTING_DAMPING_N_S_M,
+        audible_only: bool = False,
+        seed: int = 0,
         sample_rate_hz: float = SAMPLE_RATE_HZ,
         block_samples: int = BLOCK_SAMPLES,
     ) -> None:
-        self._simulation, self._files = simulation, dict(files)
+        self._simulation = simulation
         self._restitution = real("restitution", restitution, 0.0, 1.0)
-        self._others = real("others[0]", others[0], 1e-3, 1e15, " Pa"), real("others[1]", others[1], -1, 0.5)
+        self._others = Matter(
+            real("others[0]", others[0], 1e-3, 1e15, " Pa"), real("others[1]", others[1], -1, 0.5)
+        )
+        self._damping = real("resting_damping_n_s_m", resting_damping_n_s_m, 0.0, 1e6)
         self._rate = real("sample_rate_hz", sample_rate_hz, 1e3, 1e6)
         self._samples = whole("block_samples", block_samples, 1, 1 << 20)
         if simulation.timestep_s * self._rate > self._samples:
             finding = f"a time step of {simulation.timestep_s:g} s is longer than a block"
             raise QueryError("block_samples", finding, "Take shorter steps or longer blocks.")
-        for body, file in files.items():
-            _require_same_body(body, simulation.mass_kg(body), file)
-        self._streams = {body: self._stream(body, np.asarray(listener_m, np.float64)) for body in files}
-        self._start_s = simulation.time_s
-        self._now = 0
+        self._profile, self._random = RoughProfile(seed), generator(seed)
+        self._start_s, self._now = simulation.time_s, 0
         self._least_m_s = STEPS_OF_FALL * GRAVITY_M_S2 * simulation.timestep_s
+        self._poses: dict[str, Floats] = {}
+        ears = np.asarray(listener_m, np.float64)
+        self._bodies = {name: self._body(name, file, ears) for name, file in files.items()}
+        self._steps, self._between = 0, max(1, round(LOOK_S / simulation.timestep_s))
+        sizes_m = {name: body.size_m for name, body in self._bodies.items()}
+        self._lasting = LastingContacts(sizes_m, self._between * simulation.timestep_s)
+        self._rubbing: dict[LastingContact, Rubbing] = {}
         self._closing: set[frozenset[str]] = set()
+        self.culling = Culling([body.stream for body in self._bodies.values()]) if audible_only else None
         self.impacts: list[Impact] = []
 
     def block(self) -> Floats:
-        """Run the simulation for a block, and return the sound pressure (samples,) in pascals meanwhile."""
+        """Run the simulation for a block, and return the sound pressure (samples,) in pascals meanwhile.
+
+        Raises
+        ------
+        QueryError
+            A pose that is not finite.
+        """
+        begin = self._now
         self._now += self._samples
-        end_s = self._start_s + self._now / self._rate
-        while self._simulation.time_s < end_s:
+        while self._simulation.time_s < self._start_s + self._now / self._rate:
             began_s = self._simulation.time_s
             self._simulation.step()
             self._hear(began_s)
-        sounds = [stream.block(self._samples)[0] for stream in self._streams.values()]
+        self._rub(begin)
+        if self.culling:
+            self.culling.choose()
+        sounds = [body.stream.block(self._samples)[0] for body in self._bodies.values()]
         return np.sum(sounds, axis=0) if sounds else np.zeros(self._samples)
 
+    def _body(self, name: str, file: ObjectFile, listener_m: Floats) -> HeardBody:
+        mass_kg, pose = self._simulation.mass_kg(name), self._pose(name)
+        return HeardBody.of(name, file, mass_kg, self._rate, (listener_m - pose[:3, 3]) @ pose[:3, :3])
+
+    def _pose(self, name: str) -> Floats:
+        pose = self._simulation.pose(name)
+        if not np.isfinite(pose).all():
+            raise QueryError("simulation", f"the pose of {name!r} is not finite", "Take a smaller time step.")
+        return pose
+
+    def _matter(self, name: str) -> Matter:
+        return self._bodies[name].matter if name in self._bodies else self._others
+
     def _hear(self, time_s: float) -> None:
+        """Take on the contacts of a step."""
+        touching = [
+            one for one in self._simulation.touching() if not self._bodies.keys().isdisjoint(one.bodies)
+        ]
+        self._poses |= {name: self._pose(name) for name in {name for one in touching for name in one.bodies}}
+        self._collide(time_s, touching)
+        self._steps += 1
+        if self._steps % self._between == 0:
+            self._lasting.look(time_s, touching, self._poses)
+
+    def _collide(self, time_s: float, touching: list[Touching]) -> None:
         """Strike bodies that have begun to close at a point; soft contacts slow them over several steps."""
         fastest: dict[frozenset[str], Touching] = {}
-        for touching in self._simulation.touching():
-            pair = frozenset(touching.bodies)
-            slow = max(self._least_m_s, fastest[pair].approach_m_s if pair in fastest else 0.0)
-            if touching.approach_m_s > slow and pair & self._files.keys():
-                fastest[pair] = touching
-        for pair, touching in fastest.items():
+        for one in touching:
+            pair = frozenset(one.bodies)
+            if one.approach_m_s > (fastest[pair].approach_m_s if pair in fastest else self._least_m_s):
+                fastest[pair] = one
+        for pair, one in fastest.items():
             if pair not in self._closing:
-                self._strike(time_s, touching)
+                self._strike(time_s, one)
         self._closing = set(fastest)
 
-    def _strike(self, time_s: float, touching: Touching) -> None:
-        contact = self._contact(touching)
-        size = contact.impulse_n_s(touching.approach_m_s, self._restitution)
-        duration_s = float(contact.duration_s(touching.approach_m_s))
-        impact = Impact(time_s, touching.bodies, touching.point_m, size * touching.normal, duration_s)
+    def _strike(self, time_s: float, one: Touching) -> None:
+        first, second = (self._matter(name) for name in one.bodies)
+        contact = first.against(second, self._simulation.mass_at_kg(one))
+        size = contact.impulse_n_s(one.approach_m_s, self._restitution)
+        duration_s = float(contact.duration_s(one.approach_m_s))
+        impact = Impact(time_s, one.bodies, one.point_m, size * one.normal, duration_s)
         self.impacts.append(impact)
-        for body, sign in zip(touching.bodies, (-1.0, 1.0), strict=True):
-            if body not in self._files:
-                continue
-            pose = self._simulation.pose(body)
-            local = (touching.point_m - pose[:3, 3]) @ pose[:3, :3]
-            # Collision shapes lie up to centimetres beside a surface.
-            point = self._files[body].surface.closest_points(local[None]).points[0]
-            force = sign * impact.impulse_n_s @ pose[:3, :3]
-            at = max((time_s - self._start_s) * self._rate, self._streams[body].now)  # but for rounding
-            self._streams[body].strike(point, force, at=at, pulse=duration_s)
+        for name, sign in zip(one.bodies, (-1.0, 1.0), strict=True):
+            if name in self._bodies:
+                body, pose = self._bodies[name], self._poses[name]
+                point = body.nearest((one.point_m - pose[:3, 3]) @ pose[:3, :3])
+                force = sign * impact.impulse_n_s @ pose[:3, :3]
+                at = max((time_s - self._start_s) * self._rate, body.stream.now)  # but for rounding
+                body.stream.strike(point, force, at=at, pulse=duration_s)
 
-    def _contact(self, touching: Touching) -> HertzContact:
-        """Return Hertz's contact of two bodies, of which the sharper one counts."""
-        compliance, curvatures = 0.0, [0.0]
-        for body in touching.bodies:
-            youngs_modulus_pa, poisson_ratio = self._others
-            if body in self._files:
-                file = self._files[body]
-                material = file.description["material"]
-                youngs_modulus_pa, poisson_ratio = material["youngs_modulus_pa"], material["poisson_ratio"]
-                curvatures.append(1 / (CURVATURE_SHARE * float(np.ptp(file.surface.bounds, axis=0).max())))
-            compliance += (1 - poisson_ratio**2) / youngs_modulus_pa
-        return HertzContact(1 / compliance, 1 / max(curvatures), touching.mass_kg)
+    def _rub(self, begin: int) -> None:
+        """Let contacts that last drive and damp the bodies for a block, which begins at a sample."""
+        times_s = self._start_s + np.arange(begin, self._now + 1) / self._rate
+        contacts = self._lasting.contacts
+        self._rubbing = {one: self._rubbing.get(one) or self._rubbed(one) for one in contacts}
+        rotations = {name: pose[:3, :3] for name, pose in self._poses.items()}
+        added = {name: np.zeros(len(body.file.modes.eigenvalues)) for name, body in self._bodies.items()}
+        pushes: dict[str, Pushes] = {name: [] for name in self._bodies}
+        for contact, rubbing in self._rubbing.items():
+            for name, some in rubbing.pushes(times_s, rotations).items():
+                pushes[name] += some
+            if self._damping and rubbing.damps(float(times_s[0])):
+                for name in set(contact.bodies) & self._bodies.keys():
+                    added[name] += rubbing.damping_per_s(name, self._damping)
+        for name, body in self._bodies.items():
+            body.stream.damp(added[name])
+            if pushes[name]:
+                body.stream.drive(pushes[name], at=begin)
+        self._lasting.forget(float(times_s[-1]))
 
-    def _stream(self, body: str, listener_m: Floats) -> ObjectStream:
-        file = self._files[body]
-        pose = self._simulation.pose(body)
-        return file.stream(self._rate, listener=(listener_m - pose[:3, 3]) @ pose[:3, :3])
-
-
-def _require_same_body(body: str, mass_kg: float, file: ObjectFile) -> None:
-    """Refuse a body whose mass in the simulation is none of its Object File's."""
-    if not (file.description.get("body") and file.description.get("material")):
-        finding = f"the file of {body!r} does not say the object's mass and material"
-        raise QueryError("files", finding, "Build the file again.")
-    known = [file.description["object"].get("mass_kg")]
-    known += [file.description["body"].get(name) for name in ("mass_kg", "filled_mass_kg")]
-    stated = [float(value) for value in known if value]
-    if not any(abs(mass_kg / value - 1) <= MASS_TOLERANCE for value in stated):
-        finding = f"{body!r} weighs {mass_kg:.4g} kg in the simulation, {stated[0]:.4g} kg in its Object File"
-        raise QueryError("files", finding, "Give the file of that object, at the scale of the simulation.")
+    def _rubbed(self, contact: LastingContact) -> Rubbing:
+        first, second = (self._matter(name) for name in contact.bodies)
+        bodies = {name: self._bodies[name] for name in contact.bodies if name in self._bodies}
+        hertz = first.against(second, min(body.mass_kg for body in bodies.values()))
+        starts_m = LENGTH_M * self._random.random(2)
+        return Rubbing(
+            contact, bodies, hertz, self._profile, starts_m, (first.roughness_m, second.roughness_m)
+        )

@@ -7,6 +7,7 @@ import pytest
 import objectfolder
 from objectfolder.errors import QueryError
 from objectfolder.live import Impact, LiveSound, MujocoSimulation
+from objectfolder.live.heard_body import HeardBody
 
 GRAVITY, STEP_S, RATE_HZ = 9.81, 0.002, 44_000.0  # 88 samples a step
 RADIUS_M = 0.06
@@ -64,9 +65,9 @@ def test_a_ball_that_falls_strikes_when_and_as_hard_as_mechanics_says(mug, heigh
 def test_blocks_are_what_the_file_answers_at_once(mug):
     simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
     listener = LISTENER_M - [0, 0, RADIUS_M + 0.1]
-    sound, (first, *_) = heard(simulation, {"mug": mug}, 30, block_samples=512)
+    sound, (first, *_) = heard(simulation, {"mug": mug}, 30, block_samples=512, resting_damping_n_s_m=0)
     simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
-    other, _ = heard(simulation, {"mug": mug}, 30 * 4, block_samples=128)
+    other, _ = heard(simulation, {"mug": mug}, 30 * 4, block_samples=128, resting_damping_n_s_m=0)
     scale = np.abs(sound).max()
     np.testing.assert_allclose(other, sound, atol=1e-9 * scale)
     sign = 1 if first.bodies[1] == "mug" else -1
@@ -130,3 +131,21 @@ def test_what_cannot_be_heard_is_refused(mug, tmp_path, monkeypatch):
     right._data.qvel[0] = np.nan
     with pytest.raises(QueryError, match="not finite"):
         live.block()
+
+
+def test_what_has_fallen_rings_out_and_nothing_else_is_heard(mug):
+    """In a second the lowest mode of the mug falls by 65 dB; contacts at rest add nothing."""
+    sound, impacts = heard(world({"mug": (0, 0, RADIUS_M + 0.05)}, mass_of(mug)), {"mug": mug}, 130)
+    second, start = round(RATE_HZ), round(impacts[-1].time_s * RATE_HZ)
+    early, late = sound[start : start + 4000], sound[start + second :][:4000]
+    assert 20 * np.log10(np.std(late) / np.std(early)) < -60
+
+
+def test_the_nearest_place_is_the_surface_s_own(mug):
+    body = HeardBody.of("mug", mug, mass_of(mug), RATE_HZ, LISTENER_M)
+    points = mug.surface.sample(40, 0).points + np.random.default_rng(0).normal(scale=0.01, size=(40, 3))
+    wanted = mug.surface.closest_points(points)
+    for row, point in enumerate(points):
+        found = body.nearest(point)
+        np.testing.assert_allclose(found.points[0], wanted.points[row], atol=1e-12)
+        assert found.distance[0] == pytest.approx(wanted.distance[row])
