@@ -24,6 +24,7 @@ class Touching:
 
     Examples
     --------
+    >>> import numpy as np
     >>> up, down = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [0.3, 0.0, -1.0]])
     >>> touching = Touching(("table", "mug"), np.zeros(3), up, 2.0, down)
     >>> touching.approach_m_s, touching.sliding_m_s.tolist()

@@ -21,7 +21,7 @@ SAMPLE_RATE_HZ, BLOCK_SAMPLES = 44100.0, 512
 # Engines leave bodies at rest in motion: they fall for a step, then are pushed up. What closes more slowly
 # than a fall of two steps does not collide; with steps of 2 ms that is 39 mm/s, a drop by .08 mm.
 STEPS_OF_FALL = 2
-LOOK_S = 5e-3  # between looks at what lasts
+LOOK_S = 8e-3  # between looks at what lasts
 # Young's modulus in pascals and Poisson's ratio of wood, as in the table of materials.
 WOOD = (1.1e10, 0.25)
 # Of a table under a whole body: an estimate of ours, a stiff contact of 1e6 N/m on a wooden top.

@@ -149,7 +149,8 @@ class ObjectStream:
 
     def block(self, samples: int) -> Floats:
         """Return the next samples (channels, samples) float64, in the unit `ObjectFile.strike` answers in."""
-        return np.stack([channel.voices.block(samples) for channel in self._channels])
+        sounds = [channel.voices.block(samples) for channel in self._channels]
+        return np.stack(sounds) if len(sounds) > 1 else sounds[0][None]
 
 
 @dataclass(frozen=True)

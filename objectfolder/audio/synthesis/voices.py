@@ -72,6 +72,7 @@ class Voices:
         self._given = len(oscillators) if all_modes is None else all_modes
         self._bank = Bank(oscillators, weights, LONGEST_BLOCK, floor_db)
         self._columns = columns[self._bank.order]
+        self._ends = -self._bank.lifetimes
         self._free = FreeMotion.of(self._bank)
         self._all = np.arange(len(oscillators)), self._free
         self._sounded = self._all
@@ -127,7 +128,7 @@ class Voices:
     @property
     def ringing_modes(self) -> int:
         """Modes that are still computed."""
-        return int(np.searchsorted(-self._bank.lifetimes, -self._age, side="left"))
+        return int(self._ends.searchsorted(-self._age, side="left"))
 
     @property
     def silent(self) -> bool:
@@ -267,10 +268,11 @@ class Voices:
         count = len(sound)
         living = self.ringing_modes
         if living:
-            which = self._sounded[0][: np.searchsorted(self._sounded[0], living)]
-            if 8 * len(which) <= 7 * len(self._sounded[0]):
-                self._sound_only(which)
             which, free = self._sounded
+            left = int(which.searchsorted(living))
+            if 8 * left <= 7 * len(which):
+                self._sound_only(which[:left])
+                which, free = self._sounded
             added = None if self._added is None else self._added[which]
             ringing = self._ringing if len(which) == len(self._columns) else self._ringing[:, which]
             sound += free.sound(ringing, count, added)
