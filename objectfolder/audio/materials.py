@@ -23,8 +23,8 @@ class Material:
     roughness, metallic : defaults of the looks, in [0, 1]
     citation : where the numbers come from
     friction, restitution, roughness_um, contact_citation : dry contact, sliding friction not negative,
-        restitution in [0, 1], root mean square of heights of a surface in micrometres, and where they come from;
-        None and empty where the table does not say
+        restitution in [0, 1], root mean square of the heights of a surface (micrometres), and where they
+        come from; None and empty where the table does not say
     """
 
     name: str
