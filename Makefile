@@ -13,7 +13,7 @@ EXAMPLE := --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder 
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
 
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset hundred examples test lint docs stages lock
+.PHONY: help environment dataset hundred learn examples test lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -32,6 +32,9 @@ dataset: $(STAMP) ## Make the data set: what is missing or out of date
 hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the data set of them
 	objectfolder fetch --table data/objects.csv
 	$(MAKE) --no-print-directory dataset OBJECTS=data/objects.csv
+
+learn: $(STAMP) ## Evaluate the learning tasks on the data set: reports/learning.html
+	dvc repro learning/dvc.yaml
 
 examples: $(STAMP) ## Make the Object Files inside the package again
 	objectfolder starter

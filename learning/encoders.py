@@ -1,0 +1,159 @@
+"""One network a sense, trained to name the object, and what it makes of every sample.
+
+Tasks work on its features. A protocol says what it is trained and tested on:
+
+- ``sample``: other draws of the same objects, as published;
+- ``region``: test places lie in regions without a training place;
+- ``one lamp``: as ``sample``, but images have one lamp anywhere, as the published views;
+- ``unseen``: networks are trained on other objects than those that are tested.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.utils.tensorboard import SummaryWriter
+
+from learning.networks import Labelled, ResNet18, answers, fit_classifier
+from learning.runs import LOGS, Objects, kept
+from learning.samples import Samples, draw, regions_of
+from learning.settings import Settings
+from objectfolder.products.provenance import seed_from
+
+SPLITS = ("training", "validation", "test")
+Arrays = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """What a network makes of the samples of a split.
+
+    Attributes
+    ----------
+    features : (n, 8 width) float32
+    log_probabilities : (n, classes) float32
+    labels : (n,) int64, positions in `Objects.ids`
+    """
+
+    features: NDArray[np.float32]
+    log_probabilities: NDArray[np.float32]
+    labels: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """A trained sense: a split's name to what the network makes of it.
+
+    Attributes
+    ----------
+    splits : by `SPLITS`
+    nearest_share : median distance from a test place to the nearest training place of its object, over the
+        object's longest side (for images, in units of the sphere's radius): how near duplicates are
+    """
+
+    splits: dict[str, Encoded]
+    nearest_share: float
+
+
+def folds_of(count: int, settings: Settings) -> list[list[int]]:
+    """Return the objects that are unseen together; a gallery of one would be no choice, so two at least."""
+    order = np.random.default_rng(0).permutation(count)
+    return [part.tolist() for part in np.array_split(order, min(settings.folds, count // 2))]
+
+
+def encoded(
+    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int] = ()
+) -> Encoder:
+    """Train the network of a sense, or read what it was.
+
+    Parameters
+    ----------
+    unseen
+        Positions of objects that the network is not trained on; the test split is theirs alone. Empty for
+        the other protocols.
+    """
+    key = {
+        "unit": "encoder", "sense": sense, "protocol": protocol, "seed": seed, "unseen": list(unseen),
+        "data": settings.data.model_dump(exclude={"root", "objects"}),
+        "encoder": settings.encoder.model_dump(), "files": objects.digests,
+    }  # fmt: skip
+    stored = kept(key, lambda: _train(objects, settings, sense, protocol, seed, unseen))
+    return _unpacked(stored)
+
+
+def _train(
+    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int]
+) -> Arrays:
+    samples, nearest = drawn(objects, settings, sense, protocol, seed)
+    if unseen:
+        out = torch.tensor(list(unseen))
+        samples = {
+            split: Labelled(part.inputs[chosen], part.labels[chosen])
+            for split, part in samples.items()
+            for chosen in [torch.isin(part.labels, out) == (split == "test")]
+        }
+    with SummaryWriter(LOGS / f"{sense} {protocol} {seed}") as log:
+        network = fit_classifier(
+            samples["training"], samples["validation"], len(objects), settings.encoder, seed, log
+        )
+    return {**packed(network, samples), "nearest": np.array(nearest)}
+
+
+def packed(network: ResNet18, samples: dict[str, Labelled]) -> Arrays:
+    """Return features, log probabilities and labels of every split as arrays with names."""
+    arrays: Arrays = {}
+    for split, part in samples.items():
+        features, logs = answers(network, part.inputs)
+        arrays |= {f"{split}/features": features.numpy(), f"{split}/logs": logs.numpy()}
+        arrays[f"{split}/labels"] = part.labels.numpy()
+    return arrays
+
+
+def _unpacked(arrays: Arrays) -> Encoder:
+    splits = {
+        split: Encoded(*(arrays[f"{split}/{name}"] for name in ("features", "logs", "labels")))
+        for split in SPLITS
+    }
+    return Encoder(splits, float(arrays["nearest"]))
+
+
+def drawn(
+    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int
+) -> tuple[dict[str, Labelled], float]:
+    """Draw the samples of all objects: inputs and labels by split, and how near test is to training."""
+    draws = {split: label_draws(objects, settings, sense, protocol, seed, split) for split in SPLITS}
+    nearest = []
+    for label, file in enumerate(objects.files.values()):
+        size = 1.0 if sense == "vision" else float(np.ptp(file.surface.bounds, axis=0).max())
+        test, training = (draws[split][label].places for split in ("test", "training"))
+        gaps = np.linalg.norm(test[:, None] - training, axis=2).min(axis=1)
+        nearest.append(np.median(gaps) / size)
+    labelled = {
+        split: Labelled(
+            torch.cat([one.inputs for one in samples]),
+            torch.arange(len(objects)).repeat_interleave(len(samples[0].places)),
+        )
+        for split, samples in draws.items()
+    }
+    return labelled, float(np.median(nearest))
+
+
+def label_draws(
+    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, split: str
+) -> list[Samples]:
+    """Draw the samples of a split, an entry an object."""
+    data = settings.data
+    count = {"training": data.training, "validation": data.validation, "test": data.test}[split]
+    draws = []
+    for object_id, file in objects.files.items():
+        chosen = None
+        if protocol == "region":
+            regions = regions_of(file, sense, data.regions, seed_from(seed, "regions", object_id))
+            chosen = regions[split == "test"]
+        drawn_seed = seed_from(seed, f"{sense} {protocol} {split}", object_id)
+        lit = protocol != "one lamp"
+        draws.append(draw(file, sense, count, drawn_seed, data.resolution, chosen=chosen, lit=lit))
+    return draws

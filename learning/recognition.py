@@ -1,0 +1,155 @@
+"""Which object is it? From one image, one strike, one touch, and any two or three of them."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.nn.functional import cross_entropy
+
+from learning.encoders import Encoded, Encoder, encoded
+from learning.metrics import binomial_interval
+from learning.networks import batches
+from learning.runs import Objects
+from learning.samples import SENSES
+from learning.settings import Settings
+
+LETTERS = dict(zip(SENSES, "VAT", strict=True))
+COMBINATIONS = tuple(chosen for size in (1, 2, 3) for chosen in combinations(SENSES, size))
+SEVERAL = (1, 2, 3, 5)
+PAIRINGS = 8  # of training features, each with others of its object
+HEAD_EPOCHS = 60
+
+
+def name_of(senses: Sequence[str]) -> str:
+    """Return ``VAT`` and so on."""
+    return "".join(LETTERS[sense] for sense in senses)
+
+
+def aligned(parts: Sequence[Encoded], draws: int, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Join features of several senses: each of the first sense's with random ones of the same object.
+
+    Returns
+    -------
+    features
+        (draws n, sum of features).
+    labels
+        (draws n,).
+    """
+    random = np.random.default_rng(seed)
+    labels = np.tile(parts[0].labels, draws)
+    columns = []
+    for part in parts:
+        rows = np.empty(len(labels), dtype=np.int64)
+        for label in np.unique(labels):
+            mine = labels == label
+            rows[mine] = random.choice(np.flatnonzero(part.labels == label), mine.sum())
+        columns.append(part.features[rows])
+    return torch.from_numpy(np.concatenate(columns, axis=1)), torch.from_numpy(labels)
+
+
+def fused(encoders: Sequence[Encoder], classes: int, seed: int) -> NDArray[np.bool_]:
+    """Train a linear layer on joined features, and return which of the test's it names rightly."""
+    torch.manual_seed(seed)
+    random = torch.Generator().manual_seed(seed)
+    inputs, labels = aligned([one.splits["training"] for one in encoders], PAIRINGS, seed)
+    mean, scale = inputs.mean(dim=0), inputs.std(dim=0) + 1e-6
+    head = torch.nn.Linear(inputs.shape[1], classes)
+    optimiser = torch.optim.AdamW(head.parameters(), 1e-2, weight_decay=1e-2)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, HEAD_EPOCHS)
+    for _ in range(HEAD_EPOCHS):
+        for rows in batches(len(labels), 256, random):
+            loss = cross_entropy(head((inputs[rows] - mean) / scale), labels[rows])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+        schedule.step()
+    tested, wanted = aligned([one.splits["test"] for one in encoders], PAIRINGS, seed + 1)
+    with torch.no_grad():
+        named = head((tested - mean) / scale).argmax(dim=1)
+    return (named == wanted).numpy()
+
+
+def of_several(test: Encoded, count: int, seed: int, draws: int = 20) -> float:
+    """Return the accuracy of `count` samples of an object together: their log probabilities are summed."""
+    random = np.random.default_rng(seed)
+    hits = []
+    for label in np.unique(test.labels):
+        rows = np.flatnonzero(test.labels == label)
+        for _ in range(draws):
+            chosen = random.choice(rows, count, replace=False)
+            hits.append(test.log_probabilities[chosen].sum(axis=0).argmax() == label)
+    return float(np.mean(hits))
+
+
+def accuracies(hits_of_seeds: Sequence[NDArray[np.bool_]], samples: int) -> dict[str, Any]:
+    """Return mean and standard deviation over seeds in percent, and the interval of all.
+
+    Parameters
+    ----------
+    samples
+        Independent test samples a seed: pairings of the same ones do not narrow the interval.
+    """
+    shares = [float(hits.mean()) for hits in hits_of_seeds]
+    trials = samples * len(shares)
+    low, high = binomial_interval(round(float(np.mean(shares)) * trials), trials)
+    spread = float(np.std(shares, ddof=1)) if len(shares) > 1 else None
+    return {
+        "accuracy_percent": 100 * float(np.mean(shares)),
+        "sd_percent": None if spread is None else 100 * spread,
+        "interval_percent": [100 * low, 100 * high],
+    }
+
+
+def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
+    """Return which of the test samples one sense alone names rightly."""
+    test = encoder.splits["test"]
+    return test.log_probabilities.argmax(axis=1) == test.labels
+
+
+def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+    """Return accuracies by protocol and senses, curves of several samples, and how confused objects are."""
+    tests = settings.data.test * len(objects)
+    result: dict[str, Any] = {"chance_percent": 100 / len(objects), "tests_a_seed": tests}
+    for protocol in ("sample", "region"):
+        encoders = [
+            {sense: encoded(objects, settings, sense, protocol, seed) for sense in SENSES}
+            for seed in settings.seeds
+        ]
+        row: dict[str, Any] = {}
+        for senses in COMBINATIONS:
+            hits = [
+                named_rightly(one[senses[0]])
+                if len(senses) == 1
+                else fused([one[sense] for sense in senses], len(objects), seed)
+                for seed, one in zip(settings.seeds, encoders, strict=True)
+            ]
+            row[name_of(senses)] = accuracies(hits, tests)
+        row["several"] = {
+            LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
+            for sense in SENSES
+        }
+        row["nearest_training_place"] = {
+            LETTERS[sense]: float(np.mean([one[sense].nearest_share for one in encoders])) for sense in SENSES
+        }
+        row["confusion"] = {LETTERS[sense]: _confusion(encoders, sense, len(objects)) for sense in SENSES}
+        result[protocol] = row
+    dark = [encoded(objects, settings, "vision", "one lamp", seed) for seed in settings.seeds]
+    result["one lamp"] = {"V": accuracies([named_rightly(one) for one in dark], tests)}
+    return result
+
+
+def _several(encoders: Sequence[dict[str, Encoder]], sense: str, count: int) -> float:
+    found = [of_several(one[sense].splits["test"], count, seed) for seed, one in enumerate(encoders)]
+    return 100 * float(np.mean(found))
+
+
+def _confusion(encoders: Sequence[dict[str, Encoder]], sense: str, classes: int) -> list[list[int]]:
+    """Return how many test samples of an object (row) are named as another (column), over all seeds."""
+    counts = np.zeros((classes, classes), dtype=np.int64)
+    for one in encoders:
+        test = one[sense].splits["test"]
+        np.add.at(counts, (test.labels, test.log_probabilities.argmax(axis=1)), 1)
+    return counts.tolist()

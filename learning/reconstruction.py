@@ -1,0 +1,193 @@
+"""What shape is it? An occupancy network conditioned on an image, a strike, or both.
+
+Conditions are features of the networks of `encoders`. The unit cube hides an object's size; a linear map
+from the same features says the size in metres.
+
+Naming the object and returning its mesh is the first thing to compare with: on objects that were seen in
+training it needs no idea of shape.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import torch
+import trimesh
+
+from learning.encoders import Encoder, encoded, folds_of
+from learning.occupancy import Shape, fit, predicted, shapes_of
+from learning.recognition import aligned, name_of
+from learning.runs import Objects, kept
+from learning.settings import Reconstruction, Settings
+from learning.shapes import Likeness, likeness, volume_points
+
+VARIANTS = (("vision",), ("audio",), ("vision", "audio"))
+OTHERS = 10  # meshes that the average takes of other objects
+RIDGE = 1e-2
+
+
+class Measures:
+    """Likeness of meshes to the objects' own, each pair of objects compared once."""
+
+    def __init__(self, shapes: dict[int, Shape], asked: Reconstruction) -> None:
+        self.shapes, self._asked = shapes, asked
+        self._points = volume_points(seed=1)
+        self._pairs: dict[tuple[int, int], Likeness] = {}
+
+    def of(self, mesh: trimesh.Trimesh | None, label: int, seed: int = 0) -> Likeness:
+        """Compare a mesh with that of an object."""
+        return likeness(mesh, self.shapes[label].mesh, self._points, self._asked.surface_points, seed)
+
+    def of_object(self, answer: int, label: int) -> Likeness:
+        """Compare the mesh of an object with that of another, or with itself: the floor of the measure."""
+        if (answer, label) not in self._pairs:
+            self._pairs[answer, label] = self.of(self.shapes[answer].mesh, label)
+        return self._pairs[answer, label]
+
+
+def _mean(found: Sequence[Likeness]) -> dict[str, float]:
+    names = Likeness.__dataclass_fields__
+    return dict(zip(names, np.mean([astuple(one) for one in found], axis=0).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An occupancy network of some senses, trained on known objects and tested on some.
+
+    Attributes
+    ----------
+    senses : what it is shown
+    known, tested : positions of objects with a closed surface
+    unseen : positions of objects that nothing was trained on; empty where all were seen
+    seed : of all draws, the number of the fold where objects are unseen
+    """
+
+    objects: Objects
+    settings: Settings
+    measures: Measures
+    senses: tuple[str, ...]
+    known: tuple[int, ...]
+    tested: tuple[int, ...]
+    unseen: tuple[int, ...]
+    seed: int
+
+    @cached_property
+    def encoders(self) -> list[Encoder]:
+        """The networks of the senses."""
+        protocol = "unseen" if self.unseen else "sample"
+        return [
+            encoded(self.objects, self.settings, sense, protocol, self.seed, self.unseen)
+            for sense in self.senses
+        ]
+
+    def joined(self, split: str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return features of the senses together, and labels."""
+        return aligned([one.splits[split] for one in self.encoders], 1, self.seed)
+
+    @cached_property
+    def made(self) -> dict[str, np.ndarray]:
+        """Likenesses (tests, 3), and of each tested object the first predicted mesh, by its position."""
+        key = {
+            "unit": "reconstruction", "senses": self.senses, "known": self.known, "tested": self.tested,
+            "unseen": self.unseen, "seed": self.seed, "files": self.objects.digests,
+            "settings": self.settings.model_dump(exclude={"retrieval", "seeds"}),
+        }  # fmt: skip
+        return kept(key, self._predict)
+
+    def _predict(self) -> dict[str, np.ndarray]:
+        asked = self.settings.reconstruction
+        shapes = {label: self.measures.shapes[label] for label in self.known}
+        network = fit(*self.joined("training"), shapes, asked, self.seed)
+        features, labels = self.joined("test")
+        found: list[tuple[float, ...]] = []
+        arrays: dict[str, np.ndarray] = {}
+        for label in self.tested:
+            rows = np.flatnonzero(labels.numpy() == label)[: asked.tests]
+            meshes = [predicted(network, features[row], asked.grid) for row in rows]
+            found += [astuple(self.measures.of(mesh, label)) for mesh in meshes]
+            if meshes[0] is not None:
+                arrays |= {f"{label}/vertices": meshes[0].vertices, f"{label}/faces": meshes[0].faces}
+        return {"likeness": np.array(found), **arrays}
+
+    def mesh(self, label: int) -> trimesh.Trimesh | None:
+        """Return the first mesh that was predicted of an object; None if it was empty."""
+        if f"{label}/faces" not in self.made:
+            return None
+        vertices, faces = (self.made[f"{label}/{name}"] for name in ("vertices", "faces"))
+        return trimesh.Trimesh(vertices, faces, process=False)
+
+    def figures(self) -> dict[str, Any]:
+        """Return what was reached, and what looking up the mesh of a known object reaches."""
+        named = [(answer, label) for label in self.tested for answer in self._named(label)]
+        nearest = [
+            max((self.measures.of_object(one, label) for one in self.known), key=lambda like: like.iou)
+            for label in self.tested
+        ]
+        lengths_m = [file.frame.scale for file in self.objects.files.values()]
+        return {
+            "ours": _mean([Likeness(*row) for row in self.made["likeness"].tolist()]),
+            "look_up": _mean([self.measures.of_object(*pair) for pair in named]),
+            "nearest_known": _mean(nearest),
+            "size_error_share": size_error(self.joined("training"), self.joined("test"), lengths_m),
+            "objects": len(self.tested),
+        }
+
+    def _named(self, label: int) -> list[int]:
+        """Return whom of the known objects the senses name together, for draws of an object's samples."""
+        random = np.random.default_rng(self.seed)
+        logs = np.zeros((self.settings.reconstruction.tests, len(self.objects)))
+        for one in self.encoders:
+            test = one.splits["test"]
+            logs += test.log_probabilities[random.choice(np.flatnonzero(test.labels == label), len(logs))]
+        return [self.known[best] for best in logs[:, list(self.known)].argmax(axis=1)]
+
+
+def size_error(
+    training: tuple[torch.Tensor, torch.Tensor],
+    test: tuple[torch.Tensor, torch.Tensor],
+    lengths_m: Sequence[float],
+) -> float:
+    """Return the mean error of the size that a linear map of the features says, as a share of the size."""
+    mean, scale = training[0].mean(dim=0), training[0].std(dim=0) + 1e-6
+    x, u = (((features - mean) / scale).double().numpy() for features, _ in (training, test))
+    y, v = (np.log([lengths_m[label] for label in labels.tolist()]) for _, labels in (training, test))
+    weights = np.linalg.solve(x.T @ x + RIDGE * len(x) * np.eye(x.shape[1]), x.T @ (y - y.mean()))
+    return float(np.mean(np.expm1(np.abs(u @ weights + y.mean() - v))))
+
+
+def trials(objects: Objects, settings: Settings) -> Iterator[Trial]:
+    """Yield what is tried: all objects seen, then folds of unseen ones, by each of `VARIANTS`."""
+    measures = Measures(shapes_of(objects), settings.reconstruction)
+    closed = tuple(measures.shapes)
+    for senses in VARIANTS:
+        yield Trial(objects, settings, measures, senses, closed, closed, (), settings.seeds[0])
+    for fold, out in enumerate(folds_of(len(objects), settings)[: settings.reconstruction.folds]):
+        known = tuple(label for label in closed if label not in out)
+        tested = tuple(label for label in closed if label in out)
+        for senses in VARIANTS:
+            if tested:
+                yield Trial(objects, settings, measures, senses, known, tested, tuple(out), fold)
+
+
+def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+    """Return likenesses by senses and by what they are compared with, of seen and of unseen objects."""
+    tried = list(trials(objects, settings))
+    measures, closed = tried[0].measures, tried[0].known
+    others = [
+        (other, label) for label in closed for other in [one for one in closed if one != label][:OTHERS]
+    ]
+    result: dict[str, Any] = {
+        "left_out_open": [name for label, name in enumerate(objects.ids) if label not in closed],
+        "floor": _mean([measures.of_object(label, label) for label in closed]),
+        "average_of_others": _mean([measures.of_object(*pair) for pair in others]),
+        "seen": {},
+        "unseen": {},
+    }
+    for trial in tried:
+        if trial.unseen:
+            result["unseen"].setdefault(name_of(trial.senses), []).append(trial.figures())
+        else:
+            result["seen"][name_of(trial.senses)] = trial.figures()
+    return result

@@ -1,0 +1,246 @@
+"""Given what one sense tells of an object, find the object by another sense.
+
+Two heads bring the features of two senses into a common space, by a triplet loss and a classifier that they
+share. What they are compared with gets the same features: canonical correlations, partial least squares,
+and naming the object, then looking it up.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations, permutations
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+from torch.nn.functional import cosine_similarity, cross_entropy, normalize
+
+from learning.encoders import Encoded, Encoder, encoded, folds_of
+from learning.metrics import chance_average_precision, mean_average_precision, one_positive_galleries
+from learning.networks import batches
+from learning.recognition import LETTERS, aligned
+from learning.runs import Objects
+from learning.samples import SENSES
+from learning.settings import Retrieval, Settings
+
+Floats = NDArray[np.float64]
+RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
+PAIRINGS = 4
+GALLERIES = 20  # draws of one positive an object
+
+
+class Projection(NamedTuple):
+    """Linear maps of two senses into a common space: (features, dimensions) each, after mean and scale."""
+
+    means: tuple[Floats, Floats]
+    maps: tuple[Floats, Floats]
+
+    def __call__(self, side: int, features: NDArray[Any]) -> Floats:
+        """Return places (n, dimensions) of features of one of the two senses."""
+        return (features - self.means[side]) @ self.maps[side]
+
+
+def canonical_correlations(first: Floats, second: Floats, dimensions: int, ridge: float) -> Projection:
+    """Return the directions of largest correlation, in closed form (Hotelling 1936; ridge: Vinod 1976).
+
+    Parameters
+    ----------
+    first, second
+        (n, features) of pairs.
+    ridge
+        Added to the variances, as a share of their mean.
+    """
+    means = first.mean(axis=0), second.mean(axis=0)
+    a, b = first - means[0], second - means[1]
+    whitened = [_inverse_root(x.T @ x / len(x), ridge) for x in (a, b)]
+    left, correlations, right = np.linalg.svd(whitened[0] @ (a.T @ b / len(a)) @ whitened[1])
+    kept = min(dimensions, len(correlations))
+    # Weighted by its correlation, a direction that says little counts little.
+    return Projection(
+        means,
+        (
+            whitened[0] @ left[:, :kept] * correlations[:kept],
+            whitened[1] @ right[:kept].T * correlations[:kept],
+        ),
+    )
+
+
+def partial_least_squares(first: Floats, second: Floats, dimensions: int) -> Projection:
+    """Return the directions of largest covariance of standardised features (Bookstein's PLS by SVD)."""
+    means = first.mean(axis=0), second.mean(axis=0)
+    scales = [1 / (x.std(axis=0) + 1e-9) for x in (first, second)]
+    a, b = (first - means[0]) * scales[0], (second - means[1]) * scales[1]
+    left, _, right = np.linalg.svd(a.T @ b)
+    return Projection(
+        means, (scales[0][:, None] * left[:, :dimensions], scales[1][:, None] * right[:dimensions].T)
+    )
+
+
+def _inverse_root(covariance: Floats, ridge: float) -> Floats:
+    values, vectors = np.linalg.eigh(covariance)
+    floor = ridge * values.mean() + 1e-12
+    return (vectors / np.sqrt(np.maximum(values, 0) + floor)) @ vectors.T
+
+
+class CommonSpace(nn.Module):
+    """Two heads into one space of unit vectors, and a classifier of both."""
+
+    def __init__(self, inputs: Sequence[int], classes: int, dimensions: int) -> None:
+        super().__init__()
+        self.scales = nn.ModuleList(nn.BatchNorm1d(size) for size in inputs)
+        self.heads = nn.ModuleList(nn.Linear(size, dimensions) for size in inputs)
+        self.classes = nn.Linear(dimensions, classes)
+
+    def forward(self, side: int, features: torch.Tensor) -> torch.Tensor:
+        """Return unit vectors (n, dimensions)."""
+        return normalize(self.heads[side](self.scales[side](features)), dim=1)
+
+
+def _triplets(
+    anchors: torch.Tensor, others: torch.Tensor, labels: torch.Tensor, margin: float
+) -> torch.Tensor:
+    """Return the mean triplet loss with the farthest positive and the nearest negative of a batch."""
+    similarity = anchors @ others.T
+    same = labels[:, None] == labels
+    positive = similarity.masked_fill(~same, 2).amin(dim=1)
+    negative = similarity.masked_fill(same, -2).amax(dim=1)
+    return torch.relu(negative - positive + margin).mean()
+
+
+def fit_common_space(
+    training: tuple[Encoded, Encoded],
+    validation: tuple[Encoded, Encoded],
+    classes: int,
+    asked: Retrieval,
+    seed: int,
+) -> CommonSpace:
+    """Train the heads, and return the epoch with the best mAP of both directions in the validation split."""
+    torch.manual_seed(seed)
+    random = torch.Generator().manual_seed(seed)
+    sizes = [one.features.shape[1] for one in training]
+    features, labels = aligned(training, PAIRINGS, seed)
+    space = CommonSpace(sizes, classes, asked.dimensions)
+    optimiser = torch.optim.AdamW(space.parameters(), 5e-3, weight_decay=1e-2)
+    best, best_score = space.state_dict(), -1.0
+    for _ in range(asked.epochs):
+        space.train()
+        for rows in batches(len(labels), 64, random):
+            joined = features[rows].split(sizes, dim=1)
+            places = [space(side, part) for side, part in enumerate(joined)]
+            named = labels[rows]
+            parts = [_triplets(places[i], places[1 - i], named, asked.margin) for i in (0, 1)]
+            parts += [cross_entropy(10 * space.classes(place), named) for place in places]
+            loss = torch.stack(parts).sum()
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+        score = np.mean(
+            [
+                mean_average_precision(similarity, queries.labels, gallery.labels, seed)
+                for similarity, queries, gallery in both_ways(space, validation)
+            ]
+        )
+        if score > best_score:
+            best_score = float(score)
+            best = {name: value.clone() for name, value in space.state_dict().items()}
+    space.load_state_dict(best)
+    return space
+
+
+@torch.no_grad()
+def both_ways(space: CommonSpace, pair: tuple[Encoded, Encoded]) -> list[tuple[Floats, Encoded, Encoded]]:
+    """Return similarity (queries, gallery), queries and gallery of both directions."""
+    space.eval()
+    places = [space(side, torch.from_numpy(one.features)) for side, one in enumerate(pair)]
+    similarity = (places[0] @ places[1].T).double().numpy()
+    return [(similarity, *pair), (similarity.T, pair[1], pair[0])]
+
+
+def _cosine(first: Floats, second: Floats) -> Floats:
+    a, b = torch.from_numpy(first), torch.from_numpy(second)
+    return cosine_similarity(a[:, None], b[None], dim=2).numpy()
+
+
+def similarities(
+    pair: tuple[Encoder, Encoder], classes: int, asked: Retrieval, seed: int
+) -> dict[str, Floats]:
+    """Return by method the similarity (first, second) of the test samples of two senses."""
+    training, validation, test = (
+        (pair[0].splits[split], pair[1].splits[split]) for split in ("training", "validation", "test")
+    )
+    space = fit_common_space(training, validation, classes, asked, seed)
+    sizes = [one.features.shape[1] for one in training]
+    joined = aligned(training, PAIRINGS, seed)[0].split(sizes, dim=1)
+    first, second = (part.double().numpy() for part in joined)
+
+    def score(projection: Projection, over: tuple[Encoded, Encoded]) -> Floats:
+        return _cosine(*(projection(side, one.features.astype(np.float64)) for side, one in enumerate(over)))
+
+    def validated(projection: Projection) -> float:
+        found = score(projection, validation)
+        return mean_average_precision(found, validation[0].labels, validation[1].labels, seed)
+
+    choices = [canonical_correlations(first, second, asked.dimensions, ridge) for ridge in RIDGES]
+    return {
+        "ours": both_ways(space, test)[0][0],
+        "CCA": score(max(choices, key=validated), test),
+        "PLS": score(partial_least_squares(first, second, asked.dimensions), test),
+        "classify, then look up": np.exp(test[0].log_probabilities.astype(np.float64))
+        @ np.exp(test[1].log_probabilities.astype(np.float64)).T,
+    }
+
+
+def scores(similarity: Floats, queries: Encoded, gallery: Encoded, seed: int) -> dict[str, float]:
+    """Return the mAP over the whole gallery and over galleries with one positive, each with its chance."""
+    single = [
+        mean_average_precision(similarity[:, items], queries.labels, gallery.labels[items], seed)
+        for items in one_positive_galleries(gallery.labels, GALLERIES, seed)
+    ]
+    alone = np.unique(gallery.labels)
+    return {
+        "map": mean_average_precision(similarity, queries.labels, gallery.labels, seed),
+        "chance": chance_average_precision(queries.labels, gallery.labels),
+        "map_one_positive": float(np.mean(single)),
+        "chance_one_positive": chance_average_precision(queries.labels, alone),
+    }
+
+
+def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+    """Return mAPs by direction and method, of objects seen in training and of unseen ones."""
+    seen = [
+        ({sense: encoded(objects, settings, sense, "sample", seed) for sense in SENSES}, seed)
+        for seed in settings.seeds
+    ]
+    folds = folds_of(len(objects), settings)
+    unseen = [
+        ({sense: encoded(objects, settings, sense, "unseen", fold, out) for sense in SENSES}, fold)
+        for fold, out in enumerate(folds)
+    ]
+    return {
+        "objects": len(objects),
+        "seen": _table(seen, len(objects), settings.retrieval),
+        "unseen": _table(unseen, len(objects), settings.retrieval),
+        "unseen_gallery_objects": [len(out) for out in folds],
+    }
+
+
+def _table(runs: Sequence[tuple[dict[str, Encoder], int]], classes: int, asked: Retrieval) -> dict[str, Any]:
+    """Return the mean over runs by direction, method and score."""
+    found: dict[str, dict[str, list[dict[str, float]]]] = {}
+    for encoders, seed in runs:
+        for senses in combinations(SENSES, 2):
+            pair = encoders[senses[0]], encoders[senses[1]]
+            tests = [one.splits["test"] for one in pair]
+            for method, similarity in similarities(pair, classes, asked, seed).items():
+                for one, other in permutations((0, 1)):
+                    direction = f"{LETTERS[senses[one]]} to {LETTERS[senses[other]]}"
+                    turned = similarity if one == 0 else similarity.T
+                    result = scores(turned, tests[one], tests[other], seed)
+                    found.setdefault(direction, {}).setdefault(method, []).append(result)
+    return {
+        direction: {
+            method: {name: float(np.mean([one[name] for one in results])) for name in results[0]}
+            for method, results in methods.items()
+        }
+        for direction, methods in found.items()
+    }

@@ -1,0 +1,87 @@
+"""Results that are kept by what they were made from, so that a run that was stopped goes on where it was."""
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from learning.settings import Settings
+from objectfolder import load
+from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
+
+RUNS = Path("learning/runs")
+SAID = ("sense", "senses", "protocol", "seed")  # of a unit that was made
+LOGS = RUNS / "logs"  # for TensorBoard
+FEWEST = 4  # two to train on, two that are unseen
+
+
+class Objects:
+    """The Object Files of a data set, opened when they are asked for.
+
+    Parameters
+    ----------
+    settings
+        Names the root and the ids.
+    most
+        Only the first ones by name.
+
+    Raises
+    ------
+    InputError
+        Fewer than `FEWEST` objects with an audible mode, or an id without a file.
+    """
+
+    def __init__(self, settings: Settings, most: int | None = None) -> None:
+        self.root = Path(settings.data.root)
+        folder = self.root / "data" / "object_files"
+        paths = {path.stem: path for path in sorted(folder.glob("*.safetensors"))}
+        for object_id in settings.data.objects:
+            if object_id not in paths:
+                raise InputError(str(folder), f"no object {object_id!r}", "Make it, or name others")
+        files = {name: load(paths[name]) for name in settings.data.objects or paths}
+        sounding = [(name, file) for name, file in files.items() if len(file.modes.frequencies_hz)]
+        self.files: dict[str, ObjectFile] = dict(sounding[:most])
+        if len(self.files) < FEWEST:
+            finding = f"{len(self.files)} objects with a sound, fewer than {FEWEST}"
+            raise InputError(str(folder), finding, "`make dataset` makes six")
+        self.digests = {name: _digest(paths[name]) for name in self.files}
+        self.ids = tuple(self.files)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return arrays by what they depend on, from disk where they were made before.
+
+    Parameters
+    ----------
+    key
+        All that the arrays depend on, as JSON has it; digests of Object Files stand for them.
+    """
+    text = json.dumps(key, sort_keys=True)
+    path = RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
+    if path.exists():
+        with np.load(path) as stored:
+            return dict(stored)
+    began = time.perf_counter()
+    arrays = compute()
+    said = ", ".join(f"{name} {key[name]}" for name in SAID if name in key)
+    print(f"  {key['unit']}: {said}, {time.perf_counter() - began:.0f} s", flush=True)
+    RUNS.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    with partial.open("wb") as file:
+        np.savez(file, **arrays)
+    partial.replace(path)
+    return arrays

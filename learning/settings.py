@@ -1,0 +1,80 @@
+"""The parameters of the tasks, read strictly."""
+
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
+
+from objectfolder.errors import InputError
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Data(_Strict):
+    """What is drawn of each object; see ``params.yaml``."""
+
+    root: str
+    objects: tuple[str, ...]
+    training: PositiveInt
+    validation: PositiveInt
+    test: PositiveInt
+    resolution: int = Field(ge=16, le=512)
+    regions: int = Field(ge=5, le=100)
+
+
+class Encoder(_Strict):
+    """Size and training of the network of a sense."""
+
+    width: PositiveInt
+    epochs: PositiveInt
+    batch: PositiveInt
+    learning_rate: PositiveFloat
+
+
+class Retrieval(_Strict):
+    """The common space of two senses."""
+
+    dimensions: PositiveInt
+    epochs: PositiveInt
+    margin: PositiveFloat
+
+
+class Reconstruction(_Strict):
+    """The occupancy network and its evaluation."""
+
+    steps: PositiveInt
+    points: PositiveInt
+    width: PositiveInt
+    grid: int = Field(ge=16, le=256)
+    tests: PositiveInt
+    surface_points: PositiveInt
+    folds: int = Field(ge=0, le=5)
+
+
+class Settings(_Strict):
+    """All parameters."""
+
+    data: Data
+    seeds: tuple[int, ...] = Field(min_length=1)
+    folds: int = Field(ge=2, le=20)
+    encoder: Encoder
+    retrieval: Retrieval
+    reconstruction: Reconstruction
+
+
+def read_settings(path: Path) -> Settings:
+    """Read ``params.yaml``.
+
+    Raises
+    ------
+    InputError
+        A key that is missing or unknown, or a value out of range, named by its path.
+    """
+    try:
+        return Settings.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"{path}, {where}", first["msg"].lower(), "Correct it") from error

@@ -1,0 +1,162 @@
+"""Is the Object File a faithful stand-in for the simulation?
+
+Both answer the same queries: those that the data set stores with its ground truth, training ones and held-out
+ones. Networks are trained on either and tested on either. And a detector is shown both and has to tell which
+is the truth.
+"""
+
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from learning.encoders import Arrays, Encoded, packed
+from learning.metrics import binomial_interval, mean_average_precision
+from learning.networks import Labelled, answers, fit_classifier
+from learning.recognition import LETTERS
+from learning.retrieval import both_ways, fit_common_space
+from learning.runs import Objects, kept
+from learning.samples import SENSES, stored
+from learning.settings import Settings
+from objectfolder.dataset import ObjectFolderDataset
+
+SOURCES = ("truth", "object_file")
+SPLITS = {"training": "training", "validation": "training", "test": "held_out"}
+
+
+def drawn(objects: Objects, settings: Settings, sense: str, seed: int) -> dict[str, dict[str, Labelled]]:
+    """Return samples by source and split; a row of one source is the same query as that of the other."""
+    data = settings.data
+    result: dict[str, dict[str, Labelled]] = {}
+    for source in SOURCES:
+        parts: dict[str, list[torch.Tensor]] = {split: [] for split in SPLITS}
+        for object_id in objects.ids:
+            for stored_split in ("training", "held_out"):
+                queries = ObjectFolderDataset(objects.root, sense, stored_split, source, objects=[object_id])
+                count = data.test if stored_split == "held_out" else data.training + data.validation
+                inputs = stored(queries, count, seed, data.resolution)
+                if stored_split == "held_out":
+                    parts["test"].append(inputs)
+                else:
+                    parts["training"].append(inputs[: data.training])
+                    parts["validation"].append(inputs[data.training :])
+        result[source] = {
+            split: Labelled(
+                torch.cat(inputs),
+                torch.cat([torch.full((len(rows),), label) for label, rows in enumerate(inputs)]),
+            )
+            for split, inputs in parts.items()
+        }
+    return result
+
+
+def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Arrays:
+    """Train on truth and on Object Files, answer both; and train a detector of truth."""
+    samples = drawn(objects, settings, sense, seed)
+    arrays: Arrays = {}
+    for trained in SOURCES:
+        own = samples[trained]
+        network = fit_classifier(own["training"], own["validation"], len(objects), settings.encoder, seed)
+        for tested in SOURCES:
+            made = packed(network, samples[tested])
+            arrays |= {f"{trained}/{tested}/{name}": values for name, values in made.items()}
+    told = {split: _told_apart([samples[source][split] for source in SOURCES]) for split in SPLITS}
+    detector = fit_classifier(told["training"], told["validation"], 2, settings.encoder, seed)
+    arrays["detector"] = answers(detector, told["test"].inputs)[1][:, 0].numpy()
+    return arrays
+
+
+def _told_apart(sources: list[Labelled]) -> Labelled:
+    """Label samples by their source: truth 0, Object File 1."""
+    labels = torch.arange(len(sources)).repeat_interleave(len(sources[0].labels))
+    return Labelled(torch.cat([source.inputs for source in sources]), labels)
+
+
+def _encoded(arrays: Arrays, trained: str, tested: str, split: str) -> Encoded:
+    return Encoded(*(arrays[f"{trained}/{tested}/{split}/{name}"] for name in ("features", "logs", "labels")))
+
+
+def _retrieved(
+    pair: tuple[Arrays, Arrays], trained: str, tested: str, classes: int, settings: Settings, seed: int
+) -> float:
+    """Return the mAP, both directions, of heads trained on one source and tested on another."""
+    training, validation = (
+        (_encoded(pair[0], trained, trained, split), _encoded(pair[1], trained, trained, split))
+        for split in ("training", "validation")
+    )
+    space = fit_common_space(training, validation, classes, settings.retrieval, seed)
+    test = _encoded(pair[0], trained, tested, "test"), _encoded(pair[1], trained, tested, "test")
+    return float(
+        np.mean(
+            [
+                mean_average_precision(similarity, queries.labels, gallery.labels, seed)
+                for similarity, queries, gallery in both_ways(space, test)
+            ]
+        )
+    )
+
+
+def detected(logs: NDArray[np.float32]) -> tuple[float, int]:
+    """Return the share of pairs whose truth looks truer than the Object File's answer, and the pairs.
+
+    Parameters
+    ----------
+    logs
+        (2 pairs,) log probability of being the truth: truths first, then answers to the same queries.
+    """
+    truths, answered = np.split(logs, 2)
+    return float(np.mean((truths > answered) + 0.5 * (truths == answered))), len(truths)
+
+
+def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+    """Return what is lost with one source in place of the other, by sense."""
+    arrays = {
+        (sense, seed): kept(
+            {
+                "unit": "stand-in", "sense": sense, "seed": seed, "files": objects.digests,
+                "data": settings.data.model_dump(exclude={"root", "objects"}),
+                "encoder": settings.encoder.model_dump(),
+            },
+            partial(_compared, objects, settings, sense, seed),
+        )
+        for sense in SENSES
+        for seed in settings.seeds
+    }  # fmt: skip
+    ways = [(trained, tested) for trained in SOURCES for tested in SOURCES]
+
+    def recognised(sense: str, trained: str, tested: str) -> float:
+        made = [_encoded(arrays[sense, seed], trained, tested, "test") for seed in settings.seeds]
+        return 100 * float(np.mean([_accuracy(one) for one in made]))
+
+    def retrieved(first: str, second: str, trained: str, tested: str) -> float:
+        pairs = [((arrays[first, seed], arrays[second, seed]), seed) for seed in settings.seeds]
+        classes = len(objects)
+        found = [_retrieved(pair, trained, tested, classes, settings, seed) for pair, seed in pairs]
+        return float(np.mean(found))
+
+    return {
+        "recognition": {
+            LETTERS[sense]: {f"{a} to {b}": recognised(sense, a, b) for a, b in ways} for sense in SENSES
+        },
+        "retrieval": {
+            LETTERS[first] + LETTERS[second]: {f"{a} to {b}": retrieved(first, second, a, b) for a, b in ways}
+            for first, second in combinations(SENSES, 2)
+        },
+        "detector": {
+            LETTERS[sense]: _detector([arrays[sense, seed]["detector"] for seed in settings.seeds])
+            for sense in SENSES
+        },
+    }
+
+
+def _accuracy(test: Encoded) -> float:
+    return float(np.mean(test.log_probabilities.argmax(axis=1) == test.labels))
+
+
+def _detector(logs: list[NDArray[np.float32]]) -> dict[str, Any]:
+    shares, pairs = zip(*(detected(one) for one in logs), strict=True)
+    low, high = binomial_interval(round(float(np.dot(shares, pairs))), sum(pairs))
+    return {"right_percent": 100 * float(np.mean(shares)), "interval_percent": [100 * low, 100 * high]}

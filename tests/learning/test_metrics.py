@@ -1,0 +1,65 @@
+"""Measures of the learning tasks against closed forms and against counting."""
+
+import numpy as np
+import pytest
+
+from learning.metrics import (
+    binomial_interval,
+    chance_average_precision,
+    mean_average_precision,
+    one_positive_galleries,
+)
+
+
+def counted(similarity: np.ndarray, queries: np.ndarray, gallery: np.ndarray) -> float:
+    """The mAP by its definition, a query at a time."""
+    found = []
+    for row, label in zip(similarity, queries, strict=True):
+        ranked = gallery[np.argsort(-row)] == label
+        found.append(np.mean([ranked[: place + 1].mean() for place in np.flatnonzero(ranked)]))
+    return float(np.mean(found))
+
+
+def test_mean_average_precision_is_what_counting_gives():
+    random = np.random.default_rng(0)
+    queries, gallery = random.integers(0, 5, 30), np.repeat(np.arange(5), 8)
+    similarity = random.normal(size=(30, 40)) + (queries[:, None] == gallery)
+    assert mean_average_precision(similarity, queries, gallery, 0) == pytest.approx(
+        counted(similarity, queries, gallery), abs=1e-12
+    )
+
+
+@pytest.mark.parametrize(("objects", "positives"), [(100, 1), (10, 5), (20, 10)])
+def test_chance_is_the_mean_of_random_rankings(objects, positives):
+    gallery = np.repeat(np.arange(objects), positives)
+    random = np.random.default_rng(1)
+    found = [
+        mean_average_precision(random.normal(size=(objects, len(gallery))), np.arange(objects), gallery, draw)
+        for draw in range(60)
+    ]
+    error = np.std(found) / np.sqrt(len(found))
+    chance = chance_average_precision(np.arange(objects), gallery)
+    assert chance == pytest.approx(np.mean(found), abs=4 * error)
+    if positives == 1:
+        assert chance == pytest.approx(np.mean(1 / np.arange(1, objects + 1)))  # .0519 of a hundred
+
+
+def test_equal_answers_score_chance_whatever_the_order_of_the_gallery():
+    gallery = np.repeat(np.arange(10), 10)
+    queries = np.zeros(400, dtype=np.int64)  # the sorted gallery has these positives first
+    found = [mean_average_precision(np.zeros((400, 100)), queries, gallery, seed) for seed in range(200)]
+    chance = chance_average_precision(queries, gallery)
+    assert np.mean(found) == pytest.approx(chance, abs=4 * np.std(found) / np.sqrt(200))
+
+
+def test_galleries_with_one_positive_have_one_item_an_object():
+    gallery = np.array([0, 0, 1, 1, 1, 2])
+    for items in one_positive_galleries(gallery, 5, seed=0):
+        assert gallery[items].tolist() == [0, 1, 2]
+
+
+def test_binomial_interval_of_none_and_of_all():
+    assert binomial_interval(0, 10) == pytest.approx((0, 1 - 0.025 ** (1 / 10)))
+    assert binomial_interval(10, 10) == pytest.approx((0.025 ** (1 / 10), 1))
+    low, high = binomial_interval(5, 10)
+    assert low + high == pytest.approx(1)

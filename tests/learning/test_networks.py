@@ -1,0 +1,38 @@
+"""The network and its training."""
+
+import torch
+
+from learning.networks import Labelled, ResNet18, answers, fit_classifier
+from learning.settings import Encoder
+
+ASKED = Encoder(width=4, epochs=6, batch=16, learning_rate=5e-3)
+
+
+def stripes(count: int, seed: int) -> Labelled:
+    """Noise with stripes along one axis or the other."""
+    random = torch.Generator().manual_seed(seed)
+    labels = torch.arange(count) % 2
+    wave = torch.sin(torch.arange(32.0))
+    across = wave.expand(32, 32)
+    inputs = torch.stack([across if label else across.T for label in labels])[:, None]
+    return Labelled(inputs + torch.randn(inputs.shape, generator=random), labels)
+
+
+def test_resnet_18_has_the_parameters_of_resnet_18():
+    assert sum(one.numel() for one in ResNet18(3, 1000).parameters()) == 11_689_512
+
+
+def test_a_classifier_learns_what_can_be_learned_and_gives_the_same_bits_again():
+    sets = stripes(96, 0), stripes(32, 1)
+    logs = [answers(fit_classifier(*sets, 2, ASKED, seed=3), stripes(64, 2).inputs)[1] for _ in range(2)]
+    assert torch.equal(*logs)
+    assert (logs[0].argmax(dim=1) == stripes(64, 2).labels).float().mean() > 0.9
+
+
+def test_answers_do_not_depend_on_the_batch():
+    network, inputs = ResNet18(1, 2, 4), stripes(8, 0).inputs
+    features, logs = answers(network, inputs)
+    alone = answers(network, inputs[3:4])
+    assert features.shape == (8, 32)
+    torch.testing.assert_close(features[3:4], alone[0])
+    torch.testing.assert_close(logs.exp().sum(dim=1), torch.ones(8))

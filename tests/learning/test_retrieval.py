@@ -1,0 +1,87 @@
+"""Retrieval against what is known of Gaussian variables, and on features that are made."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.special import log_softmax
+
+from learning.encoders import Encoded, Encoder
+from learning.recognition import aligned, fused
+from learning.retrieval import (
+    canonical_correlations,
+    partial_least_squares,
+    scores,
+    similarities,
+)
+from learning.settings import Retrieval
+from learning.stand_in import detected
+
+ASKED = Retrieval(dimensions=8, epochs=15, margin=0.2)
+
+
+def correlated(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of which one direction has a correlation of .8 and the others none."""
+    random = np.random.default_rng(0)
+    a, b = random.normal(size=(count, 4)), random.normal(size=(count, 5))
+    b[:, 2] = 0.8 * a[:, 1] + 0.6 * b[:, 2]
+    return a * [1, 100, 1, 1], b  # scales do not matter to correlations
+
+
+def test_canonical_correlations_find_the_pair_of_directions():
+    a, b = correlated(20_000)
+    found = canonical_correlations(a, b, 1, ridge=1e-9)
+    first, second = found(0, a)[:, 0], found(1, b)[:, 0]
+    assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.8, abs=0.01)
+    assert np.abs(np.corrcoef(first, a[:, 1])[0, 1]) > 0.999
+
+
+def test_partial_least_squares_find_them_too():
+    a, b = correlated(20_000)
+    found = partial_least_squares(a, b, 1)
+    assert np.abs(np.corrcoef(found(0, a)[:, 0], a[:, 1])[0, 1]) > 0.99
+
+
+def made(objects: int, noise: float, seed: int, clusters: int = 0) -> Encoder:
+    """Features about a centre an object, of one sense; the same seed gives the same centres."""
+    centres = np.random.default_rng(clusters).normal(size=(objects, 16))
+    random = np.random.default_rng(seed)
+    splits = {}
+    for split in ("training", "validation", "test"):
+        labels = np.repeat(np.arange(objects), 12)
+        features = centres[labels] + noise * random.normal(size=(len(labels), 16))
+        logs = -(np.linalg.norm(features[:, None] - centres, axis=2) ** 2)
+        logs = log_softmax(logs, axis=1)
+        splits[split] = Encoded(features.astype(np.float32), logs.astype(np.float32), labels)
+    return Encoder(splits, 0.1)
+
+
+def test_every_way_retrieves_what_is_plain_and_none_retrieves_noise():
+    plain = similarities((made(6, 0.1, 1, 1), made(6, 0.1, 2, 2)), 6, ASKED, seed=0)
+    noise = similarities((made(6, 60.0, 1, 1), made(6, 60.0, 2, 2)), 6, ASKED, seed=0)
+    test = made(6, 0.1, 1).splits["test"]
+    for method in ("ours", "CCA", "PLS", "classify, then look up"):
+        found = scores(plain[method], test, test, 0)
+        assert found["map"] > 0.9, method
+        assert found["map_one_positive"] > 0.9, method
+        lost = scores(noise[method], test, test, 0)
+        assert abs(lost["map"] - lost["chance"]) < 0.08, method
+
+
+def test_joined_features_are_of_one_object():
+    first, second = made(5, 0.0, 1, 1), made(5, 0.0, 2, 2)
+    features, labels = aligned([first.splits["test"], second.splits["test"]], 3, seed=0)
+    assert features.shape == (180, 32)
+    own = {label: features[labels == label] for label in range(5)}
+    assert all(torch.equal(rows, rows[:1].expand_as(rows)) for rows in own.values())
+
+
+def test_two_weak_senses_together_are_better_than_each():
+    weak = [made(6, 1.2, seed, seed) for seed in (1, 2)]
+    alone = [fused([one], 6, seed=0).mean() for one in weak]
+    assert fused(weak, 6, seed=0).mean() > max(alone) + 0.03
+
+
+def test_a_detector_that_sees_no_difference_is_right_half_of_the_time():
+    logs = np.random.default_rng(0).normal(size=100).astype(np.float32)
+    assert detected(np.concatenate([logs, logs])) == (0.5, 100)
+    assert detected(np.concatenate([logs + 1, logs])) == (1.0, 100)

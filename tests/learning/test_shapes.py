@@ -1,0 +1,65 @@
+"""Likeness of shapes against closed forms of spheres."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from learning.shapes import (
+    HALF_SIDE,
+    grid_points,
+    inside,
+    likeness,
+    near_surface,
+    surface_of,
+    volume_points,
+)
+
+
+def sphere(radius: float, centre: tuple[float, float, float] = (0, 0, 0)) -> trimesh.Trimesh:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=radius)
+    return ball.apply_translation(centre)
+
+
+def test_concentric_spheres():
+    found = likeness(sphere(0.3), sphere(0.4), volume_points(0), 20_000, seed=0)
+    assert found.iou == pytest.approx((0.3 / 0.4) ** 3, abs=0.01)
+    assert found.chamfer == pytest.approx(0.1, abs=2e-3)
+    assert found.normal_consistency > 0.99
+
+
+def test_moved_sphere():
+    moved = likeness(sphere(0.2, (0.1, 0, 0)), sphere(0.2), volume_points(0), 5000, seed=0)
+    half_way = 0.05
+    both = 2 * np.pi / 3 * (0.2 - half_way) ** 2 * (2 * 0.2 + half_way)  # two caps
+    assert moved.iou == pytest.approx(both / (2 * 4 / 3 * np.pi * 0.2**3 - both), abs=0.03)
+
+
+def test_turned_inside_out_loses_nothing():
+    ball = sphere(0.3)
+    turned = trimesh.Trimesh(ball.vertices, ball.faces[:, ::-1])
+    points = volume_points(0, 2000)
+    assert likeness(turned, ball, points, 5000, 0).normal_consistency > 0.99
+
+
+def test_nothing_predicted_is_the_worst_answer():
+    worst = likeness(None, sphere(0.3), volume_points(0, 1000), 100, 0)
+    assert (worst.iou, worst.normal_consistency) == (0, 0)
+    assert worst.chamfer == pytest.approx(np.sqrt(3))
+
+
+def test_the_surface_of_a_grid_bounds_its_volume():
+    logits = 10 * (0.35 - np.linalg.norm(grid_points(32), axis=1))
+    mesh = surface_of(logits.astype(np.float32), 32)
+    assert mesh is not None
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.35**3, rel=0.02)
+    assert surface_of(np.full(33**3, -1, np.float32), 32) is None
+    full = surface_of(np.full(33**3, 1, np.float32), 32)
+    assert full is not None
+    assert full.volume == pytest.approx((2 * HALF_SIDE) ** 3, rel=0.15)
+
+
+def test_points_near_a_thin_sheet_find_its_inside():
+    sheet = trimesh.creation.box((1, 1, 0.005))
+    assert inside(sheet, volume_points(0, 4000)).mean() < 0.01
+    assert inside(sheet, near_surface(sheet, 4000, 0)).mean() > 0.03

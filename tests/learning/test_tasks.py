@@ -1,0 +1,97 @@
+"""The tasks from end to end, very small, and their parameters."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from learning import encoders, recognition, reconstruction, retrieval, runs
+from learning.runs import Objects, kept
+from learning.settings import read_settings
+from objectfolder.errors import InputError
+
+REPOSITORY = Path(__file__).parents[2]
+PARAMETERS = REPOSITORY / "learning" / "params.yaml"
+
+
+def test_parameters_are_read_strictly(tmp_path):
+    text = PARAMETERS.read_text(encoding="utf-8")
+    path = tmp_path / "params.yaml"
+    path.write_text(text.replace("margin:", "margn:"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"retrieval\.margin: field required"):
+        read_settings(path)
+    path.write_text(text.replace("regions: 10", "regions: 2"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"data\.regions: .*greater than or equal to 5"):
+        read_settings(path)
+
+
+def test_what_was_made_is_not_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "RUNS", tmp_path)
+    made = []
+
+    def compute():
+        made.append(1)
+        return {"value": np.arange(3)}
+
+    for key in ({"unit": "a"}, {"unit": "a"}, {"unit": "b"}):
+        assert kept(key, compute)["value"].tolist() == [0, 1, 2]
+    assert len(made) == 2
+    assert not list(tmp_path.glob("*.partial"))
+
+
+@pytest.fixture(scope="module")
+def tiny(small_file, tmp_path_factory):
+    """Four names of one object: nobody can tell them apart."""
+    root = tmp_path_factory.mktemp("twins")
+    (root / "data" / "object_files").mkdir(parents=True)
+    for name in "abcd":
+        (root / "data" / "object_files" / f"{name}.safetensors").symlink_to(small_file)
+    settings = read_settings(PARAMETERS)
+    return settings.model_copy(
+        update={
+            "seeds": (0,),
+            "data": settings.data.model_copy(
+                update={"root": str(root), "training": 6, "validation": 4, "test": 6, "resolution": 16}
+            ),
+            "encoder": settings.encoder.model_copy(update={"width": 2, "epochs": 1}),
+            "retrieval": settings.retrieval.model_copy(update={"epochs": 1, "dimensions": 4}),
+            "reconstruction": settings.reconstruction.model_copy(
+                update={"steps": 5, "points": 32, "width": 8, "grid": 16, "tests": 1, "surface_points": 200}
+            ),
+        }
+    )
+
+
+@pytest.mark.slow
+def test_twins_are_not_told_apart(tiny, tmp_path, monkeypatch):
+    """A task that could tell four names of one object apart would have found what it must not see."""
+    monkeypatch.setattr(runs, "RUNS", tmp_path)
+    monkeypatch.setattr(encoders, "LOGS", tmp_path / "logs")
+    objects = Objects(tiny)
+    found = recognition.evaluate(objects, tiny)
+    assert found["chance_percent"] == 25
+    for senses in ("V", "A", "T", "VAT"):
+        low, high = found["sample"][senses]["interval_percent"]
+        assert low <= 25 <= high
+    retrieved = retrieval.evaluate(objects, tiny)
+    assert set(retrieved["seen"]) == {"V to A", "A to V", "V to T", "T to V", "A to T", "T to A"}
+    for methods in retrieved["seen"].values():
+        for one in methods.values():
+            assert abs(one["map"] - one["chance"]) < 0.2
+    shaped = reconstruction.evaluate(objects, tiny)
+    # The mesh of a twin is the object's own: looking it up cannot be told from the measure's floor.
+    assert shaped["seen"]["V"]["look_up"]["iou"] == pytest.approx(shaped["floor"]["iou"])
+    assert shaped["average_of_others"]["iou"] == 1
+    json.dumps([found, retrieved, shaped])
+
+
+def test_too_few_objects_are_an_error(small_file, tiny, tmp_path):
+    (tmp_path / "data" / "object_files").mkdir(parents=True)
+    (tmp_path / "data" / "object_files" / "bar.safetensors").symlink_to(small_file)
+    alone = tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})
+    with pytest.raises(InputError, match="1 objects with a sound, fewer than 4"):
+        Objects(alone)
+    named = alone.model_copy(update={"data": alone.data.model_copy(update={"objects": ("cup",)})})
+    with pytest.raises(InputError, match="no object 'cup'"):
+        Objects(named)
