@@ -50,10 +50,10 @@ def ingest_object(
         `vertices` (vertex, axis) metres, `faces` (face, corner), `texture_coordinates` (face, corner, uv),
         `face_texture` (face), `normals` (face, corner, axis) where the source has some, and
         `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`, `roughness_0`, `metallic_0`,
-        ... where the source has them; in its attributes the report: cleaning, topology, solid, wall
-        thickness, share of corners with normals of the source, warnings (of walls: what geometry alone
-        tells), digests of geometry, texture and normals, source files, measures of the walls (see
-        `WallMeasures`).
+        `normal_map_0`, ... where the source has them; in its attributes the report: cleaning, topology,
+        solid, wall thickness, share of corners with normals of the source, warnings (of walls: what
+        geometry alone tells), digests of geometry, texture and normals, source files, measures of the walls
+        (see `WallMeasures`).
 
     Raises
     ------
@@ -148,7 +148,8 @@ def _source(path: Path) -> dict[str, str]:
 def _numbered_maps(mesh: TexturedMesh) -> list[np.ndarray]:
     """Cutoffs and maps, each after a number that says whose it is; none for a mesh without them."""
     arrays: list[np.ndarray] = []
-    for kind, by_texture in enumerate((mesh.alpha_cutoffs, mesh.roughness_maps, mesh.metallic_maps)):
+    maps = (mesh.alpha_cutoffs, mesh.roughness_maps, mesh.metallic_maps, mesh.normal_maps)
+    for kind, by_texture in enumerate(maps):
         for index, value in by_texture.items():
             arrays += [np.array([kind, index]), np.asarray(value)]
     return arrays

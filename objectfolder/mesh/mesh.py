@@ -57,6 +57,9 @@ class TexturedMesh:
     roughness_maps, metallic_maps
         By index of a texture: (h, w) uint8 image on the same coordinates, linear, 0..255 for 0..1, row 0 on
         top; any size, one texel for a constant. Textures without one have the material's value.
+    normal_maps
+        By index of a texture: (h, w, 3) uint8 image on the same coordinates, row 0 on top, of normals in the
+        tangent space of MikkTSpace, -1..1 as 0..255, green along v up (OpenGL).
     """
 
     vertices: np.ndarray
@@ -68,6 +71,7 @@ class TexturedMesh:
     alpha_cutoffs: Mapping[int, float] = field(default_factory=dict)
     roughness_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
     metallic_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
+    normal_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = len(self.faces)
@@ -85,7 +89,7 @@ class TexturedMesh:
             raise ValueError(f"faces index outside the {len(self.vertices)} vertices")
         if count and not 0 <= self.face_texture.min() <= self.face_texture.max() < len(self.textures):
             raise ValueError(f"face_texture indexes outside the {len(self.textures)} textures")
-        for name in ("alpha_cutoffs", "roughness_maps", "metallic_maps"):
+        for name in ("alpha_cutoffs", "roughness_maps", "metallic_maps", "normal_maps"):
             if not set(getattr(self, name)) <= set(range(len(self.textures))):
                 raise ValueError(f"{name} names a texture outside the {len(self.textures)} textures")
 
@@ -114,6 +118,7 @@ def textured_mesh_of(product: Product) -> TexturedMesh:
         alpha_cutoffs={index: float(cutoff[0]) for index, cutoff in cutoffs.items()},
         roughness_maps=_numbered(product, "roughness_"),
         metallic_maps=_numbered(product, "metallic_"),
+        normal_maps=_numbered(product, "normal_map_"),
     )
 
 
@@ -163,6 +168,10 @@ def mesh_arrays(mesh: TexturedMesh) -> dict[str, Array]:
             arrays[f"{name}_{index}"] = Array(
                 image, ("y", "x"), "1", f"{name.capitalize()} of the texture, 255 for 1, row 0 on top", False
             )
+    for index, image in mesh.normal_maps.items():
+        arrays[f"normal_map_{index}"] = Array(
+            image, ("y", "x", "axis"), "1", "Normals of the texture, tangent space, -1..1 as 0..255", False
+        )
     return arrays
 
 

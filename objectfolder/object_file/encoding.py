@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from objectfolder.audio.audionet.fitting import fit_audionet
+from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
@@ -11,7 +12,9 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 
 
 def encode_object(
@@ -24,6 +27,7 @@ def encode_object(
     contact: str = "rigid",
     visionnet: Mapping[str, Any],
     audionet: Mapping[str, Any],
+    mesh: TexturedMesh | None = None,
     seed: int,
 ) -> ObjectFile:
     """Fit all encoders on the training part of the truth.
@@ -42,6 +46,8 @@ def encode_object(
         The contact model of the data set's touches.
     visionnet, audionet
         Keyword arguments of `fit_visionnet` and `fit_audionet`.
+    mesh
+        The textured mesh of that surface, whose maps of normals, alpha, roughness and metallic are stored.
     seed
         Seed of the fits.
 
@@ -65,10 +71,14 @@ def encode_object(
     tensors = encode_surface(surface)
     stored = decode_surface(tensors)
     frame = UnitFrame.from_dict(views.attributes["frame"])
+    maps = None
+    if mesh is not None:
+        appearance = Appearance(**views.attributes["appearance"])
+        maps = sample_maps(stored_mesh(mesh, stored), frame, appearance)
     return ObjectFile.of_encoders(
         tensors,
         frame,
-        fit_visionnet(stored, frame, views, seed=seed, **visionnet),
+        fit_visionnet(stored, frame, views, maps=maps, seed=seed, **visionnet),
         fit_audionet(stored, modes, **audionet),
         TouchNet(stored, sensor, contact=contact),
         {**description, "fidelity": None},

@@ -53,8 +53,8 @@ def encode_surface(surface: Surface, step: float | None = None) -> dict[str, np.
         step = quantisation_step(surface)
     origin = surface.bounds[0]
     grid = np.rint((surface.vertices - origin) / step).astype(np.int64)
-    order, rotation = _walk(surface.faces)
-    faces = np.take_along_axis(surface.faces[order], (rotation[:, None] + np.arange(3)) % 3, axis=1)
+    order, turned = stored_order(surface.faces)
+    faces = np.take_along_axis(surface.faces[order], turned, axis=1)
     corners = faces.ravel()
     used, first = np.unique(corners, return_index=True)
     sequence = used[np.argsort(first)]
@@ -68,7 +68,6 @@ def encode_surface(surface: Surface, step: float | None = None) -> dict[str, np.
     offsets = positions - _predictions(corners, is_new, positions)
     normals = None
     if surface.normals is not None:
-        turned = (rotation[:, None] + np.arange(3)) % 3
         normals = np.take_along_axis(surface.normals[order], turned[..., None], axis=1)
     decoded = Surface(origin + positions * step, corners.reshape(-1, 3), normals=normals)
     return {
@@ -134,6 +133,12 @@ def too_large(vertices: np.ndarray, faces: np.ndarray) -> str:
     return (
         f"up to {meeting.max()} corners of faces in one place" if (meeting**2).sum() > MOST_MEETINGS else ""
     )
+
+
+def stored_order(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which of (F, 3) faces each decoded one is (F,), and which of its corners are its own (F, 3)."""
+    order, rotation = _walk(faces)
+    return order, (rotation[:, None] + np.arange(3)) % 3
 
 
 def _walk(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,7 @@ FIDELITY = ProductKind("data/fidelity")
 
 GEOMETRY = ProductInput(OBJECTS, ("digests.geometry",))
 LIT_SURFACE = ProductInput(OBJECTS, ("digests.geometry", "digests.normals"))
+SHOWN_SURFACE = ProductInput(OBJECTS, ("digests.geometry", "digests.texture", "digests.normals"))
 
 STAGES = {
     stage.name: stage
@@ -33,7 +34,7 @@ STAGES = {
             "views",
             "pipeline.tasks.views:render_views",
             (VIEWS,),
-            inputs=(ProductInput(OBJECTS, ("digests.geometry", "digests.texture", "digests.normals")),),
+            inputs=(SHOWN_SURFACE,),
             parameters=("vision",),
             fields=("appearance",),
             packages=("bpy", "embreex", "numpy", "zarr"),
@@ -64,7 +65,7 @@ STAGES = {
             "pipeline.tasks.encode:encode_object",
             (ENCODED,),
             inputs=(
-                LIT_SURFACE,
+                SHOWN_SURFACE,
                 ProductInput(VIEWS),
                 ProductInput(MODES),
                 ProductInput(TOUCHES, ("sensor", "contact")),

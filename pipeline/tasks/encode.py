@@ -12,8 +12,9 @@ def encode_object(request: Request) -> TensorFile:
     """Fit the encoders of one object to its ground truth."""
     effort = request.parameters["encode"]
     touches = read_product(request.inputs["touches"], ("points",))
+    mesh = textured_mesh_of(read_product(request.inputs["objects"]))
     file = encode(
-        textured_mesh_of(read_product(request.inputs["objects"])).surface,
+        mesh.surface,
         read_product(request.inputs["views"]),
         read_product(request.inputs["modes"]),
         Sensor.from_dict(touches.attributes["sensor"]),
@@ -23,6 +24,7 @@ def encode_object(request: Request) -> TensorFile:
         contact=touches.attributes["contact"],
         visionnet=effort["visionnet"],
         audionet=effort["audionet"],
+        mesh=mesh,
         seed=request.seed,
     )
     return file.content()

@@ -110,6 +110,69 @@ def test_gltf_factors_count_where_written_and_defaults_are_the_materials(tmp_pat
     assert (silent.roughness_maps, silent.metallic_maps) == ({}, {})
 
 
+NORMALS = np.zeros((4, 4, 3), dtype=np.uint8) + np.array([[[173, 188, 230]]], dtype=np.uint8)
+HEIGHTS = np.dstack([20 * np.arange(12, dtype=np.uint8).reshape(3, 4)] * 3)
+
+
+def test_gltf_normals_are_scaled_as_its_scale_asks(tmp_path):
+    outer = {"normalTexture": {"index": 1}}
+    path = write_gltf(tmp_path / "model.gltf", outer=outer, images={"bumps.png": NORMALS})
+    np.testing.assert_array_equal(load_mesh(path).normal_maps[0], NORMALS)
+    outer["normalTexture"]["scale"] = 0.5
+    scaled = load_mesh(write_gltf(tmp_path / "model.gltf", outer=outer, images={"bumps.png": NORMALS}))
+    x, y, z = NORMALS[0, 0] / 127.5 - 1
+    expected = np.array([x / 2, y / 2, z]) / np.sqrt((x * x + y * y) / 4 + z * z)
+    np.testing.assert_allclose(scaled.normal_maps[0][0, 0] / 127.5 - 1, expected, atol=0.005)
+    outer["normalTexture"]["scale"] = 0
+    flat = load_mesh(write_gltf(tmp_path / "model.gltf", outer=outer, images={"bumps.png": NORMALS}))
+    assert flat.normal_maps == {}
+    (tmp_path / "bumps.png").unlink()
+    with pytest.raises(InputError, match=r"normalTexture 'bumps\.png'.* is missing"):
+        load_mesh(path)
+
+
+def test_gltf_normals_on_other_coordinates_are_refused(tmp_path):
+    outer = {"normalTexture": {"index": 1, "texCoord": 1}}
+    path = write_gltf(tmp_path / "model.gltf", outer=outer, images={"bumps.png": NORMALS})
+    with pytest.raises(InputError, match=r"normalTexture .* lies otherwise than baseColorTexture"):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize(
+    "line", ["norm bumps.png", "map_Kn bumps.png", "bump bumps.png", "map_Bump bumps.png"]
+)
+def test_normals_of_a_material_library(tmp_path, line):
+    path = obj_with(tmp_path, line)
+    (tmp_path / "bumps.png").write_bytes(png(NORMALS))
+    np.testing.assert_array_equal(load_mesh(path).normal_maps[0], NORMALS)
+
+
+def test_heights_are_left_aside_and_need_not_be_there(tmp_path):
+    path = obj_with(tmp_path, "map_Bump -bm 0.3 bumps.png")
+    assert load_mesh(path).normal_maps == {}
+    (tmp_path / "bumps.png").write_bytes(png(HEIGHTS))
+    assert load_mesh(path).normal_maps == {}
+    (tmp_path / "bumps.png").write_bytes(png(NORMALS))
+    scaled = load_mesh(path).normal_maps[0][0, 0] / 127.5 - 1
+    x, _, z = NORMALS[0, 0] / 127.5 - 1
+    np.testing.assert_allclose(scaled[0] / scaled[2], 0.3 * x / z, atol=0.01)
+    with pytest.raises(InputError, match=r"bumps\.png"):
+        load_mesh(obj_with(tmp_path / "missing", "norm bumps.png"))
+
+
+def test_normals_survive_the_product_and_change_its_digest(tmp_path):
+    path = write_gltf(
+        tmp_path / "model.gltf", outer={"normalTexture": {"index": 1}}, images={"bumps.png": NORMALS}
+    )  # fmt: skip
+    product = ingest_object(path, None, None, "leaf")
+    write_product(tmp_path / "leaf.zarr.zip", product)
+    found = textured_mesh_of(read_product(tmp_path / "leaf.zarr.zip"))
+    np.testing.assert_array_equal(found.normal_maps[0], NORMALS)
+    (tmp_path / "bumps.png").write_bytes(png(NORMALS[..., [1, 0, 2]]))
+    other = ingest_object(path, None, None, "leaf")
+    assert other.attributes["digests"]["texture"] != product.attributes["digests"]["texture"]
+
+
 def test_gltf_texture_on_a_second_set_of_coordinates_is_refused(tmp_path):
     material = {"baseColorTexture": {"index": 0, "texCoord": 1}}
     with pytest.raises(InputError, match="second set of texture coordinates"):

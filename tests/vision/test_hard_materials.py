@@ -17,6 +17,7 @@ from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
+from objectfolder.vision.network.incidence import bent_share
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.passes import Passes, cast_passes
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W, Scene, Shots
@@ -260,6 +261,34 @@ def test_metallic_map():
     assert mapped[12, 16, 0] > 2 * mapped[12, 19, 0]
     tint = srgb_decode(30 / 255) / srgb_decode(220 / 255)
     assert mapped[12, 16, 1] / mapped[12, 16, 0] == pytest.approx(tint, rel=0.05)
+
+
+@pytest.mark.parametrize("light", [[-0.6, -1.0, -0.4], [0.8, -0.7, 0.5]])
+def test_constant_map_of_normals_shades_as_a_tilted_plane(light):
+    """But for what bumps hide of light that grazes them, which `bent_share` has as Cycles does."""
+    tilted = np.array([0.36, 0.48, 0.8])
+    image = np.rint(127.5 * (tilted + 1)).astype(np.uint8).reshape(1, 1, 3)
+    quad = scene([(0.0, 0.0, 0.4, uniform(220, 220, 220, 255), SQUARE)], normal_maps={0: image})
+    passes = cast_passes(quad, FRONT, SIZE, FIELD_OF_VIEW)
+    mask = passes.mask[0]
+    # u runs along x, v along z, and the quad faces -y.
+    np.testing.assert_allclose(
+        passes.normal[0][mask], np.broadcast_to([0.36, -0.8, 0.48], (mask.sum(), 3)), atol=0.005
+    )
+    light = np.array(light)
+    column, row = np.meshgrid(np.arange(SIZE[1]) + 0.5, np.arange(SIZE[0]) + 0.5)
+    width = 2 * 2.5 * np.tan(np.radians(FIELD_OF_VIEW / 2)) / SIZE[1]
+    points = np.stack([(column - 18) * width, np.zeros(SIZE), (12 - row) * width], axis=-1)
+    towards = light - points
+    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
+    bent, upright = passes.normal[0].astype(float), np.array([[0.0, -1.0, 0.0]])
+    share = bent_share(
+        upright.repeat(mask.sum(), 0), bent[mask], towards[mask]
+    ) * -towards[mask][:, 1] / (bent[mask] * towards[mask]).sum(axis=1)  # fmt: skip
+    expected = matt_radiance(passes, 0, FRONT[0], light)[mask] * share[:, None]
+    found = rendered(quad, light)[0]
+    whole = found[..., 3][mask] == 1
+    np.testing.assert_allclose(found[mask][whole][:, :3], expected[whole], rtol=0.01, atol=1e-3)
 
 
 # A bare child takes 310 MiB, the texture 64 MiB a copy.

@@ -190,6 +190,7 @@ def _part(
         alpha_cutoffs={} if material.alpha_cutoff is None else {0: material.alpha_cutoff},
         roughness_maps={} if material.roughness is None else {0: material.roughness},
         metallic_maps={} if material.metallic is None else {0: material.metallic},
+        normal_maps={} if material.normals is None else {0: material.normals},
     )
 
 
@@ -230,6 +231,7 @@ def _joined(meshes: list[TexturedMesh]) -> TexturedMesh:
         alpha_cutoffs=_of_each([mesh.alpha_cutoffs for mesh in meshes]),
         roughness_maps=_of_each([mesh.roughness_maps for mesh in meshes]),
         metallic_maps=_of_each([mesh.metallic_maps for mesh in meshes]),
+        normal_maps=_of_each([mesh.normal_maps for mesh in meshes]),
     )
 
 

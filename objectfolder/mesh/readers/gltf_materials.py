@@ -1,4 +1,4 @@
-"""Materials of a glTF file: base colour, transparency, roughness, metallic, and where their textures lie."""
+"""Materials of a glTF file: base colour, transparency, roughness, metallic, normals, and their places."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,10 +23,13 @@ from objectfolder.mesh.readers.textures import (
     TextureReader,
     opaque,
     scaled_map,
+    scaled_normals,
     tint,
     uniform_map,
     uniform_texture,
 )
+
+NORMALS = "normalTexture"
 
 REPEAT = 10497
 """The only value of a sampler's `wrapS` and `wrapT` that textures here have."""
@@ -71,8 +74,8 @@ class Material:
         Scene-linear RGBA (4,) that vertex colours are multiplied by; the texture already is.
     alpha_cutoff
         The alpha from which the surface is there; None blends.
-    roughness, metallic
-        Maps (h, w), where the file has them.
+    roughness, metallic, normals
+        Maps (h, w) and of normals (h, w, 3), where the file has them.
     placement
         Of all its textures.
     """
@@ -82,6 +85,7 @@ class Material:
     alpha_cutoff: float | None = None
     roughness: np.ndarray | None = None
     metallic: np.ndarray | None = None
+    normals: np.ndarray | None = None
     placement: Placement = Placement()
 
 
@@ -95,7 +99,8 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     Texture and factor of the base colour are multiplied. Alpha counts as `alphaMode` says (OPAQUE ignores it,
     MASK cuts at `alphaCutoff`, BLEND blends). Roughness is the green, metallic the blue channel of
     `metallicRoughnessTexture`, each times its factor; a factor that is written counts without a texture, and
-    where neither is, the object's material has its say rather than glTF's default, a rough metal. Of
+    where neither is, the object's material has its say rather than glTF's default, a rough metal. Normals
+    are those of `normalTexture`, its `scale` applied. Of
     KHR_materials_pbrSpecularGlossiness the diffuse colour is the base colour and what is not glossy is rough.
 
     Raises
@@ -112,13 +117,24 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     keys = _GLOSSY_KEYS if glossy is not None else _METALLIC_KEYS
     base, placement = _image(file, parts, keys.base, name, reader)
     layers, layers_placement = _image(file, parts, keys.layers, name, reader)
-    if base is not None and layers is not None and placement != layers_placement:
-        raise InputError(
-            str(file.path),
-            f"{keys.layers} of material {name} lies otherwise than {keys.base}: on a second set of texture "
-            "coordinates, or shifted",
-            "Bake both to one set",
+    bumps, bumps_placement = _image(file, material, NORMALS, name, reader)
+    placed = [
+        (key, placement)
+        for key, image, placement in (
+            (keys.base, base, placement),
+            (keys.layers, layers, layers_placement),
+            (NORMALS, bumps, bumps_placement),
         )
+        if image is not None
+    ]
+    for key, other in placed[1:]:
+        if other != placed[0][1]:
+            raise InputError(
+                str(file.path),
+                f"{key} of material {name} lies otherwise than {placed[0][0]}: on a second set of texture "
+                "coordinates, or shifted",
+                "Bake both to one set",
+            )
     factor = np.array(numbers(parts.get(keys.factor, [1, 1, 1, 1]), 4, 0, 1))
     texture = tint(uniform_texture(np.ones(4)) if base is None else base, factor)
     mode = material.get("alphaMode", "OPAQUE")
@@ -131,7 +147,10 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     else:
         roughness = _map(layers, 1, parts.get("roughnessFactor"))
         metallic = _map(layers, 2, parts.get("metallicFactor"))
-    for image in (texture, roughness, metallic):
+    normals = None
+    if bumps is not None:
+        normals = scaled_normals(bumps, number(material[NORMALS].get("scale", 1.0), -1e3, 1e3))
+    for image in (texture, roughness, metallic, normals):
         if image is not None:
             reader.count(image)
     return Material(
@@ -140,7 +159,8 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
         cutoff if mode == "MASK" and least < cutoff else None,
         roughness,
         metallic,
-        layers_placement if base is None else placement,
+        normals,
+        placed[0][1] if placed else Placement(),
     )
 
 

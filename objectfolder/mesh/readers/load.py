@@ -27,7 +27,7 @@ MESH_SUFFIXES = tuple(_READERS)
 
 
 def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = True) -> TexturedMesh:
-    """Read OBJ, glTF, GLB, PLY or STL with its base colour textures and maps of reflectance.
+    """Read OBJ, glTF, GLB, PLY or STL with its base colour textures, and maps of reflectance and normals.
 
     Alpha is 255 but where the source asks for transparency: by glTF's `alphaMode`, or by `d` or `map_d` of a
     material library. Equal textures with equal maps are kept once.
@@ -84,6 +84,7 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
             alpha_cutoffs={},
             roughness_maps={},
             metallic_maps={},
+            normal_maps={},
         )
     return _with_coordinates(path, _with_distinct_textures(mesh))
 
@@ -94,7 +95,7 @@ def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:
     kept: list[int] = []
     index_of = np.zeros(len(mesh.textures), dtype=np.int32)
     for index, texture in enumerate(mesh.textures):
-        maps = (mesh.roughness_maps.get(index), mesh.metallic_maps.get(index))
+        maps = [of.get(index) for of in (mesh.roughness_maps, mesh.metallic_maps, mesh.normal_maps)]
         key = (_content(texture), *map(_content, maps), mesh.alpha_cutoffs.get(index))
         if key not in distinct:
             distinct[key] = len(kept)
@@ -111,6 +112,7 @@ def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:
         alpha_cutoffs=renumbered(mesh.alpha_cutoffs),
         roughness_maps=renumbered(mesh.roughness_maps),
         metallic_maps=renumbered(mesh.metallic_maps),
+        normal_maps=renumbered(mesh.normal_maps),
     )
 
 
@@ -122,9 +124,9 @@ def _with_coordinates(path: Path, mesh: TexturedMesh) -> TexturedMesh:
     """Texture coordinates without NaN: zero where the texture is one texel, refused where it is not."""
     missing = ~np.isfinite(mesh.texture_coordinates).all(axis=(1, 2))
     uniform = np.array([texture.shape[:2] == (1, 1) for texture in mesh.textures])
-    for image_of in (mesh.roughness_maps, mesh.metallic_maps):
+    for image_of in (mesh.roughness_maps, mesh.metallic_maps, mesh.normal_maps):
         for index, image in image_of.items():
-            uniform[index] &= image.shape == (1, 1)
+            uniform[index] &= image.shape[:2] == (1, 1)
     bare = int(np.count_nonzero(missing & ~uniform[mesh.face_texture]))
     if bare:
         raise InputError(

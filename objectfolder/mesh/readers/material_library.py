@@ -1,9 +1,10 @@
-"""Wavefront material libraries (.mtl): base colour, transparency, roughness and metallic of each material.
+"""Wavefront material libraries (.mtl): what each material looks like.
 
-Read are `Kd`, `d`, `Pr`, `Pm` and their maps. Left aside are `Ns`, an exponent of another reflection model
-that exporters fill with defaults; `Tr`, which some write as transparency and others as opacity; and `illum`.
-The alpha channel of `map_Kd` means nothing by itself: textures of scans carry one that says nothing of
-transparency.
+Read are `Kd`, `d`, `Pr`, `Pm` and their maps, and maps of normals: what `norm` or `map_Kn` names, and of
+`bump` and `map_Bump` an image that is plainly no map of heights. Left aside are heights; `Ns`, an exponent
+of another reflection model that exporters fill with defaults; `Tr`, which some write as transparency and
+others as opacity; and `illum`. The alpha channel of `map_Kd` means nothing by itself: textures of scans carry
+one that says nothing of transparency.
 """
 
 from dataclasses import dataclass, field
@@ -34,6 +35,8 @@ _OPTION_VALUES = {
 
 
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
+_NORMALS = {"norm", "map_kn"}
+_BUMPS = {"bump", "map_bump"}
 _SCALARS = {"d": "opacity", "pr": "roughness", "pm": "metallic"}
 
 
@@ -68,6 +71,10 @@ class ObjMaterial:
         Values in 0..1; None where not written.
     opacity_map, roughness_map, metallic_map
         Images. The opacity map is multiplied by the opacity, the others replace the value.
+    normal_map, bump_map
+        Images of normals, and of heights or normals.
+    bump_scale
+        Factor of what these add to the surface.
     """
 
     colour: np.ndarray = field(default_factory=DEFAULT_COLOUR.copy)
@@ -78,12 +85,15 @@ class ObjMaterial:
     opacity_map: ScalarMap | None = None
     roughness_map: ScalarMap | None = None
     metallic_map: ScalarMap | None = None
+    normal_map: Path | None = None
+    bump_map: Path | None = None
+    bump_scale: float = 1.0
 
     @property
     def files(self) -> list[Path]:
         """Every image the material names."""
         maps = (self.opacity_map, self.roughness_map, self.metallic_map)
-        textures = [] if self.texture is None else [self.texture]
+        textures = [file for file in (self.texture, self.normal_map, self.bump_map) if file is not None]
         return textures + [scalar.file for scalar in maps if scalar is not None]
 
 
@@ -111,6 +121,8 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
                 current.colour = _colour(values, where)
             elif keyword.lower() == "map_kd" and names_a_file:
                 current.texture = _texture_file(mesh, path, line, where)
+            elif keyword.lower() in _NORMALS | _BUMPS and names_a_file:
+                _read_normals(current, mesh, path, line, where)
             elif keyword.lower() in _SCALARS:
                 setattr(current, _SCALARS[keyword.lower()], _fraction(keyword, values, where))
             elif keyword.lower().removeprefix("map_") in _SCALARS and names_a_file:
@@ -123,6 +135,17 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
     for name, material in list(materials.items()):
         materials.setdefault(without_comment(name), material)
     return materials
+
+
+def _read_normals(material: ObjMaterial, mesh: Path, library: Path, line: str, where: str) -> None:
+    """Read a `norm` or `bump` line; a map of heights, which `bump` may name, need not be there."""
+    keyword, *values = line.split()
+    if keyword.lower() in _NORMALS:
+        material.normal_map = _texture_file(mesh, library, line, where)
+    else:
+        material.bump_map = _found_texture(mesh, library, _file_name(line.strip(), where))
+    if "-bm" in values[:-1] and _is_number(scale := values[values.index("-bm") + 1]):
+        material.bump_scale = float(np.clip(np.nan_to_num(float(scale)), -1e3, 1e3))
 
 
 def _fraction(keyword: str, values: list[str], where: str) -> float:
@@ -218,12 +241,7 @@ def _is_number(text: str) -> bool:
 def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
     """Where the texture is: as written, beside the library, or in the folders scans come with."""
     written = _file_name(line.strip(), where)
-    names = []
-    for name in dict.fromkeys([written, without_comment(written)]):
-        base = PureWindowsPath(name).name
-        # The last is where Google Scanned Objects have it as Fuel serves them.
-        names += [name, base, f"textures/{base}", f"../materials/textures/{base}"]
-    found = find_file(library.parent, names, within=_outermost(mesh))
+    found = _found_texture(mesh, library, written)
     if found is not None:
         return found
     outside = not lies_within(library.parent / PureWindowsPath(written).as_posix(), _outermost(mesh))
@@ -233,3 +251,12 @@ def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
         + ("lies outside of the folders of the object" if outside else "is not there"),
         "Add it beside the material library, or name a texture for the object",
     )
+
+
+def _found_texture(mesh: Path, library: Path, written: str) -> Path | None:
+    names: list[str] = []
+    for name in dict.fromkeys([written, without_comment(written)]):
+        base = PureWindowsPath(name).name
+        # The last is where Google Scanned Objects have it as Fuel serves them.
+        names += [name, base, f"textures/{base}", f"../materials/textures/{base}"]
+    return find_file(library.parent, names, within=_outermost(mesh))

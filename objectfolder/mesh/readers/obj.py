@@ -22,8 +22,10 @@ from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import (
     TextureReader,
     corner_colour_atlas,
+    holds_normals,
     opaque,
     scaled_map,
+    scaled_normals,
     uniform_map,
     uniform_texture,
     with_alpha,
@@ -96,6 +98,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         )
         materials, textures, face_texture = [], (opaque(atlas),), np.zeros(len(faces), dtype=np.int32)
     roughness = [_scalar(material.roughness_map, material.roughness, reader) for material in materials]
+    normals = [_normals(material, reader) for material in materials]
     metallic = [_scalar(material.metallic_map, material.metallic, reader) for material in materials]
     return TexturedMesh(
         vertices,
@@ -106,6 +109,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         _corner_normals(statements, triangles),
         roughness_maps={index: image for index, image in enumerate(roughness) if image is not None},
         metallic_maps={index: image for index, image in enumerate(metallic) if image is not None},
+        normal_maps={index: image for index, image in enumerate(normals) if image is not None},
     )
 
 
@@ -274,6 +278,17 @@ def _scalar(image: ScalarMap | None, value: float | None, reader: TextureReader)
     if image is not None:
         return reader.count(_levels(image, reader, of_opacity=False))
     return None if value is None else uniform_map(value)
+
+
+def _normals(material: ObjMaterial, reader: TextureReader) -> np.ndarray | None:
+    """Normals (h, w, 3) in tangent space; None where the material has none, or heights."""
+    image = None
+    if material.normal_map is not None:
+        image = reader.file(material.normal_map)
+    elif material.bump_map is not None and holds_normals(found := reader.file(material.bump_map)):
+        image = found
+    normals = None if image is None else scaled_normals(image, material.bump_scale)
+    return None if normals is None else reader.count(normals)
 
 
 def _levels(image: ScalarMap, reader: TextureReader, *, of_opacity: bool) -> np.ndarray:

@@ -94,6 +94,33 @@ def scaled_map(levels: np.ndarray, factor: float) -> np.ndarray:
     return np.asarray(table[levels])
 
 
+def scaled_normals(image: np.ndarray, scale: float) -> np.ndarray | None:
+    """Scale x and y of normals (h, w, 3 or more) uint8, as glTF's `normalTexture.scale` asks.
+
+    Returns
+    -------
+    ndarray or None
+        (h, w, 3) uint8 unit normals; None where all are upright within half a level: there is no map.
+    """
+    normals = image[..., :3]
+    if scale != 1.0:
+        scaled = (normals / np.float32(127.5) - 1) * np.array([scale, scale, 1.0], dtype=np.float32)
+        scaled /= np.maximum(np.linalg.norm(scaled, axis=-1, keepdims=True), 1e-9)
+        normals = np.rint(127.5 * (scaled + 1.0)).astype(np.uint8)
+    aside = np.abs(normals[..., :2].astype(np.int16) - 127)
+    return None if aside.max(initial=0) <= 1 else np.ascontiguousarray(normals)
+
+
+def holds_normals(image: np.ndarray) -> bool:
+    """Whether an image (h, w, 4) is a map of normals in tangent space rather than of heights.
+
+    Nearly all of its texels are unit vectors that point off the surface.
+    """
+    x, y, z = np.moveaxis(image[..., :3].astype(np.float32) / 127.5 - 1.0, -1, 0)
+    length = np.sqrt(x * x + y * y + z * z)
+    return bool(((np.abs(length - 1.0) < 0.1) & (z > 0.0)).mean() > 0.95)
+
+
 def uniform_map(value: float) -> np.ndarray:
     """(1, 1) uint8 map of one value in 0..1."""
     return np.full((1, 1), round(255 * min(max(value, 0.0), 1.0)), dtype=np.uint8)

@@ -9,7 +9,13 @@ import numpy as np
 
 from objectfolder.jit import kernel
 from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
-from objectfolder.vision.network.incidence import SELF_OFFSET, TERMINATOR_COSINE, UnitSurface, mirror_rays
+from objectfolder.vision.network.incidence import (
+    SELF_OFFSET,
+    TERMINATOR_COSINE,
+    UnitSurface,
+    bent_share,
+    mirror_rays,
+)
 
 
 @dataclass(frozen=True)
@@ -20,8 +26,8 @@ class Points:
     ----------
     face, barycentric, direction
         (n,), (n, 3) and the (n, 3) unit directions of the rays.
-    position, normal
-        (n, 3), the latter the shading normal on the side seen.
+    position, normal, upright
+        (n, 3), the latter two shading normals on the side seen, as maps bend them and without maps.
     side
         (n,) -1.0 where the back of the face is seen.
     """
@@ -31,6 +37,7 @@ class Points:
     direction: np.ndarray
     position: np.ndarray
     normal: np.ndarray
+    upright: np.ndarray
     side: np.ndarray
 
     def of(self, row: np.ndarray) -> "Points":
@@ -48,13 +55,15 @@ class LitSurface:
         self._triangles = np.ascontiguousarray(surface.triangles)
         self._corner_normals = np.ascontiguousarray(surface.surface.corner_normals)
         self.volumes = BoundingVolumes.of_triangles(self._triangles)
+        self._unit = surface
 
     def points(self, face: np.ndarray, barycentric: np.ndarray, direction: np.ndarray) -> Points:
         """Return the points of faces (n,) at barycentric coordinates (n, 3) that rays (n, 3) meet."""
-        position, normal, side = surface_points(
+        position, upright, side = surface_points(
             face, barycentric, direction, self._triangles, self._corner_normals, self.facets
         )
-        return Points(face, barycentric, direction, position, normal, side)
+        normal = self._unit.bent(face, barycentric, upright, side)
+        return Points(face, barycentric, direction, position, normal, upright, side)
 
     def light_from(
         self, points: Points, light: np.ndarray, asked: np.ndarray | None = None
@@ -64,10 +73,14 @@ class LitSurface:
         `light` is (3,) or (n, 3), one a point.
         """
         irradiance, start = unhindered(
-            points.face, points.barycentric, points.position, points.normal, points.side,
+            points.face, points.barycentric, points.position, points.upright, points.side,
             light.reshape(-1, 3), self._triangles, self._corner_normals, self.facets,
             TERMINATOR_COSINE, SELF_OFFSET,
         )  # fmt: skip
+        if self._unit.bends:
+            to_light = light - points.position
+            to_light /= np.maximum(np.linalg.norm(to_light, axis=1, keepdims=True), 1e-9)
+            irradiance *= bent_share(points.upright, points.normal, to_light)
         wanted = irradiance > 0 if asked is None else asked & (irradiance > 0)
         return irradiance, self.volumes.occluded(start, light, wanted)
 

@@ -6,6 +6,8 @@ import numpy as np
 
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
+from objectfolder.vision.network.holes import without_holes
+from objectfolder.vision.network.surface_maps import SurfaceMaps
 
 # Cycles lifts the start of grazing shadow rays off the flat facet, onto the surface that the corner normals
 # describe; below this cosine, its default.
@@ -60,12 +62,42 @@ class MirrorHits:
 
 
 class UnitSurface:
-    """A surface queried in its unit frame."""
+    """A surface queried in its unit frame.
 
-    def __init__(self, surface: Surface, frame: UnitFrame) -> None:
-        self.surface = surface
+    Parameters
+    ----------
+    surface, frame
+        The surface, and where it lies.
+    maps
+        Of it, on its triangles in the unit frame.
+
+    Attributes
+    ----------
+    surface, triangles
+        What rays meet: the surface without its holes, and its triangles (F, 3, 3) in the unit frame.
+    bends
+        Whether a map bends its normals.
+    """
+
+    def __init__(self, surface: Surface, frame: UnitFrame, maps: SurfaceMaps | None = None) -> None:
+        self._maps = maps
+        self._cut = without_holes(maps) if maps is not None and "alpha" in maps else None
+        self.surface = surface if self._cut is None else self._cut.surface
         self.frame = frame
-        self.triangles = frame.to_unit(surface.vertices)[surface.faces]
+        self.triangles = frame.to_unit(self.surface.vertices)[self.surface.faces]
+        self.bends = maps is not None and "normal" in maps
+
+    def in_stored(self, face: np.ndarray, barycentric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return face (n,) and barycentric coordinates (n, 3) in the surface with its holes."""
+        return (face, barycentric) if self._cut is None else self._cut.in_parent(face, barycentric)
+
+    def bent(
+        self, face: np.ndarray, barycentric: np.ndarray, normal: np.ndarray, side: np.ndarray
+    ) -> np.ndarray:
+        """Return normals (n, 3) as maps bend them, on the sides (n,) that are seen; `normal` without maps."""
+        if self._maps is None or not self.bends:
+            return normal
+        return self._maps.bent(*self.in_stored(face, barycentric)) * side[:, None]
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the face (n,) (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
@@ -76,13 +108,13 @@ class UnitSurface:
         self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray, light_position: np.ndarray
     ) -> Incidence:
         """Return what reaches the points hit by rays along `directions` from a light, (3,) or (n, 3)."""
-        position, normal, facet, corner_normals = self._seen(face, barycentric, directions)
+        position, normal, upright, facet, corner_normals = self._seen(face, barycentric, directions)
         triangles = self.triangles[face]
         to_light = light_position - position
         distance = np.linalg.norm(to_light, axis=1)
         to_light /= np.maximum(distance, 1e-9)[:, None]
         distance = np.maximum(distance, NEAREST)
-        cosine = np.einsum("ij,ij->i", normal, to_light)
+        cosine = np.einsum("ij,ij->i", upright, to_light)
         lit = np.flatnonzero(cosine > 0)
         start = shadow_ray_start(
             position[lit], triangles[lit], corner_normals[lit], barycentric[lit], facet[lit],
@@ -92,6 +124,8 @@ class UnitSurface:
         blocked = self.surface.occluded(self.frame.to_object(start), self.frame.to_object(target))
         irradiance = np.zeros(len(position))
         irradiance[lit] = np.where(blocked, 0.0, cosine[lit] / distance[lit] ** 2)
+        if self.bends:
+            irradiance[lit] *= bent_share(upright[lit], normal[lit], to_light[lit])
         return Incidence(position, normal, -directions, to_light, distance, irradiance)
 
     def seen(
@@ -102,16 +136,16 @@ class UnitSurface:
 
     def _seen(
         self, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return position, shading normal, facet normal and corner normals on the side seen."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return position, normals bent by maps and not, facet and corner normals on the side seen."""
         corner_normals, facet = self.surface.corner_normals[face], self.surface.face_normals[face]
         position = np.einsum("ij,ijk->ik", barycentric, self.triangles[face])
         # The side seen decides where a normal points, as in Cycles: scans have inverted and open faces.
         side = np.where(np.einsum("ij,ij->i", facet, directions) > 0, -1.0, 1.0)
         facet, corner_normals = facet * side[:, None], corner_normals * side[:, None, None]
         bent = np.einsum("ij,ijk->ik", barycentric, corner_normals)
-        normal = bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)
-        return position, normal, facet, corner_normals
+        upright = bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12)
+        return position, self.bent(face, barycentric, upright, side), upright, facet, corner_normals
 
     def mirrored(self, face: np.ndarray, points: Incidence) -> MirrorHits:
         """Trace the mirror ray of each of the points, which lie on faces (n,)."""
@@ -121,6 +155,26 @@ class UnitSurface:
         found, barycentric = self.first_hits(start, directions)
         row = np.flatnonzero(found >= 0)
         return MirrorHits(row, found[row], barycentric[row], directions[row])
+
+
+def bent_share(upright: np.ndarray, bent: np.ndarray, to_light: np.ndarray) -> np.ndarray:
+    """Return what bending a normal does to irradiance, a factor (n,), as Cycles has it for matt surfaces.
+
+    The cosines' ratio, times the share that the bumps themselves leave of light that grazes the surface: a
+    microfacet shadowing (Conty Estevez, Lecocq and Stein 2019, "A Microfacet-Based Shadowing Function to
+    Solve the Bump Terminator Problem", Ray Tracing Gems, chapter 12).
+
+    Parameters
+    ----------
+    upright, bent, to_light
+        (n, 3) unit vectors; the light is above the plane of the first.
+    """
+    cosine = np.maximum(np.einsum("ij,ij->i", upright, to_light), 1e-9)
+    after = np.maximum(np.einsum("ij,ij->i", bent, to_light), 0.0)
+    turned = np.maximum(np.einsum("ij,ij->i", upright, bent), 1e-9)
+    width2 = np.minimum((1 / turned**2 - 1) / 8, 1.0)
+    left = 2 / (1 + np.sqrt(1 + width2 * np.maximum(1 / cosine**2 - 1, 0.0)))
+    return np.asarray(left * after / cosine)
 
 
 def mirror_rays(

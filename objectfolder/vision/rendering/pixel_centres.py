@@ -71,8 +71,6 @@ def cast_pixel_centres(
         face, barycentric, place = face[hit], barycentric[hit], places[start + hit]
         position = np.einsum("ij,ijk->ik", barycentric, surface.triangles[face])
         depth[place] = -np.einsum("ij,j->i", position - origins[hit], camera_to_world[:3, 2])
-        back = np.einsum("ij,ij->i", surface.surface.face_normals[face], directions[hit]) > 0
-        shading = surface.surface.normals_at(face, barycentric)
-        normal[place] = np.where(back[:, None], -shading, shading)
+        normal[place] = surface.seen(face, barycentric, directions[hit])[1]
     depth = depth.reshape(height, width)
     return PixelCentres(depth, normal.reshape(height, width, 3), np.isfinite(depth))

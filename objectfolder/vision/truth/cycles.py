@@ -194,6 +194,13 @@ def _material(scene: Scene, index: int, folder: str) -> Any:
             split = nodes.new("ShaderNodeSeparateColor")
             links.new(node.outputs["Color"], split.inputs["Color"])
             links.new(split.outputs["Red"], shader.inputs[name])
+    if index in scene.normal_maps:
+        image = scene.normal_maps[index]
+        node = _image_node(nodes, np.dstack([image, np.full_like(image[..., 0], 255)]), "Non-Color", folder)
+        bent = nodes.new("ShaderNodeNormalMap")
+        bent.uv_map = "texture"
+        links.new(node.outputs["Color"], bent.inputs["Color"])
+        links.new(bent.outputs["Normal"], shader.inputs["Normal"])
     return material
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from objectfolder.mesh.normal_maps import MappedNormals
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.cameras import pixel_rays, project
@@ -31,7 +32,8 @@ class Passes:
     depth
         (n, h, w) float32 distance along the camera's -z axis, unit-frame lengths; infinity off the mask.
     normal
-        (n, h, w, 3) float16 unit shading normal on the camera's side, axes of the unit frame; 0 off the mask.
+        (n, h, w, 3) float16 unit shading normal, bent by maps, on the camera's side, axes of the unit
+        frame; 0 off the mask.
     albedo
         (n, h, w, 3) float16 scene-linear base colour: diffuse reflectance of a dielectric, reflectance at
         normal incidence of a metal; 0 off the mask.
@@ -57,6 +59,7 @@ def cast_passes(
     normal = np.zeros((*mask.shape, 3), dtype=np.float16)
     albedo = np.zeros((*mask.shape, 3), dtype=np.float16)
     surface = Surface(scene.vertices, scene.faces)
+    mapped = mapped_normals(scene)
     corners = scene.vertices[np.unique(scene.faces)]
     for view, pose in enumerate(camera_to_world):
         pixels = _pixels_around(corners, pose, resolution, field_of_view_deg)
@@ -66,7 +69,7 @@ def cast_passes(
         seen, face, barycentric = pixels[hit], face[hit], barycentric[hit]
         mask[view, seen] = True
         depth[view, seen] = distance[hit] * -(directions[hit] @ pose[:3, 2])
-        normal[view, seen] = _shading_normals(scene, surface, face, barycentric, directions[hit])
+        normal[view, seen] = _shading_normals(mapped, surface, face, barycentric, directions[hit])
         albedo[view, seen] = srgb_decode(colour[hit])
     shape = (count, height, width)
     return Passes(
@@ -127,12 +130,19 @@ def _base_colour(scene: Scene, face: np.ndarray, barycentric: np.ndarray) -> tup
     return rgba, rgba[:, 3] >= cutoff[texture_of]
 
 
+def mapped_normals(scene: Scene) -> MappedNormals:
+    """Return the shading normals of a scene, bent by its maps."""
+    return MappedNormals(
+        scene.vertices, scene.faces, scene.corner_normals, scene.texture_coordinates, scene.face_texture,
+        scene.normal_maps,
+    )  # fmt: skip
+
+
 def _shading_normals(
-    scene: Scene, surface: Surface, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray
+    mapped: MappedNormals, surface: Surface, face: np.ndarray, barycentric: np.ndarray, directions: np.ndarray
 ) -> np.ndarray:
     facet = surface.face_normals[face]
-    bent = np.einsum("ij,ijk->ik", barycentric, scene.corner_normals[face])
-    length = np.linalg.norm(bent, axis=1, keepdims=True)
-    bent = np.where(length > 1e-12, bent / np.maximum(length, 1e-300), facet)
+    bent = mapped.at(face, barycentric)
+    bent = np.where(bent.any(axis=1, keepdims=True), bent, facet)
     # The side seen decides where a normal points, as in Cycles.
     return np.where(np.einsum("ij,ij->i", facet, directions)[:, None] > 0, -bent, bent)

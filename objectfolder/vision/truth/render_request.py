@@ -20,7 +20,7 @@ BOUNCES = 3
 # Faces that a path may pass through by their holes; the next one stops it.
 FACES_WITH_HOLES = 64
 # Fields of a scene that hold something for some of its textures.
-BY_TEXTURE = ("alpha_cutoffs", "roughness_maps", "metallic_maps")
+BY_TEXTURE = ("alpha_cutoffs", "roughness_maps", "metallic_maps", "normal_maps")
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Scene:
         (h, w, 4) uint8 images, sRGB-encoded, row 0 on top. Alpha is straight coverage, not encoded.
     appearance
         Reflectance, where no map gives another value.
-    alpha_cutoffs, roughness_maps, metallic_maps
+    alpha_cutoffs, roughness_maps, metallic_maps, normal_maps
         By index of a texture, as in `TexturedMesh`.
     """
 
@@ -57,6 +57,7 @@ class Scene:
     alpha_cutoffs: Mapping[int, float] = field(default_factory=dict)
     roughness_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
     metallic_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
+    normal_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
 
     @property
     def has_holes(self) -> bool:
@@ -77,6 +78,7 @@ def unit_scene(mesh: TexturedMesh, appearance: Appearance, frame: UnitFrame) -> 
         alpha_cutoffs=mesh.alpha_cutoffs,
         roughness_maps=mesh.roughness_maps,
         metallic_maps=mesh.metallic_maps,
+        normal_maps=mesh.normal_maps,
     )
 
 

@@ -173,6 +173,7 @@ def _attributes(
         "maps": {
             "roughness": len(mesh.roughness_maps),
             "metallic": len(mesh.metallic_maps),
+            "normal": len(mesh.normal_maps),
             "holes": scene.has_holes,
         },
     }

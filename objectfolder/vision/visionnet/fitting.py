@@ -8,6 +8,7 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
+from objectfolder.vision.network.surface_maps import SurfaceMaps
 from objectfolder.vision.visionnet.training import Priors, trace_training_rays, train
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
@@ -25,7 +26,8 @@ def fit_visionnet(
     surface: Surface, frame: UnitFrame, views: Product, *, steps: int = 1200, batch_pixels: int = 1024,
     training_sub_rays: int | None = None, training_pixels: int = 600_000, learning_rate: float = 1e-2,
     grid_corners: int = 100_000, grid_resolution: int = 128, mirrors: bool | None = None,
-    base_colour_weight: float = 0.3, evenness_weight: float = 1e-3, seed: int = 0,
+    base_colour_weight: float = 0.3, evenness_weight: float = 1e-3, maps: SurfaceMaps | None = None,
+    seed: int = 0,
 ) -> VisionNet:  # fmt: skip
     """Fit a VisionNet to the views that are not held out.
 
@@ -51,6 +53,8 @@ def fit_visionnet(
     base_colour_weight, evenness_weight
         How much the albedo is held to the views' base-colour pass, and the reflectance over it to be alike
         all over, see `training.Priors`; 0 not at all. Views without that pass are fitted without the first.
+    maps
+        What the source has of normals, holes, roughness and metallic on the surface's faces.
     seed
         Of initial weights, batches and rays.
 
@@ -67,9 +71,10 @@ def fit_visionnet(
         training_sub_rays = max(averaging, rays_to_meet(appearance) if mirrors else FEW_RAYS)
     # More rays a pixel cost fewer pixels: memory and time stay.
     share = min(1.0, FEW_RAYS / training_sub_rays)
-    rays = trace_training_rays(UnitSurface(surface, frame), views, training_sub_rays,
+    shown = UnitSurface(surface, frame, maps)
+    rays = trace_training_rays(shown, views, training_sub_rays,
                                int(training_pixels * share), seed, mirrors=mirrors)  # fmt: skip
-    points = covering_points(surface, frame.to_unit(surface.vertices), grid_resolution)
+    points = covering_points(shown.surface, frame.to_unit(shown.surface.vertices), grid_resolution)
     grid = SparseGrid.within_budget(np.concatenate([points, rays.position]), grid_corners, grid_resolution)
     scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
     network = train(grid, rays, radiance_scale=scale, steps=steps,
@@ -77,7 +82,8 @@ def fit_visionnet(
                     priors=Priors(base_colour_weight, evenness_weight))  # fmt: skip
     weights = {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}
     radius = float(views.attributes["camera_radius"])
-    return VisionNet(surface, frame, grid, weights, radiance_scale=scale, camera_radius=radius)
+    return VisionNet(surface, frame, grid, weights, radiance_scale=scale, camera_radius=radius,
+                     maps=maps, appearance=appearance)  # fmt: skip
 
 
 def shows_itself(appearance: Appearance) -> bool:

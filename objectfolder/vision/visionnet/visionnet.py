@@ -14,11 +14,13 @@ from objectfolder.products.tensor_file import REMEDY
 from objectfolder.query_values import point_rows, require_room
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
+from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors, weight_shapes
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
+from objectfolder.vision.network.surface_maps import SurfaceMaps
 from objectfolder.vision.rendering.pixel_centres import cast_pixel_centres
 from objectfolder.vision.rendering.view_query import (
     image_query,
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 
 PREFIX = "vision."
+MAP = "map."
 DEVICES = ("cpu", "cuda")
 SUB_RAYS = 64
 MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
@@ -67,6 +70,10 @@ class VisionNet:
         Distance from the origin of the cameras it was trained on, unit frame.
     sub_rays
         Rays a pixel that `render` shoots unless asked otherwise.
+    maps
+        Of normals, holes, roughness and metallic on the surface's faces, where the source has some.
+    appearance
+        Roughness and metallic where no map says more; None where that is not known.
 
     Attributes
     ----------
@@ -86,10 +93,13 @@ class VisionNet:
         radiance_scale: float,
         camera_radius: float,
         sub_rays: int = SUB_RAYS,
+        maps: SurfaceMaps | None = None,
+        appearance: Appearance | None = None,
     ) -> None:
         self.camera_radius = camera_radius
         self.sub_rays = sub_rays
-        self._surface = UnitSurface(surface, frame)
+        self._surface = UnitSurface(surface, frame, maps)
+        self._maps, self._appearance = maps, appearance
         self._grid = grid
         self._weights = dict(weights)
         self.radiance_scale = radiance_scale
@@ -98,9 +108,12 @@ class VisionNet:
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays of an Object File, names beginning with ``vision.``."""
-        return {PREFIX + "grid": self._grid.to_bytes()} | {
-            f"{PREFIX}{name}": value for name, value in self._weights.items()
-        }
+        maps = {} if self._maps is None else self._maps.tensors()
+        return (
+            {PREFIX + "grid": self._grid.to_bytes()}
+            | {f"{PREFIX}{name}": value for name, value in self._weights.items()}
+            | {f"{PREFIX}{MAP}{name}": stream for name, stream in maps.items()}
+        )
 
     def metadata(self) -> dict[str, Any]:
         """Return what the tensors do not say, as JSON."""
@@ -109,6 +122,8 @@ class VisionNet:
             "radiance_scale": self.radiance_scale,
             "camera_radius": self.camera_radius,
             "sub_rays": self.sub_rays,
+            **({} if self._maps is None else {"maps": dict(self._maps.pitches)}),
+            **({} if self._appearance is None else {"appearance": self._appearance.to_dict()}),
         }
 
     @classmethod
@@ -133,6 +148,11 @@ class VisionNet:
             "vision.grid_resolution", metadata["grid_resolution"], 8, LARGEST_RESOLUTION
         )
         grid = SparseGrid.from_bytes(own.pop("grid"), resolution)
+        streams = {name.removeprefix(MAP): own.pop(name) for name in list(own) if name.startswith(MAP)}
+        maps = None
+        if streams or "maps" in metadata:
+            triangles = frame.to_unit(surface.vertices)[surface.faces]
+            maps = SurfaceMaps.from_tensors(surface, triangles, metadata.get("maps", {}), streams)
         expected = weight_shapes(grid.sizes, mirrors=has_mirrors(own))
         for name in sorted(expected.keys() | own.keys()):
             found = own[name].shape if name in own else None
@@ -148,6 +168,8 @@ class VisionNet:
             radiance_scale=number("vision.radiance_scale", metadata["radiance_scale"], 1e-6, 1e6),
             camera_radius=number("vision.camera_radius", metadata["camera_radius"], 0.1, 1e3),
             sub_rays=whole_number("vision.sub_rays", metadata["sub_rays"], 1, MOST_SUB_RAYS),
+            maps=maps,
+            appearance=_appearance(metadata.get("appearance")),
         )
 
     def on(self, device: str = "cpu") -> "VisionNet":
@@ -275,6 +297,13 @@ class VisionNet:
         require_near("light_position", lights)
         colours = light_colours(light_colour, lights.shape)
         return self._rendering().radiance(starts, along, lights, colours)
+
+
+def _appearance(said: Any) -> Appearance | None:
+    if said is None:
+        return None
+    names = ("roughness", "metallic", "specular")
+    return Appearance(**{name: number(f"vision.appearance.{name}", said[name], 0, 1) for name in names})
 
 
 def _require_room(pixels: int, wanted: Collection[str], rays: int) -> None:
