@@ -7,7 +7,8 @@ import numpy as np
 from objectfolder.fidelity.images import psnr_db, ssim
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Product
-from objectfolder.vision.compositing import on_white
+from objectfolder.vision.compositing import on_white, srgb_encode
+from objectfolder.vision.visionnet.visionnet import REFLECTANCE
 
 FOREGROUND_ALPHA = 0.5
 
@@ -15,6 +16,8 @@ DEFINITIONS = {
     "vision.psnr_db": "PSNR of 8-bit sRGB on white, held-out cameras and lights, mean of views",
     "vision.psnr_foreground_db": "The same over the pixels that the object covers by at least half",
     "vision.ssim": "Structural similarity (Wang et al. 2004), Gaussian window of sigma 1.5, mean of views",
+    "vision.albedo_psnr_db": "PSNR of 8-bit sRGB base colour at the centres of held-out pixels",
+    "vision.roughness_psnr_db": "The same of roughness, linear, where it varies; metallic likewise",
     "vision.trivial": "The true silhouette filled with the mean colour of the object in the training views",
 }
 
@@ -60,6 +63,37 @@ def measure_sight(truth: np.ndarray, foreground: np.ndarray, answer: np.ndarray)
         if not np.isfinite(row["psnr_foreground_db"]):
             row["psnr_foreground_db"] = None
     return {**means, "per_view": rows}
+
+
+def measure_reflectance(file: ObjectFile, views: Product) -> dict[str, float]:
+    """Compare reflectance at the centres of the held-out views' pixels, where truth and answer have some.
+
+    Returns
+    -------
+    dict
+        ``albedo_psnr_db`` (sRGB-encoded), and ``roughness_psnr_db`` and ``metallic_psnr_db`` where they
+        vary: of 8 bits, all pixels pooled. Empty where the views or the file state none.
+    """
+    if not {"albedo", "roughness", "metallic", "mask"} <= set(views.arrays) or not file.vision.states(
+        "albedo"
+    ):
+        return {}
+    held_out, size = views["held_out"], views["mask"].shape[1:]
+    cameras = file.frame.camera_to_object(views["camera_to_world"][held_out])
+    answer = file.render(
+        cameras, np.zeros(3), (int(size[0]), int(size[1])), float(views.attributes["field_of_view_deg"]),
+        passes=("mask", *REFLECTANCE),
+    )  # fmt: skip
+    both = answer["mask"] & views["mask"][held_out]
+    measured = {}
+    for name in REFLECTANCE:
+        true, found = views[name][held_out][both].astype(np.float64), answer[name][both]
+        if name == "albedo":
+            true, found = srgb_encode(true), srgb_encode(found)
+        elif np.ptp(true) == 0:
+            continue
+        measured[f"{name}_psnr_db"] = psnr_db(np.rint(255 * true), np.rint(255 * found))
+    return measured
 
 
 def trivial_answer(views: Product) -> np.ndarray:

@@ -143,6 +143,7 @@ def _sight(
     shown = _spread(np.argsort([row["psnr_db"] for row in measured["per_view"]], kind="stable"))
     summary = {
         **measured,
+        **sight.measure_reflectance(file, views),
         "noise_floor_db": views.attributes["noise_floor_db"],
         "trivial_psnr_db": trivial["psnr_db"],
         "trivial_psnr_foreground_db": trivial["psnr_foreground_db"],

@@ -94,7 +94,7 @@ def test_an_environment_is_read_as_it_was_written(
 @pytest.mark.parametrize(("more", "option"), [
     (["--light", "1", "2"], "--light"),
     ([*LIT, "--crop", "1", "2", "3"], "--crop"),
-    ([*LIT, "--passes", "albedo"], "--passes"),
+    ([*LIT, "--passes", "shine"], "--passes"),
 ])  # fmt: skip
 def test_wrong_options_are_named(
     command: list[str], capsys: pytest.CaptureFixture[str], more: list[str], option: str

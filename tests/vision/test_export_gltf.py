@@ -14,6 +14,7 @@ from vision_shapes import cube, sphere
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
@@ -287,6 +288,17 @@ def test_maps_of_roughness_and_metal_take_the_place_of_the_factors(tmp_path):
     image = np.asarray(material.metallicRoughnessTexture)
     np.testing.assert_array_equal(image[..., 1], roughness)
     assert (image[..., 2] == 255).all()
+
+
+def test_a_map_of_normals_goes_along_and_is_read_back(tmp_path):
+    mesh = cube()
+    normals = np.array([[[173, 188, 230], [128, 128, 255]]], dtype=np.uint8)
+    mesh = TexturedMesh(
+        mesh.vertices, mesh.faces, mesh.texture_coordinates, mesh.textures, mesh.face_texture,
+        normal_maps={0: normals},
+    )  # fmt: skip
+    write_mesh(tmp_path / "cube.glb", mesh, MATT, CREDIT)
+    np.testing.assert_array_equal(load_mesh(tmp_path / "cube.glb").normal_maps[0], normals)
 
 
 def test_the_atlas_has_no_mip_maps_and_equal_exports_equal_bytes(ball, tmp_path):

@@ -88,7 +88,7 @@ def test_without_texture_coordinates_that_span_a_map_says_nothing() -> None:
 def test_a_lattice_gives_back_what_is_linear_on_each_face(seed: int, pitch: float) -> None:
     random = np.random.default_rng(seed)
     triangles = random.normal(size=(6, 3, 3)) * np.array([1.0, 1.0, 0.1])
-    lattice = FaceLattice(triangles, pitch)
+    lattice = FaceLattice(triangles, pitch, shared=False)
     face, barycentric = lattice.places(np.zeros((1, 2)))
     at_corners = random.normal(size=(6, 3))
     values = np.einsum("ij,ij->i", barycentric, at_corners[face])[:, None]
@@ -113,9 +113,7 @@ def test_levels_survive_packing(size: int, channels: int, seed: int) -> None:
 def stored(mesh: TexturedMesh) -> tuple[TexturedMesh, UnitFrame, SurfaceMaps]:
     kept = stored_mesh(mesh, decode_surface(encode_surface(mesh.surface)))
     frame = UnitFrame.of_points(kept.vertices)
-    maps = sample_maps(kept, frame, Appearance())
-    assert maps is not None
-    return kept, frame, maps
+    return kept, frame, sample_maps(kept, frame, Appearance())
 
 
 def test_stored_normals_are_the_maps() -> None:
@@ -132,9 +130,9 @@ def test_stored_normals_are_the_maps() -> None:
     assert angle.mean() < 0.6
 
 
-def test_no_map_is_stored_where_the_source_has_none() -> None:
-    mesh = cube()
-    assert sample_maps(mesh, UnitFrame.of_points(mesh.vertices), Appearance()) is None
+def test_albedo_alone_is_stored_where_the_source_has_no_other_map() -> None:
+    _, _, maps = stored(cube())
+    assert set(maps.levels) == {"albedo"}
 
 
 def test_a_tilted_map_is_lit_as_a_tilted_plane() -> None:
@@ -174,7 +172,7 @@ def waved_sheet() -> tuple[UnitSurface, UnitFrame, SurfaceMaps]:
     frame = UnitFrame.of_points(surface.vertices)
     triangles = frame.to_unit(surface.vertices)[surface.faces]
     size = FaceLattice(triangles, 1 / 32).size
-    levels = np.random.default_rng(3).integers(40, 215, (size, 2)).astype(np.uint8)
+    levels = np.random.default_rng(3).integers(20, 108, (size, 2)).astype(np.uint8)
     maps = SurfaceMaps(surface, triangles, {"normal": 1 / 32}, {"normal": levels})
     return UnitSurface(surface, frame, maps), frame, maps
 
@@ -219,16 +217,30 @@ def test_maps_travel_in_the_file_and_damaged_ones_are_refused() -> None:
     bad = [
         ({**net.tensors(), "vision.map.normal": stream[:-9]}, net.metadata()),
         ({**net.tensors(), "vision.map.shine": stream}, net.metadata()),
-        (net.tensors(), {**net.metadata(), "maps": {"normal": 1e-9}}),
+        (net.tensors(), {**net.metadata(), "maps": {"normal": {"pitch": 1e-9, "values": 9}}}),
         (net.tensors(), {**net.metadata(), "maps": {}}),
         (plain.tensors(), net.metadata()),
     ]
     for tensors, metadata in bad:
         with pytest.raises(FormatError):
             VisionNet.from_tensors(tensors, metadata, maps.surface, frame)
+    finer = {**net.metadata(), "maps": {"normal": {**net.metadata()["maps"]["normal"], "pitch": 1 / 64}}}
+    other = VisionNet.from_tensors(net.tensors(), finer, maps.surface, frame)
+    with pytest.raises(FormatError, match="values that the faces do not have"):
+        other.render(camera, light, 24, 39.6, 4)
 
 
 def test_a_lattice_of_too_many_values_is_refused() -> None:
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     with pytest.raises(FormatError, match="more than"):
         FaceLattice(np.tile(corners, (9, 1, 1)), 1 / 1024)
+
+
+def test_faces_of_one_cube_share_values_and_the_sides_of_a_wall_do_not() -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    wall = np.stack([corners, corners[::-1] + np.array([0, 0, 1e-4])])
+    alone, both = FaceLattice(wall[:1], 0.02), FaceLattice(wall, 0.02)
+    assert both.size == 2 * alone.size
+    halves = np.array([[corners[0], corners[1], (corners[1] + corners[2]) / 2],
+                       [corners[0], (corners[1] + corners[2]) / 2, corners[2]]])  # fmt: skip
+    assert abs(FaceLattice(halves, 0.02).size - alone.size) <= 5

@@ -104,8 +104,9 @@ def test_views_are_reproducible_whatever_the_threads_and_counts():
     assert "bpy" not in sys.modules
     for name in first.arrays:
         np.testing.assert_array_equal(first[name][[0, 1, 3, 4]], again[name], err_msg=name)
-    shapes = {"rgba": (4,), "depth": (), "normal": (3,), "albedo": (3,), "mask": ()}
-    kinds = {"rgba": "f2", "depth": "f4", "normal": "f2", "albedo": "f2", "mask": "?"}
+    shapes = {"rgba": (4,), "depth": (), "normal": (3,), "albedo": (3,), "roughness": (), "metallic": (),
+              "mask": ()}  # fmt: skip
+    kinds = dict.fromkeys(shapes, "f2") | {"depth": "f4", "mask": "?"}
     for name, channels in shapes.items():
         assert (first[name].shape, first[name].dtype) == ((5, 24, 32, *channels), np.dtype(kinds[name]))
     assert first["held_out"].tolist() == [False] * 3 + [True] * 2
@@ -115,7 +116,7 @@ def test_views_are_reproducible_whatever_the_threads_and_counts():
     assert first.attributes["frame"]["scale"] == pytest.approx(0.1)
     np.testing.assert_allclose(np.linalg.norm(first["camera_to_world"][:, :3, 3], axis=1), 2.5)
     other = simulate_views(cube(), Appearance(), **SMALL, seed=6, passes=False)
-    assert first.arrays.keys() - other.arrays.keys() == {"depth", "normal", "albedo", "mask"}
+    assert first.arrays.keys() - other.arrays.keys() == set(shapes) - {"rgba"}
     assert not np.array_equal(first["light_position"], other["light_position"])
 
 

@@ -79,12 +79,12 @@ def network_colour(
     metallic: float,
     directions: int = LIGHTS,
 ) -> np.ndarray:
-    """Return (n, 4) opaque RGBA, sRGB-encoded, that a VisionNet's reflectance amounts to.
+    """Return (n, 4) opaque RGBA, sRGB-encoded, that a VisionNet states, or amounts to.
 
-    The network's factors have no meaning apart (its albedo head is free up to what multiplies it), but their
-    product has: the share of light from all directions that leaves along the normal,
-    rho = 1/pi * integral of f cos. A conductor's base colour is rho; a dielectric's is rho without its
-    clear coat, (rho - 0.04) / 0.96.
+    It is the albedo that the file states. Of a file that states none, the network's factors have no meaning
+    apart (its albedo head is free up to what multiplies it), but their product has: the share of
+    light from all directions that leaves along the normal, rho = 1/pi * integral of f cos. A conductor's base
+    colour is rho; a dielectric's is rho without its clear coat, (rho - 0.04) / 0.96.
 
     Parameters
     ----------
@@ -97,6 +97,9 @@ def network_colour(
     directions
         Of light, that the integral is summed over.
     """
+    if network.states("albedo"):
+        encoded = srgb_encode(network.reflectance("albedo", face, barycentric))
+        return np.concatenate([encoded, np.ones((len(encoded), 1))], axis=1)
     grid, reflectance = _network_of(network)
     parts = [np.zeros((0, 3))]
     for start in range(0, len(face), POINTS_AT_ONCE):

@@ -45,6 +45,8 @@ class Part:
         Alpha in 0..1 from which the surface is there; None blends where alpha is below 1.
     metallic_roughness
         (h, w, 3) uint8 linear: green is roughness, blue metallic, in place of the factors.
+    normal_map
+        (h, w, 3) uint8 normals in tangent space, -1..1 as 0..255.
     """
 
     positions: np.ndarray
@@ -54,6 +56,7 @@ class Part:
     colours: np.ndarray | None = None
     alpha_cutoff: float | None = None
     metallic_roughness: np.ndarray | None = None
+    normal_map: np.ndarray | None = None
 
 
 def write_glb(
@@ -180,6 +183,8 @@ def _material(glb: _Document, part: Part, appearance: Appearance) -> dict[str, A
     if part.metallic_roughness is not None:
         maps = glb.texture(part.metallic_roughness)
         reflectance |= {"metallicRoughnessTexture": maps, "metallicFactor": 1.0, "roughnessFactor": 1.0}
+    if part.normal_map is not None:
+        material["normalTexture"] = glb.texture(part.normal_map)
     return material
 
 

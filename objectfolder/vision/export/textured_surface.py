@@ -39,6 +39,7 @@ def mesh_parts(mesh: TexturedMesh, appearance: Appearance) -> list[Part]:
                 mesh.textures[index],
                 alpha_cutoff=mesh.alpha_cutoffs.get(index),
                 metallic_roughness=_metallic_roughness(mesh, index, appearance),
+                normal_map=mesh.normal_maps.get(index),
             )
         )
     return parts

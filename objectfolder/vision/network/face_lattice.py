@@ -1,9 +1,13 @@
-"""Quantities on a surface without texture coordinates: a lattice of values on each face.
+"""Quantities on a surface without texture coordinates: values on lattices of its faces.
 
 As mesh colours (Yuksel, Keyser and House 2010, "Mesh colors", ACM Transactions on Graphics 29:2), with a
-parallelogram of values along the two shorter edges of a face. Faces share nothing: what lies close in space,
-the two sides of a thin wall, does not mix.
+parallelogram of places along the two shorter edges of a face. Places of one small cube whose faces look the
+same way share a value, so that small faces cost no more than large ones, and what lies close in space, the
+two sides of a thin wall, does not mix. Places and sharing follow from the triangles by elementwise
+arithmetic, which every processor rounds alike.
 """
+
+from functools import cached_property
 
 import numpy as np
 
@@ -13,11 +17,11 @@ from objectfolder.products.integer_coding import pack_integers, unpack_integers
 MOST_STEPS = 1024
 """Along an edge of a face."""
 
-MOST_VALUES = 1 << 22
-"""Of a lattice: ten times those of a chair."""
+MOST_PLACES = 1 << 20
+"""Of a lattice: three times those of a chair, 1/192 of its length apart."""
 
-TAPS = 4
-"""Places along each axis of a value's cell over which it is a mean."""
+AROUND = 0.6
+"""No coordinate of the unit frame is below this less than zero: cubes are counted from there."""
 
 
 class FaceLattice:
@@ -26,55 +30,86 @@ class FaceLattice:
     Parameters
     ----------
     triangles
-        (F, 3, 3) corners.
+        (F, 3, 3) corners, unit frame.
     pitch
-        Neighbouring values lie at most this far apart, in the unit of the triangles.
+        Neighbouring places lie at most this far apart; cubes have this side. Unit-frame lengths.
+    shared
+        Whether places of a cube share a value.
 
     Raises
     ------
     FormatError
-        More than `MOST_VALUES` values.
+        More than `MOST_PLACES` places.
 
     Examples
     --------
-    >>> lattice = FaceLattice(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]), 0.5)
+    >>> triangle = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
+    >>> lattice = FaceLattice(triangle, 0.5, shared=False)
     >>> face, barycentric = lattice.places(np.zeros((1, 2)))
     >>> lattice.interpolate(barycentric[:, 1:], np.array([0]), np.array([[0.5, 0.4, 0.1]]))
     array([[0.4, 0.1]])
     """
 
-    def __init__(self, triangles: np.ndarray, pitch: float) -> None:
-        edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    def __init__(self, triangles: np.ndarray, pitch: float, *, shared: bool = True) -> None:
+        self._triangles, self._pitch, self._shared = triangles, pitch, shared
+        x, y, z = np.moveaxis(np.roll(triangles, -1, axis=1) - triangles, 2, 0)
+        edges = np.sqrt(x * x + y * y + z * z)
         # The corner opposite the longest edge comes first; rounding decides nothing between equal ones.
         first = (np.argmax(np.round(edges, 9), axis=1) + 2) % 3
         self._corners = (first[:, None] + np.arange(3)) % 3
         along = np.take_along_axis(edges, self._corners, axis=1)
         steps = np.clip(np.ceil(along[:, [0, 2]] / pitch - 1e-6), 1, MOST_STEPS)
         self._columns, self._rows = steps.astype(np.int64).T
-        counts = (self._columns + 1) * (self._rows + 1)
-        self.size = int(counts.sum())
-        if self.size > MOST_VALUES:
-            raise FormatError("vision", f"{self.size} values on faces, more than {MOST_VALUES}")
-        self._start = np.cumsum(counts) - counts
-        self._counts = counts
+        self._counts = (self._columns + 1) * (self._rows + 1)
+        self._size = int(self._counts.sum())
+        if self._size > MOST_PLACES:
+            raise FormatError("vision", f"{self._size} places on faces, more than {MOST_PLACES}")
+        self._start = np.cumsum(self._counts) - self._counts
 
     def places(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return face (n,) and barycentric coordinates (n, 3) near each value, one of them a value.
+        """Return face (p,) and barycentric coordinates (p, 3) of each place of the lattice, or near it.
 
         Parameters
         ----------
         offsets
-            (1, 2) or (size, 2) steps from the value. Places outside a face are moved onto it.
+            (1, 2) steps along the edges from the place. Where that leads off a face, the nearest of it.
         """
         face = np.repeat(np.arange(len(self._counts)), self._counts)
-        j, i = np.divmod(np.arange(self.size) - self._start[face], self._columns[face] + 1)
+        j, i = np.divmod(np.arange(self._size) - self._start[face], self._columns[face] + 1)
         x = np.clip((i + offsets[:, 0]) / self._columns[face], 0.0, 1.0)
         y = np.clip((j + offsets[:, 1]) / self._rows[face], 0.0, 1.0)
         beyond = np.maximum(x + y, 1.0)
         x, y = x / beyond, y / beyond
-        barycentric = np.empty((self.size, 3))
+        barycentric = np.empty((self._size, 3))
         np.put_along_axis(barycentric, self._corners[face], np.stack([1 - x - y, x, y], axis=1), axis=1)
         return face, np.clip(barycentric, 0.0, 1.0)
+
+    @cached_property
+    def owner(self) -> np.ndarray:
+        """Which value (p,) is that of each place: in order of cubes along a Morton curve where shared."""
+        if not self._shared:
+            return np.arange(self._size)
+        face, barycentric = self.places(np.zeros((1, 2)))
+        corners = self._triangles[face]
+        b = barycentric[..., None]
+        position = b[:, 0] * corners[:, 0] + b[:, 1] * corners[:, 1] + b[:, 2] * corners[:, 2]
+        cell = np.floor((position + AROUND) / self._pitch).astype(np.int64)
+        key = facing(self._triangles)[face].astype(np.int64)
+        for bit in range(10, -1, -1):
+            for axis in range(3):
+                key = key << 1 | (cell[:, axis] >> bit & 1)
+        return np.unique(key, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def size(self) -> int:
+        """Number of values."""
+        return int(self.owner.max()) + 1
+
+    def mean(self, of_places: np.ndarray) -> np.ndarray:
+        """Return values (size, c) that are means over their places (p, c)."""
+        count = np.bincount(self.owner)
+        columns = [np.bincount(self.owner, column) / count for column in of_places.T]
+        return np.stack(columns, axis=1)
 
     def interpolate(self, values: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Return (n, c) of values (size, c) at barycentric coordinates (n, 3) of faces (n,), bilinear."""
@@ -84,20 +119,26 @@ class FaceLattice:
         i, j = np.minimum(x.astype(np.int64), columns - 1), np.minimum(y.astype(np.int64), rows - 1)
         right, down = (x - i)[:, None], (y - j)[:, None]
         at = self._start[face] + j * (columns + 1) + i
-        below = at + columns + 1
-        above = values[at] * (1 - right) + values[at + 1] * right
-        return np.asarray(
-            above * (1 - down) + (values[below] * (1 - right) + values[below + 1] * right) * down
-        )
+        corner = [values[self.owner[place]] for place in (at, at + 1, at + columns + 1, at + columns + 2)]
+        above = corner[0] * (1 - right) + corner[1] * right
+        under = corner[2] * (1 - right) + corner[3] * right
+        return np.asarray(above * (1 - down) + under * down)
 
     def least(self, values: np.ndarray) -> np.ndarray:
         """Return the least (F,) of values (size,) on each face."""
-        return np.asarray(np.minimum.reduceat(values, self._start))
+        return np.asarray(np.minimum.reduceat(values[self.owner], self._start))
 
     @property
     def steps(self) -> np.ndarray:
-        """The more steps (F,) along one of the two edges that values follow."""
+        """The more steps (F,) along one of the two edges that places follow."""
         return np.maximum(self._columns, self._rows)
+
+
+def facing(triangles: np.ndarray) -> np.ndarray:
+    """Return the way (F,) that triangles (F, 3, 3) look: twice the axis, plus 1 where they look along it."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    axis = np.argmax(np.abs(normal), axis=1)
+    return 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
 
 
 def pack_levels(levels: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
-"""What a stored surface has at each of its points besides the learned: bent normals, holes, reflectance maps.
+"""What a stored surface has at each of its points besides the learned: bent normals, holes, reflectance.
 
-Each is a lattice of bytes on the faces, present only where the source has such a map.
+Each is a lattice of bytes on the faces; albedo always, the others where the source has such a map.
 """
 
 from collections.abc import Mapping
@@ -11,15 +11,23 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.products.stored_values import number
+from objectfolder.products.stored_values import number, whole_number
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.network.face_lattice import FaceLattice, pack_levels, unpack_levels
+from objectfolder.vision.network.face_lattice import (
+    MOST_PLACES,
+    FaceLattice,
+    facing,
+    pack_levels,
+    unpack_levels,
+)
 
-CHANNELS = {"normal": 2, "alpha": 1, "roughness": 1, "metallic": 1}
+CHANNELS = {"normal": 2, "alpha": 1, "albedo": 3, "roughness": 1, "metallic": 1}
+WHOLE = {"normal": 64, "alpha": 255, "albedo": 63, "roughness": 63, "metallic": 63}
+"""Levels from 0 to 1: what 8 bits keep beyond these is below the error between the places."""
 FINEST_PITCH = 1 / 1024
-UPRIGHT, STEEPEST = 127, 127
-"""Level of a normal that is not bent, and levels from it to one that lies in the surface."""
+UPRIGHT = WHOLE["normal"]
+"""Level of a normal that is not bent."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +43,8 @@ class SurfaceMaps:
     pitches
         By name, of `CHANNELS`, the pitch of a map's lattice, unit-frame lengths.
     levels
-        By name (size, channels) uint8: roughness, metallic and alpha 0..1 as 0..255; of a normal its parts
-        along `tangent_frame`, -1..1 as 0..254.
+        By name (size, channels) uint8: roughness, metallic, alpha, sRGB-encoded albedo 0..1 as 0 to `WHOLE`;
+        of a normal its parts along `tangent_frame`, -1..1 as 0 to twice that.
     """
 
     surface: Surface
@@ -49,68 +57,109 @@ class SurfaceMaps:
         cls,
         surface: Surface,
         triangles: np.ndarray,
-        pitches: Mapping[str, Any],
+        said: Mapping[str, Any],
         streams: Mapping[str, np.ndarray],
     ) -> "SurfaceMaps":
-        """Read what `tensors` returned.
+        """Read what `tensors` and `metadata` returned; whether values fit the faces shows at their first use.
 
         Raises
         ------
         FormatError
             An unknown map, one without its stream or the reverse, a damaged stream, a pitch out of range.
         """
-        if set(pitches) != set(streams) or not set(pitches) <= set(CHANNELS):
+        if set(said) != set(streams) or not set(said) <= set(CHANNELS):
             raise FormatError("vision.maps", "other maps than are described", REMEDY)
-        known = {name: number(f"vision.maps.{name}", pitches[name], FINEST_PITCH, 1.0) for name in pitches}
-        levels = {}
-        for name, pitch in known.items():
-            size = FaceLattice(triangles, pitch).size
+        pitches, levels = {}, {}
+        for name in said:
+            pitches[name] = number(f"vision.maps.{name}", said[name]["pitch"], FINEST_PITCH, 1.0)
+            size = whole_number(f"vision.maps.{name}", said[name]["values"], 1, MOST_PLACES)
             try:
-                levels[name] = unpack_levels(streams[name], size, CHANNELS[name])
+                levels[name] = _joined(unpack_levels(streams[name], size, CHANNELS[name]))
             except ValueError as error:
                 raise FormatError(f"vision.map.{name}", f"damaged ({error})", REMEDY) from error
-        return cls(surface, triangles, known, levels)
+        return cls(surface, triangles, pitches, levels)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the maps as streams (n,) uint8 by name."""
-        return {name: pack_levels(levels) for name, levels in self.levels.items()}
+        return {name: pack_levels(_parted(levels)) for name, levels in self.levels.items()}
+
+    def metadata(self) -> dict[str, Any]:
+        """Return pitch and number of values of each map, as JSON."""
+        return {
+            name: {"pitch": self.pitches[name], "values": len(levels)} for name, levels in self.levels.items()
+        }
 
     @cached_property
-    def _lattices(self) -> dict[float, FaceLattice]:
-        return {pitch: FaceLattice(self.triangles, pitch) for pitch in set(self.pitches.values())}
+    def _lattices(self) -> dict[str, FaceLattice]:
+        return {}
+
+    @cached_property
+    def _facing(self) -> np.ndarray:
+        return facing(self.triangles)
 
     def lattice(self, name: str) -> FaceLattice:
-        """Return the lattice of a map."""
-        return self._lattices[self.pitches[name]]
+        """Return the lattice of a map.
+
+        Raises
+        ------
+        FormatError
+            It does not have as many values as the map.
+        """
+        if name not in self._lattices:
+            lattice = lattice_of(name, self.triangles, self.pitches[name])
+            if lattice.size != len(self.levels[name]):
+                raise FormatError(
+                    f"vision.map.{name}", "a number of values that the faces do not have", REMEDY
+                )
+            self._lattices[name] = lattice
+        return self._lattices[name]
 
     def __contains__(self, name: object) -> bool:
         """Whether there is a map of this name."""
         return name in self.levels
 
     def value(self, name: str, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        """Return a map (n,) in 0..1 at barycentric coordinates (n, 3) of faces (n,)."""
-        return self.lattice(name).interpolate(self.levels[name], face, barycentric)[:, 0] / 255
+        """Return a map (n, channels) in 0..1 at barycentric coordinates (n, 3) of faces (n,)."""
+        return self.lattice(name).interpolate(self.levels[name], face, barycentric) / WHOLE[name]
 
     def bent(self, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Return unit shading normals (n, 3), outside, bent by the map of normals."""
         upright = self.surface.normals_at(face, barycentric)
         levels = self.lattice("normal").interpolate(self.levels["normal"], face, barycentric)
-        aside = (levels - UPRIGHT) / STEEPEST
+        aside = (levels - UPRIGHT) / WHOLE["normal"]
         rise = np.sqrt(np.maximum(1 - (aside**2).sum(axis=1, keepdims=True), 0.0))
-        first, second = tangent_frame(self.surface, face, upright)
+        first, second = tangent_frame(self._facing[face], upright)
         bent = aside[:, :1] * first + aside[:, 1:] * second + rise * upright
         return np.asarray(bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-12))
 
 
-def tangent_frame(surface: Surface, face: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two unit vectors (n, 3) across normals (n, 3): along the first edge of faces (n,), and beside.
+def tangent_frame(facing: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return two unit vectors (n, 3) across normals (n, 3) of faces that look as `face_lattice.facing` says.
 
-    Both are 0 where that edge has no direction across the normal.
+    The first lies above the axis after the one that the face looks along: alike on all faces that look that
+    way. Both are 0 where a normal is along that axis.
     """
-    corners = surface.vertices[surface.faces[face, :2]]
-    edge = corners[:, 1] - corners[:, 0]
-    edge /= np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-300)
-    across = edge - np.einsum("ij,ij->i", edge, normal)[:, None] * normal
+    axis = np.eye(3)[(facing // 2 + 1) % 3]
+    across = axis - np.einsum("ij,ij->i", axis, normal)[:, None] * normal
     length = np.linalg.norm(across, axis=1, keepdims=True)
     first = np.where(length > 1e-3, across / np.maximum(length, 1e-3), 0.0)
     return first, np.cross(normal, first)
+
+
+def _parted(levels: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) as green, and red and blue less green, which vary less; other levels as they are."""
+    if levels.shape[1] != 3:
+        return levels
+    return levels - levels[:, 1:2] * np.array([1, 0, 1], dtype=np.uint8)
+
+
+def _joined(levels: np.ndarray) -> np.ndarray:
+    """Undo `_parted`."""
+    if levels.shape[1] != 3:
+        return levels
+    return levels + levels[:, 1:2] * np.array([1, 0, 1], dtype=np.uint8)
+
+
+def lattice_of(name: str, triangles: np.ndarray, pitch: float) -> FaceLattice:
+    """Return the lattice of a map of a name: that of alpha has a value a place, for its edges are sharp."""
+    return FaceLattice(triangles, pitch, shared=name != "alpha")

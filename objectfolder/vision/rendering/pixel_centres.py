@@ -1,4 +1,4 @@
-"""What lies at the centre of each pixel: depth, normal and mask, from one ray a pixel.
+"""What lies at the centre of each pixel, one ray a pixel: depth, normal, mask, and which points these are.
 
 A mean over a pixel would be the depth of no point at a silhouette, and the normal of none at a crease.
 """
@@ -27,11 +27,15 @@ class PixelCentres:
         (h, w, 3) float32 unit shading normal on the camera's side, axes of the unit frame; 0 elsewhere.
     mask
         (h, w) bool, whether anything is.
+    face, barycentric
+        (m,), (m, 3) points of the surface, in the order of the mask's pixels.
     """
 
     depth: np.ndarray
     normal: np.ndarray
     mask: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
 
 
 def cast_pixel_centres(
@@ -61,6 +65,7 @@ def cast_pixel_centres(
     rows = rows[(rows >= top) & (rows < top + height)]
     columns = columns[(columns >= left) & (columns < left + width)]
     pixels = (rows[:, None] * size[1] + columns).ravel()
+    met: list[tuple[np.ndarray, ...]] = [(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))]
     places = ((rows[:, None] - top) * width + columns - left).ravel()
     for start in range(0, len(pixels), CHUNK):
         origins, directions = pixel_rays(
@@ -72,5 +77,7 @@ def cast_pixel_centres(
         position = np.einsum("ij,ijk->ik", barycentric, surface.triangles[face])
         depth[place] = -np.einsum("ij,j->i", position - origins[hit], camera_to_world[:3, 2])
         normal[place] = surface.seen(face, barycentric, directions[hit])[1]
+        met.append((face, barycentric))
     depth = depth.reshape(height, width)
-    return PixelCentres(depth, normal.reshape(height, width, 3), np.isfinite(depth))
+    hits = (np.concatenate(column) for column in zip(*met, strict=True))
+    return PixelCentres(depth, normal.reshape(height, width, 3), np.isfinite(depth), *hits)

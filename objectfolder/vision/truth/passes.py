@@ -1,10 +1,11 @@
-"""What the camera sees at the centre of each pixel besides light: depth, normal, base colour, mask.
+"""What the camera sees at the centre of each pixel besides light: depth, normal, reflectance, mask.
 
 They are cast through the pixel centres here rather than taken from Cycles, whose passes are of another kind:
 depth is that of one random sample of the pixel, normal and colour are means over its samples, which at
 silhouettes and creases belong to no point of the surface. Casting costs about a hundredth of a render.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,12 +38,16 @@ class Passes:
     albedo
         (n, h, w, 3) float16 scene-linear base colour: diffuse reflectance of a dielectric, reflectance at
         normal incidence of a metal; 0 off the mask.
+    roughness, metallic
+        (n, h, w) float16 as of `Appearance`, of the maps where there are some; 0 off the mask.
     """
 
     mask: np.ndarray
     depth: np.ndarray
     normal: np.ndarray
     albedo: np.ndarray
+    roughness: np.ndarray
+    metallic: np.ndarray
 
 
 def cast_passes(
@@ -58,6 +63,7 @@ def cast_passes(
     depth = np.full(mask.shape, np.inf, dtype=np.float32)
     normal = np.zeros((*mask.shape, 3), dtype=np.float16)
     albedo = np.zeros((*mask.shape, 3), dtype=np.float16)
+    roughness, metallic = (np.zeros(mask.shape, dtype=np.float16) for _ in range(2))
     surface = Surface(scene.vertices, scene.faces)
     mapped = mapped_normals(scene)
     corners = scene.vertices[np.unique(scene.faces)]
@@ -71,10 +77,17 @@ def cast_passes(
         depth[view, seen] = distance[hit] * -(directions[hit] @ pose[:3, 2])
         normal[view, seen] = _shading_normals(mapped, surface, face, barycentric, directions[hit])
         albedo[view, seen] = srgb_decode(colour[hit])
+        roughness[view, seen] = _mapped(
+            scene, scene.roughness_maps, scene.appearance.roughness, face, barycentric
+        )
+        metallic[view, seen] = _mapped(
+            scene, scene.metallic_maps, scene.appearance.metallic, face, barycentric
+        )
     shape = (count, height, width)
     return Passes(
-        mask.reshape(shape), depth.reshape(shape), normal.reshape(*shape, 3), albedo.reshape(*shape, 3)
-    )
+        mask.reshape(shape), depth.reshape(shape), normal.reshape(*shape, 3), albedo.reshape(*shape, 3),
+        roughness.reshape(shape), metallic.reshape(shape),
+    )  # fmt: skip
 
 
 def _pixels_around(
@@ -128,6 +141,18 @@ def _base_colour(scene: Scene, face: np.ndarray, barycentric: np.ndarray) -> tup
         own = np.flatnonzero(texture_of == index)
         rgba[own] = bilinear(texture, coordinates[own])
     return rgba, rgba[:, 3] >= cutoff[texture_of]
+
+
+def _mapped(
+    scene: Scene, maps: Mapping[int, np.ndarray], constant: float, face: np.ndarray, barycentric: np.ndarray
+) -> np.ndarray:
+    """What maps say (n,) at points of faces, and the constant where there is none."""
+    coordinates = np.einsum("ij,ijk->ik", barycentric, scene.texture_coordinates[face])
+    values = np.full(len(face), constant)
+    for texture, image in maps.items():
+        own = np.flatnonzero(scene.face_texture[face] == texture)
+        values[own] = bilinear(image[..., None], coordinates[own])[:, 0]
+    return values
 
 
 def mapped_normals(scene: Scene) -> MappedNormals:

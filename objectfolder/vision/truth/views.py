@@ -74,8 +74,8 @@ def simulate_views(
     seed, threads
         Of cameras, lights and paths; and render threads.
     passes
-        False leaves out depth, normal, albedo and mask, which compress to several times the size of the
-        images and can be cast again at any time (`passes.cast_passes`).
+        False leaves out depth, normal, albedo, roughness, metallic and mask, which compress to several times
+        the size of the images and can be cast again at any time (`passes.cast_passes`).
 
     Returns
     -------
@@ -189,6 +189,8 @@ def _pass_arrays(passes: Passes) -> dict[str, Array]:
         "depth": Array(passes.depth, image, "1", depth),
         "normal": Array(passes.normal, (*image, "axis"), "1", normal),
         "albedo": Array(passes.albedo, (*image, "channel"), "1", albedo),
+        "roughness": Array(passes.roughness, image, "1", "roughness at the pixel's centre, 0 a mirror"),
+        "metallic": Array(passes.metallic, image, "1", "at the pixel's centre, 0 a dielectric, 1 a metal"),
         "mask": Array(passes.mask, image, "1", "the pixel's centre shows the object"),
     }
 

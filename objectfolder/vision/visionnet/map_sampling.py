@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from objectfolder.errors import FormatError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.normal_maps import MappedNormals
 from objectfolder.surface.codec import stored_order
@@ -11,17 +12,24 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.network.face_lattice import TAPS, FaceLattice
+from objectfolder.vision.network.face_lattice import FaceLattice, facing
 from objectfolder.vision.network.surface_maps import (
     CHANNELS,
-    STEEPEST,
-    UPRIGHT,
+    WHOLE,
     SurfaceMaps,
+    lattice_of,
     tangent_frame,
 )
 
-PITCHES = {"normal": 1 / 128, "alpha": 1 / 256, "roughness": 1 / 96, "metallic": 1 / 96}
+PITCHES = {"normal": 1 / 128, "alpha": 1 / 256, "roughness": 1 / 192, "metallic": 1 / 192}
 """Of each map's lattice, unit-frame lengths; a pixel of a data set's view of 128 pixels is 1/71."""
+
+ALBEDO_PITCHES = tuple(1 / count for count in (64, 96, 128, 160, 192, 224, 256))
+ALBEDO_BYTES = 64_000
+"""Of these the finest that takes no more, a seventh of a network."""
+
+TAPS, ALPHA_TAPS = 3, 4
+"""Places along each axis of a value's cell over which it is a mean; an even number halves at an edge."""
 
 
 def stored_mesh(mesh: TexturedMesh, stored: Surface) -> TexturedMesh:
@@ -37,7 +45,7 @@ def stored_mesh(mesh: TexturedMesh, stored: Surface) -> TexturedMesh:
     )
 
 
-def sample_maps(mesh: TexturedMesh, frame: UnitFrame, appearance: Appearance) -> SurfaceMaps | None:
+def sample_maps(mesh: TexturedMesh, frame: UnitFrame, appearance: Appearance) -> SurfaceMaps:
     """Sample the maps of a mesh on lattices over its faces, each value a mean over its cell.
 
     Parameters
@@ -51,34 +59,49 @@ def sample_maps(mesh: TexturedMesh, frame: UnitFrame, appearance: Appearance) ->
 
     Returns
     -------
-    SurfaceMaps or None
-        Those that the source has; None where it has none.
+    SurfaceMaps
+        Albedo, but of more faces than a lattice may have places; of the others those that the source has.
     """
-    names = [name for name in CHANNELS if _has(mesh, name)]
-    if not names:
-        return None
     surface = Surface(mesh.vertices, mesh.faces, normals=mesh.normals)
     triangles = frame.to_unit(mesh.vertices)[mesh.faces]
+    pitches, levels = dict[str, float](), dict[str, np.ndarray]()
+    for name, pitch in PITCHES.items():
+        if _has(mesh, name):
+            pitches[name] = pitch
+            levels[name] = _levels(mesh, surface, name, lattice_of(name, triangles, pitch), appearance)
+    for pitch in ALBEDO_PITCHES:
+        try:
+            lattice = lattice_of("albedo", triangles, pitch)
+        except FormatError:  # more places than a file may have
+            break
+        finer = {"albedo": _levels(mesh, surface, "albedo", lattice, appearance)}
+        stream = SurfaceMaps(surface, triangles, {"albedo": pitch}, finer).tensors()["albedo"]
+        if "albedo" in levels and len(stream) > ALBEDO_BYTES:
+            break
+        pitches["albedo"], levels["albedo"] = pitch, finer["albedo"]
+    return SurfaceMaps(surface, triangles, pitches, levels)
+
+
+def _levels(
+    mesh: TexturedMesh, surface: Surface, name: str, lattice: FaceLattice, appearance: Appearance
+) -> np.ndarray:
+    """Levels (size, channels) uint8 of a map."""
     mapped = MappedNormals(
         mesh.vertices, mesh.faces, surface.corner_normals, mesh.texture_coordinates, mesh.face_texture,
         mesh.normal_maps,
     )  # fmt: skip
-    levels = {}
-    for name in names:
-        lattice = FaceLattice(triangles, PITCHES[name])
-        total = np.zeros((lattice.size, CHANNELS[name]))
-        steps = (np.arange(TAPS) + 0.5) / TAPS - 0.5
-        for offset in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2):
-            places = lattice.places(offset)
-            if name == "normal":
-                total += _aside(surface, mapped, *places)
-            else:
-                total[:, 0] += _values(mesh, name, getattr(appearance, name, 1.0), *places)
-        mean = total / TAPS**2
-        levels[name] = np.rint(
-            UPRIGHT + STEEPEST * mean if name == "normal" else 255 * mean
-        ).astype(np.uint8)  # fmt: skip
-    return SurfaceMaps(surface, triangles, {name: PITCHES[name] for name in names}, levels)
+    taps = ALPHA_TAPS if name == "alpha" else TAPS
+    steps = (np.arange(taps) + 0.5) / taps - 0.5
+    total: np.ndarray | float = 0.0
+    for offset in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2):
+        places = lattice.places(offset)
+        if name == "normal":
+            total = total + _aside(surface, mapped, *places)
+        else:
+            total = total + _values(mesh, name, getattr(appearance, name, 1.0), *places)
+    lowest = WHOLE[name] if name == "normal" else 0
+    mean = lattice.mean(np.asarray(total) / taps**2)
+    return np.asarray(np.rint(lowest + WHOLE[name] * mean).astype(np.uint8))
 
 
 def _has(mesh: TexturedMesh, name: str) -> bool:
@@ -96,9 +119,8 @@ def _maps(mesh: TexturedMesh, name: str) -> dict[int, np.ndarray]:
 def _aside(surface: Surface, mapped: MappedNormals, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
     """Parts (n, 2) of bent normals along the tangent frame, those below the surface laid into it."""
     upright, bent = surface.normals_at(face, barycentric), mapped.at(face, barycentric)
-    aside = np.stack(
-        [np.einsum("ij,ij->i", bent, axis) for axis in tangent_frame(surface, face, upright)], axis=1
-    )
+    looks = facing(surface.vertices[surface.faces])[face]
+    aside = np.stack([np.einsum("ij,ij->i", bent, axis) for axis in tangent_frame(looks, upright)], axis=1)
     below = np.einsum("ij,ij->i", bent, upright) < 0
     length = np.maximum(np.linalg.norm(aside, axis=1), 1e-12)
     return np.asarray(np.where(below[:, None], aside / length[:, None], aside))
@@ -107,15 +129,17 @@ def _aside(surface: Surface, mapped: MappedNormals, face: np.ndarray, barycentri
 def _values(
     mesh: TexturedMesh, name: str, constant: float, face: np.ndarray, barycentric: np.ndarray
 ) -> np.ndarray:
-    """Map (n,) in 0..1 at barycentric coordinates (n, 3) of faces (n,)."""
+    """Map (n, channels) in 0..1 at barycentric coordinates (n, 3) of faces (n,); albedo sRGB-encoded."""
     coordinates = np.einsum("ij,ijk->ik", barycentric, mesh.texture_coordinates[face])
-    values = np.full(len(face), constant)
-    for texture in range(len(mesh.textures)):
+    values = np.full((len(face), CHANNELS[name]), constant)
+    for texture, image in enumerate(mesh.textures):
         own = np.flatnonzero(mesh.face_texture[face] == texture)
-        if name == "alpha":
-            alpha = bilinear(mesh.textures[texture][..., 3:], coordinates[own])[:, 0]
+        if name == "albedo":
+            values[own] = bilinear(image[..., :3], coordinates[own])
+        elif name == "alpha":
+            alpha = bilinear(image[..., 3:], coordinates[own])
             cutoff = mesh.alpha_cutoffs.get(texture)
             values[own] = alpha if cutoff is None else alpha >= cutoff
         elif texture in (maps := _maps(mesh, name)):
-            values[own] = bilinear(maps[texture][..., None], coordinates[own])[:, 0]
+            values[own] = bilinear(maps[texture][..., None], coordinates[own])
     return values

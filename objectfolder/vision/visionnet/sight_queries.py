@@ -21,7 +21,7 @@ from objectfolder.vision.compositing import on_white
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.rendering.view_query import FARTHEST, pass_names, ray_query, view_query
 from objectfolder.vision.studio import STUDIOS, exposed, exposure, studio_lights, turntable
-from objectfolder.vision.visionnet.visionnet import VisionNet
+from objectfolder.vision.visionnet.visionnet import PASSES, VisionNet
 
 
 class SightQueries:
@@ -30,7 +30,9 @@ class SightQueries:
     Passes beside the image are of the pixel's centre, as in the ground truth, and do not depend on light or
     sub-rays: ``depth`` (n, h, w) float32, metres along the camera's -z axis (not along the ray), infinity
     where the object is not; ``normal`` (n, h, w, 3) float32, the unit shading normal on the camera's side,
-    object frame, 0 where the object is not; ``mask`` (n, h, w) bool.
+    object frame, 0 where the object is not; ``mask`` (n, h, w) bool; ``albedo`` (n, h, w, 3) float32, the
+    scene-linear base colour, ``roughness`` and ``metallic`` (n, h, w) float32 as of `Appearance`, 0 where the
+    object is not. An Object File made before these, or from views without passes, refuses the last three.
     """
 
     frame: UnitFrame
@@ -116,7 +118,7 @@ class SightQueries:
         >>> round(float(depth[0].min()), 1)  # metres
         0.3
         """
-        names = {"image": "rgba", "depth": "depth", "normal": "normal", "mask": "mask"}
+        names = {"image": "rgba"} | {name: name for name in PASSES if name != "rgba"}
         wanted = pass_names(passes, tuple(names))
         if (light is None) == (light_position is None) or (light is not None and light_colour is not None):
             remedy = "Give lamps, with their colours or without, or one light for all views."

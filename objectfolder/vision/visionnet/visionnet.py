@@ -16,6 +16,7 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import image_crop, image_size
+from objectfolder.vision.compositing import srgb_decode
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors, weight_shapes
@@ -48,7 +49,11 @@ PASSES: dict[str, tuple[tuple[int, ...], type]] = {
     "depth": ((), np.float32),
     "normal": ((3,), np.float32),
     "mask": ((), np.bool_),
+    "albedo": ((3,), np.float32),
+    "roughness": ((), np.float32),
+    "metallic": ((), np.float32),
 }
+REFLECTANCE = ("albedo", "roughness", "metallic")
 
 
 class VisionNet:
@@ -122,7 +127,7 @@ class VisionNet:
             "radiance_scale": self.radiance_scale,
             "camera_radius": self.camera_radius,
             "sub_rays": self.sub_rays,
-            **({} if self._maps is None else {"maps": dict(self._maps.pitches)}),
+            **({} if self._maps is None else {"maps": self._maps.metadata()}),
             **({} if self._appearance is None else {"appearance": self._appearance.to_dict()}),
         }
 
@@ -245,7 +250,7 @@ class VisionNet:
         -------
         np.ndarray or dict
             (n, height, width, 4) float32 scene-linear premultiplied RGBA; alpha 0 where the object is not.
-            With `passes`, any of ``rgba``, ``depth``, ``normal``, ``mask``, a dict of them.
+            With `passes`, any of `PASSES`, a dict of them.
         """
         wanted = pass_names(passes, tuple(PASSES))
         around = light_position if isinstance(light_position, Environment) else None
@@ -273,9 +278,39 @@ class VisionNet:
                     )
             if set(wanted) - {"rgba"}:
                 centres = cast_pixel_centres(self._surface, camera, size, field_of_view_deg, part)
-                for name in set(wanted) - {"rgba"}:
+                places = self._surface.in_stored(centres.face, centres.barycentric)
+                for name in set(wanted) - {"rgba", *REFLECTANCE}:
                     stacked[name][index] = getattr(centres, name)
+                for name in set(wanted) & set(REFLECTANCE):
+                    stacked[name][index][centres.mask] = self.reflectance(name, *places)
         return stacked["rgba"] if passes is None else stacked
+
+    def states(self, name: str) -> bool:
+        """Whether the file states albedo, roughness or metallic, one of `REFLECTANCE`."""
+        mapped = self._maps is not None and name in self._maps
+        return mapped or (name != "albedo" and self._appearance is not None)
+
+    def reflectance(self, name: str, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        """Return linear albedo (n, 3), roughness or metallic (n,) of points of the stored surface.
+
+        Parameters
+        ----------
+        name
+            One of `REFLECTANCE`.
+        face, barycentric
+            (n,), (n, 3) the points; those in holes have some, too.
+
+        Raises
+        ------
+        QueryError
+            Something that the file does not state.
+        """
+        if not self.states(name):
+            raise QueryError("passes", f"{name} is not stated by this Object File", "Build it again.")
+        if self._maps is None or name not in self._maps:
+            return np.full(len(face), float(getattr(self._appearance, name)))
+        values = self._maps.value(name, face, barycentric)
+        return srgb_decode(values) if name == "albedo" else values[:, 0]
 
     def _in_environment(self, camera: np.ndarray, *asked: Any) -> np.ndarray:
         if self.device != "cpu":

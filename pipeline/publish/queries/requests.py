@@ -36,8 +36,9 @@ class Rendering:
     crop
         TOP LEFT HEIGHT WIDTH in pixels: render only this part of the image
     passes
-        depth (0000_depth.npy, metres along the camera's axis), normal (0000_normal.npy, object frame) or
-        mask (0000_mask.png); may be given several times
+        depth (0000_depth.npy, metres along the camera's axis), normal (0000_normal.npy, object frame),
+        albedo (linear), roughness, metallic (0000_albedo.npy and so on) or mask (0000_mask.png); may be given
+        several times
     device
         where VisionNet runs: on the CPU by compiled kernels, by CUDA with torch
     """
@@ -52,7 +53,7 @@ class Rendering:
     field_of_view_deg: float = 39.6
     sub_rays: int | None = None
     crop: tuple[int, int, int, int] | None = None
-    passes: tuple[Literal["depth", "normal", "mask"], ...] = ()
+    passes: tuple[Literal["depth", "normal", "albedo", "roughness", "metallic", "mask"], ...] = ()
     device: Literal["cpu", "cuda"] = "cpu"
 
 
