@@ -167,6 +167,12 @@ def test_bending_never_lights_what_the_surface_hides(parts: list[float]) -> None
     np.testing.assert_allclose(bent_share(upright, upright, light), 1.0)
 
 
+def test_rounding_under_the_most_grazing_light_leaves_a_number() -> None:
+    upright = np.array([[0.0, 0.0, 1 + 2e-16]])
+    light = np.array([[1.0, 0.0, 1e-12]])
+    assert np.isfinite(bent_share(upright, upright, light)).all()
+
+
 def waved_sheet() -> tuple[UnitSurface, UnitFrame, SurfaceMaps]:
     surface = sheet()
     frame = UnitFrame.of_points(surface.vertices)

@@ -172,7 +172,7 @@ def bent_share(upright: np.ndarray, bent: np.ndarray, to_light: np.ndarray) -> n
     cosine = np.maximum(np.einsum("ij,ij->i", upright, to_light), 1e-9)
     after = np.maximum(np.einsum("ij,ij->i", bent, to_light), 0.0)
     turned = np.maximum(np.einsum("ij,ij->i", upright, bent), 1e-9)
-    width2 = np.minimum((1 / turned**2 - 1) / 8, 1.0)
+    width2 = np.clip((1 / turned**2 - 1) / 8, 0.0, 1.0)
     left = 2 / (1 + np.sqrt(1 + width2 * np.maximum(1 / cosine**2 - 1, 0.0)))
     return np.asarray(left * after / cosine)
 
