@@ -21,7 +21,7 @@ from objectfolder.vision.network.surface_maps import (
     tangent_frame,
 )
 
-PITCHES = {"normal": 1 / 128, "alpha": 1 / 256, "roughness": 1 / 192, "metallic": 1 / 192}
+PITCHES = {"normal": 1 / 192, "alpha": 1 / 256, "roughness": 1 / 192, "metallic": 1 / 192}
 """Of each map's lattice, unit-frame lengths; a pixel of a data set's view of 128 pixels is 1/71."""
 
 ALBEDO_PITCHES = tuple(1 / count for count in (64, 96, 128, 160, 192, 224, 256))
