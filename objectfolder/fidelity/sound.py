@@ -41,7 +41,6 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
     frequencies = modes["frequencies_hz"]
     result: dict[str, Any] = {
         "audible": bool(modes.attributes["audible"]),
-        "per_strike": [],
         "absent": modes.attributes.get("absent"),
         "modes": len(frequencies),
         "first_frequency_hz": float(frequencies[0]) if len(frequencies) else None,
@@ -75,10 +74,6 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
     damping = modes["dampings_per_s"]
     by_point = gain_error_by_point_db(truth, answer)
     true_sounds, file_sounds = sound_pairs(file, modes)
-    differences = [gain_error_db(*pair) for pair in zip(true_sounds, file_sounds, strict=True)]
-    result["per_strike"] = [
-        {"difference_db": None if np.isnan(difference) else difference} for difference in differences
-    ]
     values = (
         float(np.abs(cents(file.modes.frequencies_hz[ringing], frequencies[ringing])).max()),
         float(np.max(np.abs(file.modes.dampings_per_s - damping) / np.maximum(damping, 1e-300))),
@@ -97,25 +92,27 @@ def held_out_gains(modes: Product) -> np.ndarray:
     return modes["mode_shapes"][modes["held_out"]].astype(np.float64)
 
 
-def struck(modes: Product, count: int = SOUNDS_COMPARED) -> tuple[np.ndarray, np.ndarray]:
-    """Return held-out points (n, 3) and impulses of 1 N s along x, y and z in turn."""
+def struck(modes: Product, count: int | None = SOUNDS_COMPARED) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first `count` held-out points (n, 3), or all, and impulses of 1 N s along x, y and z."""
     points = modes["points"][modes["held_out"]][:count]
     return points, np.eye(3)[np.arange(len(points)) % 3]
 
 
 def struck_amplitudes(file: ObjectFile, modes: Product) -> np.ndarray:
-    """Return what each mode adds to the sounds of `sound_pairs`: (2, n, modes) m/s, truth and Object File."""
-    points, impulses = struck(modes)
+    """Return what each mode adds to the sound of each held-out point: (2, n, modes) m/s.
+
+    Truth first, then the Object File; points are struck as by `struck`.
+    """
+    points, impulses = struck(modes, None)
     answer = np.einsum("nk,nkm->nm", impulses, file.modes.gains(points))
-    return np.stack([true_amplitudes(modes), answer * file.modes.radiation_weights])
+    return np.stack([true_amplitudes(modes, None), answer * file.modes.radiation_weights])
 
 
-def true_amplitudes(modes: Product) -> np.ndarray:
-    """Return the truth's part (n, modes) of `struck_amplitudes`."""
-    points, impulses = struck(modes)
-    return (
-        np.einsum("nk,nkm->nm", impulses, held_out_gains(modes)[: len(points)]) * modes["radiation_weights"]
-    )
+def true_amplitudes(modes: Product, count: int | None = SOUNDS_COMPARED) -> np.ndarray:
+    """Return the truth's part (n, modes) of `struck_amplitudes`, of the first `count` points or of all."""
+    points, impulses = struck(modes, count)
+    gains = held_out_gains(modes)[: len(points)]
+    return np.einsum("nk,nkm->nm", impulses, gains) * modes["radiation_weights"]
 
 
 def true_sounds(modes: Product) -> np.ndarray:
@@ -136,21 +133,75 @@ def sound_pairs(file: ObjectFile, modes: Product) -> tuple[np.ndarray, np.ndarra
 
 
 def strike_arrays(file: ObjectFile, modes: Product) -> dict[str, Array]:
-    """Return what the sounds of `sound_pairs` are made from, truth and Object File, for a product."""
+    """Return what the sounds of all held-out points are made from, truth and Object File, for a product.
+
+    The truth's amplitudes of a strike are stored in steps of 1/32767 of the largest, and the Object File's
+    difference from them in steps of 1/127 of its own largest.
+    """
     said, dims = "truth and Object File", ("which", "mode")
     columns = {"eigenvalues": "rad^2/s^2", "dampings_per_s": "1/s"}
-    amplitudes = struck_amplitudes(file, modes).astype(np.float32)
+    modal = {name: np.stack([modes[name], getattr(file.modes, name)]) for name in columns}
+    amplitudes = struck_amplitudes(file, modes)
+    truth, step_of_truth = in_steps(amplitudes[0], np.int16)
+    difference, step_of_difference = in_steps(amplitudes[1] - amplitudes[0], np.int8)
+    steps = np.stack([step_of_truth, step_of_difference])
+    differences = strike_differences_db(modal["eigenvalues"], modal["dampings_per_s"], amplitudes).astype(
+        np.float32
+    )
+    strikes = ("strike", "mode")
     return {
-        "strike_amplitudes": Array(amplitudes, ("which", "strike", "mode"), "m/s", f"held out: {said}"),
-        **{
-            f"strike_{name}": Array(np.stack([modes[name], getattr(file.modes, name)]), dims, unit, said)
-            for name, unit in columns.items()
-        },
+        "strike_truth": Array(truth, strikes, "step", "amplitudes of held-out strikes: truth"),
+        "strike_difference": Array(difference, strikes, "step", "Object File's amplitudes less the truth's"),
+        "strike_steps": Array(steps, ("which", "strike"), "m/s", "steps of truth and of difference"),
+        "strike_difference_db": Array(differences, ("strike",), "dB", "energy of difference over truth's"),
+        **{f"strike_{name}": Array(modal[name], dims, unit, said) for name, unit in columns.items()},
     }
+
+
+def in_steps(values: np.ndarray, kind: type[np.signedinteger]) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows as whole numbers of a step of their own, (n, modes), and the steps (n,) float32."""
+    steps = (np.abs(values).max(axis=1) / np.iinfo(kind).max).astype(np.float32)
+    return np.rint(values / np.where(steps > 0, steps, 1)[:, None]).astype(kind), steps
+
+
+def strike_differences_db(
+    eigenvalues: np.ndarray, dampings_per_s: np.ndarray, amplitudes: np.ndarray
+) -> np.ndarray:
+    """Return the energy of each strike's difference over the truth's, in `DURATION_S` at `SAMPLE_RATE_HZ`.
+
+    The energy of a sum of modes is a quadratic form of their amplitudes.
+
+    Parameters
+    ----------
+    eigenvalues, dampings_per_s
+        (2, modes) rad^2/s^2 and 1/s: truth and Object File.
+    amplitudes
+        (2, n, modes) m/s.
+
+    Returns
+    -------
+    ndarray
+        (n,) dB; infinite where the truth alone is silent, NaN where both are.
+    """
+    units = [
+        mode_bank(*own, np.eye(len(own[0])), DURATION_S, SAMPLE_RATE_HZ)
+        for own in zip(eigenvalues, dampings_per_s, strict=True)
+    ]
+    products = np.concatenate(units) @ np.concatenate(units).T
+    truth = np.concatenate([amplitudes[0], np.zeros_like(amplitudes[0])], axis=1)
+    difference = np.concatenate([-amplitudes[0], amplitudes[1]], axis=1)
+    size, error = (np.einsum("nm,nm->n", one @ products, one) for one in (truth, difference))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return 10 * np.log10(np.maximum(error, 1e-30 * size) / size)
 
 
 def stored_strike(fidelity: Product, which: int, row: int) -> np.ndarray:
     """Return (samples,) m/s of a strike of `strike_arrays`; `which` is 0 for truth, 1 for the Object File."""
-    named = (fidelity[f"strike_{name}"][which] for name in ("eigenvalues", "dampings_per_s", "amplitudes"))
-    eigenvalues, dampings_per_s, amplitudes = named
-    return mode_bank(eigenvalues, dampings_per_s, amplitudes[row], DURATION_S, SAMPLE_RATE_HZ)[0]
+    eigenvalues, dampings_per_s = (
+        fidelity[f"strike_{name}"][which] for name in ("eigenvalues", "dampings_per_s")
+    )
+    steps = fidelity["strike_steps"][:, row].astype(np.float64)
+    amplitudes = steps[0] * fidelity["strike_truth"][row]
+    if which:
+        amplitudes = amplitudes + steps[1] * fidelity["strike_difference"][row]
+    return mode_bank(eigenvalues, dampings_per_s, amplitudes, DURATION_S, SAMPLE_RATE_HZ)[0]

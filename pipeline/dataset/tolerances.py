@@ -88,6 +88,8 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
         "attributes/audio/*": Tolerance(1e-6, 1e-6, because=_SUMMED),
     },
     "fidelity": {
+        "strike_truth": Tolerance(absolute=1.0, because="one step of 16 bits, from rounding"),
+        "strike_difference": Tolerance(absolute=1.0, because="one step of 8 bits, from rounding"),
         "strike_*": Tolerance(1e-5, 1e-5, because=_SUMMED),
         "vision_answer": Tolerance(absolute=1.0, because="one grey level of 255, from rounding"),
         "attributes/bytes/*": Tolerance(1e-3, 1e-3, because="digits of numbers that are rounded otherwise"),

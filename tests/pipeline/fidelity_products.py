@@ -68,12 +68,18 @@ def fidelity(
     partials = [(561.6 * 1.7**index, 2.0 + 6.0 * index**1.5) for index in range(7)]
     frequencies, dampings = (np.array([column] * 2) for column in zip(*partials, strict=True))
     eigenvalues = (2 * np.pi * frequencies) ** 2
-    amplitudes = np.ones((2, HELD_OUT_STRIKES, 7), np.float32)
-    amplitudes[1] *= 1 - 0.02 * np.arange(1, HELD_OUT_STRIKES + 1)[:, None]
+    shares = 0.02 * np.arange(1, HELD_OUT_STRIKES + 1)
+    steps = np.stack([np.full(HELD_OUT_STRIKES, 1 / 32767), shares / 127]).astype(np.float32)
+    loud = np.full((HELD_OUT_STRIKES, 7), 127)
     strikes = {
         "strike_eigenvalues": Array(eigenvalues, ("which", "mode"), "rad^2/s^2", "of both"),
         "strike_dampings_per_s": Array(dampings, ("which", "mode"), "1/s", "of both"),
-        "strike_amplitudes": Array(amplitudes, ("which", "strike", "mode"), "m/s", "of both"),
+        "strike_truth": Array(np.full_like(loud, 32767, np.int16), ("strike", "mode"), "1", "truth"),
+        "strike_difference": Array(-loud.astype(np.int8), ("strike", "mode"), "1", "difference"),
+        "strike_steps": Array(steps, ("which", "strike"), "m/s", "of both"),
+        "strike_difference_db": Array(
+            20 * np.log10(shares).astype(np.float32), ("strike",), "dB", "difference"
+        ),
     }
     attributes = {
         "object": {
@@ -119,7 +125,6 @@ def fidelity(
             "solver_geometry_error_cents": 3.0 if audible else None,
             "count_certificate": {},
             "held_out_points": 64,
-            "per_strike": [{"difference_db": shift - 4.0 * row} for row in range(HELD_OUT_STRIKES * audible)],
             "modes_table": [
                 {"frequency_hz": f, "damping_per_s": c, "t60_s": 3 * math.log(10) / c}
                 for f, c in partials * 4

@@ -3,6 +3,7 @@
 import base64
 import io
 import re
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -321,27 +322,43 @@ def test_every_held_out_strike_sounds_as_its_modes_do(reports: Path, open_page: 
     page = open_page(reports / "objects" / "mug.html").page
     slider = page.locator("#strike-query")
     assert slider.get_attribute("max") == str(HELD_OUT_STRIKES)
-    fidelity = read_product(reports.parent / "data" / "fidelity" / "mug.zarr.zip")
     query = "document.querySelector('.query.strikes')"
-    for row in (0, HELD_OUT_STRIKES - 1):
+    until(page, f"{query}.dataset.drawn === '0'")
+    fidelity = read_product(reports.parent / "data" / "fidelity" / "mug.zarr.zip")
+    modes = read_product(reports.parent / "data" / "modes" / "mug.zarr.zip")
+    points_mm = 1e3 * modes["points"][modes["held_out"]]
+    pictured = f"[...{query}.querySelectorAll('image')].map((one) => one.getAttribute('href'))"
+    drawn = []
+    for rank, row in enumerate(np.argsort(-fidelity["strike_difference_db"])):
+        slider.fill(str(rank + 1))
+        until(page, f"{query}.dataset.drawn === '{rank}'")
+        drawn.append(page.evaluate(pictured))
         found = page.evaluate(
-            f"(() => {{ const {{ gain, sounds }} = struckSounds({query}.dataset, {row});"
+            f"(async () => {{ const {{ gain, sounds }} = heldOutStrikes.sound(await {query}.loaded, {rank});"
             " return { gain, sounds: sounds.map((sound) => [...sound.subarray(0, 40000)]) }; })()"
         )
         for which, sound in enumerate(found["sounds"]):
-            wanted = found["gain"] * stored_strike(fidelity, which, row)[:40000]
+            wanted = found["gain"] * stored_strike(fidelity, which, int(row))[:40000]
             np.testing.assert_allclose(sound, wanted, atol=1e-6)
             assert np.abs(sound).max() < 0.901
-    pictured = "[...document.querySelectorAll('.query.strikes image')].map((one) => one.getAttribute('href'))"
-    worst = page.evaluate(pictured)
-    slider.fill(str(HELD_OUT_STRIKES))
-    best = page.evaluate(pictured)
+        said = page.inner_text(".query.strikes .row").replace("\N{MINUS SIGN}", "-")
+        assert f"impulse along {'xyz'[row % 3]}" in said
+        place = re.findall(r"\b[xyz] (-?[\d.]+) mm", said.replace("\n", " "))
+        np.testing.assert_allclose(list(map(float, place)), points_mm[row], atol=0.051)
     assert (
         page.locator("[data-sense=strike] output").first.text_content()
         == f"{HELD_OUT_STRIKES} of {HELD_OUT_STRIKES}: best"
     )
-    assert len(worst) == len(best) == 3
-    assert worst[2] != best[2], "the difference is another"
+    assert len({one[2] for one in drawn}) == HELD_OUT_STRIKES, "each difference is another"
+
+
+def test_a_page_says_that_its_strikes_are_not_beside_it(
+    reports: Path, open_page: Callable[..., Any], tmp_path: Path
+) -> None:
+    shutil.copy(reports / "objects" / "mug.html", tmp_path / "mug.html")
+    page = open_page(tmp_path / "mug.html").page
+    until(page, "document.querySelector('.query.strikes .row').textContent !== ''")
+    assert page.inner_text(".query.strikes .row") == "mug.strikes.js beside this page could not be read."
 
 
 def test_a_button_plays_its_sound_and_stops_the_other(reports: Path, open_page: Callable[..., Any]) -> None:

@@ -38,6 +38,7 @@ SHEETS = {
     "touch_sheet": ".touches.webp",
     "touch_sides": ".sides.webp",
 }
+STRIKES = ".strikes.js"
 PLAYER_STYLE = b'href="player.css"'
 _FINGERPRINT = re.compile(rb'<meta name="fingerprint" content="([0-9a-f]{64})">')
 
@@ -101,9 +102,9 @@ class ObjectPage:
 
     @property
     def tile(self) -> tuple[str, ...]:
-        """Suffixes of the files beside the page: pictures, and a strike where it rings."""
+        """Suffixes of the files beside the page: pictures, and its strikes where it rings."""
         audible = self.subject.part("audio").get("audible") is True
-        return (".webp", *SHEETS.values(), *([".wav"] if audible else []))
+        return (".webp", *SHEETS.values(), *([".wav", STRIKES] if audible else []))
 
     def render(self, fingerprint: str, player: str, findings: Sequence[str]) -> tuple[str, dict[str, bytes]]:
         """Return the page as HTML that carries `fingerprint`, and the files of `tile` by suffix.
@@ -134,6 +135,7 @@ class ObjectPage:
                     from pipeline.publish.report.sounds import short_sound
 
                     beside[".wav"] = short_sound(fidelity)
+                    beside[STRIKES] = shown["strikes"].script if shown["strikes"] else b""
             page = environment.get_template("object.html.j2").render(
                 page=self,
                 player=player,

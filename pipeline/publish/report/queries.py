@@ -14,7 +14,7 @@ from pipeline.dataset.measures import number_at
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
-from pipeline.publish.report.sounds import strike_data
+from pipeline.publish.report.sounds import strikes_script
 from pipeline.publish.report.templates import number
 
 AXES = ("x", "y", "z")
@@ -84,32 +84,29 @@ class Gallery(NamedTuple):
         return [one for one in self.items if one.truth]
 
     def others(self) -> dict[str, Any]:
-        """Return what a page needs to show those on the sheet; see `by_rank`."""
-        return by_rank([one for one in self.items if not one.truth])
-
-
-def by_rank(items: list[Seen]) -> dict[str, Any]:
-    """Return what a page's script needs to show queries without pictures of their own, as JSON, by rank."""
-    return {
-        str(one.rank): {
-            "place": one.place,
-            "row": one.row,
-            "facts": [
-                (fact.name, number(fact.value, fact.decimals), fact.unit)
-                for fact in one.facts
-                if fact.value is not None
-            ],
-            "contact": one.contact and one.contact._asdict(),
+        """Return what a page's script needs to show those on the sheet, as JSON, by rank."""
+        return {
+            str(one.rank): {
+                "place": one.place,
+                "row": one.row,
+                "facts": [
+                    (fact.name, number(fact.value, fact.decimals), fact.unit)
+                    for fact in one.facts
+                    if fact.value is not None
+                ],
+                "contact": one.contact and one.contact._asdict(),
+            }
+            for one in self.items
+            if not one.truth
         }
-        for one in items
-    }
 
 
 class Strikes(NamedTuple):
-    """The held-out strikes, worst first, by rank as in `by_rank`, and what their sounds are made from."""
+    """How many strikes are held out, how many of them sound, and the script that has them, worst first."""
 
-    known: dict[str, Any]
-    data: dict[str, str]
+    held_out: int
+    audible: int
+    script: bytes
 
 
 def queries(fidelity: Product, products: ObjectProducts, most: int) -> dict[str, Any]:
@@ -199,22 +196,18 @@ def _pose_facts(name: str, position: np.ndarray) -> list[Fact]:
 
 
 def _strikes(fidelity: Product, products: ObjectProducts) -> Strikes | None:
-    if "strike_amplitudes" not in fidelity:
+    if "strike_truth" not in fidelity:
         return None
-    data, count = strike_data(fidelity), fidelity["strike_amplitudes"].shape[1]
-    differences = [number_at(row, "difference_db") for row in _table(fidelity, "audio", "per_strike")]
-    facts = [[Fact("difference", value, "dB of the truth's energy")] for value in differences]
-    if len(facts) != count:
-        raise ValueError(f"{len(facts)} differences of {count} strikes")
+    differences_db = fidelity["strike_difference_db"]
+    count, points_m = len(differences_db), np.zeros((0, 3))
     with products.reading("modes"):
         modes = products.arrays("modes", "points", "held_out")
-        for row, point in enumerate(modes["points"][modes["held_out"]][:count].tolist()):
-            facts[row].append(Fact(f"impulse along {AXES[row % 3]}", 1.0, "N s", 0))
-            facts[row] += [Fact(axis, 1e3 * x, "mm") for axis, x in zip(AXES, point, strict=True)]
-    order = sorted(range(count), key=lambda row: math.inf if (d := differences[row]) is None else -d)
-    places = {0: "worst", count - 1: "best"}
-    items = [Seen(rank, places.get(rank, ""), row, facts[row]) for rank, row in enumerate(order)]
-    return Strikes(by_rank(items), data)
+        known = modes["points"][modes["held_out"]]
+        if known.shape != (count, 3):
+            raise ValueError(f"{known.shape} points of {count} strikes")
+        points_m = known
+    script = strikes_script(fidelity, points_m)
+    return Strikes(count, int((~np.isnan(differences_db)).sum()), script)
 
 
 def _touches(fidelity: Product, products: ObjectProducts, most: int) -> Gallery | None:

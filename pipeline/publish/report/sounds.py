@@ -2,6 +2,7 @@
 
 import base64
 import io
+import json
 import wave
 
 import numpy as np
@@ -42,22 +43,45 @@ def recursions(eigenvalues: np.ndarray, dampings_per_s: np.ndarray) -> np.ndarra
     return np.column_stack([a, -np.exp(-2 * dampings_per_s * step), starts])
 
 
-def strike_data(fidelity: Product) -> dict[str, str]:
-    """Return recursions and amplitudes of every strike, truth and Object File, for a page's script.
+def strikes_script(fidelity: Product, points_m: np.ndarray) -> bytes:
+    """Return a script that gives a page the held-out strikes, worst first: ``objectfolderStrikes``.
+
+    Parameters
+    ----------
+    points_m
+        (strikes, 3) where they were made; (0, 3) where it is not known.
 
     Returns
     -------
-    dict
-        Base64 of little-endian arrays: `recursions` (2, modes, 4) float64, `amplitudes` (2, strikes, modes)
-        float32, and `palette` (`SHADES`, 3) uint8.
+    bytes
+        By name, base64 of little-endian arrays: `recursions` (2, modes, 4) float64, `palette` (`SHADES`, 3)
+        uint8; `truth`, `difference` and `steps` as `objectfolder.fidelity.sound.strike_arrays` has them;
+        `differences_db` (strikes,) and `points_mm` (strikes, 3) float32, `axes` (strikes,) uint8.
+
+    Raises
+    ------
+    ValueError
+        Arrays that are not of the same strikes and modes.
     """
     own = zip(fidelity["strike_eigenvalues"], fidelity["strike_dampings_per_s"], strict=True)
+    differences_db = fidelity["strike_difference_db"]
+    wanted = len(differences_db), fidelity["strike_eigenvalues"].shape[1]
+    for name in ("truth", "difference"):
+        if fidelity[f"strike_{name}"].shape != wanted:
+            raise ValueError(f"strike_{name} is {fidelity[f'strike_{name}'].shape}, not {wanted}")
+    order = np.argsort(-differences_db, kind="stable")  # the silent ones last
     arrays = {
         "recursions": np.stack([recursions(*pair) for pair in own]).astype("<f8"),
-        "amplitudes": fidelity["strike_amplitudes"].astype("<f4"),
         "palette": palette(),
+        "truth": fidelity["strike_truth"][order].astype("<i2"),
+        "difference": fidelity["strike_difference"][order].astype("i1"),
+        "steps": fidelity["strike_steps"][:, order].astype("<f4"),
+        "differences_db": differences_db[order].astype("<f4"),
+        "points_mm": (1e3 * points_m[order] if len(points_m) else points_m).astype("<f4"),
+        "axes": (order % 3).astype("u1"),
     }
-    return {name: base64.b64encode(array.tobytes()).decode("ascii") for name, array in arrays.items()}
+    texts = {name: base64.b64encode(array.tobytes()).decode("ascii") for name, array in arrays.items()}
+    return f"window.objectfolderStrikes = {json.dumps(texts)};\n".encode()
 
 
 def spectrogram_share(frequency_hz: float) -> float:

@@ -46,16 +46,40 @@
     query.dataset.drawn = row;
   };
 
-  const drawStrike = (query, row) => {
-    const { gain, files, pictures } = struckSounds(query.dataset, row);
+  const listFacts = (query, facts) => {
+    query.querySelector(".row").replaceChildren(
+      ...facts.map(([name, value, unit]) => {
+        const item = document.createElement("li");
+        const [label, measured] = ["soft", "unit"].map((kind) =>
+          Object.assign(document.createElement("span"), { className: kind }),
+        );
+        label.textContent = name;
+        measured.textContent = unit;
+        item.append(label, ` ${value} `, measured);
+        return item;
+      }),
+    );
+  };
+
+  const drawStrike = async (query, rank) => {
+    query.dataset.rank = rank;
+    query.loaded ??= heldOutStrikes.load(query.dataset.strikes);
+    const strikes = await query.loaded.catch(({ message }) => {
+      query.querySelector(".row").textContent = message;
+    });
+    if (!strikes || query.dataset.rank !== String(rank)) return; // another was chosen meanwhile
+    const { gain, sounds, pictures } = heldOutStrikes.sound(strikes, rank);
+    listFacts(query, heldOutStrikes.facts(strikes, rank));
     query.querySelector(".gain").textContent = gain.toPrecision(3);
     for (const [which, figure] of query.querySelectorAll("figure").entries()) {
       figure.querySelector("svg image").setAttribute("href", pictures[which]);
       const audio = figure.querySelector("audio");
       if (!audio) continue;
       URL.revokeObjectURL(audio.src);
-      audio.src = URL.createObjectURL(files[which]);
+      audio.removeAttribute("src");
+      audio.sound = sounds[which];
     }
+    query.dataset.drawn = rank;
   };
 
   const showContact = (query, contact) => {
@@ -71,29 +95,25 @@
     set(".spot", { cx: x, cy: y, class: contact.visible ? "spot" : "spot hidden" });
   };
 
-  // The query of a rank, filled in where it comes from the sheet.
+  const strikeOf = (query, rank) => {
+    query.dataset.place = { 0: "worst", [query.dataset.audible - 1]: "best" }[rank] ?? "";
+    drawStrike(query, rank);
+    return query;
+  };
+
+  // The query of a rank, filled in where it does not stand on the page.
   const queryOf = (sense, rank) => {
+    const strikes = sense.querySelector(".query.strikes");
+    if (strikes) return strikeOf(strikes, rank);
     const own = sense.querySelector(`.query[data-rank="${rank}"]`);
     if (own) return own;
-    const query = sense.querySelector(".query[data-sheet], .query.strikes");
+    const query = sense.querySelector(".query[data-sheet]");
     query.known ??= JSON.parse(query.querySelector("script").textContent);
     const { place, row, facts, contact } = query.known[rank];
     query.dataset.place = place;
-    query.querySelector(".row").replaceChildren(
-      ...facts.map(([name, value, unit]) => {
-        const item = document.createElement("li");
-        const [label, measured] = ["soft", "unit"].map((kind) =>
-          Object.assign(document.createElement("span"), { className: kind }),
-        );
-        label.textContent = name;
-        measured.textContent = unit;
-        item.append(label, ` ${value} `, measured);
-        return item;
-      }),
-    );
+    listFacts(query, facts);
     if (contact) showContact(query, contact);
-    if (query.dataset.sheet) drawSheet(query, row);
-    else drawStrike(query, row);
+    drawSheet(query, row);
     return query;
   };
 
@@ -138,7 +158,8 @@
     button.addEventListener("click", () => {
       const again = audio.paused;
       stopAll();
-      if (!again) return;
+      if (!again || !audio.sound) return;
+      if (!audio.src) audio.src = URL.createObjectURL(heldOutStrikes.wav(audio.sound));
       audio.currentTime = 0;
       audio.play();
     });

@@ -1,6 +1,6 @@
 "use strict";
 // Sounds of struck points, truth and Object File, from their modes, and pictures of both and of their difference.
-const struckSounds = (() => {
+const heldOutStrikes = (() => {
   const RATE = 44100;
   const LONGEST_S = 1;
   const FADE_S = 0.01;
@@ -10,7 +10,48 @@ const struckSounds = (() => {
   const SIZE = 96;
   const [LOWEST_HZ, HIGHEST_HZ, RANGE_DB] = [80, 20000, 80];
 
+  const KINDS = {
+    recursions: Float64Array,
+    palette: Uint8Array,
+    truth: Int16Array,
+    difference: Int8Array,
+    steps: Float32Array,
+    differences_db: Float32Array,
+    points_mm: Float32Array,
+    axes: Uint8Array,
+  };
+
   const decoded = (text, Kind) => new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
+
+  // Arrays of the held-out strikes, worst first, by name; the file beside the page has them.
+  const load = (address) =>
+    new Promise((resolve, reject) => {
+      const script = Object.assign(document.createElement("script"), { src: address });
+      script.addEventListener("load", () => {
+        const texts = Object.entries(window.objectfolderStrikes);
+        resolve(Object.fromEntries(texts.map(([name, text]) => [name, decoded(text, KINDS[name])])));
+      });
+      script.addEventListener("error", () => reject(new Error(`${address} beside this page could not be read.`)));
+      document.head.append(script);
+    });
+
+  const amplitudes = ({ truth, difference, steps, axes }, rank) => {
+    const [count, strikes] = [truth.length / axes.length, axes.length];
+    const [wanted, apart] = [truth, difference].map((all, which) =>
+      Float64Array.from(all.subarray(rank * count, (rank + 1) * count), (n) => n * steps[which * strikes + rank]),
+    );
+    return [wanted, wanted.map((value, mode) => value + apart[mode])];
+  };
+
+  const facts = ({ differences_db, points_mm, axes }, rank) => {
+    const number = (value) => (Number.isFinite(value) ? value.toFixed(1).replace("-", "−") : "–");
+    const place = [...points_mm.subarray(3 * rank, 3 * rank + 3)].map((x, axis) => ["xyz"[axis], number(x), "mm"]);
+    return [
+      ["difference", number(differences_db[rank]), "dB of the truth's energy"],
+      [`impulse along ${"xyz"[axes[rank]]}`, "1", "N s"],
+      ...place,
+    ];
+  };
 
   // Each mode is a recursion of two terms: a, b, and its first two samples.
   const synthesised = (recursions, amplitudes) => {
@@ -116,17 +157,18 @@ const struckSounds = (() => {
     return new Blob([file.buffer], { type: "audio/wav" });
   };
 
-  // Sounds of a row of the strikes that an element carries, scaled by one factor, and their pictures.
-  return ({ recursions, amplitudes, palette }, row) => {
-    const [modes, given] = [decoded(recursions, Float64Array), decoded(amplitudes, Float32Array)];
-    const count = modes.length / 8;
-    const sounds = [0, 1].map((which) => {
-      const start = which * (given.length / 2) + row * count;
-      return synthesised(modes.subarray(4 * which * count), given.subarray(start, start + count));
-    });
-    const peak = Math.max(...sounds.map((sound) => sound.reduce((most, value) => Math.max(most, Math.abs(value)), 0)));
+  // Sounds of a strike, scaled by one factor, and their pictures.
+  const sound = (strikes, rank) => {
+    const { recursions, palette } = strikes;
+    const own = recursions.length / 2;
+    const sounds = amplitudes(strikes, rank).map((of, which) =>
+      synthesised(recursions.subarray(which * own, (which + 1) * own), of),
+    );
+    const peak = Math.max(...sounds.map((one) => one.reduce((most, value) => Math.max(most, Math.abs(value)), 0)));
     const gain = peak > 0 ? PEAK / peak : 1;
-    const scaled = sounds.map((sound) => sound.map((value) => gain * value));
-    return { gain, sounds: scaled, files: scaled.map(wav), pictures: pictures(...scaled, decoded(palette, Uint8Array)) };
+    const scaled = sounds.map((one) => one.map((value) => gain * value));
+    return { gain, sounds: scaled, pictures: pictures(...scaled, palette) };
   };
+
+  return { load, facts, sound, wav };
 })();
