@@ -79,7 +79,7 @@ class Effort:
         if sub_rays >= 64:
             return cls(16, 4 * sub_rays, 4, 16, 64, 0.03)
         if sub_rays >= 16:
-            return cls(16, 256, 2, 4, 16, 0.04)
+            return cls(16, 256, 1, 4, 16, 0.02)
         if sub_rays >= 4:
             return cls(16, 64, 1, 3, 16, 0.05)
         return cls(16, 64, 1, 1, 8, 2.0)
@@ -188,7 +188,7 @@ class CompiledRenderer:
                 probes = self._chosen(view, _labels(view), np.ones(len(colour), dtype=np.int64))
                 for light, factor in lights:
                     colour += factor * self._lit(view, probes, light, effort)
-        return _image(view, colour, crop or (0, 0, *size)) * self._scale
+        return _image(view, colour * self._scale[:3], crop or (0, 0, *size))
 
     def surrounded(
         self,
@@ -378,7 +378,7 @@ class CompiledRenderer:
         colour = self._shaded(view, labels, state, np.full(len(view.rows), effort.shaded), light)
         if effort.shaded_uneven == effort.shaded:
             return colour
-        shade = srgb_encode(SHOWN * colour / view.coverage[:, None])
+        shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
         uneven = contrasting(view.slots, shade, effort.contrast)
         again = self._shaded(view, labels, state, np.where(uneven, effort.shaded_uneven, 0), light)
         colour[uneven] = again[uneven]
