@@ -1,6 +1,8 @@
 """Progress of running stages: bars on a terminal, a line now and then in a log."""
 
 import heapq
+import math
+import statistics
 import sys
 import threading
 import time
@@ -17,6 +19,7 @@ Task = tuple[float, str, str]  # the smallest begins first; stage and object
 
 LOG_INTERVAL_S = 30.0
 PRIOR = 0.07  # share of the expected seconds that counts as taken as expected, before any task ended
+SPREAD = 0.6  # standard deviation of a task's seconds over those expected, of views and modes
 TAIL = 0.25  # of what a task has run, that it runs on at least: those that are late are later still
 
 
@@ -89,19 +92,12 @@ class FlowProgress:
             print(f"{stage}: {_words(counts)}", file=self._stream, flush=True)
 
     def seconds_to_go(self) -> float:
-        """Return work left over workers, or the longest chain of one object: no schedule is faster."""
+        """Return work left over workers, or when the last chain of an object may end if that is later."""
         with self._lock:
             left = self._seconds_left()
-        ready: dict[str, dict[str, float]] = {}
-        for stage, before in self._stages.items():
-            ends = [ready[other] for other in before if other in ready]
-            ready[stage] = {
-                name: seconds + max((end.get(name, 0.0) for end in ends), default=0.0)
-                for name, seconds in left[stage].items()
-            }
+        workers = max(1, self._total)
         work = sum(sum(seconds.values()) for seconds in left.values())
-        chain = max((max(ends.values(), default=0.0) for ends in ready.values()), default=0.0)
-        return max(work / max(1, self._total), chain)
+        return max(work / workers, _last_end_s(self._chains(left), workers))
 
     def line(self) -> str:
         """Return the state in one line."""
@@ -145,6 +141,21 @@ class FlowProgress:
         del self._since[task]
         heapq.heappush(self._waiting, task)
 
+    def _chains(self, left: Mapping[str, Mapping[str, float]]) -> list[tuple[float, float]]:
+        """Return seconds and variance of what is left of each object's longest chain of tasks."""
+        ready: dict[str, dict[str, tuple[float, float]]] = {}
+        for stage, before in self._stages.items():
+            ready[stage] = {}
+            for name, seconds in left[stage].items():
+                ends = [ready[other][name] for other in before if name in ready.get(other, {})]
+                begin, variance = max(ends, default=(0.0, 0.0))
+                ready[stage][name] = begin + seconds, variance + (SPREAD * seconds) ** 2
+        chains: dict[str, tuple[float, float]] = {}
+        for ends_of in ready.values():
+            for name, end in ends_of.items():
+                chains[name] = max(end, chains.get(name, end))
+        return list(chains.values())
+
     def _seconds_left(self) -> dict[str, dict[str, float]]:
         """Return the seconds left of every task by stage and object, at the pace of those that ended.
 
@@ -163,6 +174,21 @@ class FlowProgress:
             ran = self._clock() - since
             left[stage][name] = max(left[stage].get(name, 0.0) - ran, TAIL * ran)
         return left
+
+
+def _last_end_s(chains: list[tuple[float, float]], workers: int) -> float:
+    """Return in how many seconds the last of chains (seconds, variance) that run side by side may end.
+
+    It is the longest as expected, or the expected greatest of as many draws from a normal distribution (Blom
+    1958): with many chains one is late.
+    """
+    together = sorted(chains, reverse=True)[:workers]
+    if not together:
+        return 0.0
+    lengths = [seconds for seconds, _ in together]
+    spread = math.sqrt(statistics.pvariance(lengths) + statistics.fmean(own for _, own in together))
+    greatest = statistics.NormalDist().inv_cdf((len(together) - 0.375) / (len(together) + 0.25))
+    return max(lengths[0], statistics.fmean(lengths) + greatest * spread)
 
 
 def duration(seconds: float) -> str:

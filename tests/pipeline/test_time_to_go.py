@@ -135,9 +135,12 @@ def test_the_starter_set_on_a_busy_machine(tmp_path: Path) -> None:
     assert factor <= 1.5
 
 
-@pytest.mark.parametrize("workers", [2, 8])
-def test_a_hundred_scans_that_nothing_is_known_of(workers: int) -> None:
-    """Every scan is estimated by the model of all, as an object is that never ran."""
+@pytest.mark.parametrize(("workers", "most"), [(2, 1.5), (8, 1.5), (32, 1.5), (64, 1.8)])
+def test_a_hundred_scans_that_nothing_is_known_of(workers: int, most: float) -> None:
+    """Every scan is estimated by the model of all, as an object is that never ran.
+
+    With 64 workers one scan, whose modes take six times as long as expected, decides.
+    """
     costs = packaged_costs()
     models = {
         stage: fit([one for (_, made_by), one in costs.items() if made_by == stage]) for stage in STAGES
@@ -149,7 +152,7 @@ def test_a_hundred_scans_that_nothing_is_known_of(workers: int) -> None:
     took = {(stage, object_id): one.wall_s for (object_id, stage), one in costs.items()}
     factor = worst_factor(scheduled(took, expected, workers), expected, workers)
     print(f"hundred scans, {workers} workers: {factor:.2f}")
-    assert factor <= 1.5
+    assert factor <= most
 
 
 def test_tasks_that_all_take_twice_as_long_show_once_some_have_ended() -> None:
