@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from objectfolder.surface.overlap import NOTHING, CountedAgain
 from objectfolder.surface.surface import Surface, connected_pieces
 
 MEASURED = ("topology", "solid", "wall_thickness", "area_m2", "length", "normals_of_source", "warnings")
@@ -37,6 +38,8 @@ class SolidProperties:
     ----------
     volume_m3
         Signed sum over shells and cavities.
+    volume_uncertainty_m3
+        Standard error of it; 0 where no pieces overlap.
     centre_of_mass_m
         (3,) object frame.
     inertia_per_density_m5
@@ -46,11 +49,13 @@ class SolidProperties:
     volume_m3: float
     centre_of_mass_m: np.ndarray
     inertia_per_density_m5: np.ndarray
+    volume_uncertainty_m3: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the properties as JSON values."""
         return {
             "volume_m3": self.volume_m3,
+            "volume_uncertainty_m3": self.volume_uncertainty_m3,
             "centre_of_mass_m": self.centre_of_mass_m.tolist(),
             "inertia_per_density_m5": self.inertia_per_density_m5.tolist(),
         }
@@ -70,24 +75,37 @@ def topology_of(surface: Surface) -> Topology:
     )
 
 
-def solid_properties(vertices: np.ndarray, faces: np.ndarray) -> SolidProperties:
+def solid_properties(
+    vertices: np.ndarray, faces: np.ndarray, again: CountedAgain = NOTHING
+) -> SolidProperties:
     """Integrate over the solid bounded by a closed, consistently wound surface.
 
     Sums over the tetrahedra from one point to each face (Tonon 2005, J. Math. Stat. 1(1), 8-11): with
     ``s = a + b + c`` and ``d = det(a, b, c)`` a tetrahedron adds ``d / 6`` to the volume, ``d s / 24`` to the
     first and ``d (s s' + a a' + b b' + c c') / 120`` to the second moment. On an open surface the sums depend
     on that point, here the centre of the bounding box, and mean nothing.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) metres and (F, 3).
+    again
+        What the sums count more than once, and is taken away (see `counted_again`).
     """
     origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     triangles = vertices[faces] - origin
     determinants = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2]))
     sums = triangles.sum(axis=1)
-    volume = float(determinants.sum() / 6)
-    centre = (determinants[:, None] * sums).sum(axis=0) / (24 * volume) if volume else np.zeros(3)
+    points = again.points - origin
+    volume = float(determinants.sum() / 6 - again.volumes.sum())
+    first = determinants @ sums / 24 - again.volumes @ points
+    centre = first / volume if volume else np.zeros(3)
     outer = np.einsum("i,ij,ik->jk", determinants, sums, sums)
     outer += np.einsum("i,ivj,ivk->jk", determinants, triangles, triangles)
-    moments = outer / 120 - volume * np.outer(centre, centre)
-    return SolidProperties(volume, origin + centre, np.trace(moments) * np.eye(3) - moments)
+    second = outer / 120 - np.einsum("i,ij,ik->jk", again.volumes, points, points)
+    moments = second - volume * np.outer(centre, centre)
+    inertia = np.trace(moments) * np.eye(3) - moments
+    return SolidProperties(volume, origin + centre, inertia, again.uncertainty)
 
 
 def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled: Mapping[str, Any]) -> dict[str, Any]:

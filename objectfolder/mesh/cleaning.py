@@ -19,6 +19,8 @@ from objectfolder.surface.winding_number import solid_angles
 MOST_PIECES = 2000
 """Not connected to one another; what lies in what is asked of every pair. Furniture has up to 1,200."""
 
+NESTED_REMEDY = "If the object is hollow, turn their faces inwards"
+
 _SHORTEST_NORMAL = 1e-6
 """Normals are written with length one; shorter ones are rounding."""
 
@@ -32,6 +34,7 @@ class CleaningReport:
 
     `vertices_welded` were merged into one of equal position, `degenerate_faces_dropped` had a vertex twice,
     `folded_faces_dropped` lay on the same three vertices as another and enclosed nothing,
+    `doubled_faces_dropped` lay back to back with a face of the surface, as all others of its patch did,
     `repeated_faces_dropped` repeated a face of the surface, `vertices_unreferenced_dropped` were left
     without a face, `faces_reversed` pointed inwards. See `Orientation` for the rest.
     """
@@ -39,6 +42,7 @@ class CleaningReport:
     vertices_welded: int
     degenerate_faces_dropped: int
     folded_faces_dropped: int
+    doubled_faces_dropped: int
     repeated_faces_dropped: int
     vertices_unreferenced_dropped: int
     faces_reversed: int
@@ -50,12 +54,17 @@ class CleaningReport:
         """Return the counts by name."""
         return asdict(self)
 
+    def nested_finding(self) -> str:
+        """Say that pieces within others make these no hollower, in a phrase."""
+        return f"{self.nested_solids} closed pieces lie in others, face outward like these and are solid"
+
 
 def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, CleaningReport]:
     """Weld equal positions, drop what collapses or folds onto itself, turn faces outwards.
 
     Faces with a vertex twice go. Faces on the same three vertices go in pairs, both of each pair, as they
-    enclose nothing; where such faces repeat a face of the surface one stays (see `_folded_and_repeated`).
+    enclose nothing; where such faces repeat a face of the surface one stays (see `_folded_and_repeated`), and
+    where a whole patch is given a second time, back to back, one layer of it (see `_without_layers`).
     Texture coordinates and normals move with their corners (see `usable_normals`). Cleaning
     a clean mesh changes nothing.
 
@@ -75,7 +84,8 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
     faces = of_vertex[mesh.faces]
     solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     folded, repeated = _folded_and_repeated(faces, solid)
-    kept = solid & ~folded & ~repeated
+    folded, doubled = _without_layers(faces, folded, everything=bool(folded[solid].all()))
+    kept = solid & ~folded & ~repeated & ~doubled
     if not kept.any():
         raise InputError(
             where,
@@ -110,6 +120,7 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
         vertices_welded=len(mesh.vertices) - len(positions),
         degenerate_faces_dropped=int(np.count_nonzero(~solid)),
         folded_faces_dropped=int(np.count_nonzero(folded)),
+        doubled_faces_dropped=int(np.count_nonzero(doubled)),
         repeated_faces_dropped=int(np.count_nonzero(repeated)),
         vertices_unreferenced_dropped=len(positions) - len(used),
         faces_reversed=int(np.count_nonzero(orientation.reverse)),
@@ -204,6 +215,30 @@ def _folded_and_repeated(faces: np.ndarray, solid: np.ndarray) -> tuple[np.ndarr
     return folded, repeated
 
 
+def _without_layers(
+    faces: np.ndarray, folded: np.ndarray, *, everything: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Faces (F,) bool of `folded` that are folds, and those that are the second layer of a surface.
+
+    Some exports give every face a second time, wound the other way. A patch of such pairs is a surface where
+    it is closed, or where there is nothing but pairs (`everything`) and none is closed; of each pair the face
+    given first stays. Any other patch is a fold, which encloses nothing.
+    """
+    rows = np.flatnonzero(folded)
+    _, first, triple = np.unique(np.sort(faces[rows], axis=1), axis=0, return_index=True, return_inverse=True)
+    if len(first) == 0:
+        return folded, folded
+    edges = edge_table(faces[rows[first]])
+    patch = _consistent_patches(len(first), edges)[0]
+    rims = np.bincount(patch, (edges.face_count[edges.of_corner] != 2).reshape(-1, 3).any(axis=1))
+    closed = rims[patch] == 0
+    is_surface = closed | (everything and not closed.any())
+    of_surface, doubled = np.zeros_like(folded), np.zeros_like(folded)
+    of_surface[rows] = doubled[rows] = is_surface[triple.reshape(-1)]
+    doubled[rows[first]] = False
+    return folded & ~of_surface, doubled
+
+
 @dataclass(frozen=True)
 class Orientation:
     """Which faces to reverse, and what was found.
@@ -215,7 +250,7 @@ class Orientation:
     cavities
         Closed patches that stay inside out because they lie in a solid.
     nested_solids
-        Closed patches within another that are wound like it: solid in solid, counted twice in the volume.
+        Closed patches within another that are wound like it: solid in solid, which counts once.
     unorientable_patches
         Patches with no consistent winding (Moebius); left as they were.
     """

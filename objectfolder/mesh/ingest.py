@@ -13,12 +13,13 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.body import Topology, solid_properties, topology_of
-from objectfolder.mesh.cleaning import CleaningReport, clean
+from objectfolder.mesh.cleaning import NESTED_REMEDY, CleaningReport, clean
 from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import too_large
+from objectfolder.surface.overlap import NOTHING, counted_again
 
 
 def ingest_object(
@@ -104,7 +105,8 @@ def _measured(
 ) -> dict[str, Any]:
     """What is known of a mesh in metres, as attributes of its product."""
     topology = topology_of(mesh.surface)
-    solid = solid_properties(mesh.vertices, mesh.faces)
+    again = counted_again(mesh.surface) if walls.closed else NOTHING
+    solid = solid_properties(mesh.vertices, mesh.faces, again)
     doubts = [str(finding) for finding in wall_findings(walls)]
     return {
         "area_m2": mesh.surface.area,
@@ -131,7 +133,9 @@ def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> lis
     if pieces > 1:
         found.append(f"the surface has {pieces} separate pieces")
     if report.nested_solids:
-        found.append(f"{report.nested_solids} pieces lie inside others and count twice in the volume")
+        found.append(f"{report.nested_finding()}. {NESTED_REMEDY}")
+    if report.doubled_faces_dropped:
+        found.append(f"{report.doubled_faces_dropped} faces lay back to back with others and were left out")
     if report.unorientable_patches:
         found.append(f"{report.unorientable_patches} patches have no inside (Moebius strips)")
     if topology.zero_area_faces:

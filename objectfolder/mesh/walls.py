@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from objectfolder.mesh.body import solid_properties, topology_of
+from objectfolder.mesh.body import topology_of
+from objectfolder.surface.openings import OPENING, opening_shares, patches_of
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 
@@ -53,6 +54,9 @@ class WallMeasures:
         Median thickness of the walls alone.
     wall_thin_m
         `THIN_SHARE` of the whole area is wall thinner than this; None where less is wall.
+    opening_share
+        Area of the openings of patches that are not mostly wall, over that of the surface; of what sounds
+        they are closed.
     """
 
     closed: bool
@@ -66,6 +70,7 @@ class WallMeasures:
     wall_share: float
     wall_median_m: float | None
     wall_thin_m: float | None
+    opening_share: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the measures as JSON values; `WallMeasures(**values)` takes them."""
@@ -88,11 +93,8 @@ def measure_walls(surface: Surface) -> WallMeasures:
     >>> round(measures.wall_median_m, 6), round(measures.volume_m3, 6)
     (0.004, 8e-05)
     """
-    topology = topology_of(surface)
-    volume = solid_properties(surface.vertices, surface.faces).volume_m3
+    topology, volume = topology_of(surface), enclosed_volume(surface, samples=8192)[0]
     closed = topology.watertight and topology.consistent and volume > 0
-    if not closed:
-        volume = enclosed_volume(surface, samples=8192)[0]
     extents = np.ptp(surface.bounds, axis=0)
     drawn = surface.sample(RAYS, 0)
     normals = surface.face_normals[drawn.face]
@@ -101,7 +103,8 @@ def measure_walls(surface: Surface) -> WallMeasures:
     met = hits.face >= 0
     across = start + hits.distance[met]
     opposite = np.einsum("ij,ij->i", normals[met], surface.face_normals[hits.face[met]])
-    walls = np.sort(across[(opposite < FACING_AWAY) & (across <= WALL_SHARE * np.sort(extents)[1])])
+    is_wall = (opposite < FACING_AWAY) & (across <= WALL_SHARE * np.sort(extents)[1])
+    walls = np.sort(across[is_wall])
     thin, median = np.quantile(across, [0.05, 0.5]).tolist() if len(across) else (None, None)
     middles = drawn.points[met] - normals[met] * across[:, None] / 2
     thin_rays = round(THIN_SHARE * RAYS)
@@ -117,7 +120,17 @@ def measure_walls(surface: Surface) -> WallMeasures:
         wall_share=len(walls) / RAYS,
         wall_median_m=float(np.median(walls)) if len(walls) else None,
         wall_thin_m=float(walls[thin_rays]) if len(walls) > thin_rays else None,
+        opening_share=0.0 if closed else _opening_share(surface, drawn.face, drawn.face[met][is_wall]),
     )
+
+
+def _opening_share(surface: Surface, drawn: np.ndarray, walled: np.ndarray) -> float:
+    """`WallMeasures.opening_share`, by the faces (n,) of points drawn and of those (w,) that are wall."""
+    patch = patches_of(surface.edges)
+    count = int(patch.max()) + 1
+    of_wall, of_all = np.bincount(patch[walled], minlength=count), np.bincount(patch[drawn], minlength=count)
+    areas = opening_shares(surface, patch) * np.bincount(patch, surface.face_areas)
+    return float(areas[2 * of_wall <= of_all].sum() / surface.area)
 
 
 def _largest_ball(surface: Surface, middles: np.ndarray, points: np.ndarray) -> float:
@@ -275,7 +288,8 @@ def _too_thick(
     """A container scanned solid, or a housing of one layer of faces; None where neither is."""
     thickest = measures.bulk_m if measures.closed else measures.median_m or 0.0
     if thickest <= limits.largest_solid_m:
-        return None
+        filled = measures.opening_share > OPENING and measures.volume_m3 > 0
+        return _open(measures, limits) if filled else None
     seldom = f"solid {material or 'matter'} above {millimetres(limits.largest_solid_m)} is rare"
     shell_m, how = limits.usual_wall_m, "is usual"
     if weighed is not None and weighed > MASS_FACTOR:
@@ -296,6 +310,17 @@ def _too_thick(
         f"{remedy}; if it is solid, leave it so",
         "shell_m",
     )
+
+
+def _open(measures: WallMeasures, limits: WallLimits) -> WallFinding:
+    """A sheet, or a box without a lid, of ordinary size: its sound and mass are those of what fills it."""
+    finding = (
+        f"the surface is open: its openings make {measures.opening_share:.0%} of its area, and it sounds and "
+        "weighs as if it were filled up to them"
+    )
+    usual = millimetres(limits.usual_wall_m)
+    remedy = f"If it is a sheet, set wall_m to its thickness ({usual} is usual); if it is solid, close it"
+    return WallFinding(ONE_LAYER, LIKELY, finding, remedy, "wall_m")
 
 
 def _by_mass(measures: WallMeasures, mass_kg: float, weighed: float) -> WallFinding:

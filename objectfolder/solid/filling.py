@@ -18,8 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from objectfolder.errors import InputError, SimulationError, UnsolvableError
 from objectfolder.mesh.cleaning import outward_orientation
@@ -32,6 +30,7 @@ from objectfolder.solid.solid import clean as clean
 from objectfolder.solid.solid import volumes as volumes
 from objectfolder.solid.tetwild import CutOffError, Envelope, run_tetwild
 from objectfolder.solid.thickening import thicken
+from objectfolder.surface.openings import patches_of
 from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface, edge_table
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
@@ -218,13 +217,6 @@ def _outward(surface: Surface) -> Surface:
     return Surface(surface.vertices, np.where(turned[:, None], surface.faces[:, ::-1], surface.faces))
 
 
-def _pieces(faces: Integers) -> int:
-    """Number of pieces of a surface that hang together through edges of two faces."""
-    one, other = edge_table(faces).manifold_pairs()
-    pairs = (np.ones(len(one)), (one // 3, other // 3))
-    return int(connected_components(coo_array(pairs, shape=(len(faces), len(faces))), directed=False)[0])
-
-
 def _measure(target: Surface) -> _Measured:
     form = normal_form(target)
     local = local_thickness(form.surface)
@@ -233,7 +225,7 @@ def _measure(target: Surface) -> _Measured:
     known = walls if len(walls) > MOSTLY * len(known) else known
     thin, median = np.quantile(known, [0.05, 0.5]) if len(known) else (0.02, 0.02)
     volume, uncertainty = enclosed_volume(form.surface)
-    pieces = _pieces(form.surface.faces)
+    pieces = int(patches_of(form.surface.edges).max()) + 1
     closed = is_closed(form.surface)
     return _Measured(
         form,
@@ -312,8 +304,7 @@ def _doubts(measured: _Measured, solid: Solid) -> list[str]:
     """What is wrong with a solid as filled, by what its surface says."""
     found = []
     allowed = MOST_VOLUME_ERROR * abs(measured.volume) + 3 * measured.volume_uncertainty
-    # Pieces of a closed surface that overlap count twice in its signed volume.
-    if (measured.pieces == 1 or not measured.closed) and abs(solid.volume_m3 - measured.volume) > allowed:
+    if abs(solid.volume_m3 - measured.volume) > allowed:
         found.append(f"the volume is {solid.volume_m3 / measured.volume - 1:+.1%} off")
     ratio = _wall_ratio(measured, solid)
     if measured.closed and not 1 / MOST_WALL_RATIO < ratio < MOST_WALL_RATIO:

@@ -6,7 +6,8 @@ from scipy.spatial import cKDTree
 
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import distances_across
-from objectfolder.solid.sheets import OPENING, opening_shares, patches_of, thick_sheets, unit_offsets
+from objectfolder.solid.sheets import thick_sheets, unit_offsets
+from objectfolder.surface.openings import OPENING, opening_shares, patches_of
 from objectfolder.surface.surface import Surface, corner_angles, edge_table
 
 Floats = NDArray[np.float64]
@@ -63,7 +64,7 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
         )
     drawn = surface.sample(SAMPLES, 0)
     thickness = _wall_at(surface, drawn.points, drawn.face)
-    patch = patches_of(surface.faces)
+    patch = patches_of(surface.edges)
     walled = np.bincount(patch[drawn.face], thickness < sides[1] / 4, patch.max() + 1)
     sheet = opening_shares(surface, patch) > OPENING
     sheet &= walled <= np.bincount(patch[drawn.face], minlength=len(sheet)) / 2

@@ -2,14 +2,17 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 from checked_rows import entry, shape
 
 from objectfolder.errors import InputError
+from objectfolder.mesh.cleaning import clean
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING
 from pipeline.intake.check.mesh_rules import check_surface, check_walls
 from pipeline.intake.check.row_rules import check_readable
 from pipeline.intake.check.table_check import accept
+from tests.small_meshes import bare_mesh, sphere
 
 
 def test_a_can_of_known_mass_is_scanned_solid():
@@ -39,6 +42,17 @@ def test_open_surfaces():
     assert "wound inconsistently" in found.found
     assert list(check_surface(entry(of=shape()))) == []
     assert list(check_surface(entry())) == []
+
+
+def test_what_cleaning_found_is_said():
+    """Two balls that both face outward, and each face a second time, back to back."""
+    vertices, faces = sphere(0.05, 2)
+    layers = np.concatenate([faces, faces + len(vertices), faces[:, ::-1]])
+    report = clean(bare_mesh(np.concatenate([vertices, 0.9 * vertices]), layers))[1]
+    nested, doubled = check_surface(entry(of=dataclasses.replace(shape(), cleaning=report)))
+    assert (nested.severity, doubled.severity) == (WARNING, NOTE)
+    assert "1 closed pieces lie in others" in nested.found
+    assert f"{len(faces)} faces lie back to back" in doubled.found
 
 
 @pytest.mark.parametrize(

@@ -133,9 +133,34 @@ def test_moebius_strip_is_reported_and_left():
 
 def test_nothing_left_is_an_error():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    mesh = bare_mesh(vertices, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]))
-    with pytest.raises(InputError, match=r"sheet: no faces are left of 4: 0 collapse.*4 lie back to back"):
+    mesh = bare_mesh(vertices, np.array([[0, 1, 1], [0, 2, 0]]))
+    with pytest.raises(InputError, match=r"sheet: no faces are left of 2: 2 collapse"):
         clean(mesh, "sheet")
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_faces_doubled_back_to_back_one_layer_stays(first):
+    """Every face a second time, wound the other way, in any order: the cube, and beside it the fold goes."""
+    order = np.random.default_rng(first).permutation(24)
+    both = np.concatenate([CUBE_FACES, CUBE_FACES[:, ::-1]])[order]
+    mesh, report = clean(bare_mesh(CUBE_VERTICES, both))
+    assert (report.doubled_faces_dropped, report.folded_faces_dropped) == (12, 0)
+    np.testing.assert_array_equal(sorted_triangles(mesh), sorted_triangles(cube()))
+    assert solid_properties(mesh.vertices, mesh.faces).volume_m3 == pytest.approx(1)
+
+    vertices = np.concatenate([CUBE_VERTICES, CUBE_VERTICES + 3])
+    fold = [[8, 9, 10], [8, 10, 9]]
+    for beside, volume in (CUBE_FACES[:0], 1), (CUBE_FACES + 8, 2):
+        mesh, report = clean(bare_mesh(vertices, np.concatenate([both, fold, beside])))
+        assert (report.doubled_faces_dropped, report.folded_faces_dropped) == (12, 2)
+        assert solid_properties(mesh.vertices, mesh.faces).volume_m3 == pytest.approx(volume)
+
+
+def test_a_sheet_doubled_back_to_back_is_a_sheet():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    mesh, report = clean(bare_mesh(vertices, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])))
+    assert (len(mesh.faces), report.doubled_faces_dropped) == (2, 2)
+    assert topology_of(mesh.surface).consistent
 
 
 def dirty_mesh(seed: int):

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_meshes import checker, cube, write_textured_cube
+from scipy.spatial.transform import Rotation
+from small_meshes import CUBE_FACES, CUBE_VERTICES, checker, cube, sphere, write_textured_cube
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
+from objectfolder.mesh.body import solid_properties
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of, with_length
 from objectfolder.mesh.walls import (
@@ -55,6 +57,51 @@ def test_product_survives_the_store_and_gives_the_mesh_back(tmp_path):
     np.testing.assert_array_equal(mesh.textures[0][..., :3], checker())
     assert mesh.face_texture.dtype == np.int32
     assert (mesh.faces.dtype, mesh.vertices.dtype) == (np.int64, np.float64)
+
+
+def write_obj(path, vertices, faces):
+    lines = ["v {:.17g} {:.17g} {:.17g}".format(*vertex) for vertex in vertices]
+    lines += ["f {} {} {}".format(*corners) for corners in np.asarray(faces) + 1]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_ball_in_a_ball_that_faces_outward_like_it_is_a_doubt(tmp_path):
+    vertices, faces = sphere(0.05, 3)
+    both, inner = np.concatenate([vertices, 0.9 * vertices]), faces + len(vertices)
+    volume = solid_properties(vertices, faces).volume_m3
+    for name, layers, volume_share in (("solid", inner, 1), ("hollow", inner[:, ::-1], 1 - 0.9**3)):
+        path = write_obj(tmp_path / f"{name}.obj", both, np.concatenate([faces, layers]))
+        attributes = ingest_object(path, None, None, name).attributes
+        assert attributes["solid"]["volume_m3"] == pytest.approx(volume_share * volume, rel=1e-3)
+        doubts = [text for text in attributes["warnings"] if "turn their faces inwards" in text]
+        assert len(doubts) == (name == "solid")
+
+
+def test_faces_doubled_back_to_back_are_mended_and_named(tmp_path):
+    path = write_obj(tmp_path / "m.obj", 0.1 * CUBE_VERTICES, [*CUBE_FACES, *CUBE_FACES[:, ::-1]])
+    attributes = ingest_object(path, None, None, "cube").attributes
+    assert attributes["solid"]["volume_m3"] == pytest.approx(1e-3)
+    assert "12 faces lay back to back with others and were left out" in attributes["warnings"]
+
+
+def test_crossing_bars_count_their_overlap_once(tmp_path):
+    """Two square bars of 100 x 10 x 10 mm, and turned in space: volume, centre and inertia in closed form."""
+    bars = np.concatenate([CUBE_VERTICES * (0.1, 0.01, 0.01), CUBE_VERTICES * (0.01, 0.1, 0.01)])
+    faces = np.concatenate([CUBE_FACES, CUBE_FACES + 8])
+    turn = Rotation.from_rotvec([0.3, 0.7, -0.4]).as_matrix()
+    long, core = 1e-5, 1e-6
+    around = 2 * long * (0.1**2 + 0.01**2) / 12
+    flat = long * (0.1**2 + 3 * 0.01**2) / 12 - core * 0.01**2 / 6
+    inertia = np.diag([flat, flat, around - core * 0.01**2 / 6])
+    for name, rotation, tolerance in (("upright", np.eye(3), 1e-6), ("turned", turn, 1e-3)):
+        path = write_obj(tmp_path / f"{name}.obj", bars @ rotation.T + 0.3, faces)
+        solid = ingest_object(path, None, None, name).attributes["solid"]
+        assert solid["volume_m3"] == pytest.approx(2 * long - core, rel=tolerance)
+        assert abs(solid["volume_m3"] - (2 * long - core)) <= 4 * solid["volume_uncertainty_m3"] + 1e-15
+        np.testing.assert_allclose(solid["centre_of_mass_m"], 0.3, atol=1e-5)
+        found = rotation.T @ np.array(solid["inertia_per_density_m5"]) @ rotation
+        np.testing.assert_allclose(found, inertia, atol=tolerance * around)
 
 
 def test_equal_inputs_give_equal_bytes(tmp_path):

@@ -135,6 +135,16 @@ def open_box(side: float, wall: float | None) -> Surface:
     )
 
 
+def test_an_open_box_of_any_size_is_doubted_and_its_wall_answers():
+    measures = measure_walls(open_box(0.02, None))
+    assert measures.opening_share == pytest.approx(0.2)
+    (finding,) = wall_findings(measures, material="ceramic")
+    assert (finding.kind, finding.certainty, finding.column) == (ONE_LAYER, LIKELY, "wall_m")
+    assert "openings make 20% of its area" in finding.finding
+    assert wall_findings(measures, material="ceramic", wall_m=0.002) == ()
+    assert measure_walls(open_box(0.02, 0.002)).opening_share == 0
+
+
 def test_a_box_of_one_layer_is_told_from_one_of_boards():
     (finding,) = wall_findings(measure_walls(open_box(0.4, None)), material="plastic")
     assert (finding.kind, finding.certainty, finding.column) == (ONE_LAYER, LIKELY, "shell_m")

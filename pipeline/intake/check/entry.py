@@ -8,7 +8,7 @@ from objectfolder.audio.materials import Material
 from objectfolder.catalogue import ObjectRecord, number_in
 from objectfolder.errors import InputError
 from objectfolder.mesh.body import Topology, solid_properties, topology_of
-from objectfolder.mesh.cleaning import clean
+from objectfolder.mesh.cleaning import CleaningReport, clean
 from objectfolder.mesh.mesh import with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls
@@ -34,6 +34,7 @@ class Shape:
     ----------
     file_extents : sides of the bounding box as in the file, in its own unit
     topology, walls : of the cleaned surface at its stated size
+    cleaning : what cleaning found; None where it was not asked
     mesh_sha256, texture_sha256 : of the bytes of the files; None without a texture of its own
     faces : of the cleaned surface
     likeness : numbers that a copy shares wherever it was moved and in whatever order it was written: area,
@@ -47,6 +48,7 @@ class Shape:
     texture_sha256: str | None
     faces: int
     likeness: tuple[float, ...]
+    cleaning: CleaningReport | None = None
 
     @property
     def file_length(self) -> float:
@@ -154,7 +156,7 @@ def measure(record: ObjectRecord) -> Shape:
         Files that the factory cannot use.
     """
     where = f"{record.id} ({record.mesh.name})"
-    cleaned, _ = clean(load_mesh(record.mesh, record.texture), where)
+    cleaned, report = clean(load_mesh(record.mesh, record.texture), where)
     extents = tuple(float(side) for side in cleaned.extents)
     mesh, _ = with_length(cleaned, record.length_m, where)
     return Shape(
@@ -164,6 +166,7 @@ def measure(record: ObjectRecord) -> Shape:
         mesh_sha256=file_digest(record.mesh),
         texture_sha256=None if record.texture is None else file_digest(record.texture),
         faces=len(cleaned.faces),
+        cleaning=report,
         likeness=(
             cleaned.surface.area,
             abs(solid_properties(cleaned.vertices, cleaned.faces).volume_m3),

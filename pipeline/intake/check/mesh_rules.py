@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from objectfolder.mesh.cleaning import NESTED_REMEDY
 from objectfolder.mesh.walls import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding, Shape
 
@@ -121,10 +122,17 @@ def kilograms(mass_kg: float) -> str:
 
 
 def check_surface(entry: Entry) -> Iterator[Finding]:
-    """Find surfaces that bound no solid: their volume and mass mean little."""
-    if entry.shape is None or entry.shape.walls.closed:
+    """Find surfaces that bound no solid, whose volume and mass mean little, or another than they seem to."""
+    if entry.shape is None:
         return
-    topology = entry.shape.topology
+    topology, cleaning = entry.shape.topology, entry.shape.cleaning
+    if cleaning is not None and cleaning.nested_solids:
+        yield entry.found(SURFACE, WARNING, "mesh", cleaning.nested_finding(), NESTED_REMEDY)
+    if cleaning is not None and cleaning.doubled_faces_dropped:
+        found = f"{cleaning.doubled_faces_dropped} faces lie back to back with others and are left out"
+        yield entry.found(SURFACE, NOTE, "mesh", found, "Export one layer of faces")
+    if entry.shape.walls.closed:
+        return
     if topology.boundary_edges or topology.non_manifold_edges:
         found = (
             f"the surface is not closed: {topology.boundary_edges} boundary and "

@@ -38,12 +38,10 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         raise InputError("--material", "not given", "Name a row of the materials table, such as ceramic.")
     material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
     started = time.process_time()
-    surface = textured_mesh_of(
-        ingest_object(mesh, None, wanted.length_m, mesh.stem, with_textures=False)
-    ).surface
+    ingested = ingest_object(mesh, None, wanted.length_m, mesh.stem, with_textures=False)
     seconds = {"ingest": time.process_time() - started}
     modes = simulate_modes(
-        surface,
+        textured_mesh_of(ingested).surface,
         material,
         max_frequency_hz=wanted.max_frequency_hz,
         max_modes=wanted.max_modes,
@@ -63,7 +61,6 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         "geometry_error_estimate_cents",
         "discretisation",
         "accuracy_reached",
-        "warnings",
     )
     return {
         "material": material.name,
@@ -71,6 +68,7 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         "error_estimates_cents": [None if math.isnan(error) else error for error in errors],
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
         **{name: modes.attributes[name] for name in said},
+        "warnings": ingested.attributes["warnings"] + modes.attributes["warnings"],
         "seconds": seconds,
     }
 
