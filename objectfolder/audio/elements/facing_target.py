@@ -2,10 +2,17 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from objectfolder.surface.bounding_boxes import closest_barycentric
-from objectfolder.surface.surface import SHARP_ABOVE_DEG, Surface, edge_table
+from objectfolder.surface.surface import (
+    SHARP_ABOVE_DEG,
+    SMOOTH_BELOW_DEG,
+    Surface,
+    corner_angles,
+    edge_table,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -35,7 +42,7 @@ class FacingTarget:
 
     def __init__(self, surface: Surface) -> None:
         self._surface = surface
-        self._triangles = surface.vertices[surface.faces]
+        self._triangles, self._normals = surface.vertices[surface.faces], _corner_normals(surface)
         extra = surface.sample(SAMPLES, 0)
         self._points = np.concatenate([self._triangles.mean(axis=1), extra.points])
         self._faces = np.concatenate([np.arange(len(surface.faces)), extra.face])
@@ -84,7 +91,7 @@ class FacingTarget:
         rows = np.arange(len(points))
         face = candidates[rows, best]
         weights = barycentric.reshape(len(points), CANDIDATES, 3)[rows, best]
-        corners = self._surface.corner_normals[face]
+        corners = self._normals[face]
         height = np.einsum("ikd,ikd->ik", self._triangles[face] - flat[rows, best, None], corners)
         share = self._roundness[face][:, None] / 2
         bent = flat[rows, best] + share * np.einsum("ik,ikd->id", weights * height, corners)
@@ -107,6 +114,32 @@ class FacingTarget:
         distance = np.linalg.norm(closest - points[:, None], axis=2)
         rows, best = np.arange(len(points)), distance.argmin(axis=1)
         return closest[rows, best], distance[rows, best] <= reach
+
+
+def _corner_normals(surface: Surface) -> Floats:
+    """Normals (f, 3, 3) at corners as those to be seen by, but for faces that are small among the others.
+
+    Where the wall of a vessel meets the small faces of its rim the normal is the wall's: the mean would bulge
+    the wall by a hundredth of its thickness.
+    """
+    normals, vertex = surface.face_normals, surface.faces.ravel()
+    at = sparse.csr_array((np.ones(len(vertex)), (np.arange(len(vertex)), vertex)))
+    own, other = (at @ at.T).nonzero()
+    turn = np.einsum("ij,ij->i", normals[own // 3], normals[other // 3])
+    low, high = np.cos(np.radians([SHARP_ABOVE_DEG, SMOOTH_BELOW_DEG]))
+    ramp = np.clip((turn - low) / (high - low), 0.0, 1.0)
+    area, largest = surface.face_areas[other // 3], np.zeros(len(vertex))
+    np.maximum.at(largest, own, np.where(ramp > 0, area, 0.0))
+    share = BEVELLED * area / np.maximum(largest[own], 1e-300)
+    weight = corner_angles(surface.vertices, surface.faces).ravel()[other] * ramp * ramp * (3 - 2 * ramp)
+    weight *= np.clip((share - 1) / (BEVELLED / EVEN - 1), 0.0, 1.0)
+    total = np.stack(
+        [np.bincount(own, weight * normals[other // 3, axis], len(vertex)) for axis in range(3)], 1
+    )
+    flat = ~total.any(axis=1)
+    total[flat] = normals[np.flatnonzero(flat) // 3]
+    length = np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    return np.asarray((total / length).reshape(-1, 3, 3))
 
 
 def _roundness(surface: Surface, first: Integers, second: Integers, turn_deg: Floats) -> Floats:
