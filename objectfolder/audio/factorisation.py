@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from objectfolder.errors import SimulationError
+from objectfolder.errors import SimulationError, UnsolvableError
 
 Floats = NDArray[np.float64]
 SOLVER = "PARDISO" if importlib.util.find_spec("pypardiso") else "SuperLU"
@@ -28,30 +28,43 @@ MOST_BACKWARD_ERROR = 1e-11
 SEQUENTIAL = 1
 # Right-hand sides solved for at a time: PARDISO takes memory for each.
 AT_ONCE = 64
-ANALYSE_AND_FACTORISE, SOLVE = 12, 33
+ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 
 
 class Factorisation:
     """Factors of a sparse symmetric matrix."""
 
-    def __init__(self, matrix: sparse.csr_matrix, *, definite: bool, solver: str = SOLVER) -> None:
+    def __init__(
+        self,
+        matrix: sparse.csr_matrix,
+        *,
+        definite: bool,
+        solver: str = SOLVER,
+        most_bytes: float = float("inf"),
+    ) -> None:
         """Factorise (n, n); without interchanges when `definite`.
+
+        `most_bytes` limits the memory of the factors, which PARDISO knows before it makes them and SuperLU
+        does not.
 
         Raises
         ------
+        UnsolvableError
+            When the factors would take more than `most_bytes`.
         SimulationError
             When the matrix is singular, or not definite though said to be.
         """
-        self._solver = solver
+        self._solver, self._most_bytes = solver, most_bytes
         self._upper = _upper_triangle(matrix)
         try:
             if solver == "PARDISO":
+                del matrix  # its memory, before the factors
                 self._pardiso(POSITIVE_DEFINITE if definite else INDEFINITE)
             else:
                 self._super_lu(matrix, definite)
         except (RuntimeError, ArithmeticError) as error:
             raise SimulationError(
-                "factorisation", f"{solver} of {matrix.shape[0]} unknowns: {error}", "Check the mesh."
+                "factorisation", f"{solver} of {self._upper.shape[0]} unknowns: {error}", "Check the mesh."
             ) from error
 
     def _pardiso(self, kind: int) -> None:
@@ -66,11 +79,27 @@ class Factorisation:
             self._factors.set_iparm(parameter, value)
         self._release = weakref.finalize(self, self._factors.free_memory, everything=True)
         try:
-            self._factors.set_phase(ANALYSE_AND_FACTORISE)
-            self._factors._call_pardiso(self._upper, np.zeros((self._upper.shape[0], 1)))
+            nothing = np.zeros((self._upper.shape[0], 1))
+            self._factors.set_phase(ANALYSE)
+            self._factors._call_pardiso(self._upper, nothing)
+            self._refuse_large()
+            self._factors.set_phase(FACTORISE)
+            self._factors._call_pardiso(self._upper, nothing)
         except PyPardisoError as error:
             raise ArithmeticError(str(error)) from error
         self._perturbed = int(self._factors.get_iparm(14))
+
+    def _refuse_large(self) -> None:
+        """Raise `UnsolvableError` where the analysis foretells more memory than there may be."""
+        # In units of 1024 bytes: what the analysis keeps, and what the factors and solutions take.
+        needed = 1024 * (int(self._factors.get_iparm(16)) + int(self._factors.get_iparm(17)))
+        if needed > self._most_bytes:
+            raise UnsolvableError(
+                "factorisation",
+                f"factors of {self._upper.shape[0]} unknowns take {needed / 1e9:.2g} GB, more than "
+                f"{self._most_bytes / 1e9:.2g}",
+                "Simplify the surface, or state a larger memory_limit_gb",
+            )
 
     def _super_lu(self, matrix: sparse.csr_matrix, definite: bool) -> None:
         self._factors = splu(

@@ -38,7 +38,9 @@ from objectfolder.surface.winding_number import enclosed_volume, is_closed
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 MOST_VOLUME_ERROR = 0.04
+MOST_VOLUME_RATIO = 2.0  # from here on a solid is no solid of its surface
 MOST_WALL_RATIO = 1.25
+MOST_ELEMENTS = 36_000  # with order 2 they have about as many unknowns as are solved for
 DOUBLED = 5e-4  # of the diagonal: where few places are thinner, they are sheets given twice, not walls
 MOSTLY = 0.75
 # Points along an edge, and of all edges, at which distance is taken; of those how many exactly at a time.
@@ -160,6 +162,9 @@ def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[S
             continue
         fine = clean(vertices, tetrahedra, {}, name=name)
         doubts = _doubts(measured, fine)
+        if _is_another_body(measured, fine):
+            tried.append({"way": way, **done, "failed": "; ".join(doubts)})
+            continue
         tried.append({"way": way, **done, "doubts": doubts})
         if best is None or len(doubts) < len(best.report["doubts"]):
             best = replace(fine, report={**fine.report, "way": way, **done, "doubts": doubts})
@@ -172,6 +177,16 @@ def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[S
             name, f"no solid came of filling it: {'; '.join(reasons)}", _remedy(measured, filling, cut_off)
         )
     return best, tried
+
+
+def _is_another_body(measured: _Measured, solid: Solid) -> bool:
+    """Whether a solid has so little of its surface's volume, or so much more, that it is not its solid.
+
+    Boards thinner than the cells of the grid that a surface is remeshed on are lost, for one.
+    """
+    least, most = measured.volume / MOST_VOLUME_RATIO, measured.volume * MOST_VOLUME_RATIO
+    allowed = 3 * measured.volume_uncertainty
+    return measured.volume > allowed and not least - allowed <= solid.volume_m3 <= most + allowed
 
 
 def _remedy(measured: _Measured, filling: Filling, cut_off: bool) -> str:
@@ -306,6 +321,8 @@ def _doubts(measured: _Measured, solid: Solid) -> list[str]:
     allowed = MOST_VOLUME_ERROR * abs(measured.volume) + 3 * measured.volume_uncertainty
     if abs(solid.volume_m3 - measured.volume) > allowed:
         found.append(f"the volume is {solid.volume_m3 / measured.volume - 1:+.1%} off")
+    if len(solid.tetrahedra) > MOST_ELEMENTS:
+        found.append(f"it takes {len(solid.tetrahedra)} elements, more than {MOST_ELEMENTS}")
     ratio = _wall_ratio(measured, solid)
     if measured.closed and not 1 / MOST_WALL_RATIO < ratio < MOST_WALL_RATIO:
         found.append(f"its median wall is {ratio:.2f} times the surface's")

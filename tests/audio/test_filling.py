@@ -269,6 +269,28 @@ def test_a_sheet_is_refused_with_a_wall_that_was_tried() -> None:
 
 
 @pytest.mark.slow
+def test_thin_boards_that_are_lost_on_the_grid_are_no_solid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twenty boards through one another, 2 mm thick in a metre: what cut off each way is said in order."""
+    run, ways = filling.run_tetwild, []
+
+    def cut_off_twice(surface: Surface, envelope: Envelope) -> Any:
+        ways.append(envelope)
+        if len(ways) < 3:
+            raise CutOffError("fTetWild", f"took more than {envelope.time_limit_s:.0f} CPU-s")
+        return run(surface, envelope)
+
+    monkeypatch.setattr(filling, "run_tetwild", cut_off_twice)
+    across = [block((1.0, 0.002, 0.02), (0, y, 0)) for y in np.linspace(-0.5, 0.5, 10)]
+    along = [block((0.002, 1.0, 0.02), (x, 0, 0.01)) for x in np.linspace(-0.49, 0.49, 10)]
+    reasons = (
+        r"envelope: fTetWild took more than 60 CPU-s; wide envelope: .* 40 CPU-s; remeshed: the volume is -"
+    )
+    with pytest.raises(SimulationError, match=rf"lattice: .*{reasons}") as refused:
+        fill(joined(*across, *along), name="lattice")
+    assert not isinstance(refused.value, UnsolvableError)
+
+
+@pytest.mark.slow
 def test_what_takes_too_much_memory_is_said() -> None:
     """Three hundred triangles at random reach the limit within seconds."""
     triangles = Surface(np.random.default_rng(0).random((900, 3)) / 2, np.arange(900).reshape(-1, 3))

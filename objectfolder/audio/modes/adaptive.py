@@ -20,7 +20,9 @@ from objectfolder.audio.elements.curving import GEOMETRY_ORDER
 from objectfolder.audio.elements.elasticity import ElementMatrices, gains_of_more_functions
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.modes.eigen import Eigenpairs, Pencil, count_below, improve, low_shift, lowest_elastic
+from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum
+from objectfolder.errors import UnsolvableError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -69,6 +71,7 @@ class Wanted:
     max_modes : number of modes at most
     max_unknowns : of the last solution; where more would be needed, the most useful ones are taken
     seed : of random starts
+    limits : of memory and time
     """
 
     below: float
@@ -76,6 +79,11 @@ class Wanted:
     max_modes: int
     max_unknowns: int
     seed: int
+    limits: Limits = NO_LIMITS
+
+    def most_functions(self, modes: int) -> int:
+        """Functions at most: of `max_unknowns`, and of four blocks of as many modes in memory."""
+        return int(min(self.max_unknowns, self.limits.vector_values / (4 * modes))) // 3
 
 
 @dataclass(frozen=True)
@@ -122,8 +130,11 @@ def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, want
 
     Raises
     ------
+    UnsolvableError
+        More unknowns of order 2, or more memory, than the limits; or the inertia count and the modes found
+        differ after a second search.
     SimulationError
-        When the inertia count and the modes found differ after a second search.
+        The time is over.
     """
     started = time.process_time()
     choice = _choose(space, component, poisson_ratio, wanted)
@@ -138,6 +149,7 @@ def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, want
         chosen=choice.chosen,
         matrices=choice.matrices,
         start=choice.pairs,
+        limits=wanted.limits,
     )
     return replace(
         found,
@@ -157,12 +169,13 @@ def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wan
     if space.size > FEW_FUNCTIONS and wanted.accuracy_cents >= USUAL_CENTS:
         space = usual
     order = min(GEOMETRY_ORDER, space.order)
+    _refuse_many(space, order, wanted)
     matrices = ElementMatrices(_up_to(space, order), poisson_ratio)
     chosen = matrices.space.orders <= order
     chosen |= np.any(matrices.space.geometry != 0, axis=1)  # else rotations would cost energy
     choice = Choice(matrices, chosen, order)
     if wanted.below < SMALL:
-        pencil = pencil_of(matrices, component, chosen)
+        pencil = pencil_of(matrices, component, chosen, wanted.limits)
         if count_below(pencil, wanted.below) == 0:
             if _is_silent(choice, pencil, space, component, wanted):
                 return choice
@@ -181,6 +194,18 @@ def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wan
             return choice
 
 
+def _refuse_many(space: Space, order: int, wanted: Wanted) -> None:
+    """Raise `UnsolvableError` where the lowest order alone has more functions than there may be."""
+    unknowns = 3 * int(np.count_nonzero(space.orders <= order))
+    if unknowns > wanted.max_unknowns:
+        raise UnsolvableError(
+            "modes",
+            f"{len(space.tetrahedra)} elements have {unknowns} unknowns of order {order}, more than "
+            f"max_unknowns {wanted.max_unknowns}",
+            "Simplify the surface, or leave out its small parts",
+        )
+
+
 def _is_silent(choice: Choice, pencil: Pencil, space: Space, component: Integers, wanted: Wanted) -> bool:
     """Whether no function of a higher order can bring a mode below the limit, where order 2 has none.
 
@@ -195,7 +220,7 @@ def _is_silent(choice: Choice, pencil: Pencil, space: Space, component: Integers
     )
     matrices = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
     every = np.ones(matrices.space.size, dtype=bool)
-    upper = pencil_of(matrices, component, every)
+    upper = pencil_of(matrices, component, every, wanted.limits)
     start = _widened(low.vectors, _among_more(choice.chosen, matrices.space))
     high = improve(upper, start, shift=shift)
     return bool(2 * high.values[0] - low.values[0] > wanted.below)
@@ -206,7 +231,7 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
 
     From the vectors of fewer functions as many as these; else those looked for from scratch.
     """
-    pencil = pencil_of(choice.matrices, component, choice.chosen)
+    pencil = pencil_of(choice.matrices, component, choice.chosen, wanted.limits)
     shift = low_shift(wanted.below)
     if choice.pairs is not None:
         pairs = improve(pencil, choice.pairs.vectors, shift=shift)
@@ -253,7 +278,7 @@ def _enriched(choice: Choice, space: Space, wanted: Wanted) -> Choice:
     cents = CENTS_PER_RELATIVE_EIGENVALUE * choice.together * BESIDE_LOWER
     taken = np.zeros(0, dtype=np.int64)
     if heard.any():
-        room = wanted.max_unknowns // 3 - int(used.sum())
+        room = wanted.most_functions(pairs.vectors.shape[1]) - int(used.sum())
         allowed = SHARE_LEFT * wanted.accuracy_cents / cents
         taken = _most_useful(upper.space, gains[:, heard], used, allowed, room)
     foretold = gains[taken].sum(axis=0)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from objectfolder.audio.factorisation import AT_ONCE, Factorisation, shifted
+from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.errors import UnsolvableError
 
 Floats = NDArray[np.float64]
@@ -48,11 +49,13 @@ class Pencil:
     stiffness : (3 n, 3 n), unknown 3 function + axis
     mass : (n, n) of one axis
     rigid : (3 n, r) M-orthonormal rigid motions
+    limits : of its solution
     """
 
     stiffness: sparse.csr_matrix
     mass: sparse.csr_matrix
     rigid: Floats
+    limits: Limits = NO_LIMITS
 
     @property
     def size(self) -> int:
@@ -72,7 +75,12 @@ class Pencil:
 
     def factorise(self, shift: float, *, definite: bool) -> Factorisation:
         """Factors of K - shift M."""
-        return Factorisation(shifted(self.stiffness, self.mass, shift), definite=definite)
+        self.limits.check_time()
+        return Factorisation(
+            shifted(self.stiffness, self.mass, shift),
+            definite=definite,
+            most_bytes=self.limits.factor_bytes,
+        )
 
     def residuals(self, pairs: "Eigenpairs") -> Floats:
         """|K u - lambda M u| / |lambda M u|, (k,)."""
@@ -243,7 +251,9 @@ class _Lanczos:
         self._pencil, self._factors = pencil, factors
         start = pencil.without_rigid(factors.solve(generator.standard_normal((pencil.size, BLOCK))))
         self._next, self._remainder = orthonormalise(start, pencil.mass)
-        self._capacity = max(3 * min(at_most, 4096) + 4 * BLOCK, 10 * BLOCK)
+        wanted = min(at_most, 4096) + 4 * BLOCK
+        held = pencil.limits.vector_values / (2 * pencil.size)
+        self._capacity = int(max(min(wanted + 2 * min(at_most, 4096), held), wanted, 10 * BLOCK))
         self._basis = np.empty((pencil.size, self._capacity + BLOCK), order="F")
         self._mass_basis = np.empty_like(self._basis)
         self._projected = np.zeros((0, 0))
@@ -251,6 +261,7 @@ class _Lanczos:
     def pairs(self, shift: float, below: float, at_most: int, tolerance: float) -> Eigenpairs:
         """Wanted pairs, as `lowest_elastic` says."""
         for step in range(MOST_BLOCKS):
+            self._pencil.limits.check_time()
             self._grow()
             width = len(self._projected)
             full = width + BLOCK > self._capacity
@@ -350,6 +361,7 @@ def refine(
     values = np.zeros(0)
     change = np.inf
     for turn in range(rounds):
+        pencil.limits.check_time()
         image, size = _unit(pencil, factors.solve(block[1]))
         found, block = _best_of_both(shift, values, block, image, size)
         if turn > 0:

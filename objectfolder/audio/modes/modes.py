@@ -11,6 +11,7 @@ from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
+from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
@@ -40,6 +41,8 @@ class Options(TypedDict, total=False):
     accuracy_cents: float
     highest_order: int
     max_unknowns: int
+    time_limit_s: float
+    memory_limit_gb: float
     seconds: dict[str, float] | None
 
 
@@ -104,6 +107,8 @@ def modes_of_solid(
     accuracy_cents: float = 5.0,
     highest_order: int = 5,
     max_unknowns: int = 180_000,
+    time_limit_s: float = 600.0,
+    memory_limit_gb: float = 3.0,
     seconds: dict[str, float] | None = None,
 ) -> Product:
     """Elastic modes of a solid, given at points of a surface.
@@ -120,6 +125,9 @@ def modes_of_solid(
         of the elements are chosen by it, within orders 2 to `highest_order` (3 to 5) and `max_unknowns`; what
         was reached is estimated and stored. Order 5 is for less than 5 cents, and for bodies that have at
         most 8,000 functions.
+    time_limit_s, memory_limit_gb
+        Of solving: CPU seconds, after which it is given up, and 1e9 bytes, of which two thirds may be factors
+        and a third blocks of vectors. Where there are many modes, fewer functions are taken to keep to it.
     seconds
         Filled with the CPU seconds of each step, child processes included.
 
@@ -128,13 +136,21 @@ def modes_of_solid(
     Product
         Arrays `_spectrum_arrays` and `_shape_arrays`. Without a mode below the limit all of (mode,) have
         length 0 and `audible` is false.
+
+    Raises
+    ------
+    UnsolvableError
+        It takes more memory, or more than `max_unknowns` of order 2, on any machine.
+    SimulationError
+        It takes more than `time_limit_s`.
     """
     started = _cpu_seconds()
     units = _Units.of(solid, material)
     space, bent = space_on(solid, highest_order, units.length_m, bend=True)
     bend_s = _cpu_seconds() - started
     below = (2 * np.pi * max_frequency_hz / units.radians_per_s) ** 2
-    wanted = Wanted(below, accuracy_cents, max_modes, max_unknowns, seed)
+    limits = Limits.from_now(memory_limit_gb, time_limit_s)
+    wanted = Wanted(below, accuracy_cents, max_modes, max_unknowns, seed, limits)
     spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
     read = _cpu_seconds()
     counts = training_points, held_out_points

@@ -21,6 +21,7 @@ from objectfolder.audio.modes.eigen import (
     refine,
     rigid_motions,
 )
+from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.errors import UnsolvableError
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
@@ -137,6 +138,7 @@ def solve_spectrum(
     cut: bool = True,
     matrices: ElementMatrices | None = None,
     start: Eigenpairs | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> Spectrum:
     """Elastic modes with eta^2 < `below`, or the lowest of them up to `max_modes`, cut in a gap.
 
@@ -155,6 +157,8 @@ def solve_spectrum(
         A solution in fewer functions, as vectors (3 n, k) of those chosen; they are overwritten. One
         factorisation at the limit then gives both the modes, by inverse iteration from these, and their
         count; should the two disagree, the modes are looked for from scratch.
+    limits
+        Of memory and time.
 
     Raises
     ------
@@ -164,7 +168,7 @@ def solve_spectrum(
     started = time.process_time()
     if chosen is None:
         chosen = np.ones(space.size, dtype=bool)
-    pencil = pencil_of(matrices or ElementMatrices(space, poisson_ratio), component, chosen)
+    pencil = pencil_of(matrices or ElementMatrices(space, poisson_ratio), component, chosen, limits)
     band = _Band(below, max_modes, CUT_CHOICES if cut else 1, certify, seed)
     assembled = time.process_time()
     found: _Found | None = None
@@ -216,7 +220,9 @@ def _signed(vectors: Floats) -> Floats:
     return np.asarray(vectors * np.sign(vectors[largest, np.arange(vectors.shape[1])]))
 
 
-def pencil_of(matrices: ElementMatrices, component: Integers, chosen: NDArray[np.bool_]) -> Pencil:
+def pencil_of(
+    matrices: ElementMatrices, component: Integers, chosen: NDArray[np.bool_], limits: Limits = NO_LIMITS
+) -> Pencil:
     """Stiffness, mass and rigid motions in the chosen functions (function,) of a space.
 
     `component` (v,) is the body of each vertex.
@@ -225,9 +231,8 @@ def pencil_of(matrices: ElementMatrices, component: Integers, chosen: NDArray[np
     stiffness, mass = assemble(space, matrices.poisson_ratio, chosen, matrices)
     body = np.empty(space.size, dtype=np.int64)
     body[space.numbers] = component[space.tetrahedra[:, :1]]
-    return Pencil(
-        stiffness, mass, rigid_motions(space.geometry[chosen], body[chosen], space.vertex_count, mass)
-    )
+    rigid = rigid_motions(space.geometry[chosen], body[chosen], space.vertex_count, mass)
+    return Pencil(stiffness, mass, rigid, limits)
 
 
 def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _Found | None:
