@@ -10,7 +10,7 @@ from PIL import Image
 from scipy.io import wavfile
 
 import objectfolder
-from objectfolder.object_file.html import png_bytes
+from objectfolder.notebook import png_bytes
 
 
 def test_an_image_is_read_as_it_was_written() -> None:
@@ -45,3 +45,17 @@ def test_names_of_a_file_from_elsewhere_are_text_only() -> None:
     shown = mug.with_description(object=named, fidelity=None)._repr_html_()
     assert "<script" not in shown
     assert "fidelity not measured" in shown
+
+
+def test_modes_and_touches_show_themselves() -> None:
+    mug = objectfolder.example("mug")
+    modes = mug.modes._repr_html_()
+    assert f"{len(mug.modes.frequencies_hz)} modes" in modes
+    fall_s = 3 * np.log(10) / mug.modes.dampings_per_s[0]
+    assert f"<td>{mug.modes.frequencies_hz[0]:.1f}<td>{fall_s:.3g}" in modes
+    points, _ = mug.sample_contacts(2, seed=0, reachable=True)
+    touches = mug.press(points)
+    shown = re.findall(r"base64,([^\"]+)", touches._repr_html_())
+    assert len(shown) == 2
+    with Image.open(io.BytesIO(base64.b64decode(shown[1]))) as picture:
+        np.testing.assert_array_equal(np.asarray(picture), touches.rgb[1])

@@ -1,9 +1,6 @@
 """An Object File in a notebook: a picture, a strike to play, its fidelity and its licence."""
 
-import base64
 import html
-import struct
-import zlib
 from abc import abstractmethod
 from typing import Any
 
@@ -11,23 +8,11 @@ import numpy as np
 
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.wav import wav_bytes
+from objectfolder.notebook import data_uri, png_bytes
 from objectfolder.vision.visionnet.sight_queries import SightQueries
 
 SIDE_PX = 256
 DURATION_S, SAMPLE_RATE_HZ = 1.0, 44100
-
-
-def png_bytes(image: np.ndarray) -> bytes:
-    """Return an (h, w, 3) uint8 image as PNG (ISO/IEC 15948), every row unfiltered."""
-    height, width, _ = image.shape
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1)
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    content = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 9)) + chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + content
 
 
 class NotebookCard(SightQueries, SoundQueries):
@@ -45,12 +30,12 @@ class NotebookCard(SightQueries, SoundQueries):
         stated = ("name", "licence", "attribution")
         name, licence, by = (html.escape(str(said.get(key) or "not stated")) for key in stated)
         material = html.escape(str((self.description["material"] or {}).get("name", "unknown material")))
-        picture = _data_uri("image/png", png_bytes(self.pictures(1, SIDE_PX)[0]))
+        picture = data_uri("image/png", png_bytes(self.pictures(1, SIDE_PX)[0]))
         heard = "no sound" if self.modes.absent else "no audible mode"
         if len(self.modes.frequencies_hz):
             points, normals = self.sample_contacts(1, seed=0)
             sound = self.strike(points, -normals, DURATION_S, SAMPLE_RATE_HZ)
-            wav = _data_uri("audio/wav", wav_bytes(sound, SAMPLE_RATE_HZ)[0])
+            wav = data_uri("audio/wav", wav_bytes(sound, SAMPLE_RATE_HZ)[0])
             heard = f'<audio controls src="{wav}"></audio>'
         figures = "<br>".join(_figures(self.description["fidelity"]))
         return (
@@ -75,7 +60,3 @@ def _figures(fidelity: Any) -> list[str]:
         f"sound {audio}",
         f"touch {'unknown' if touch is None else f'{touch:.1f} dB'} in contact",
     ]
-
-
-def _data_uri(media_type: str, content: bytes) -> str:
-    return f"data:{media_type};base64,{base64.b64encode(content).decode('ascii')}"

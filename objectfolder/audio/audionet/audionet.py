@@ -7,6 +7,7 @@ fields are coefficients of smooth functions on the stored surface for a covarian
 numpy.
 """
 
+import html
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cached_property
@@ -35,6 +36,7 @@ MODE_TENSORS = ("eigenvalues", "dampings_per_s", "radiation_weights")
 # Rows of one matrix product. A row's answer must not depend on how many others there are, and the order in
 # which a product adds up may depend on its shape: every product has this one.
 ROWS = 16
+MOST_SHOWN = 20  # modes in a notebook
 # Several times what any object has needed; a larger number in a file is no reason to set memory aside.
 LARGEST_DIMENSIONS = 16
 LARGEST_POINTS = 3000  # no fit takes more
@@ -79,6 +81,14 @@ class AudioNet:
         """Why the object has no sound at all; None where it has modes, or none in the band."""
         reason = self._metadata.get("absent")
         return None if reason is None else str(reason)
+
+    def _repr_html_(self) -> str:
+        """Return the lowest modes for a notebook: frequency, and the time in which it falls by 60 dB."""
+        fall_s = 3 * np.log(10) / np.maximum(self.dampings_per_s, 1e-300)
+        listed = list(zip(self.frequencies_hz, fall_s, strict=True))[:MOST_SHOWN]
+        rows = "".join(f"<tr><td>{hertz:.1f}<td>{seconds:.3g}" for hertz, seconds in listed)
+        said = html.escape(self.absent or f"{len(self.frequencies_hz)} modes")
+        return f"<div>{said}</div><table><tr><th>Hz<th>T60, s{rows}</table>"
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return what is stored, keys ``audio.*``."""

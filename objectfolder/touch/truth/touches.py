@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from objectfolder.errors import QueryError
+from objectfolder.notebook import picture_row
 from objectfolder.query_values import real_array
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -14,6 +15,7 @@ DEFAULT_DEPTH_M = 0.001
 GREATEST_TILT_DEG, GREATEST_TURN_DEG = 45.0, 1e6
 GREATEST_FORCE_N = 1e6
 CONTACTS = ("rigid", "elastic")
+MOST_SHOWN = 8  # touches in a notebook
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +176,11 @@ class Touches:
     contact_area_m2: np.ndarray
     saturated: np.ndarray
     force_n: np.ndarray
+
+    def _repr_html_(self) -> str:
+        """Return the first images for a notebook."""
+        said = f"{len(self.rgb)} touches, {np.count_nonzero(self.reachable)} of them within reach"
+        return f"<div>{said}</div>{picture_row(self.rgb[:MOST_SHOWN])}"
 
     def __len__(self) -> int:
         return len(self.points)
