@@ -63,6 +63,7 @@ class AudioParameters:
     accuracy_cents: float
     training_points: int
     held_out_points: int
+    transfer: Literal["none", "multipole"] = "none"
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from objectfolder.audio.air.transfer import TENSORS as TRANSFER_TENSORS
+from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.audionet.surface_kernel import (
     KernelParameters,
     SurfaceKernel,
@@ -59,6 +61,7 @@ class AudioNet:
     dampings_per_s : (modes,) float64, decay rates of the amplitude; modes damped beyond the critical, with
         c^2 >= lambda, are among them
     radiation_weights : (modes,) float64, kg^-1/2: rms of the normal component over the surface
+    transfer : the way of each mode through the air, None where it was not solved
     """
 
     def __init__(
@@ -70,6 +73,10 @@ class AudioNet:
         self.eigenvalues: Floats = tensors["audio.eigenvalues"]
         self.dampings_per_s: Floats = tensors["audio.dampings_per_s"]
         self.radiation_weights: Floats = tensors["audio.radiation_weights"]
+        described = metadata.get("transfer")
+        self.transfer = (
+            None if described is None else AirTransfer.from_tensors(tensors, described, len(self.eigenvalues))
+        )
 
     @property
     def frequencies_hz(self) -> Floats:
@@ -112,6 +119,8 @@ class AudioNet:
         """
         points, modes, dimensions = _counts(metadata)
         known = _tensors_of(tensors, points, modes)
+        if metadata.get("transfer") is not None:
+            known.update((name, tensors[name]) for name in TRANSFER_TENSORS if name in tensors)
         for name in (*MODE_TENSORS, "step"):
             values = known[f"audio.{name}"]
             if not ((values >= 0) & (values <= LARGEST_VALUE)).all():

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from objectfolder.audio.air.multipoles import radiation_of
+from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.audionet.audionet import (
     BARYCENTRIC_STEPS,
     DETOUR_STEP,
@@ -121,6 +123,11 @@ def fit_audionet(
         **described,
     }
     stored = {f"audio.{name}": tensor for name, tensor in {**tensors, **own}.items()}
+    radiation = radiation_of(modes)
+    if radiation is not None:
+        transfer = AirTransfer.of(radiation)
+        stored.update(transfer.tensors())
+        metadata["transfer"] = transfer.metadata()
     return AudioNet(stored, metadata, surface)
 
 

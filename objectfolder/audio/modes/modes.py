@@ -7,6 +7,8 @@ from typing import Any, Required, TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.audio.air.multipoles import radiation_arrays
+from objectfolder.audio.air.radiation import radiate
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
@@ -27,6 +29,7 @@ HELD_OUT = 1_000_003
 # Share of the mean distance between surface and elements that moves a frequency as a thicker wall does: with
 # it 95 % of the modes of bars, plates and bodies of revolution have no larger error than is stated.
 OFF_SURFACE = 0.08
+NO_TRANSFER, MULTIPOLE = "none", "multipole"
 OPEN_SHARE = 0.05  # of a solid's outside, from which on openings of its surface are warned of
 
 
@@ -43,6 +46,7 @@ class Options(TypedDict, total=False):
     max_unknowns: int
     time_limit_s: float
     memory_limit_gb: float
+    transfer: str
     seconds: dict[str, float] | None
 
 
@@ -109,6 +113,7 @@ def modes_of_solid(
     max_unknowns: int = 180_000,
     time_limit_s: float = 600.0,
     memory_limit_gb: float = 3.0,
+    transfer: str = NO_TRANSFER,
     seconds: dict[str, float] | None = None,
 ) -> Product:
     """Elastic modes of a solid, given at points of a surface.
@@ -128,6 +133,9 @@ def modes_of_solid(
     time_limit_s, memory_limit_gb
         Of solving: CPU seconds, after which it is given up, and 1e9 bytes, of which two thirds may be factors
         and a third blocks of vectors. Where there are many modes, fewer functions are taken to keep to it.
+    transfer
+        ``multipole``: the way of each mode through the air is solved as well, see
+        `objectfolder.audio.air.radiation`; ``none``.
     seconds
         Filled with the CPU seconds of each step, child processes included.
 
@@ -154,14 +162,22 @@ def modes_of_solid(
     spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
     read = _cpu_seconds()
     counts = training_points, held_out_points
-    arrays, attributes = _read(surface, solid, material, spectrum, units, counts, seed)
+    boundary = Boundary(solid, spectrum.space, units.length_m)
+    vectors = _canonical(spectrum, boundary)
+    shapes = boundary, vectors
+    arrays, attributes = _read(surface, solid, material, spectrum, units, shapes, counts, seed)
     attributes["max_frequency_hz"] = float(max_frequency_hz)
     attributes["count_certificate"].update(_near_limit(spectrum, attributes["geometry_error_estimate_cents"]))
     attributes.update(_wish(accuracy_cents, attributes["error_estimate_cents"]))
     attributes["warnings"] += _shape_warnings(solid.report)
     attributes["discretisation"].update(highest_order=highest_order, **bent)
+    air = _cpu_seconds()
+    if transfer == MULTIPOLE:
+        heard, attributes["transfer"] = _radiated(shapes, units, arrays["frequencies_hz"].data)
+        arrays.update(heard)
     if seconds is not None:
-        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read})
+        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": air - read})
+        seconds["air"] = _cpu_seconds() - air
     return Product(arrays, attributes)
 
 
@@ -185,6 +201,7 @@ def _read(
     material: Material,
     spectrum: Spectrum,
     units: _Units,
+    shaped: tuple[Boundary, Floats],
     counts: tuple[int, int],
     seed: int,
 ) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -194,8 +211,7 @@ def _read(
     ]
     points = np.concatenate([part.points for part in samples])
     normals = np.concatenate([part.normals for part in samples])
-    boundary = Boundary(solid, spectrum.space, units.length_m)
-    vectors = _canonical(spectrum, boundary)
+    boundary, vectors = shaped
     shapes, distance = boundary.evaluate(vectors, points, solid.report.get("epsilon_m") or 0.0)
     weights = boundary.normal_rms(vectors) / np.sqrt(units.mass_kg)
     volume_m3 = spectrum.volume * units.length_m**3
@@ -221,6 +237,16 @@ def _read(
         "material": material.name,
     }
     return arrays, attributes
+
+
+def _radiated(
+    shaped: tuple[Boundary, Floats], units: _Units, frequencies_hz: Floats
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """What each mode radiates, as arrays and an attribute."""
+    boundary, vectors = shaped
+    scaled = vectors / np.sqrt(units.mass_kg)
+    found = radiate(boundary.surface, lambda face, place: boundary.at(scaled, face, place), frequencies_hz)
+    return radiation_arrays(found), {"centre_m": found.centre_m.tolist(), "radius_m": found.radius_m}
 
 
 def _rigid(solid: Solid, mass_kg: float) -> dict[str, Any]:

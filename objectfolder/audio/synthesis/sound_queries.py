@@ -87,7 +87,9 @@ class SoundQueries(ABC):
         listener
             (3,) or (channels, 3) metres, object frame, for instance two ears. The answer is then the pressure
             in free air of the modes and of the accelerating body (its click), later by the way from the
-            object. The models are approximate and are described in `objectfolder.audio.synthesis.air`.
+            object. Where the file has each mode's transfer (`modes.transfer`), a mode is heard through it, in
+            every direction as it radiates there; places are then outside of the sphere round the object.
+            Without it, and for the click, models are used, described in `objectfolder.audio.synthesis.air`.
         support
             What holds or carries the object; None, nothing: it is free.
 
@@ -382,4 +384,5 @@ class SoundQueries(ABC):
             self._normals,
             rigid,
             (material["youngs_modulus_pa"], material["poisson_ratio"]) if material else None,
+            net.transfer,
         )

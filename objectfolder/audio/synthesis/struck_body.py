@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.synthesis.air import Air, Listener
 from objectfolder.audio.synthesis.bank import FLOOR_DB, ring, samples_of
 from objectfolder.audio.synthesis.force import drive
@@ -22,6 +23,7 @@ CONTACT, RMS = "contact", "rms"
 Observed = str | Floats
 CHUNK_NUMBERS = 1 << 22  # of gains and of samples at once
 FLAT = np.inf
+INAUDIBLE_DB = -100.0  # of a mode at a listener, for one modal velocity, below the loudest
 SHORTEST_PULSE_S, LONGEST_PULSE_S = 1e-12, 1e5
 
 
@@ -61,6 +63,7 @@ class StruckBody:
     normals : from points (n, 3) to outward unit normals of the surface (n, 3); both also from known places
     rigid : mass and area, None where unknown: then nothing is heard at a listener
     elasticity : Young's modulus (Pa) and Poisson's ratio, None where unknown
+    transfer : the way of each mode through the air, None where a model stands for it
     """
 
     eigenvalues: Floats
@@ -70,6 +73,7 @@ class StruckBody:
     normals: Callable[[Floats | ClosestPoints], Floats]
     rigid: RigidBody | None
     elasticity: tuple[float, float] | None
+    transfer: AirTransfer | None = None
 
     def sounds(
         self,
@@ -183,13 +187,36 @@ class StruckBody:
             raise QueryError("listener", "the file does not say the object's mass", "Build the file again.")
         for position in listeners:
             listener = Listener.at(position, self.rigid.centre_m, self.rigid.area_m2, Air())
-            heard = listener.modal_weights(modes.frequencies_hz)
             click, weights = listener.click_oscillator(sample_rate_hz)
             gains, delay = listener.click_gains(self.rigid.mass_kg), listener.delay_s
+            if self.transfer is None:
+                heard = still, listener.modal_weights(modes.frequencies_hz)
+                surface = Source(modes, heard, columns, self.radiation_weights, None, delay)
+            else:
+                surface = self._through_air(self.transfer, position, modes, columns)
             yield [
-                Source(modes, (still, heard), columns, self.radiation_weights, None, delay),
+                surface,
                 Source(click, weights, np.array([0]), None, gains, delay),
             ]
+
+    def _through_air(
+        self, transfer: AirTransfer, position: Floats, modes: Oscillators, columns: NDArray[np.int64]
+    ) -> "Source":
+        """Return the modes as they are heard at a place (3,), without those `INAUDIBLE_DB` below the loudest.
+
+        The pressure is Re(H V), V the velocity with exp(-i w t), so that displacement has a part in it as
+        well: of exp(-c t) motions Re(H V) = Re(H) q' + Im(H) ((lambda / w) q + (c / w) q').
+        """
+        heard = transfer.delayed(position)[columns]
+        loud = np.abs(heard) > 10 ** (INAUDIBLE_DB / 20) * np.abs(heard).max(initial=0.0)
+        modes, columns, heard = modes.take(loud), columns[loud], heard[loud]
+        weights = (
+            heard.imag * modes.eigenvalues / modes.roots_per_s,
+            heard.real + heard.imag * modes.dampings_per_s / modes.roots_per_s,
+        )
+        return Source(
+            modes, weights, columns, np.ones(len(self.eigenvalues)), None, transfer.delay_s(position)
+        )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,278 @@
+"""Kernels of the boundary element method: integrals over flat triangles and what is made of them.
+
+The static integrals are those of Wilton et al., IEEE Trans. Antennas Propag. 32, 1984, and Graglia, 41, 1993.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.jit import kernel, relaxed_kernel
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Integers = NDArray[np.int64]
+FOUR_PI = 4 * math.pi
+IN_PLANE = 1e-9  # edges from a triangle's plane below which a point is in it
+
+
+@kernel
+def dot(first: Floats, second: Floats) -> float:
+    """Scalar product of (3,)."""
+    return float(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
+
+
+@kernel
+def static_potentials(
+    x: Floats, corners: Floats, normal: Floats, gradients: Floats, single: Floats, double: Floats
+) -> float:
+    """Integrals over a triangle of 1 / r, returned, and of psi_b / r and psi_b d(1 / r) / dn, written.
+
+    Parameters
+    ----------
+    x
+        (3,) where they are felt.
+    corners, normal, gradients
+        (3, 3) of the triangle, (3,), and (3, 3) of its hat functions psi_b.
+    """
+    n0, n1, n2 = normal[0], normal[1], normal[2]
+    height = (x[0] - corners[0, 0]) * n0 + (x[1] - corners[0, 1]) * n1 + (x[2] - corners[0, 2]) * n2
+    whole, angle, length = 0.0, 0.0, 0.0
+    first0, first1, first2, third0, third1, third2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for edge in range(3):
+        stop = (edge + 1) % 3
+        s0 = corners[stop, 0] - corners[edge, 0]
+        s1 = corners[stop, 1] - corners[edge, 1]
+        s2 = corners[stop, 2] - corners[edge, 2]
+        length = math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
+        s0, s1, s2 = s0 / length, s1 / length, s2 / length
+        o0, o1, o2 = s1 * n2 - s2 * n1, s2 * n0 - s0 * n2, s0 * n1 - s1 * n0
+        a0, a1, a2 = corners[edge, 0] - x[0], corners[edge, 1] - x[1], corners[edge, 2] - x[2]
+        outward = a0 * o0 + a1 * o1 + a2 * o2
+        low = a0 * s0 + a1 * s1 + a2 * s2
+        high = low + length
+        square = outward * outward + height * height
+        r_low, r_high = math.sqrt(square + low * low), math.sqrt(square + high * high)
+        # Of two equal forms the one that does not cancel.
+        if low + high >= 0:
+            logarithm = math.log((r_high + high) / (r_low + low))
+        else:
+            logarithm = math.log((r_low - low) / (r_high - high))
+        turn = math.atan2(outward * high, square + abs(height) * r_high) - math.atan2(
+            outward * low, square + abs(height) * r_low
+        )
+        whole += outward * logarithm - abs(height) * turn
+        angle += turn
+        moment = 0.5 * (square * logarithm + high * r_high - low * r_low)
+        first0, first1, first2 = first0 + o0 * moment, first1 + o1 * moment, first2 + o2 * moment
+        third0, third1, third2 = third0 - o0 * logarithm, third1 - o1 * logarithm, third2 - o2 * logarithm
+    seen = math.copysign(angle, height) if abs(height) > IN_PLANE * length else 0.0
+    for b in range(3):
+        g0, g1, g2 = gradients[b, 0], gradients[b, 1], gradients[b, 2]
+        value = 1.0 + (
+            g0 * (x[0] - corners[b, 0]) + g1 * (x[1] - corners[b, 1]) + g2 * (x[2] - corners[b, 2])
+        )
+        single[b] = value * whole + g0 * first0 + g1 * first1 + g2 * first2
+        double[b] = value * seen + height * (g0 * third0 + g1 * third1 + g2 * third2)
+    return whole
+
+
+@kernel
+def add_static_pairs(
+    pairs: Integers,
+    vertices: Floats,
+    triangles: Integers,
+    areas: Floats,
+    normals: Floats,
+    gradients: Floats,
+    close: NDArray[np.bool_],
+    fine: tuple[Floats, Floats],
+    coarse: tuple[Floats, Floats],
+    slots: NDArray[np.int32],
+    velocity: Floats,
+    operators: Floats,
+    loads: Floats,
+) -> None:
+    """Add the static Galerkin integrals of pairs of triangles to near entries.
+
+    Parameters
+    ----------
+    pairs
+        (p, 2) triangles: where it is felt, and the source.
+    close
+        (p,) pairs that want the finer rule (points, weights) of the outer integral.
+    slots
+        (n, n) number of a near entry, -1 for a far one.
+    velocity
+        (t, 3, m) normal velocities at the corners of triangles.
+    operators
+        (entries, 3) of K, of the curls' and of the normals' single layer; added to.
+    loads
+        (2, n, m) of the single layer S and of K' applied to the velocities; added to.
+    """
+    single, double = np.zeros(3), np.zeros(3)
+    k_block, s_block = np.zeros((3, 3)), np.zeros((3, 3))
+    corners, x = np.zeros((3, 3)), np.zeros(3)
+    modes = velocity.shape[2]
+    for pair in range(len(pairs)):
+        felt, source = pairs[pair]
+        for b in range(3):
+            for axis in range(3):
+                corners[b, axis] = vertices[triangles[source, b], axis]
+        points, weights = fine if close[pair] else coarse
+        k_block[:] = 0.0
+        s_block[:] = 0.0
+        whole = 0.0
+        for q in range(len(weights)):
+            for axis in range(3):
+                x[axis] = 0.0
+                for a in range(3):
+                    x[axis] += points[q, a] * vertices[triangles[felt, a], axis]
+            weight = weights[q] * areas[felt] / FOUR_PI
+            whole += weight * static_potentials(
+                x, corners, normals[source], gradients[source], single, double
+            )
+            for a in range(3):
+                for b in range(3):
+                    k_block[a, b] += weight * points[q, a] * double[b]
+                    s_block[a, b] += weight * points[q, a] * single[b]
+        facing = dot(normals[felt], normals[source])
+        for a in range(3):
+            i = triangles[felt, a]
+            for b in range(3):
+                j = triangles[source, b]
+                slot = slots[i, j]
+                if slot < 0:
+                    continue
+                # n x grad psi_a . n' x grad psi_b
+                curls = facing * dot(gradients[felt, a], gradients[source, b])
+                curls -= dot(normals[felt], gradients[source, b]) * dot(gradients[felt, a], normals[source])
+                operators[slot, 0] += k_block[a, b]
+                operators[slot, 1] += whole * curls
+                operators[slot, 2] += facing * s_block[a, b]
+                for m in range(modes):
+                    loads[0, i, m] += s_block[a, b] * velocity[source, b, m]
+                    loads[1, j, m] += k_block[a, b] * velocity[felt, a, m]
+
+
+@relaxed_kernel
+def fill_far(
+    wavenumber: float,
+    vertices: Floats,
+    areas: Floats,
+    vectors: Floats,
+    slots: NDArray[np.int32],
+    flow: Floats,
+    double: NDArray[np.complex64],
+    bending: NDArray[np.complex64],
+    loads: Complexes,
+) -> None:
+    """Write far entries, near ones as zero, and add far sources to the loads: a vertex stands for its patch.
+
+    Parameters
+    ----------
+    areas, vectors, flow
+        (n,) of the patch of each vertex, (n, 3) its vector area, (n, m) velocities times area.
+    double, bending
+        (n, n) of K and W.
+    loads
+        (2, n, m) of S and K' applied to the velocities.
+    """
+    count, modes = flow.shape
+    for i in range(count):
+        for j in range(count):
+            if slots[i, j] >= 0:
+                double[i, j] = 0.0
+                bending[i, j] = 0.0
+                continue
+            e0 = vertices[j, 0] - vertices[i, 0]
+            e1 = vertices[j, 1] - vertices[i, 1]
+            e2 = vertices[j, 2] - vertices[i, 2]
+            inverse2 = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2)
+            inverse = math.sqrt(inverse2)
+            phase = wavenumber / inverse
+            g = complex(math.cos(phase), math.sin(phase)) * (inverse / FOUR_PI)
+            slope = g * complex(-1.0, phase) * inverse2
+            bend = g * complex(3.0 - phase * phase, -3.0 * phase) * (inverse2 * inverse2)
+            of_i = vectors[i, 0] * e0 + vectors[i, 1] * e1 + vectors[i, 2] * e2
+            of_j = vectors[j, 0] * e0 + vectors[j, 1] * e1 + vectors[j, 2] * e2
+            both = (
+                vectors[i, 0] * vectors[j, 0] + vectors[i, 1] * vectors[j, 1] + vectors[i, 2] * vectors[j, 2]
+            )
+            double[i, j] = slope * (areas[i] * of_j)
+            bending[i, j] = bend * (of_i * of_j) + slope * both
+            for m in range(modes):
+                loads[0, i, m] += areas[i] * g * flow[j, m]
+                loads[1, i, m] -= slope * of_i * flow[j, m]
+
+
+@relaxed_kernel
+def add_waves(
+    wavenumber: float,
+    pairs: Integers,
+    triangles: Integers,
+    points: Floats,
+    rule: tuple[Floats, Floats],
+    areas: Floats,
+    normals: Floats,
+    gradients: Floats,
+    slots: NDArray[np.int32],
+    velocity: Floats,
+    double: NDArray[np.complex64],
+    bending: NDArray[np.complex64],
+    loads: Complexes,
+) -> None:
+    """Add what the waves differ from static fields by, at pairs of triangles, to near entries.
+
+    `points` (t, q, 3) are those of the rule in each triangle; for the rest see `add_static_pairs` and
+    `fill_far`.
+    """
+    hats, shares = rule
+    many = len(shares)
+    k_block, s_block = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
+    modes = velocity.shape[2]
+    for pair in range(len(pairs)):
+        felt, source = pairs[pair]
+        k_block[:] = 0.0
+        s_block[:] = 0.0
+        whole = 0.0j
+        scale = areas[felt] * areas[source] / FOUR_PI
+        for p in range(many):
+            for q in range(many):
+                e0 = points[source, q, 0] - points[felt, p, 0]
+                e1 = points[source, q, 1] - points[felt, p, 1]
+                e2 = points[source, q, 2] - points[felt, p, 2]
+                r = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
+                phase = wavenumber * r
+                weight = scale * shares[p] * shares[q]
+                if phase < 1e-3:
+                    g = complex(-0.5 * wavenumber * phase, wavenumber) * weight
+                    slope = 0.0j
+                    if r > 0:
+                        slope = complex(-0.5, -phase / 3.0) * (wavenumber**2 / r * weight)
+                else:
+                    wave = complex(math.cos(phase), math.sin(phase))
+                    g = (wave - 1.0) * (weight / r)
+                    slope = (wave * complex(-1.0, phase) + 1.0) * (weight / r**3)
+                along = normals[source, 0] * e0 + normals[source, 1] * e1 + normals[source, 2] * e2
+                whole += g
+                for a in range(3):
+                    for b in range(3):
+                        both = hats[p, a] * hats[q, b]
+                        k_block[a, b] += slope * (along * both)
+                        s_block[a, b] += g * both
+        facing = dot(normals[felt], normals[source])
+        for a in range(3):
+            i = triangles[felt, a]
+            for b in range(3):
+                j = triangles[source, b]
+                if slots[i, j] < 0:
+                    continue
+                curls = facing * dot(gradients[felt, a], gradients[source, b])
+                curls -= dot(normals[felt], gradients[source, b]) * dot(gradients[felt, a], normals[source])
+                double[i, j] += k_block[a, b]
+                bending[i, j] += curls * whole - wavenumber**2 * facing * s_block[a, b]
+                for m in range(modes):
+                    loads[0, i, m] += s_block[a, b] * velocity[source, b, m]
+                    loads[1, j, m] += k_block[a, b] * velocity[felt, a, m]

@@ -1,0 +1,269 @@
+"""Sound outside a vibrating surface: the exterior Helmholtz problem by boundary elements.
+
+With G = exp(ikr) / 4 pi r and time exp(-i omega t), pressure p and its normal derivative q obey
+
+    (1/2 - K) p + S q = 0,    W p + (K' + 1/2) q = 0,
+
+and each alone fails where the inside resonates. Their sum with weight i / k does not (Burton and Miller,
+Proc. R. Soc. A 323, 1971), and the second keeps the two sides of a thin wall apart. Both are tested by the
+continuous piecewise linear functions in which p is sought (Galerkin), and W is (Maue, 1949)
+
+    <psi, W p> = int int G (curl psi . curl p - k^2 psi p n . n').
+
+Near one another the static part of G is integrated in closed form, what the wave adds by points of each
+triangle; far away a vertex stands for what surrounds it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import lu_factor, lu_solve
+from scipy.spatial import cKDTree
+
+from objectfolder.audio.air.boundary_kernels import add_static_pairs, add_waves, fill_far
+from objectfolder.audio.air.multipoles import of_surface
+from objectfolder.surface.surface import Surface
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Singles = NDArray[np.complex64]
+Integers = NDArray[np.int64]
+# Edges within which static fields are integrated over triangles, and within which the waves are.
+NEAR, NEAR_WAVES = 4.0, 2.5
+CLOSE = 1.5  # edges between centres of triangles below which the outer integral has the finer rule
+RULE = (np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6, np.full(3, 1 / 3))
+
+
+@dataclass(frozen=True)
+class Elements:
+    """A closed surface of triangles as boundary elements, with normal velocities on it.
+
+    Attributes
+    ----------
+    surface : metres, outward
+    velocity : (t, 3, m) outward normal velocity of m motions at the corners of each triangle
+    """
+
+    surface: Surface
+    velocity: Floats
+
+    def solve(self, wavenumber: float, motions: NDArray[Any] | slice) -> tuple[Singles, Floats]:
+        """Pressures at vertices and what they leave of the velocity.
+
+        Parameters
+        ----------
+        wavenumber
+            Of the air, radians a metre, positive.
+        motions
+            Which of the m are asked: k of them.
+
+        Returns
+        -------
+        pressures : ndarray
+            (n, k) complex64, for a normal derivative of the pressure equal to the normal velocity: times
+            i omega rho it is the pressure.
+        residuals : ndarray
+            (k,) rms over the surface of the normal derivative within, where the field of exact pressures is
+            nil: by so much the derivative outside differs from the velocity.
+        """
+        velocity = np.ascontiguousarray(self.velocity[:, :, motions])
+        double, bending, loads = self._waves(wavenumber, velocity)
+        rows, columns = self._near[1:]
+        static, static_loads = self._static
+        double[rows, columns] += static[:, 0]
+        bending[rows, columns] += static[:, 1] - wavenumber**2 * static[:, 2]
+        loads += static_loads[:, :, motions]
+        loads[1] += self.gathered(self._massed(velocity)) / 2
+        coupling, faces = 1j / wavenumber, self.surface.faces
+        matrix = np.complex64(coupling) * bending - double
+        for a, hat in enumerate(np.eye(3)):
+            share = self._massed(np.broadcast_to(hat[:, None], (len(faces), 3, 1)))[:, :, 0] / 2
+            np.add.at(matrix, (faces, faces[:, [a]]), share)
+        factors = lu_factor(matrix, overwrite_a=True)
+        pressures = lu_solve(factors, (-loads[0] - coupling * loads[1]).astype(np.complex64))
+        left = bending @ pressures + loads[1]
+        return pressures, np.sqrt((np.abs(left) ** 2 / self._areas[:, None]).sum(axis=0) / self.surface.area)
+
+    def _waves(self, wavenumber: float, velocity: Floats) -> tuple[Singles, Singles, Complexes]:
+        """K and W (n, n), static near entries left out, and likewise S and K' of velocities (2, n, k)."""
+        surface, inner = self.surface, self._inner
+        count = len(surface.vertices)
+        double, bending = (np.empty((count, count), dtype=np.complex64) for _ in range(2))
+        loads = np.zeros((2, count, velocity.shape[2]), dtype=np.complex128)
+        flow = self.gathered(surface.face_areas[:, None, None] / 3 * velocity)
+        fill_far(
+            wavenumber, surface.vertices, self._areas, self._vectors, inner, flow, double, bending, loads
+        )
+        add_waves(
+            wavenumber,
+            self._pairs(inner),
+            surface.faces,
+            np.einsum("qa,tak->tqk", RULE[0], surface.vertices[surface.faces]),
+            RULE,
+            surface.face_areas,
+            surface.face_normals,
+            self._gradients,
+            inner,
+            velocity,
+            double,
+            bending,
+            loads,
+        )
+        return double, bending, loads
+
+    def multipoles(
+        self,
+        order: int,
+        wavenumber: float,
+        centre_m: Floats,
+        pressures: Singles,
+        motions: NDArray[Any] | slice,
+    ) -> Complexes:
+        """Outgoing multipoles (multipoles, k) about a centre, of what `solve` returned."""
+        surface, hats = self.surface, RULE[0]
+
+        def at_points(corners: NDArray[Any]) -> NDArray[Any]:
+            return np.einsum("qa,tak->tqk", hats, corners).reshape(3 * len(corners), -1)
+
+        areas = np.repeat(surface.face_areas / 3, 3)[:, None]
+        return of_surface(
+            order,
+            wavenumber,
+            at_points(surface.vertices[surface.faces]) - centre_m,
+            areas * np.repeat(surface.face_normals, 3, axis=0),
+            at_points(pressures[surface.faces]),
+            areas * at_points(self.velocity[:, :, motions]),
+        )
+
+    def gathered(self, values: Floats) -> Floats:
+        """Sums (n, ...) at vertices of values (t, 3, ...) at corners."""
+        total = np.zeros((len(self.surface.vertices), *values.shape[2:]))
+        np.add.at(total, self.surface.faces, values)
+        return total
+
+    @cached_property
+    def edge_m(self) -> float:
+        """Root mean square edge."""
+        corners = self.surface.vertices[self.surface.faces]
+        return float(np.sqrt((np.diff(corners, axis=1, append=corners[:, :1]) ** 2).sum(axis=2).mean()))
+
+    def _massed(self, values: Floats) -> Floats:
+        """Integrals (t, 3, m) against the hat functions of linear functions (t, 3, m) of each triangle."""
+        total = values + values.sum(axis=1, keepdims=True)
+        return np.asarray(total * (self.surface.face_areas / 12)[:, None, None])
+
+    @cached_property
+    def _areas(self) -> Floats:
+        return self.gathered(np.repeat(self.surface.face_areas[:, None] / 3, 3, axis=1))
+
+    @cached_property
+    def _vectors(self) -> Floats:
+        return self.gathered(
+            np.repeat((self.surface.face_areas[:, None] / 3 * self.surface.face_normals)[:, None], 3, axis=1)
+        )
+
+    @cached_property
+    def _gradients(self) -> Floats:
+        """Gradients (t, 3, 3) of the hat functions of each triangle."""
+        corners = self.surface.vertices[self.surface.faces]
+        across = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        turned = np.cross(self.surface.face_normals[:, None], across)
+        return np.asarray(turned / (2 * self.surface.face_areas[:, None, None]))
+
+    @cached_property
+    def _near(self) -> tuple[NDArray[np.int32], Integers, Integers]:
+        """Numbers (n, n) of entries that are integrated, -1 for others; their rows and columns."""
+        return self._entries(NEAR)
+
+    @cached_property
+    def _inner(self) -> NDArray[np.int32]:
+        """Likewise, of those where the waves are."""
+        return self._entries(NEAR_WAVES)[0]
+
+    def _entries(self, reach: float) -> tuple[NDArray[np.int32], Integers, Integers]:
+        vertices, faces = self.surface.vertices, self.surface.faces
+        close = cKDTree(vertices).query_pairs(reach * self.edge_m, output_type="ndarray")
+        near = np.eye(len(vertices), dtype=bool)
+        near[close[:, 0], close[:, 1]] = near[close[:, 1], close[:, 0]] = True
+        near[faces[:, :, None], faces[:, None]] = True
+        slots = np.full(near.shape, -1, dtype=np.int32)
+        rows, columns = np.nonzero(near)
+        slots[rows, columns] = np.arange(len(rows))
+        return slots, rows, columns
+
+    def _pairs(self, slots: NDArray[np.int32]) -> Integers:
+        """Pairs of triangles (p, 2) that have a part in near entries."""
+        faces = self.surface.faces
+        ones, triangle = np.ones(faces.size), np.repeat(np.arange(len(faces)), 3)
+        of_vertices = sparse.csr_matrix((ones, (triangle, faces.reshape(-1))), (len(faces), len(slots)))
+        found = (of_vertices @ sparse.csr_matrix(slots >= 0, dtype=float) @ of_vertices.T).tocoo()
+        return np.stack([found.row, found.col], axis=1).astype(np.int64)
+
+    @cached_property
+    def _static(self) -> tuple[Floats, Floats]:
+        """Static integrals (entries, 3) and (2, n, m), see `add_static_pairs`."""
+        slots, rows, _ = self._near
+        surface, count = self.surface, len(self.surface.vertices)
+        pairs = self._pairs(slots)
+        centres = surface.vertices[surface.faces].mean(axis=1)
+        close = np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1) < CLOSE * self.edge_m
+        operators = np.zeros((len(rows), 3))
+        loads = np.zeros((2, count, self.velocity.shape[2]))
+        add_static_pairs(
+            pairs,
+            surface.vertices,
+            surface.faces,
+            surface.face_areas,
+            surface.face_normals,
+            self._gradients,
+            close,
+            _twelve(),
+            RULE,
+            slots,
+            self.velocity,
+            operators,
+            loads,
+        )
+        return self._closed(operators, loads)
+
+    def _closed(self, operators: Floats, loads: Floats) -> tuple[Floats, Floats]:
+        """Static integrals less what far entries have of them, and with the sums of a closed surface.
+
+        Of a constant K makes -1/2 and W nothing, whatever far entries are short of: so errors of W are of
+        differences of pressures alone.
+        """
+        slots, rows, columns = self._near
+        surface, count, inner = self.surface, len(self.surface.vertices), self._inner
+        double, bending = (np.empty((count, count), dtype=np.complex64) for _ in range(2))
+        flow = self.gathered(surface.face_areas[:, None, None] / 3 * self.velocity)
+        # The loads of far entries within the reach of the static integrals: all of them less those beyond.
+        all_far, beyond = (np.zeros(loads.shape, dtype=np.complex128) for _ in range(2))
+        fill_far(0.0, surface.vertices, self._areas, self._vectors, slots, flow, double, bending, beyond)
+        fill_far(0.0, surface.vertices, self._areas, self._vectors, inner, flow, double, bending, all_far)
+        ring = inner[rows, columns] < 0
+        diagonal = slots[np.arange(count), np.arange(count)]
+        for place, far, wanted in ((0, double.real, -self._areas / 2), (1, bending.real, 0.0)):
+            operators[ring, place] -= far[rows[ring], columns[ring]]
+            total = far.sum(axis=1, dtype=np.float64) + np.bincount(rows, operators[:, place], count)
+            operators[diagonal, place] += wanted - total
+        operators[ring, 2] = 0.0
+        return operators, loads - (all_far - beyond).real
+
+
+def _twelve() -> tuple[Floats, Floats]:
+    """Twelve points of degree 6 (Dunavant, Int. J. Numer. Meth. Eng. 21, 1985), and their weights."""
+    rows: list[tuple[float, ...]] = []
+    for a, b, weight in (
+        (0.501426509658179, 0.249286745170910, 0.116786275726379),
+        (0.873821971016996, 0.063089014491502, 0.050844906370207),
+    ):
+        rows += [(a, b, b, weight), (b, a, b, weight), (b, b, a, weight)]
+    inner = 0.053145049844817, 0.310352451033784, 0.636502499121399
+    rows += [(*order, 0.082851075618374) for order in permutations(inner)]
+    table = np.array(rows)
+    return table[:, :3].copy(), table[:, 3].copy()

@@ -1,0 +1,164 @@
+"""Sound outside a sphere as a sum of outgoing multipoles, and the sum that a vibrating surface makes.
+
+With time exp(-i omega t) the field is p(x) = sum_lm c_lm h_l(k r) Y_lm, h_l the spherical Hankel function of
+the first kind and Y_lm the orthonormal spherical harmonics. Green's third identity and the addition theorem
+give the coefficients of any surface within the sphere,
+
+    c_lm = i k int (p d/dn - q) j_l(k r) conj(Y_lm) dS,
+
+without a fit (Colton and Kress, "Inverse Acoustic and Electromagnetic Scattering Theory", section 2.4).
+Coefficients are in the order of l^2 + l + m.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import sph_harm_y_all, spherical_jn, spherical_yn
+
+from objectfolder.products.store import Array, Product
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+HIGHEST_ORDER = 48
+DENSITY_KG_M3, SOUND_SPEED_M_S = 1.204, 343.2  # of air at 20 degrees Celsius and 1013 hPa
+
+
+@dataclass(frozen=True)
+class Radiation:
+    """Outgoing multipoles of modes.
+
+    Attributes
+    ----------
+    centre_m, radius_m : (3,) and the radius of the sphere round the surface outside which they hold
+    wavenumbers : (modes,) of the air, radians a metre, at which each was solved; 0: it does not ring
+    multipoles : (modes, multipoles) complex128, Pa for a unit of modal velocity (m/s kg^1/2); beyond a
+        mode's own order 0
+    residuals : (modes,) relative error (rms) of the normal velocity on the surface
+    """
+
+    centre_m: Floats
+    radius_m: float
+    wavenumbers: Floats
+    multipoles: Complexes
+    residuals: Floats
+
+
+def radiation_arrays(radiation: Radiation) -> dict[str, Array]:
+    """Arrays of a product, its attribute ``transfer`` being the rest; see `radiation_of`."""
+    parts = np.stack([radiation.multipoles.real, radiation.multipoles.imag], axis=2).astype(np.float32)
+    return {
+        "multipoles": Array(
+            parts, ("mode", "multipole", "part"), "Pa s m-1 kg-1/2", "real and imaginary part"
+        ),
+        "transfer_wavenumbers": Array(radiation.wavenumbers, ("mode",), "m-1", "of the air, 0: not solved"),
+        "transfer_residuals": Array(
+            radiation.residuals,
+            ("mode",),
+            "1",
+            "relative rms error of the normal velocity in the air's solution",
+        ),
+    }
+
+
+def radiation_of(modes: Product) -> Radiation | None:
+    """Return what a product of modes says of the air; None where it says nothing."""
+    described = modes.attributes.get("transfer")
+    if described is None:
+        return None
+    parts = modes["multipoles"].astype(np.float64)
+    return Radiation(
+        np.array(described["centre_m"]),
+        float(described["radius_m"]),
+        np.array(modes["transfer_wavenumbers"]),
+        parts[..., 0] + 1j * parts[..., 1],
+        np.array(modes["transfer_residuals"]),
+    )
+
+
+def count_of(order: int) -> int:
+    """How many multipoles there are up to an order."""
+    return (order + 1) ** 2
+
+
+def order_for(wavenumber_radius: float) -> int:
+    """Highest order that a surface within a radius radiates to 1e-3 of the whole."""
+    return min(HIGHEST_ORDER, int(np.ceil(wavenumber_radius + 2.5 * np.cbrt(wavenumber_radius) + 3)))
+
+
+def orders_of(count: int) -> NDArray[np.int64]:
+    """Order l (count,) of each multipole."""
+    return np.sqrt(np.arange(count)).astype(np.int64)
+
+
+def hankel(order: int, argument: Floats) -> Complexes:
+    """Spherical Hankel functions of the first kind (order + 1, ...) of positive arguments (...)."""
+    degree = np.arange(order + 1).reshape(-1, *(1,) * np.ndim(argument))
+    return np.asarray(spherical_jn(degree, argument) + 1j * spherical_yn(degree, argument))
+
+
+def harmonics(order: int, offsets: Floats) -> Complexes:
+    """Spherical harmonics (multipoles, n) of the directions of offsets (n, 3)."""
+    polar = np.arctan2(np.hypot(offsets[:, 0], offsets[:, 1]), offsets[:, 2])
+    every = sph_harm_y_all(order, order, polar, np.arctan2(offsets[:, 1], offsets[:, 0]))
+    # Columns of negative orders m are at the end.
+    return np.concatenate([every[degree, np.arange(-degree, degree + 1)] for degree in range(order + 1)])
+
+
+def outgoing(order: int, wavenumber: float, offsets: Floats) -> Complexes:
+    """Outgoing waves h_l(k r) Y_lm (multipoles, n) at offsets (n, 3) metres from the centre."""
+    radial = hankel(order, wavenumber * np.linalg.norm(offsets, axis=1))
+    return np.asarray(radial[orders_of(count_of(order))] * harmonics(order, offsets))
+
+
+def of_surface(
+    order: int,
+    wavenumber: float,
+    offsets: Floats,
+    vectors: Floats,
+    pressure: Complexes,
+    flux: Complexes,
+) -> Complexes:
+    """Multipoles (multipoles, m) of what surface elements radiate.
+
+    Parameters
+    ----------
+    offsets, vectors
+        (n, 3) places of the elements from the centre, metres, and their vector areas, square metres.
+    pressure, flux
+        (n, m) pressure, and its normal derivative times the area.
+    """
+    wider = count_of(order + 1)
+    radial = spherical_jn(np.arange(order + 2)[:, None], wavenumber * np.linalg.norm(offsets, axis=1))
+    regular = (radial[orders_of(wider)] * harmonics(order + 1, offsets)).conj()
+    along = [regular @ (vectors[:, axis, None] * pressure) for axis in range(3)]
+    return 1j * wavenumber * (_slope(order, wavenumber, along) - (regular @ flux)[: count_of(order)])
+
+
+def _slope(order: int, wavenumber: float, moments: list[Complexes]) -> Complexes:
+    """Moments of the gradient of the conjugate regular waves from moments of the waves up to one order more.
+
+    d/dz and d/dx +- i d/dy take a regular wave to its neighbours of order l - 1 and l + 1 (Gumerov and
+    Duraiswami, "Fast Multipole Methods for the Helmholtz Equation", section 2.2).
+    """
+    x, y, z = moments
+    degree = orders_of(count_of(order))
+    m = np.arange(len(degree)) - degree * (degree + 1)
+
+    def at(values: Complexes, degree: NDArray[np.int64], m: NDArray[np.int64]) -> Complexes:
+        inside = np.abs(m) <= degree
+        return np.where(inside[:, None], values[np.where(inside, degree * (degree + 1) + m, 0)], 0)
+
+    def root(numerator: NDArray[np.int64], low: NDArray[np.int64]) -> Floats:
+        return np.sqrt(np.maximum(numerator, 0) / np.maximum(low * (low + 2), 1))[:, None]
+
+    below, above = degree - 1, degree + 1
+    odd_below, odd_above = 2 * degree - 1, 2 * degree + 1
+    total = root(degree**2 - m**2, odd_below) * at(z, below, m)
+    total -= root(above**2 - m**2, odd_above) * at(z, above, m)
+    for sign, turned in ((1, x + 1j * y), (-1, x - 1j * y)):
+        n = sign * m
+        # Of d/dx +- i d/dy half each; conjugate waves are turned the other way.
+        total += sign / 2 * root((degree - n) * (degree - n - 1), odd_below) * at(turned, below, m + sign)
+        total += sign / 2 * root((degree + n + 1) * (degree + n + 2), odd_above) * at(turned, above, m + sign)
+    return wavenumber * total

@@ -1,0 +1,153 @@
+"""What each mode of a vibrating surface radiates: multipoles about the middle of the surface."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.air.helmholtz import RULE, Elements
+from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S, Radiation, count_of, order_for
+from objectfolder.audio.air.remeshing import remeshed
+from objectfolder.surface.bounding_boxes import closest_barycentric
+from objectfolder.surface.surface import SampledDistance, Surface
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+# From faces (n,) and barycentric coordinates (n, 3) of a surface to displacements (n, 3, modes).
+Shapes = Callable[[Integers, Floats], Floats]
+
+PER_WAVELENGTH = 6.0  # least elements
+MOST_VERTICES = 2500  # of the finest elements
+AREA_PER_VERTEX = 1.8  # edges^2 over the area of a vertex: 1.15 were all triangles of that edge
+COARSER = 1.6  # edges of one level over those of the next finer
+MISFIT = 0.06  # of velocities on elements, before they are mended, up to which a mode has them
+TOGETHER = 1.02  # frequencies solved at once lie within this ratio
+AT_ONCE = 4096  # faces whose shapes are read at once
+
+
+def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiation:
+    """Solve the exterior Helmholtz problem of each mode.
+
+    Parameters
+    ----------
+    surface
+        Closed, outward, metres.
+    shapes
+        Mode shapes on it, kg^-1/2.
+    frequencies_hz
+        (modes,) damped, 0 where a mode does not ring: it then radiates nothing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> corners = 0.1 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
+    >>> faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    >>> octahedron = Surface(corners, np.array(faces))
+    >>> def breathing(face, barycentric):
+    ...     return octahedron.face_normals[face][:, :, None]
+    >>> found = radiate(octahedron, breathing, np.array([500.0]))
+    >>> round(float(abs(found.multipoles[0, 0])) / (1.204 * 2 * np.pi * 500 * octahedron.area / 3.545), 1)
+    0.9
+    """
+    centre = surface.bounds.mean(axis=0)
+    radius = float(np.linalg.norm(surface.vertices - centre, axis=1).max())
+    wavenumbers = 2 * np.pi * np.array(frequencies_hz, dtype=np.float64) / SOUND_SPEED_M_S
+    highest = order_for(wavenumbers.max(initial=0.0) * radius)
+    multipoles = np.zeros((len(wavenumbers), count_of(highest)), dtype=np.complex128)
+    found = Radiation(centre, radius, wavenumbers, multipoles, np.zeros(len(wavenumbers)))
+    points = surface.vertices[surface.faces].mean(axis=1)
+    middles = np.arange(len(points)), np.full((len(points), 3), 1 / 3)
+    true = _normal_velocity(surface, shapes, middles, surface.face_normals)
+    waiting = wavenumbers > 0
+    for edge_m, finest in _levels(surface.area):
+        tried = np.flatnonzero(waiting & (finest | (PER_WAVELENGTH * edge_m * wavenumbers <= 2 * np.pi)))
+        if len(tried) == 0:
+            continue
+        mesh = remeshed(surface, edge_m)
+        velocity, misfit = _on_elements(mesh, surface, shapes, points, true, tried)
+        good = (misfit <= MISFIT) | finest
+        modes, misfit = tried[good], misfit[good]
+        rms = np.sqrt(surface.face_areas @ true[:, modes] ** 2 / surface.area)
+        _solve(found, Elements(mesh, velocity[:, :, good]), modes, misfit, rms)
+        waiting[modes] = False
+    return found
+
+
+def _solve(found: Radiation, elements: Elements, modes: Integers, misfit: Floats, rms: Floats) -> None:
+    """Write what modes on elements radiate: their misfit and rms velocities are (modes,)."""
+    for group in together(found.wavenumbers[modes]):
+        those, k = modes[group], float(found.wavenumbers[modes[group]].mean())
+        pressures, left = elements.solve(k, group)
+        order = order_for(k * found.radius_m)
+        strengths = elements.multipoles(order, k, found.centre_m, pressures, group)
+        found.multipoles[those, : len(strengths)] = 1j * k * SOUND_SPEED_M_S * DENSITY_KG_M3 * strengths.T
+        found.residuals[those] = np.hypot(misfit[group], left / np.maximum(rms[group], 1e-300))
+        found.wavenumbers[those] = k
+
+
+def together(wavenumbers: Floats) -> Iterator[Integers]:
+    """Yield groups of nearly equal wavenumbers (n,), as indices."""
+    order = np.argsort(wavenumbers, kind="stable")
+    start = 0
+    while start < len(order):
+        stop = int(np.searchsorted(wavenumbers[order], TOGETHER * wavenumbers[order[start]], side="right"))
+        yield order[start:stop]
+        start = stop
+
+
+def _levels(area: float) -> list[tuple[float, bool]]:
+    """Edges of elements, metres, coarse to fine, and whether they are the finest."""
+    finest = float(np.sqrt(AREA_PER_VERTEX * area / MOST_VERTICES))
+    return [(finest * COARSER**step, step == 0) for step in (2, 1, 0)]
+
+
+def _normal_velocity(
+    surface: Surface, shapes: Shapes, places: tuple[Integers, Floats], normals: Floats
+) -> Floats:
+    """Normal components (n, modes) at places of the surface.
+
+    The normal is the surface's where it is within 60 degrees of the one given, (n, 3), which it is but at
+    edges.
+    """
+    face, barycentric = places
+    own = surface.face_normals[face]
+    normals = np.where((own * normals).sum(axis=1, keepdims=True) > 0.5, own, normals)
+    parts = []
+    for start in range(0, len(face), AT_ONCE):
+        chunk = slice(start, start + AT_ONCE)
+        parts.append(np.einsum("nk,nkm->nm", normals[chunk], shapes(face[chunk], barycentric[chunk])))
+    return np.concatenate(parts)
+
+
+def _nearest(surface: Surface, points: Floats) -> tuple[Integers, Floats]:
+    """Faces (n,) nearest to points (n, 3), and barycentric coordinates (n, 3) in them."""
+    face = SampledDistance(surface).nearest(points)[2]
+    return face, closest_barycentric(surface.vertices[surface.faces[face]], points)
+
+
+def _on_elements(
+    mesh: Surface, surface: Surface, shapes: Shapes, points: Floats, every: Floats, modes: Integers
+) -> tuple[Floats, Floats]:
+    """Velocities (t, 3, m) at corners of elements, and how far they were off the true ones, relative, (m,).
+
+    `every` (faces, modes) is that of the surface in its `points`. Three points of each element give its
+    linear part. What the mean over the patch of each vertex is off by is added, and is the error stated. Then
+    the net flow is the true one: what little a slow mode radiates would drown in one that it has not.
+    """
+    true = every[:, modes]
+    within = np.einsum("qa,tak->tqk", RULE[0], mesh.vertices[mesh.faces]).reshape(-1, 3)
+    normals, places = np.repeat(mesh.face_normals, 3, axis=0), _nearest(surface, within)
+    at_points = _normal_velocity(surface, lambda *place: shapes(*place)[:, :, modes], places, normals)
+    velocity = np.einsum("cq,tqm->tcm", np.linalg.inv(RULE[0]), at_points.reshape(len(mesh.faces), 3, -1))
+    face, barycentric = _nearest(mesh, points)
+    off = true - np.einsum("nc,ncm->nm", barycentric, velocity[face])
+    missing, patch = np.zeros((len(mesh.vertices), true.shape[1])), np.zeros(len(mesh.vertices))
+    for corner in range(3):
+        share = surface.face_areas * barycentric[:, corner]
+        np.add.at(missing, mesh.faces[face, corner], share[:, None] * off)
+        np.add.at(patch, mesh.faces[:, corner], mesh.face_areas / 3)
+    missing /= patch[:, None]
+    misfit = np.sqrt((patch @ missing**2) / np.maximum(surface.face_areas @ true**2, 1e-300))
+    velocity = velocity + missing[mesh.faces]
+    flow = np.einsum("t,tcm->m", mesh.face_areas / 3, velocity)
+    return velocity + (surface.face_areas @ true - flow) / mesh.area, misfit
