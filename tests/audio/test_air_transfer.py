@@ -1,6 +1,7 @@
 """The way of modes through the air: boundary elements against closed forms, and what a file keeps of it."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,10 +27,16 @@ from objectfolder.audio.air.multipoles import (
 from objectfolder.audio.air.radiation import radiate, together
 from objectfolder.audio.air.remeshing import halved, remeshed
 from objectfolder.audio.air.transfer import AirTransfer
+from objectfolder.audio.audionet.fitting import fit_audionet
+from objectfolder.audio.materials import read_materials
+from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis.struck_body import RigidBody, StruckBody
 from objectfolder.errors import FormatError, QueryError
+from objectfolder.object_file import ObjectFile
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from objectfolder.surface.surface import Surface
 
+REPOSITORY = Path(__file__).parents[2]
 RADIUS_M = 0.1
 RHO_C = DENSITY_KG_M3 * SOUND_SPEED_M_S
 DIRECTIONS = np.random.default_rng(0).normal(size=(20, 3))
@@ -197,7 +204,10 @@ def test_harmonics_are_orthonormal():
 def test_elements_are_closed_of_one_size_and_of_the_same_volume():
     box = trimesh.creation.box((0.1, 0.1, 0.002))  # a sheet of 2 mm
     surface = halved(Surface(np.array(box.vertices), np.array(box.faces)), 0.004)
-    mesh = remeshed(surface, 0.01)
+    apart = Surface(
+        surface.vertices[surface.faces].reshape(-1, 3), np.arange(surface.faces.size).reshape(-1, 3)
+    )
+    mesh = remeshed(apart, 0.01)
     assert (mesh.edges.imbalance == 0).all()
     ends = mesh.vertices[mesh.edges.vertices]
     assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max() <= 0.0161
@@ -329,6 +339,79 @@ def test_inaudible_modes_are_skipped(radiation):
     transfer = AirTransfer.of(weak)
     surface, _ = next(struck(transfer).channels(44100.0, "contact", np.array([[1.0, 0.0, 0.0]])))
     assert surface.columns.tolist() == [1]
+
+
+@pytest.fixture
+def with_transfer(small_file) -> ObjectFile:
+    """The bar's file with a transfer of its modes that was drawn, not solved."""
+    plain = ObjectFile.load(small_file)
+    wavenumbers = 2 * np.pi * plain.modes.frequencies_hz / SOUND_SPEED_M_S
+    centre, radius = plain.surface.bounds.mean(axis=0), 0.07
+    random = np.random.default_rng(0)
+    multipoles = np.zeros((len(wavenumbers), count_of(order_for(wavenumbers.max() * radius))), dtype=complex)
+    multipoles[:, :9] = random.normal(size=(len(wavenumbers), 9, 2)) @ [1, 1j]
+    drawn = Radiation(centre, radius, wavenumbers, multipoles, np.full(len(wavenumbers), 0.02))
+    transfer = AirTransfer.of(drawn)
+    content = plain.content()
+    body = {"filled_mass_kg": 0.07, "mass_kg": 0.07, "centre_of_mass_m": [0.0] * 3, "inertia_kg_m2": None}
+    audio = {**plain.description["audio"], "transfer": transfer.metadata()}
+    return ObjectFile.of_tensors(
+        {**content.tensors, **transfer.tensors()}, {**plain.description, "audio": audio, "body": body}
+    )
+
+
+def test_an_object_file_is_heard_through_its_transfer(with_transfer, small_file, tmp_path):
+    with_transfer.save(tmp_path / "bar.safetensors")
+    again, plain = ObjectFile.load(tmp_path / "bar.safetensors"), ObjectFile.load(small_file)
+    points, normals = plain.sample_contacts(1, seed=0)
+    ears = np.array([[0.5, 0.08, 0.0], [0.5, -0.08, 0.0]])
+    heard = again.strike(points, -normals, 0.05, listener=ears)
+    np.testing.assert_array_equal(heard, with_transfer.strike(points, -normals, 0.05, listener=ears))
+    assert np.abs(heard[0, 0] - heard[0, 1]).max() > 0.1 * np.abs(heard).max()
+    assert plain.modes.transfer is None
+    model = plain.with_description(body=again.description["body"]).strike(
+        points, -normals, 0.05, listener=ears
+    )
+    assert not np.allclose(heard, model)
+    # What moves is the same, in the air alone it differs.
+    np.testing.assert_array_equal(again.strike(points, -normals, 0.05), plain.strike(points, -normals, 0.05))
+    stream = again.stream(listener=ears)
+    stream.strike(points[0], -normals[0])
+    np.testing.assert_allclose(stream.block(2205), heard[0], atol=1e-6 * np.abs(heard).max())
+
+
+def test_a_file_with_a_transfer_of_other_modes_is_refused(with_transfer, tmp_path):
+    content = with_transfer.content()
+    few = content.tensors["audio.transfer_orders"][:-1]
+    write_tensor_file(
+        tmp_path / "bar.safetensors",
+        TensorFile({**content.tensors, "audio.transfer_orders": few}, content.metadata),
+    )
+    with pytest.raises(FormatError, match="transfer_orders"):
+        ObjectFile.load(tmp_path / "bar.safetensors")
+    metadata = dict(content.metadata)
+    metadata["audio"] = metadata["audio"].replace('"radius_m": 0.07', '"radius_m": 1e-300')
+    write_tensor_file(tmp_path / "bar.safetensors", TensorFile(content.tensors, metadata))
+    with pytest.raises(FormatError, match="radius_m"):
+        ObjectFile.load(tmp_path / "bar.safetensors")
+
+
+@pytest.mark.slow
+def test_modes_with_a_transfer_are_fitted_with_it(glass_bar):
+    glass = read_materials(REPOSITORY / "data" / "materials.csv")["glass"]
+    options = {"training_points": 120, "held_out_points": 0, "seed": 0, "max_frequency_hz": 8000.0}
+    modes = simulate_modes(glass_bar.surface, glass, transfer="multipole", **options)
+    assert (modes["transfer_residuals"] < 0.1).all()
+    net = fit_audionet(glass_bar.surface, modes)
+    assert net.transfer is not None
+    heard = np.abs([net.transfer.pressures(0.5 * way) for way in DIRECTIONS])
+    # A bar that bends is loud broadside, and silent in the direction in which it does not move.
+    first = np.abs(net.transfer.pressures([0.0, 0.0, 0.5])[0])
+    assert first > 0.8 * heard[:, 0].max()
+    assert np.abs(net.transfer.pressures([0.0, 0.5, 0.0])[0]) < 0.2 * first
+    plain = simulate_modes(glass_bar.surface, glass, **options)
+    assert "transfer" not in plain.attributes
+    np.testing.assert_array_equal(plain["mode_shapes"], modes["mode_shapes"])
 
 
 def test_a_mode_turned_over_radiates_the_same_turned_over():

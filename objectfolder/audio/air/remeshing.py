@@ -2,29 +2,49 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 SHARE = 0.4  # of the triangles, left by edge collapse; halving of long edges adds the rest
+SAME_PLACE = 1e-7  # of the longest side, below which corners of faces are one
 LONGEST = 1.6  # edges, of an edge that stays
 
 
 def remeshed(surface: Surface, edge_m: float) -> Surface:
     """Closed triangles with edges of about `edge_m` metres on a closed surface; thin walls stay apart.
 
-    Quadric edge collapse (VTK) keeps rims and walls, and leaves long triangles on what is flat, whose edges
-    are halved.
+    Faces may have their corners each for itself. Quadric edge collapse (VTK) keeps rims and walls, and leaves
+    long triangles on what is flat, whose edges are halved.
     """
     import pyvista  # which a query of an Object File does without
 
+    surface = joined(surface)
     wanted = SHARE * surface.area / (np.sqrt(3) / 4 * edge_m**2)
     if wanted < len(surface.faces):
         mesh = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
         less = mesh.decimate(1 - wanted / len(surface.faces), volume_preservation=True)
         surface = Surface(np.asarray(less.points, dtype=np.float64), np.asarray(less.regular_faces, np.int64))
     return halved(surface, LONGEST * edge_m)
+
+
+def joined(surface: Surface) -> Surface:
+    """Return the surface with one vertex in each place, and without faces that have two corners in one."""
+    vertices = surface.vertices
+    pairs = cKDTree(vertices).query_pairs(
+        SAME_PLACE * np.ptp(surface.bounds, axis=0).max(), output_type="ndarray"
+    )
+    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(vertices),) * 2)
+    count, place = connected_components(links, directed=False)
+    kept = np.zeros((count, 3))
+    kept[place] = vertices
+    faces = place[surface.faces].astype(np.int64)
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return Surface(kept, faces[whole])
 
 
 def halved(surface: Surface, longest_m: float) -> Surface:
