@@ -23,6 +23,7 @@ from objectfolder.audio.air.multipoles import (
     order_for,
     orders_of,
     outgoing,
+    regular_waves,
 )
 from objectfolder.audio.air.radiation import radiate, together
 from objectfolder.audio.air.remeshing import halved, remeshed
@@ -41,6 +42,7 @@ RADIUS_M = 0.1
 RHO_C = DENSITY_KG_M3 * SOUND_SPEED_M_S
 DIRECTIONS = np.random.default_rng(0).normal(size=(20, 3))
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+NO_MULTIPOLES = np.zeros(3), 0
 PISTON = np.cos(np.pi / 6)
 
 
@@ -104,7 +106,9 @@ def test_spheres_and_a_piston_are_heard_as_their_closed_forms(wavenumber_radius)
 def test_a_quick_sphere_is_right_and_says_how_right():
     ball = sphere(3)
     corners = ball.vertices[ball.faces] / RADIUS_M
-    elements = Elements(ball, np.stack([np.ones(corners.shape[:2]), corners[:, :, 2]], axis=2))
+    elements = Elements(
+        ball, np.stack([np.ones(corners.shape[:2]), corners[:, :, 2]], axis=2), *NO_MULTIPOLES
+    )
     pressures, left = elements.solve(2.0 / RADIUS_M, slice(None))
     true = spherical_wave(np.array([1.0]), 20.0, ball.vertices) / (1j * RHO_C * 20.0)
     dipole = spherical_wave(np.array([0.0, 1.0]), 20.0, ball.vertices) / (1j * RHO_C * 20.0)
@@ -117,7 +121,7 @@ def test_a_quick_sphere_is_right_and_says_how_right():
 @pytest.mark.parametrize("order", [1, 2])  # where the inside resonates: roots of j_0 and of j_1'
 def test_nothing_fails_where_the_inside_resonates(order):
     ball = sphere(3)
-    elements = Elements(ball, np.ones((len(ball.faces), 3, 1)))
+    elements = Elements(ball, np.ones((len(ball.faces), 3, 1)), *NO_MULTIPOLES)
     wavenumber = {1: np.pi, 2: 4.493409}[order] / RADIUS_M
     pressures, _ = elements.solve(wavenumber, slice(None))
     true = spherical_wave(np.array([1.0]), wavenumber, ball.vertices) / (1j * RHO_C * wavenumber)
@@ -140,10 +144,10 @@ def test_a_source_inside_a_box_is_heard_as_from_there():
     r = np.linalg.norm(offset, axis=2)
     slope = (np.exp(1j * k * r) * (1j * k * r - 1) / r**3)[:, :, None] * offset
     q = np.einsum("tck,tk->tc", slope, surface.face_normals)
-    elements = Elements(surface, np.stack([q.real, q.imag], axis=2))
-    pressures, _ = elements.solve(k, slice(None))
     order = order_for(k * 0.07)
-    found = elements.multipoles(order, k, np.zeros(3), pressures, slice(None)) @ [1, 1j]
+    elements = Elements(surface, np.stack([q.real, q.imag], axis=2), np.zeros(3), order)
+    pressures, _ = elements.solve(k, slice(None))
+    found = elements.multipoles(order, k, pressures, slice(None)) @ [1, 1j]
     heard = outgoing(order, k, 0.5 * DIRECTIONS).T @ found
     true = wave(0.5 * DIRECTIONS, k)
     assert np.linalg.norm(heard - true) < 0.02 * np.linalg.norm(true)
@@ -155,7 +159,7 @@ def test_static_potentials_are_the_integrals(seed):
     random = np.random.default_rng(seed)
     corners = random.normal(size=(3, 3))
     triangle = Surface(corners, np.array([[0, 1, 2]]))
-    gradients = Elements(triangle, np.zeros((1, 3, 1)))._gradients[0]
+    gradients = Elements(triangle, np.zeros((1, 3, 1)), *NO_MULTIPOLES)._gradients[0]
     x = random.normal(size=3) * 3
     single, double = np.zeros(3), np.zeros(3)
     whole = static_potentials(x, corners, triangle.face_normals[0], gradients, single, double)
@@ -174,9 +178,19 @@ def test_static_potentials_are_the_integrals(seed):
     np.testing.assert_allclose(double, expected, rtol=1e-5, atol=1e-7)
 
 
+def regular(order: int, k: float, places: np.ndarray) -> np.ndarray:
+    return regular_waves(order + 1, k * np.linalg.norm(places, axis=1), harmonics(order + 1, places))
+
+
+@pytest.mark.parametrize("x", [1e-3, 0.4, 3.0, 4.493409, 31.7])  # one of them a root of j_1
+def test_spherical_bessel_functions_are_scipys(x):
+    found = regular_waves(40, np.array([x]), np.ones((count_of(40), 1)))[:, 0]
+    np.testing.assert_allclose(found, spherical_jn(orders_of(count_of(40)), x), atol=1e-14)
+
+
 def test_a_point_source_off_the_centre_is_its_multipoles():
     place, k, order = np.array([[0.03, -0.02, 0.04]]), 17.0, 14
-    found = of_surface(order, k, place, 0 * place, np.zeros((1, 1)), -np.ones((1, 1)))
+    found = of_surface(regular(order, k, place), k, 0 * place, np.zeros((1, 1)), -np.ones((1, 1)))
     heard = outgoing(order, k, DIRECTIONS).T @ found[:, 0]
     distance = np.linalg.norm(DIRECTIONS - place, axis=1)
     np.testing.assert_allclose(heard, np.exp(1j * k * distance) / (4 * np.pi * distance), rtol=1e-9)
@@ -186,8 +200,10 @@ def test_a_dipole_is_the_slope_of_a_source():
     k, order, step = 17.0, 14, 1e-5
     place, way = np.array([[0.03, -0.02, 0.04]]), np.array([[0.3, -0.5, 0.7]])
     none, one = np.zeros((1, 1)), np.ones((1, 1))
-    found = of_surface(order, k, place, way, one, none)
-    apart = [of_surface(order, k, place + side * step * way, 0 * way, none, -one) for side in (1, -1)]
+    found = of_surface(regular(order, k, place), k, way, one, none)
+    apart = [
+        of_surface(regular(order, k, place + side * step * way), k, 0 * way, none, -one) for side in (1, -1)
+    ]
     np.testing.assert_allclose(found, (apart[0] - apart[1]) / (2 * step), atol=1e-6 * np.abs(found).max())
 
 

@@ -207,13 +207,25 @@ def fill_far(
                 loads[1, i, m] -= slope * of_i * flow[j, m]
 
 
+@kernel
+def weighted(values: Complexes, result: Complexes) -> None:
+    """Write M values M, (3, 3), M the hat functions (1 + 3 I) / 6 at the points of a triangle's rule."""
+    for a in range(3):
+        row = (values[a, 0] + values[a, 1] + values[a, 2]) / 6
+        for b in range(3):
+            result[a, b] = row + values[a, b] / 2
+    for b in range(3):
+        column = (result[0, b] + result[1, b] + result[2, b]) / 6
+        for a in range(3):
+            result[a, b] = column + result[a, b] / 2
+
+
 @relaxed_kernel
 def add_waves(
     wavenumber: float,
     pairs: Integers,
     triangles: Integers,
     points: Floats,
-    rule: tuple[Floats, Floats],
     areas: Floats,
     normals: Floats,
     gradients: Floats,
@@ -225,43 +237,33 @@ def add_waves(
 ) -> None:
     """Add what the waves differ from static fields by, at pairs of triangles, to near entries.
 
-    `points` (t, q, 3) are those of the rule in each triangle; for the rest see `add_static_pairs` and
-    `fill_far`.
+    `points` (t, 3, 3) are those of the three-point rule in each triangle; for the rest see
+    `add_static_pairs` and `fill_far`.
     """
-    hats, shares = rule
-    many = len(shares)
+    slopes, waves = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
     k_block, s_block = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
     modes = velocity.shape[2]
     for pair in range(len(pairs)):
         felt, source = pairs[pair]
-        k_block[:] = 0.0
-        s_block[:] = 0.0
-        whole = 0.0j
-        scale = areas[felt] * areas[source] / FOUR_PI
-        for p in range(many):
-            for q in range(many):
+        weight = areas[felt] * areas[source] / (9 * FOUR_PI)
+        for p in range(3):
+            for q in range(3):
                 e0 = points[source, q, 0] - points[felt, p, 0]
                 e1 = points[source, q, 1] - points[felt, p, 1]
                 e2 = points[source, q, 2] - points[felt, p, 2]
                 r = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
                 phase = wavenumber * r
-                weight = scale * shares[p] * shares[q]
                 if phase < 1e-3:
-                    g = complex(-0.5 * wavenumber * phase, wavenumber) * weight
-                    slope = 0.0j
-                    if r > 0:
-                        slope = complex(-0.5, -phase / 3.0) * (wavenumber**2 / r * weight)
+                    waves[p, q] = complex(-0.5 * wavenumber * phase, wavenumber) * weight
+                    slopes[p, q] = complex(-0.5, -phase / 3.0) * (wavenumber**2 * weight / max(r, 1e-300))
                 else:
                     wave = complex(math.cos(phase), math.sin(phase))
-                    g = (wave - 1.0) * (weight / r)
-                    slope = (wave * complex(-1.0, phase) + 1.0) * (weight / r**3)
-                along = normals[source, 0] * e0 + normals[source, 1] * e1 + normals[source, 2] * e2
-                whole += g
-                for a in range(3):
-                    for b in range(3):
-                        both = hats[p, a] * hats[q, b]
-                        k_block[a, b] += slope * (along * both)
-                        s_block[a, b] += g * both
+                    waves[p, q] = (wave - 1.0) * (weight / r)
+                    slopes[p, q] = (wave * complex(-1.0, phase) + 1.0) * (weight / (r * r * r))
+                slopes[p, q] *= normals[source, 0] * e0 + normals[source, 1] * e1 + normals[source, 2] * e2
+        whole = waves.sum()
+        weighted(slopes, k_block)
+        weighted(waves, s_block)
         facing = dot(normals[felt], normals[source])
         for a in range(3):
             i = triangles[felt, a]

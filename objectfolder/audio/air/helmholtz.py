@@ -26,7 +26,7 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial import cKDTree
 
 from objectfolder.audio.air.boundary_kernels import add_static_pairs, add_waves, fill_far
-from objectfolder.audio.air.multipoles import of_surface
+from objectfolder.audio.air.multipoles import harmonics, of_surface, regular_waves
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -47,10 +47,13 @@ class Elements:
     ----------
     surface : metres, outward
     velocity : (t, 3, m) outward normal velocity of m motions at the corners of each triangle
+    centre_m, highest_order : of multipoles
     """
 
     surface: Surface
     velocity: Floats
+    centre_m: Floats
+    highest_order: int
 
     def solve(self, wavenumber: float, motions: NDArray[Any] | slice) -> tuple[Singles, Floats]:
         """Pressures at vertices and what they leave of the velocity.
@@ -103,8 +106,7 @@ class Elements:
             wavenumber,
             self._pairs(inner),
             surface.faces,
-            np.einsum("qa,tak->tqk", RULE[0], surface.vertices[surface.faces]),
-            RULE,
+            self._points,
             surface.face_areas,
             surface.face_normals,
             self._gradients,
@@ -117,27 +119,34 @@ class Elements:
         return double, bending, loads
 
     def multipoles(
-        self,
-        order: int,
-        wavenumber: float,
-        centre_m: Floats,
-        pressures: Singles,
-        motions: NDArray[Any] | slice,
+        self, order: int, wavenumber: float, pressures: Singles, motions: NDArray[Any] | slice
     ) -> Complexes:
-        """Outgoing multipoles (multipoles, k) about a centre, of what `solve` returned."""
+        """Outgoing multipoles (multipoles, k) about `centre_m` of what `solve` returned."""
         surface, hats = self.surface, RULE[0]
 
         def at_points(corners: NDArray[Any]) -> NDArray[Any]:
             return np.einsum("qa,tak->tqk", hats, corners).reshape(3 * len(corners), -1)
 
         areas = np.repeat(surface.face_areas / 3, 3)[:, None]
+        distance = np.linalg.norm(self._points.reshape(-1, 3) - self.centre_m, axis=1)
         return of_surface(
-            order,
+            regular_waves(order + 1, wavenumber * distance, self._angular),
             wavenumber,
-            at_points(surface.vertices[surface.faces]) - centre_m,
             areas * np.repeat(surface.face_normals, 3, axis=0),
             at_points(pressures[surface.faces]),
             areas * at_points(self.velocity[:, :, motions]),
+        )
+
+    @cached_property
+    def _points(self) -> Floats:
+        """Points (t, 3, 3) of the rule in each triangle."""
+        return np.einsum("qa,tak->tqk", RULE[0], self.surface.vertices[self.surface.faces])
+
+    @cached_property
+    def _angular(self) -> Singles:
+        """Spherical harmonics there (multipoles, 3 t), as far as any wavenumber needs them."""
+        return harmonics(self.highest_order + 1, self._points.reshape(-1, 3) - self.centre_m).astype(
+            np.complex64
         )
 
     def gathered(self, values: Floats) -> Floats:

@@ -11,6 +11,7 @@ Coefficients are in the order of l^2 + l + m.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,28 +112,42 @@ def outgoing(order: int, wavenumber: float, offsets: Floats) -> Complexes:
     return np.asarray(radial[orders_of(count_of(order))] * harmonics(order, offsets))
 
 
+def regular_waves(order: int, arguments: Floats, angular: NDArray[Any]) -> NDArray[Any]:
+    """Regular waves j_l Y_lm (multipoles, n) of arguments k r (n,) from harmonics of at least that order."""
+    # Miller's recurrence downwards, which converges from any start above order and argument.
+    start = int(max(order, arguments.max(initial=0.0))) + 20
+    x = np.maximum(arguments, 1e-3)  # nearer the centre all but j_0 are nil
+    radial = np.zeros((start + 2, len(x)))
+    radial[start] = 1e-100
+    for degree in range(start, 0, -1):
+        radial[degree - 1] = (2 * degree + 1) / x * radial[degree] - radial[degree + 1]
+        radial[degree - 1 :] /= np.maximum(np.abs(radial[degree - 1]) / 1e100, 1.0)
+    norm = np.sqrt(((2 * np.arange(start + 2)[:, None] + 1) * radial**2).sum(axis=0))
+    sign = np.sign(radial[0] * np.sin(x) + radial[1] * (np.sin(x) / x - np.cos(x)))
+    count = count_of(order)
+    return np.asarray((radial * sign / norm)[orders_of(count)].astype(angular.real.dtype) * angular[:count])
+
+
 def of_surface(
-    order: int,
-    wavenumber: float,
-    offsets: Floats,
-    vectors: Floats,
-    pressure: Complexes,
-    flux: Complexes,
+    regular: NDArray[Any], wavenumber: float, vectors: Floats, pressure: NDArray[Any], flux: NDArray[Any]
 ) -> Complexes:
     """Multipoles (multipoles, m) of what surface elements radiate.
 
     Parameters
     ----------
-    offsets, vectors
-        (n, 3) places of the elements from the centre, metres, and their vector areas, square metres.
+    regular
+        (wider, n) regular waves at the elements, to one order more than is asked.
+    vectors
+        (n, 3) their vector areas, square metres.
     pressure, flux
         (n, m) pressure, and its normal derivative times the area.
     """
-    wider = count_of(order + 1)
-    radial = spherical_jn(np.arange(order + 2)[:, None], wavenumber * np.linalg.norm(offsets, axis=1))
-    regular = (radial[orders_of(wider)] * harmonics(order + 1, offsets)).conj()
-    along = [regular @ (vectors[:, axis, None] * pressure) for axis in range(3)]
-    return 1j * wavenumber * (_slope(order, wavenumber, along) - (regular @ flux)[: count_of(order)])
+    order = int(orders_of(len(regular))[-1]) - 1
+    parts = [*(vectors[:, axis, None] * pressure for axis in range(3)), flux]
+    columns = np.concatenate(parts, axis=1).astype(regular.dtype)
+    # Of the conjugate waves; a product with them as they are saves their copy.
+    *along, sources = np.split((regular @ columns.conj()).conj().astype(np.complex128), 4, axis=1)
+    return 1j * wavenumber * (_slope(order, wavenumber, along) - sources[: count_of(order)])
 
 
 def _slope(order: int, wavenumber: float, moments: list[Complexes]) -> Complexes:

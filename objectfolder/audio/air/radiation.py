@@ -17,11 +17,11 @@ Integers = NDArray[np.int64]
 Shapes = Callable[[Integers, Floats], Floats]
 
 PER_WAVELENGTH = 6.0  # least elements
-MOST_VERTICES = 2500  # of the finest elements
+MOST_VERTICES = 2000  # of the finest elements
 AREA_PER_VERTEX = 1.8  # edges^2 over the area of a vertex: 1.15 were all triangles of that edge
 COARSER = 1.6  # edges of one level over those of the next finer
 MISFIT = 0.06  # of velocities on elements, before they are mended, up to which a mode has them
-TOGETHER = 1.02  # frequencies solved at once lie within this ratio
+TOGETHER = 1.03  # frequencies solved at once lie within this ratio
 AT_ONCE = 4096  # faces whose shapes are read at once
 
 
@@ -68,7 +68,7 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
         good = (misfit <= MISFIT) | finest
         modes, misfit = tried[good], misfit[good]
         rms = np.sqrt(surface.face_areas @ true[:, modes] ** 2 / surface.area)
-        _solve(found, Elements(mesh, velocity[:, :, good]), modes, misfit, rms)
+        _solve(found, Elements(mesh, velocity[:, :, good], centre, highest), modes, misfit, rms)
         waiting[modes] = False
     return found
 
@@ -79,7 +79,7 @@ def _solve(found: Radiation, elements: Elements, modes: Integers, misfit: Floats
         those, k = modes[group], float(found.wavenumbers[modes[group]].mean())
         pressures, left = elements.solve(k, group)
         order = order_for(k * found.radius_m)
-        strengths = elements.multipoles(order, k, found.centre_m, pressures, group)
+        strengths = elements.multipoles(order, k, pressures, group)
         found.multipoles[those, : len(strengths)] = 1j * k * SOUND_SPEED_M_S * DENSITY_KG_M3 * strengths.T
         found.residuals[those] = np.hypot(misfit[group], left / np.maximum(rms[group], 1e-300))
         found.wavenumbers[those] = k
