@@ -55,7 +55,7 @@ class _Notice(event.Listener):
     said = False
 
     def on_start(self, event: event.Event) -> None:
-        if not self.said and event.data["dispatcher"].py_func.__module__.startswith("objectfolder."):
+        if not self.said and (event.data["dispatcher"].py_func.__module__ or "").startswith("objectfolder."):
             self.said = True
             print("objectfolder: compiling kernels, once for this installation", file=sys.stderr)
 

@@ -48,7 +48,17 @@ STAGES = {
             inputs=(GEOMETRY,),
             parameters=("audio",),
             fields=("material", "walls", "senses"),
-            packages=("embreex", "mkl", "numpy", "pytetwild", "scikit-image", "scipy", "zarr"),
+            packages=(
+                "embreex",
+                "mkl",
+                "numba",
+                "numpy",
+                "pytetwild",
+                "scikit-image",
+                "scipy",
+                "vtk",
+                "zarr",
+            ),
             tolerances=TOLERANCES["modes"],
         ),
         Stage(

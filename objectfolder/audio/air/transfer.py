@@ -145,14 +145,9 @@ class AirTransfer:
                 heard[mode] = waves @ (pair[:, 0] + 1j * pair[:, 1])
         return heard
 
-    def delay_s(self, position_m: ArrayLike) -> float:
-        """Time from the sphere round the object to a place."""
-        distance = float(np.linalg.norm(np.asarray(position_m) - self.centre_m))
-        return (distance - self.radius_m) / SOUND_SPEED_M_S
-
-    def delayed(self, position_m: ArrayLike) -> Complexes:
+    def delayed(self, position_m: ArrayLike, delay_s: float) -> Complexes:
         """Return `pressures`, of a sound that is later by `delay_s` anyway."""
-        turn = self.wavenumbers * self.delay_s(position_m) * SOUND_SPEED_M_S
+        turn = self.wavenumbers * SOUND_SPEED_M_S * delay_s
         return np.asarray(self.pressures(position_m) * np.exp(-1j * turn))
 
     def _radial(self, distance_m: float, highest: int) -> Complexes:

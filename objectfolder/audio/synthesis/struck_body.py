@@ -193,30 +193,28 @@ class StruckBody:
                 heard = still, listener.modal_weights(modes.frequencies_hz)
                 surface = Source(modes, heard, columns, self.radiation_weights, None, delay)
             else:
-                surface = self._through_air(self.transfer, position, modes, columns)
+                through = self.transfer.delayed(position, delay)[columns]
+                surface = self._through_air(through, modes, columns, delay)
             yield [
                 surface,
                 Source(click, weights, np.array([0]), None, gains, delay),
             ]
 
     def _through_air(
-        self, transfer: AirTransfer, position: Floats, modes: Oscillators, columns: NDArray[np.int64]
+        self, heard: NDArray[np.complex128], modes: Oscillators, columns: NDArray[np.int64], delay_s: float
     ) -> "Source":
-        """Return the modes as they are heard at a place (3,), without those `INAUDIBLE_DB` below the loudest.
+        """Return the modes as they are heard through transfers (modes,), without the inaudible.
 
         The pressure is Re(H V), V the velocity with exp(-i w t), so that displacement has a part in it as
         well: of exp(-c t) motions Re(H V) = Re(H) q' + Im(H) ((lambda / w) q + (c / w) q').
         """
-        heard = transfer.delayed(position)[columns]
         loud = np.abs(heard) > 10 ** (INAUDIBLE_DB / 20) * np.abs(heard).max(initial=0.0)
         modes, columns, heard = modes.take(loud), columns[loud], heard[loud]
         weights = (
             heard.imag * modes.eigenvalues / modes.roots_per_s,
             heard.real + heard.imag * modes.dampings_per_s / modes.roots_per_s,
         )
-        return Source(
-            modes, weights, columns, np.ones(len(self.eigenvalues)), None, transfer.delay_s(position)
-        )
+        return Source(modes, weights, columns, np.ones(len(self.eigenvalues)), None, delay_s)
 
 
 @dataclass(frozen=True)
