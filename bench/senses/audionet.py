@@ -142,6 +142,7 @@ def measure(surface: Surface, modes: Product) -> dict[str, float]:
         "silence_envelope_distance": envelope_distance(sounds[0], 0 * sounds[0]),
         "bytes": float(sum(tensor.nbytes for tensor in net.tensors().values())),
         "control_points": float(net.metadata()["control_points"]),
+        "corrections": float(net.metadata()["corrections"]),
         "fit_cpu_s": fit_s,
         "open_cpu_s": open_s,
         "first_query_cpu_s": first_s,

@@ -34,7 +34,7 @@ from objectfolder.vision.network.sparse_grid import HALF_WIDTH
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 FORMAT = "objectfolder"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 SURFACE_TOLERANCE_M = 1e-3
 MOST_ATTEMPTS = 100
 REQUIRED = (
@@ -248,7 +248,7 @@ class ObjectFile(NotebookCard):
         >>> import objectfolder
         >>> bar = objectfolder.load("bar.safetensors")
         >>> bar.content().metadata["format"], bar.content().metadata["format_version"]
-        ('objectfolder', '2')
+        ('objectfolder', '3')
         """
         metadata: dict[str, Any] = {"format": FORMAT, "format_version": str(FORMAT_VERSION)}
         metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in REQUIRED})

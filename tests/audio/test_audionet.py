@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from rounding import assert_equal_but_for_rounding
 
+from objectfolder.audio.audionet import fitting
 from objectfolder.audio.audionet.audionet import AudioNet, decode_detours, encode_detours
 from objectfolder.audio.audionet.fitting import fit_audionet
+from objectfolder.audio.audionet.geodesic_embedding import subdivide
 from objectfolder.errors import FormatError
+from objectfolder.products.integer_coding import pack_integers, zigzag
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.surface import Surface
 
@@ -138,6 +141,40 @@ def test_teeth_that_move_apart_are_told_apart() -> None:
     assert net.metadata()["detour_dimensions"] >= 1
     assert error_db(net, modes) < -40
     assert stored_bytes(net) < 40_000
+
+
+def test_a_tongue_that_moves_by_itself_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A patch of a torn wall: at its edge the modes jump within the width of a face."""
+    plain = box((0.1, 0.08, 0.01))
+    surface = Surface(*subdivide(plain.vertices, plain.faces, 0.006, 4000))
+    samples = [surface.sample(count, seed) for count, seed in ((6000, 2), (400, 3))]
+    points = np.concatenate([sample.points for sample in samples])
+    tongue = (np.abs(surface.vertices - [0.05, 0.04, 0.01]) < [0.015, 0.011, 0.001]).all(axis=1)
+    moves = np.multiply.outer(tongue * 1.0, np.random.default_rng(4).normal(0, 1, (3, 6)))
+    shapes = np.concatenate(
+        [np.einsum("nc,nckm->nkm", at.barycentric, moves[surface.faces[at.face]]) for at in samples]
+    )
+    shapes += np.cos(np.multiply.outer(points, np.arange(6) * np.pi / 0.1))
+    modes = product(points, shapes, np.arange(len(points)) >= 6000)
+    monkeypatch.setattr(fitting, "CONTROL_POINTS", (60, 120, 240))
+    corrected = fit_audionet(surface, modes)
+    assert 0 < corrected.metadata()["corrections"] < len(surface.vertices)
+    monkeypatch.setattr(fitting, "MOST_CORRECTED", 0)
+    smooth = fit_audionet(surface, modes)
+    assert smooth.metadata()["corrections"] == 0
+    assert error_db(corrected, modes) < -40 < -30 < error_db(smooth, modes)
+    again = AudioNet.from_tensors(corrected.tensors(), corrected.metadata(), surface)
+    np.testing.assert_array_equal(again.gains(points[:20]), corrected.gains(points[:20]))
+    for wrong in ({"corrections": 1}, {"corrections": -1}, {"corrections": 10**9}):
+        with pytest.raises(FormatError, match="audio"):
+            AudioNet.from_tensors(corrected.tensors(), {**corrected.metadata(), **wrong}, surface)
+    beyond = pack_integers(
+        zigzag(np.full(corrected.metadata()["corrections"], len(surface.vertices), dtype=np.int64))
+    )
+    with pytest.raises(FormatError, match="vertices that are not there"):
+        AudioNet.from_tensors(
+            {**corrected.tensors(), "audio.corrected": beyond}, corrected.metadata(), surface
+        )
 
 
 def test_eigenvalues_and_dampings_are_the_solvers(plate: tuple[Surface, Product], net: AudioNet) -> None:

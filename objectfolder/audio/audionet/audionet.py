@@ -26,6 +26,7 @@ from objectfolder.audio.audionet.surface_kernel import (
 )
 from objectfolder.errors import FormatError
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
+from objectfolder.products.matrix_coding import unpack_matrix
 from objectfolder.products.stored_values import number, whole_number
 from objectfolder.surface.surface import ClosestPoints, Surface
 
@@ -42,6 +43,7 @@ MOST_SHOWN = 20  # modes in a notebook
 # Several times what any object has needed; a larger number in a file is no reason to set memory aside.
 LARGEST_DIMENSIONS = 16
 LARGEST_POINTS = 3000  # no fit takes more
+LARGEST_CORRECTIONS = 20_000  # no fit takes more
 LARGEST_COEFFICIENTS = 1 << 22
 LARGEST_VALUE = 1e15  # of an eigenvalue: 5 MHz
 KERNEL_RANGES = {
@@ -134,7 +136,7 @@ class AudioNet:
             raise FormatError("Object File", "audio.control_barycentric lies outside of its face")
         decode_detours(known["audio.detours"], len(surface.vertices), dimensions, 1.0)
         net = cls(known, metadata, surface)
-        _ = net._quantised
+        _ = net._quantised, net._corrected
         return net
 
     def gains(self, points: ArrayLike) -> Floats:
@@ -168,7 +170,18 @@ class AudioNet:
                 rows = min(ROWS, count - start)
                 block[:rows] = features[start : start + rows]
                 result[start : start + rows] = (self._kernel.covariance(block, centres) @ weights)[:rows]
+            self._correct(result, places.face, places.barycentric)
         return result.reshape(count, 3, modes)
+
+    def _correct(self, result: Floats, face: Integers, barycentric: Floats) -> None:
+        """Add corrections to fields (n, 3 modes) at barycentric coordinates (n, 3) of faces (n,)."""
+        numbers = self._corrected
+        values = self._quantised[len(self._quantised) - len(numbers) :]
+        shares = barycentric * float(self._tensors["audio.step"][1])
+        for vertex, share in zip(self._surface.faces[face].T, shares.T, strict=True):
+            place = np.searchsorted(numbers, vertex)
+            at = np.flatnonzero(np.append(numbers, -1)[place] == vertex)
+            result[at] += share[at, None] * values[place[at]]
 
     @cached_property
     def _kernel(self) -> SurfaceKernel:
@@ -182,8 +195,27 @@ class AudioNet:
 
     @cached_property
     def _quantised(self) -> Integers:
-        shape = (int(self._metadata["control_points"]), 3 * len(self.eigenvalues))
-        return _decoded("audio.coefficients", self._tensors["audio.coefficients"], shape)
+        """Coefficients of the control points, and below them the corrections."""
+        rows = int(self._metadata["control_points"]) + int(self._metadata["corrections"])
+        try:
+            return unpack_matrix(self._tensors["audio.coefficients"], (rows, 3 * len(self.eigenvalues)))
+        except ValueError as error:
+            raise FormatError(
+                "Object File", f"audio.coefficients: damaged ({error})", "Make it again."
+            ) from error
+
+    @cached_property
+    def _corrected(self) -> Integers:
+        """Vertices that have a correction, ascending."""
+        gaps = _decoded(
+            "audio.corrected", self._tensors["audio.corrected"], (1, int(self._metadata["corrections"]))
+        )
+        numbers = np.cumsum(gaps[0])
+        if (gaps[0, 1:] <= 0).any() or (
+            len(numbers) and not 0 <= numbers[0] <= numbers[-1] < len(self._surface.vertices)
+        ):
+            raise FormatError("Object File", "audio.corrected names vertices that are not there")
+        return numbers
 
     @cached_property
     def _prepared(self) -> tuple[Floats, Floats]:
@@ -193,7 +225,7 @@ class AudioNet:
             faces, control_barycentric(self._tensors["audio.control_barycentric"])
         )
         factor = triangular_factor(self._kernel.covariance(centres, centres), self._kernel.parameters.ridge)
-        coefficients = self._quantised * float(self._tensors["audio.step"][0])
+        coefficients = self._quantised[: len(faces)] * float(self._tensors["audio.step"][0])
         return centres, solve_triangular(factor, coefficients)
 
 
@@ -201,7 +233,9 @@ def _counts(metadata: Mapping[str, Any]) -> tuple[int, int, int]:
     """Control points, modes and detour dimensions that metadata say, with a kernel in its ranges."""
     try:
         points = whole_number("audio.control_points", metadata["control_points"], 0, LARGEST_POINTS)
-        modes = whole_number("audio.modes", metadata["modes"], 0, LARGEST_COEFFICIENTS // max(1, 3 * points))
+        corrections = whole_number("audio.corrections", metadata["corrections"], 0, LARGEST_CORRECTIONS)
+        most = LARGEST_COEFFICIENTS // max(1, 3 * (points + corrections))
+        modes = whole_number("audio.modes", metadata["modes"], 0, most)
         dimensions = whole_number(
             "audio.detour_dimensions", metadata["detour_dimensions"], 0, LARGEST_DIMENSIONS
         )
@@ -221,7 +255,8 @@ def _tensors_of(tensors: Mapping[str, np.ndarray], points: int, modes: int) -> d
         "control_barycentric": ((points, 2), np.uint8),
         "detours": ((None,), np.uint8),
         "coefficients": ((None,), np.uint8),
-        "step": ((1,), np.float64),
+        "corrected": ((None,), np.uint8),
+        "step": ((2,), np.float64),
         **{name: ((modes,), np.float64) for name in MODE_TENSORS},
     }
     known: dict[str, np.ndarray] = {}

@@ -1,4 +1,4 @@
-"""Fitting AudioNet: where control points go, how many there are, how finely coefficients are rounded.
+"""Fitting AudioNet: where control points go, how many there are, and what corrects them.
 
 Of sixteen training points two choose among fits and one judges the choice; the last fit is to all of them.
 """
@@ -20,18 +20,13 @@ from objectfolder.audio.audionet.audionet import (
     encode_detours,
     size_of,
 )
+from objectfolder.audio.audionet.corrections import Fields
 from objectfolder.audio.audionet.geodesic_embedding import farthest_points, geodesic_embedding
-from objectfolder.audio.audionet.least_squares import (
-    Controls,
-    Data,
-    Equations,
-    equations,
-    predict,
-    relative_error,
-    solve,
-)
+from objectfolder.audio.audionet.least_squares import Basis, Data, Equations, equations, solve
+from objectfolder.audio.audionet.rounding import bytes_rounded, round_fields
 from objectfolder.audio.audionet.surface_kernel import KernelParameters, SurfaceKernel
-from objectfolder.products.integer_coding import pack_integers, zigzag
+from objectfolder.products.integer_coding import pack_integers
+from objectfolder.products.matrix_coding import pack_matrix
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 
@@ -40,8 +35,9 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 CONTROL_POINTS = (60, 120, 240, 400, 640, 1000, 1500, 2000, 3000)
-# Where so many fill more than this share of the bytes, more of them cost what they bring.
-MANY, ROOM_USED = 2000, 0.7
+# With so many, more bring less than they cost where they fill this share of the bytes, or where corrections
+# bring the error down to this share.
+MANY, ROOM_USED, MENDED = 2000, 0.7, 0.5
 # So many control points are spread evenly; more go where the fit to these is worst.
 SPREAD = 640
 # Training points over which the local error of a fit is the mean.
@@ -60,12 +56,16 @@ NARROW_DETOUR = 0.01
 SHARE_OF_WIDEST = 0.15
 # In the spread of control points a turn of the normal counts as this share of the object's size.
 NORMAL_REACH = 0.03
-# Rounding up from 0.6 rather than 0.5 saves more bytes than a finer step would cost for the same error.
-ROUND_UP_FROM = 0.6
 # Share of the error at the goal that the rounding may make up.
-ROUNDING_SHARE = 0.5
-# Where the goal is not met, the rounding may be this share of the error, which makes it 3 % larger.
-ROUNDING_SHARE_SHORT = 0.25
+ROUNDING_SHARE = 0.45
+# The error that 5 % of the points may have, over that of the goal.
+TAIL = 10 ** (9 / 20)
+# Points that move less than this share of the rms count as moving so much: some hardly move at all.
+QUIET = 0.1
+# Weights of the regularisation of corrections that are compared.
+WEIGHTS = (0.01, 0.03, 0.1, 0.3)
+# Of more vertices the training points see too little.
+MOST_CORRECTED = 20_000
 
 
 def fit_audionet(
@@ -110,7 +110,10 @@ def fit_audionet(
         data = Data(nearest.face, nearest.barycentric, values)
         tensors, described = _fit_fields(surface, data, 10 ** (goal_db / 20), room)
     else:
-        tensors, described = _nothing(), {"kernel": asdict(KernelParameters()), "detour_dimensions": 0}
+        tensors, described = (
+            _nothing(),
+            {"kernel": asdict(KernelParameters()), "detour_dimensions": 0, "corrections": 0},
+        )
     metadata = {
         "audible": len(modes["eigenvalues"]) > 0,
         "absent": modes.attributes.get("absent"),
@@ -142,75 +145,98 @@ def _fit_fields(
     most = max(1, len(data.values) // LEAST_POINTS_A_CONTROL)
     detours, kernel = _choose_kernel(surface, fitted, tested, min(COMPARED, most))
     stream = encode_detours(detours, size_of(surface))
-    room -= len(stream)
-    controls, system, fit, error = _add_controls(kernel, fitted, tested, most, goal, room)
-    more = equations(kernel, controls, tested.joined(judged))
-    coefficients = solve(system[0] + more[0], system[1] + more[1], system[2])
-    allowed = max(np.sqrt(max(goal**2 - error**2, 0.0)), ROUNDING_SHARE_SHORT * error)
-    room -= 6 * len(controls[0])
-    quantised, step = _rounded_on_surface(kernel, controls, coefficients, tested, allowed, room)
+    first, weight, system = _fit_smooth(kernel, fitted, tested, most, goal, room - len(stream))
+    more = equations(first.basis, tested.joined(judged))
+    last = Fields(first.basis, solve(system[0] + more[0], system[1] + more[1], system[2]))
+    if weight is not None:
+        (last,) = last.corrected(data, (weight,))
+    controls = first.basis.controls
+    allowed = _allowed_rounding(first, tested, goal)
+    rounded = round_fields(last, tested, allowed, room - len(stream) - 6 * len(controls[0]))
     described: dict[str, Any] = {
         "kernel": asdict(kernel.parameters),
         "detour_dimensions": detours.shape[1],
+        "corrections": len(rounded.vertices),
     }
     if len(judged.values):
-        change = quantised * step - coefficients
-        reached = np.hypot(
-            relative_error(kernel, controls, fit, judged),
-            np.linalg.norm(predict(kernel, controls, change, judged)) / np.linalg.norm(judged.values),
-        )
+        fit, rounding = first.at(judged) - judged.values, rounded.change(last).at(judged)
+        reached = np.sqrt(np.sum(fit**2 + rounding**2) / np.sum(judged.values**2))
         described["validation_error_db"] = float(20 * np.log10(max(reached, 1e-12)))
     tensors: dict[str, np.ndarray] = {
         "control_faces": controls[0].astype(np.int32),
         "control_barycentric": controls[1],
         "detours": stream,
-        "coefficients": pack_integers(zigzag(quantised)),
-        "step": np.array([step]),
+        **rounded.tensors(),
     }
     return tensors, described
 
 
-def _add_controls(
+def _fit_smooth(
     kernel: SurfaceKernel, fitted: Data, tested: Data, most: int, goal: float, room: int
-) -> tuple[Controls, Equations, Floats, float]:
-    """Control points until the goal is met at the points tested, with their equations, fit and error."""
+) -> tuple[Fields, float | None, Equations]:
+    """Fields of control points until the goal is met at the points tested, and their equations.
+
+    Where it is not, they have corrections, whose weight comes second.
+    """
     counts = sorted({min(count, most, len(fitted.values)) for count in CONTROL_POINTS})
+    counts = counts if len(tested.values) else counts[-1:]
     place = _places(kernel, fitted)
     every = farthest_points(place, min(SPREAD, counts[-1]))
     squared_misfit = np.ones(len(place))
-    error = 0.0
     for count in counts:
         if count > len(every):
             every = _more_where_worst(place, every, squared_misfit, count)
-        controls = _stored(fitted, every[:count])
-        system = equations(kernel, controls, fitted)
-        fit = solve(*system)
-        if len(tested.values):
-            error = relative_error(kernel, controls, fit, tested)
-            if error <= goal * np.sqrt(1 - ROUNDING_SHARE):
-                break
-            if count >= MANY and _bytes_used(fit, ROUNDING_SHARE * error) > ROOM_USED * room:
+        basis = Basis(kernel, _stored(fitted, every[:count]))
+        system = equations(basis, fitted)
+        fields = Fields(basis, solve(*system))
+        if not len(tested.values) or _reached(fields, tested, goal):
+            return fields, None, system
+        if count >= MANY or count == counts[-1]:
+            corrected, weight = _corrected(fields, fitted, tested)
+            error, left = (_errors(one, tested)[0] for one in (fields, corrected))
+            if left < MENDED * error or bytes_rounded(fields, ROUNDING_SHARE * error) > ROOM_USED * room:
                 break
         if count >= len(every) and count < counts[-1]:
-            misfit = predict(kernel, controls, fit, fitted) - fitted.values
-            squared_misfit = np.sum(misfit**2, axis=1)
-    return controls, system, fit, error
+            squared_misfit = np.sum((fields.at(fitted) - fitted.values) ** 2, axis=1)
+    return corrected, weight, system
 
 
-def _rounded_on_surface(
-    kernel: SurfaceKernel, controls: Controls, coefficients: Floats, tested: Data, allowed: float, room: int
-) -> tuple[Integers, float]:
-    """Whole numbers and their step, for a relative error allowed at the points tested.
+def _corrected(fields: Fields, fitted: Data, tested: Data) -> tuple[Fields, float | None]:
+    """Fields with the corrections that test best, and their weight."""
+    tried: list[tuple[Fields, float | None]] = [(fields, None)]
+    if len(fields.basis.kernel.surface.vertices) <= MOST_CORRECTED:
+        tried += zip(fields.corrected(fitted, WEIGHTS), WEIGHTS, strict=True)
+    return min(tried, key=lambda one: _errors(one[0], tested)[0])
 
-    Control points are not spread by area alone: what a coefficient's error is on the surface is tried.
-    """
-    quantised, step = _quantise(coefficients, allowed, room)
+
+def _errors(fields: Fields, tested: Data) -> tuple[float, float]:
+    """Relative error, and that which 5 % of the points exceed."""
+    error = np.sum((fields.at(tested) - tested.values) ** 2, axis=1)
+    by_point = float(np.quantile(error / _sizes(tested) ** 2, 0.95))
+    return float(np.sqrt(error.sum() / np.sum(tested.values**2))), float(np.sqrt(by_point))
+
+
+def _sizes(data: Data) -> Floats:
+    """Norms of the values at each point (n,), those of quiet points as if they were not so quiet."""
+    size = np.linalg.norm(data.values, axis=1)
+    return np.maximum(size, max(QUIET * float(np.sqrt(np.mean(size**2))), 1e-300))
+
+
+def _reached(fields: Fields, tested: Data, goal: float) -> bool:
+    """Whether an error leaves room for rounding."""
+    error, tail = _errors(fields, tested)
+    return max(error, tail / TAIL) <= goal * np.sqrt(1 - ROUNDING_SHARE)
+
+
+def _allowed_rounding(fields: Fields, tested: Data, goal: float) -> float:
+    """Relative error that the rounding may add."""
     if not len(tested.values):
-        return quantised, step
-    change = quantised * step - coefficients
-    rounding = np.linalg.norm(predict(kernel, controls, change, tested)) / np.linalg.norm(tested.values)
-    factor = max(float(rounding * np.linalg.norm(coefficients) / np.linalg.norm(change)), 0.1)
-    return _quantise(coefficients, allowed / factor, room)
+        return goal
+    error, _ = _errors(fields, tested)
+    quiet = float(np.quantile(_sizes(tested), 0.05) * np.sqrt(len(tested.values)))
+    quiet /= float(np.linalg.norm(tested.values))
+    for_quiet = TAIL * goal * quiet * np.sqrt(ROUNDING_SHARE)
+    return float(min(np.sqrt(max(goal**2 - error**2, ROUNDING_SHARE * goal**2)), for_quiet))
 
 
 def _nothing() -> dict[str, np.ndarray]:
@@ -218,8 +244,9 @@ def _nothing() -> dict[str, np.ndarray]:
         "control_faces": np.zeros(0, dtype=np.int32),
         "control_barycentric": np.zeros((0, 2), dtype=np.uint8),
         "detours": encode_detours(np.zeros((0, 0)), 1.0),
-        "coefficients": pack_integers(np.zeros(0, dtype=np.int64)),
-        "step": np.ones(1),
+        "coefficients": pack_matrix(np.zeros((0, 0), dtype=np.int64)),
+        "corrected": pack_integers(np.zeros(0, dtype=np.int64)),
+        "step": np.ones(2),
     }
 
 
@@ -238,8 +265,8 @@ def _choose_kernel(surface: Surface, fitted: Data, tested: Data, count: int) -> 
     errors = []
     for kernel in (best[1], with_detours):
         controls = _stored(fitted, farthest_points(_places(kernel, fitted), min(count, len(fitted.values))))
-        coefficients = solve(*equations(kernel, controls, few))
-        errors.append(relative_error(kernel, controls, coefficients, tested))
+        basis = Basis(kernel, controls)
+        errors.append(_errors(Fields(basis, solve(*equations(basis, few))), tested)[0])
     # Detours cost bytes: they must be worth it.
     return (coordinates, with_detours) if errors[1] < 0.8 * errors[0] else best
 
@@ -263,42 +290,3 @@ def _stored(data: Data, chosen: Integers) -> tuple[Integers, NDArray[np.uint8]]:
     """Faces (count,) and stored barycentric coordinates (count, 2) of some of the points."""
     two = np.floor(data.barycentric[chosen, :2] * BARYCENTRIC_STEPS).astype(np.uint8)
     return data.face[chosen], two
-
-
-def _bytes_used(coefficients: Floats, allowed: float) -> int:
-    """Bytes of coefficients (controls, columns) rounded to the relative error allowed."""
-    return len(pack_integers(zigzag(_rounded(coefficients, _step(coefficients, allowed)))))
-
-
-def _step(coefficients: Floats, allowed: float) -> float:
-    """The largest step of the relative error allowed."""
-    allowed *= float(np.linalg.norm(coefficients))
-    low, high = 0.0, float(np.abs(coefficients).max())
-    for _ in range(40):
-        step = (low + high) / 2
-        if np.linalg.norm(_rounded(coefficients, step) * step - coefficients) <= allowed:
-            low = step
-        else:
-            high = step
-    return low if low > 0 else high
-
-
-def _quantise(coefficients: Floats, allowed: float, room: int) -> tuple[Integers, float]:
-    """Whole numbers (controls, columns) and their step: the relative error allowed, or more to fit."""
-    low = high = step = _step(coefficients, allowed)
-    while len(pack_integers(zigzag(_rounded(coefficients, high)))) > room:
-        if high > 4 * np.abs(coefficients).max():
-            raise ValueError(f"{room} bytes are too few for {coefficients.shape[1]} columns of coefficients")
-        low, high = high, 2 * high
-    for _ in range(5 if high > step else 0):
-        middle = np.sqrt(low * high)
-        if len(pack_integers(zigzag(_rounded(coefficients, middle)))) <= room:
-            high = middle
-        else:
-            low = middle
-    return _rounded(coefficients, high), float(high)
-
-
-def _rounded(coefficients: Floats, step: float) -> Integers:
-    whole = np.floor(np.abs(coefficients) / step + (1 - ROUND_UP_FROM))
-    return (np.sign(coefficients) * whole).astype(np.int64)

@@ -1,6 +1,7 @@
 """Least squares for the coefficients of fields, with a covariance kernel as prior."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +45,31 @@ class Data:
         )
 
 
-def equations(kernel: SurfaceKernel, controls: Controls, data: Data) -> Equations:
+@dataclass(frozen=True)
+class Basis:
+    """Smooth functions on a surface, as many as there are control points."""
+
+    kernel: SurfaceKernel
+    controls: Controls
+
+    @cached_property
+    def centres(self) -> Floats:
+        """Features of the control points."""
+        return self.kernel.features(self.controls[0], control_barycentric(self.controls[1]))
+
+    @cached_property
+    def factor(self) -> Floats:
+        """Triangular factor of their covariance."""
+        covariance = self.kernel.covariance(self.centres, self.centres)
+        return triangular_factor(covariance, self.kernel.parameters.ridge)
+
+
+def equations(basis: Basis, data: Data) -> Equations:
     """Normal matrix, right side and prior of least squares; of the normal matrix the upper triangle."""
-    centres, factor = _functions(kernel, controls)
+    kernel, centres = basis.kernel, basis.centres
     count = len(centres)
     data = data.part(slice(None, None, max(1, len(data.values) // (MOST_POINTS_A_CONTROL * count))))
-    inverse = solve_triangular(factor, np.eye(count))
+    inverse = solve_triangular(basis.factor, np.eye(count))
     normal = np.zeros((count, count), order="F")
     right = np.zeros((count, data.values.shape[1]))
     for start in range(0, len(data.values), 2048):
@@ -76,30 +96,12 @@ def solve(normal: Floats, right: Floats, prior: Floats) -> Floats:
         raise SimulationError("AudioNet", f"least squares: {error}", "Check the mode shapes.") from error
 
 
-def predict(
-    kernel: SurfaceKernel,
-    controls: Controls,
-    coefficients: Floats,
-    data: Data,
-) -> Floats:
+def predict(basis: Basis, coefficients: Floats, data: Data) -> Floats:
     """Values (n, columns) of the fields at the points of `data`."""
-    centres, factor = _functions(kernel, controls)
-    weights = solve_triangular(factor, coefficients)
+    weights = solve_triangular(basis.factor, coefficients)
     result = np.empty((len(data.face), coefficients.shape[1]))
     for start in range(0, len(result), 4096):
         stop = start + 4096
-        features = kernel.features(data.face[start:stop], data.barycentric[start:stop])
-        result[start:stop] = kernel.covariance(features, centres) @ weights
+        features = basis.kernel.features(data.face[start:stop], data.barycentric[start:stop])
+        result[start:stop] = basis.kernel.covariance(features, basis.centres) @ weights
     return result
-
-
-def relative_error(kernel: SurfaceKernel, controls: Controls, coefficients: Floats, data: Data) -> float:
-    """Rms error over the rms value."""
-    residual = predict(kernel, controls, coefficients, data) - data.values
-    return float(np.linalg.norm(residual) / np.linalg.norm(data.values))
-
-
-def _functions(kernel: SurfaceKernel, controls: Controls) -> tuple[Floats, Floats]:
-    """Features of the control points and the triangular factor of their covariance."""
-    centres = kernel.features(controls[0], control_barycentric(controls[1]))
-    return centres, triangular_factor(kernel.covariance(centres, centres), kernel.parameters.ridge)

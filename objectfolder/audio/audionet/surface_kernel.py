@@ -78,18 +78,18 @@ class SurfaceKernel:
 
     def __init__(self, surface: Surface, detours: Floats, parameters: KernelParameters) -> None:
         self.parameters = parameters
-        self._surface = surface
+        self.surface = surface
         self._detours = np.asarray(detours, dtype=np.float64)
 
     @cached_property
     def _vertex_features(self) -> Floats:
         """Scaled position and detour, normal: (vertices, 6 + dimensions)."""
-        size = float(np.ptp(self._surface.bounds, axis=0).max())
+        size = float(np.ptp(self.surface.bounds, axis=0).max())
         scale = np.sqrt(7.0) / (self.parameters.length * size)
-        centred = self._surface.vertices - self._surface.bounds.mean(axis=0)
+        centred = self.surface.vertices - self.surface.bounds.mean(axis=0)
         return np.concatenate(
             [
-                vertex_normals(self._surface) * np.sqrt(self.parameters.normal_weight),
+                vertex_normals(self.surface) * np.sqrt(self.parameters.normal_weight),
                 centred * scale,
                 self._detours * (scale * self.parameters.detour_weight),
             ],
@@ -98,7 +98,7 @@ class SurfaceKernel:
 
     def features(self, face: Integers, barycentric: Floats) -> Floats:
         """Features (n, 6 + dimensions) of points at barycentric coordinates (n, 3) of faces (n,)."""
-        corners = self._surface.faces[face]
+        corners = self.surface.faces[face]
         result = barycentric[:, :1] * self._vertex_features[corners[:, 0]]
         for corner in (1, 2):
             result = result + barycentric[:, corner : corner + 1] * self._vertex_features[corners[:, corner]]
@@ -107,15 +107,16 @@ class SurfaceKernel:
     @staticmethod
     def covariance(a: Floats, b: Floats) -> Floats:
         """Covariance (n, m) of points with features a (n, .) and b (m, .)."""
-        squared = np.zeros((len(a), len(b)))
-        for axis in range(3, a.shape[1]):
-            squared += np.subtract.outer(a[:, axis], b[:, axis]) ** 2
-        cosine = np.zeros_like(squared)
-        for axis in range(3):
-            cosine += np.multiply.outer(a[:, axis], b[:, axis])
-        r = np.sqrt(squared, out=squared)
-        smooth = ((r / 15 + 0.4) * r + 1) * r + 1
-        return np.asarray(smooth * np.exp(-r) * (1 + cosine))
+        one, other = a[:, 3:], b[:, 3:]
+        r = one @ (-2 * other.T)
+        r += np.sum(one**2, axis=1)[:, None]
+        r += np.sum(other**2, axis=1)
+        # Equal points come out a rounding error apart, of which the covariance is a smooth function.
+        r = np.sqrt(np.maximum(r, 0.0, out=r), out=r)
+        result = np.exp(-r)
+        result *= ((r / 15 + 0.4) * r + 1) * r + 1
+        result *= a[:, :3] @ b[:, :3].T + 1
+        return np.asarray(result)
 
 
 def vertex_normals(surface: Surface) -> Floats:
