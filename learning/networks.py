@@ -97,7 +97,7 @@ def fit_classifier(
             loss.backward()
             optimiser.step()
             schedule.step()
-            losses.append(float(loss))
+            losses.append(loss.item())
         loss_now = float(cross_entropy(answers(network, validation.inputs)[1], validation.labels))
         if log is not None:
             log.add_scalars("loss", {"training": sum(losses) / len(losses), "validation": loss_now}, epoch)
