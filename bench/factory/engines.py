@@ -160,7 +160,8 @@ def rest_in_pybullet(folder: Path, pose: np.ndarray, time_s: float = SETTLE_S) -
         start = Rotation.from_matrix(pose[:3, :3])
         at = pose[:3, :3] @ local + pose[:3, 3]
         pybullet.resetBasePositionAndOrientation(body, at, (start * turned).as_quat(), **ask)
-        pybullet.setPhysicsEngineParameter(fixedTimeStep=0.002, **ask)
+        # By default it stops solving early, and bodies tremble at some milliradians a second.
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=0.002, solverResidualThreshold=0, **ask)
         for _ in range(round(time_s / 0.002)):
             pybullet.stepSimulation(**ask)
         place, quaternion = pybullet.getBasePositionAndOrientation(body, **ask)
@@ -172,6 +173,63 @@ def rest_in_pybullet(folder: Path, pose: np.ndarray, time_s: float = SETTLE_S) -
         return _rest(folder, pose, end, speed, max([0.0, *(-contact[8] for contact in touching)]))
     finally:
         pybullet.disconnect(client)
+
+
+def rest_in_drake(folder: Path, pose: np.ndarray, time_s: float = SETTLE_S) -> Rest:
+    """Rigid hulls on a stiff compliant plane: point contact has one point a hull, on which all rock.
+
+    By Drake's convex solver of contact; with its default one bodies tremble at up to .5 rad/s.
+    """
+    from pydrake.geometry import (
+        AddCompliantHydroelasticPropertiesForHalfSpace,
+        AddContactMaterial,
+        HalfSpace,
+        ProximityProperties,
+        SceneGraphConfig,
+    )
+    from pydrake.math import RigidTransform, RotationMatrix
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import (
+        AddMultibodyPlantSceneGraph,
+        CoulombFriction,
+        DiscreteContactApproximation,
+    )
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+
+    builder = DiagramBuilder()
+    plant, scene = AddMultibodyPlantSceneGraph(builder, 0.002)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    config = SceneGraphConfig()
+    config.default_proximity_properties.compliance_type = "rigid"
+    scene.set_config(config)
+    (model,) = Parser(plant).AddModels(_file(folder, "urdf"))
+    (index,) = plant.GetBodyIndices(model)
+    body = plant.get_body(index)
+    ground = ProximityProperties()
+    AddContactMaterial(friction=CoulombFriction(1.0, 1.0), properties=ground)
+    AddCompliantHydroelasticPropertiesForHalfSpace(0.01, 1e9, ground)
+    plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "ground", ground)
+    plant.Finalize()
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    # Drake ends the process where a corner lies in the plane exactly.
+    lifted = pose[:3, 3] + np.array([0, 0, 1e-6])
+    start = RigidTransform(RotationMatrix.ProjectToRotationMatrix(pose[:3, :3]), lifted)
+    plant.SetFreeBodyPose(context, body, start)
+    simulator.AdvanceTo(time_s)
+    end = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix4()
+    speed = float(np.abs(plant.GetVelocities(context)).max())
+    corners = np.concatenate([_vertices(path) for path in sorted(folder.glob("collision_*.obj"))])
+    lowest = float((corners @ end[2, :3]).min() + end[2, 3])
+    return _rest(folder, pose, end, speed, max(0.0, -lowest))
+
+
+def _vertices(path: Path) -> np.ndarray:
+    """Return the vertices (n, 3) of an OBJ file."""
+    lines = (line.split() for line in path.read_text(encoding="ascii").splitlines())
+    return np.array([line[1:4] for line in lines if line and line[0] == "v"], dtype=np.float64)
 
 
 def slide_in_mujoco(folder: Path, pose: np.ndarray, friction: float) -> float:

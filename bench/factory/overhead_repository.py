@@ -34,8 +34,15 @@ f 1 4 3
 """
 
 # Of products of the default size: images stored a chunk each, and bytes of attributes without provenance.
-CHUNKS = {"objects": 0, "views": 560, "modes": 0, "touches": 450, "fidelity": 24}
-ATTRIBUTE_BYTES = {"objects": 2000, "views": 1500, "modes": 3600, "touches": 2500, "encode": 3500}
+CHUNKS = {"objects": 0, "views": 560, "modes": 0, "touches": 450, "collision": 0, "fidelity": 24}
+ATTRIBUTE_BYTES = {
+    "objects": 2000,
+    "views": 1500,
+    "modes": 3600,
+    "touches": 2500,
+    "collision": 200,
+    "encode": 3500,
+}
 
 HEADER = """
 import hashlib
@@ -78,6 +85,10 @@ def compute_modes(request):
 def press_sensor(request):
     touch = request.parameters["touch"]
     return product(CHUNKS, {"sensor": touch["sensor"], "contact": touch["contact"], "more": "x" * BYTES})
+""",
+    "collision": """
+def part_object(request):
+    return product(CHUNKS, {"more": "x" * BYTES})
 """,
     "encode": """
 def encode_object(request):

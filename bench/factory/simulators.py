@@ -18,6 +18,7 @@ import numpy as np
 from bench.factory.engines import (
     ENGINES,
     drift_of_angular_momentum,
+    rest_in_drake,
     rest_in_mujoco,
     rest_in_pybullet,
     slide_in_mujoco,
@@ -39,6 +40,7 @@ COMPARED = (
     "Assets of scans, made by convex_parts and write_asset with their defaults, as simulators read them; "
     "rest: four seconds from each stable pose of probability above 5 % on a plane"
 )
+RESTING = {"MuJoCo": rest_in_mujoco, "PyBullet": rest_in_pybullet, "Drake": rest_in_drake}
 # Metres, degrees, metres or radians a second, metres: what counts as at rest.
 RESTS = {"moved_m": 2e-3, "tilted_deg": 2.0, "speed": 1e-3, "overlap_m": 2e-4}
 
@@ -99,7 +101,8 @@ def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     decomposed = cpu_seconds()
     contact = Contact(material.friction or 0.0, material.restitution or 0.0)
     looks = Appearance(roughness=material.roughness, metallic=material.metallic)
-    asset = Asset(name, mesh_parts(mesh, looks), looks, collision, body, "solid", contact, Credit(name))
+    parts = mesh_parts(mesh, looks)
+    asset = Asset(name, parts, surface, looks, collision, body, "solid", contact, Credit(name))
     folder.mkdir(parents=True, exist_ok=True)
     write_asset(folder, asset)
     first_load_ms = load_ms(folder)
@@ -134,18 +137,15 @@ def read(asset: Asset, folder: Path, length_m: float) -> dict[str, Any]:
 
 
 def rests(folder: Path, pose: np.ndarray) -> dict[str, Any]:
-    engines = {"MuJoCo": rest_in_mujoco}
-    if "PyBullet" in ENGINES:
-        engines["PyBullet"] = rest_in_pybullet
     outcome: dict[str, Any] = {}
-    ends = []
-    for engine, rest in engines.items():
-        found = rest(folder, pose)
-        ends.append(found.pose)
+    up = {}
+    for engine in (engine for engine in RESTING if engine in ENGINES):
+        found = RESTING[engine](folder, pose)
+        up[engine] = found.pose[2, :3]
         outcome[engine] = {name: getattr(found, name) for name in RESTS}
-    if len(ends) == 2:
-        apart = np.clip(ends[0][2, :3] @ ends[1][2, :3], -1, 1)
-        outcome["apart_deg"] = float(np.degrees(np.arccos(apart)))
+    for engine in up.keys() - {"MuJoCo"}:
+        apart = np.clip(up["MuJoCo"] @ up[engine], -1, 1)
+        outcome[engine]["from_mujoco_deg"] = float(np.degrees(np.arccos(apart)))
     return outcome
 
 
@@ -187,6 +187,12 @@ def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
     def moving(engine: str) -> list[str]:
         return [name for name, rest in poses if engine in rest and not at_rest(rest[engine])]
 
+    def apart(engine: str) -> dict[str, Any]:
+        """How many poses end within a degree of MuJoCo's, and which objects do not."""
+        far = [name for name, rest in poses if engine in rest and rest[engine]["from_mujoco_deg"] > 1]
+        both = sum(engine in rest for _, rest in poses)
+        return {"poses": both, "within_1_deg": both - len(far), "objects_apart": sorted(set(far))}
+
     return {
         "objects": table,
         "made": len(made),
@@ -202,9 +208,9 @@ def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
                 "moving": len(moving(engine)),
                 "objects_moving": sorted(set(moving(engine))),
             }
-            for engine in ("MuJoCo", "PyBullet")
+            for engine in RESTING
         },
-        "apart_within_1_deg": sum(rest.get("apart_deg", 180.0) <= 1 for _, rest in poses),
+        "apart": {engine: apart(engine) for engine in RESTING if engine != "MuJoCo"},
     }
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from objectfolder.errors import InputError
 from objectfolder.simulators.collision import ConvexParts
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.gltf import Part
@@ -102,6 +103,8 @@ class Asset:
         Of the object; letters, digits, ``_``, ``-`` and ``.``.
     visual
         Textured triangles.
+    surface
+        What bounds the solid, in one mesh: for simulators that collide by signed distance.
     appearance
         Roughness and metallic factors.
     collision
@@ -118,6 +121,7 @@ class Asset:
 
     name: str
     visual: Sequence[Part]
+    surface: Surface
     appearance: Appearance
     collision: ConvexParts
     body: RigidBody

@@ -9,6 +9,8 @@ from objectfolder.simulators.asset import Asset
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.export.gltf import Part
 
+SURFACE = "surface.obj"
+
 
 def visual_name(index: int) -> str:
     """Return the name, without suffix, of the files of a visual part."""
@@ -22,12 +24,13 @@ def collision_name(index: int) -> str:
 
 def write_meshes(folder: Path, asset: Asset) -> list[str]:
     """Write all meshes and textures of an asset into a folder; return their names."""
-    written = []
+    written = [SURFACE]
+    _write_faces(folder / SURFACE, asset.surface)
     for index, part in enumerate(asset.visual):
         written += _write_visual(folder, visual_name(index), part)
     for index, hull in enumerate(asset.collision.hulls):
         written.append(f"{collision_name(index)}.obj")
-        _write_hull(folder / written[-1], hull)
+        _write_faces(folder / written[-1], hull)
     return written
 
 
@@ -56,9 +59,9 @@ def _write_visual(folder: Path, name: str, part: Part) -> list[str]:
     return written
 
 
-def _write_hull(path: Path, hull: Surface) -> None:
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in hull.vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in hull.faces + 1]
+def _write_faces(path: Path, surface: Surface) -> None:
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in surface.vertices]
+    lines += [f"f {a} {b} {c}" for a, b, c in surface.faces + 1]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 

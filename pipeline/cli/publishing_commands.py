@@ -120,7 +120,7 @@ def scene(
     table_m: Annotated[float, Number(gt=0, lte=100)] = 1.0,
     height_m: Annotated[float, Number(gte=0, lte=100)] = 0.0,
     seed: int = 0,
-    most_parts: Annotated[int, AtLeastOne] = 16,
+    most_parts: Annotated[int, AtLeastOne] | None = None,
     texture_side: Annotated[int, AtLeastOne] = 1024,
     overwrite: bool = False,
     root: Root = Path("."),
@@ -140,7 +140,7 @@ def scene(
     seed
         of stable poses, turns and places
     most_parts
-        largest number of convex parts of an object
+        largest number of convex parts of an object (default: the parts of the data set, else 16)
     texture_side
         texels a side, where colours are those of an Object File
     overwrite

@@ -6,7 +6,7 @@ import operator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, ValidationInfo
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo
 from pydantic.dataclasses import dataclass
 
 from objectfolder.errors import InputError
@@ -80,6 +80,14 @@ class TouchParameters:
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
+class CollisionParameters:
+    """Convex parts: the concavity that one may have, metres (none: what fits), and the largest number."""
+
+    threshold_m: Annotated[float, Field(gt=0)] | None
+    most_parts: Annotated[int, Field(ge=1)]
+
+
+@dataclass(frozen=True, config=NO_OTHER_KEYS)
 class VisionNetParameters:
     """Effort of fitting VisionNet: steps of its optimiser, and the finest features it may store."""
 
@@ -110,6 +118,7 @@ class SizeParameters:
     vision: VisionParameters
     audio: AudioParameters
     touch: TouchParameters
+    collision: CollisionParameters
     encode: EncodeParameters
 
 

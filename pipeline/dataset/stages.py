@@ -10,6 +10,7 @@ OBJECTS = ProductKind("data/objects")
 VIEWS = ProductKind("data/views")
 MODES = ProductKind("data/modes")
 TOUCHES = ProductKind("data/touches")
+COLLISION = ProductKind("data/collision")
 ENCODED = ProductKind("data/encoded", TENSORS, "encode")
 OBJECT_FILES = ProductKind("data/object_files", TENSORS, "fidelity")
 FIDELITY = ProductKind("data/fidelity")
@@ -69,6 +70,15 @@ STAGES = {
             parameters=("touch",),
             packages=("numba", "numpy", "scipy", "zarr"),
             tolerances=TOLERANCES["touches"],
+        ),
+        Stage(
+            "collision",
+            "pipeline.tasks.collision:part_object",
+            (COLLISION,),
+            inputs=(GEOMETRY,),
+            parameters=("collision",),
+            packages=("coacd", "numpy", "pyvista", "scipy", "vtk", "zarr"),
+            tolerances=TOLERANCES["collision"],
         ),
         Stage(
             "encode",

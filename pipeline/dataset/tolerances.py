@@ -85,6 +85,7 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
             "sensor_to_object",
         )
     },
+    "collision": {},
     "encode": {
         "vision.*": Tolerance(1.0, 0.1, because=_FITTED),
         "audio.step": Tolerance(1e-6, 1e-6, because=_SUMMED),

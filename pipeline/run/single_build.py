@@ -67,7 +67,7 @@ def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float],
     from pipeline.cluster.places import Place
     from pipeline.dataset.parameters import read_parameters
     from pipeline.dataset.records import row_of
-    from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, STAGES
+    from pipeline.dataset.stages import COLLISION, OBJECT_FILES, OBJECTS, STAGES
     from pipeline.run.converge import converge
     from pipeline.run.costs import costs_path, read_costs
 
@@ -82,6 +82,8 @@ def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float],
         # One stage at a time, so that one child process serves and a failure ends the rest.
         place = Place(kwargs={"threads_per_worker": 1})
         for name, stage in STAGES.items():
+            if name == COLLISION.made_by:
+                continue  # no part of an Object File
             (summary,) = converge([stage], root, parameters, rows, partial(runner, place, root))
             if summary.failures:
                 failure = summary.failures[0]

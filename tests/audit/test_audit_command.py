@@ -254,7 +254,7 @@ def test_history_of_an_object(run):
     assert "second <b>bold</b>" in out
     _, out, _ = run("history", "dish", "--json")
     first, second = json.loads(out)["versions"]
-    assert first["stages"] == ["objects", "views", "modes", "touches", "encode", "fidelity"]
+    assert first["stages"] == ["objects", "views", "modes", "touches", "collision", "encode", "fidelity"]
     assert second["stages"] == ["fidelity"]
     assert second["fidelity"]["vision.psnr_db"] == pytest.approx(first["fidelity"]["vision.psnr_db"] - 1.5)
     _, out, _ = run("history", "cup")

@@ -132,6 +132,7 @@ PARAMETERS = [
     ("accuracy_cents: 5.0", "accuracy_cents: 6.0", "audio.accuracy_cents", "modes"),
     ("      touches: 100\n", "      touches: 90\n", "touch.touches", "touches"),
     ("contact: rigid # as TACTO", "contact: elastic # as TACTO", "touch.contact", "touches"),
+    ("threshold_m: null #", "threshold_m: 0.002 #", "collision.threshold_m", "collision"),
     ("steps: 1200", "steps: 1300", "encode.visionnet.steps", "encode"),
     ("goal_db: -45.0", "goal_db: -41.0", "encode.audionet.goal_db", "encode"),
 ]
@@ -147,7 +148,7 @@ def test_parameters_each_of_the_stage_that_reads_it(workshop):
         assert stages.pop("fidelity") == set()
         assert stages == {
             stage: {(PARAMETER, name) for _, _, name, reader in PARAMETERS if reader == stage}
-            for stage in ("views", "modes", "touches", "encode")
+            for stage in ("views", "modes", "touches", "collision", "encode")
         }
 
 

@@ -110,7 +110,7 @@ def test_verification_reads_what_is_at_hand_and_names_the_rest(far):
         found = verify(contents, far.at(contents, "HEAD"), far.stages)
     assert {one.kind for one in found.findings} == {MISSING}
     assert all("if a remote has it" in one.remedy for one in found.findings)
-    assert len(found.findings) == 2 * 7
+    assert len(found.findings) == 2 * 8
 
 
 def test_remote_that_is_not_there(far):

@@ -65,7 +65,7 @@ def test_nothing_wrong(workshop):
     for revision in (None, "HEAD"):
         found = found_in(workshop, revision)
         assert found.findings == ()
-        assert found.files == 2 * 7 + 7  # products, and the lists of their folders
+        assert found.files == 2 * 8 + 8  # products, and the lists of their folders
         assert found.bytes > sum(path.stat().st_size for path in product_files(workshop))
 
 

@@ -48,6 +48,7 @@ IGNORED = """\
 /data/views/
 /data/modes/
 /data/touches/
+/data/collision/
 /data/encoded/
 /data/object_files/
 /data/fidelity/

@@ -15,7 +15,17 @@ from workshop import made as all_made
 from objectfolder.mesh.starter.utensils import fork, spatula
 from objectfolder.mesh.starter.write import write_obj
 from objectfolder.products import provenance
-from pipeline.dataset.stages import ENCODED, FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
+from pipeline.dataset.stages import (
+    COLLISION,
+    ENCODED,
+    FIDELITY,
+    MODES,
+    OBJECT_FILES,
+    OBJECTS,
+    STAGES,
+    TOUCHES,
+    VIEWS,
+)
 
 IDS = ("cup", "dish", "spoon")  # of steel, wood, wood
 SIGHT = ("views", "encode", "fidelity")
@@ -49,7 +59,7 @@ def test_nothing_changed_makes_nothing(workshop):
     before = workshop.products()
     assert workshop.executed() == set()
     assert workshop.products() == before
-    assert len(before) == 7 * len(IDS)
+    assert len(before) == 8 * len(IDS)
 
 
 @pytest.mark.parametrize(
@@ -96,6 +106,7 @@ def test_row_of_a_material_that_no_object_has(workshop):
         ("      touches: 100\n", "      touches: 90\n", ("touches", "fidelity")),
         ("contact: rigid # as TACTO", "contact: elastic # as TACTO", TOUCH),
         ("sensor: digit # digit", "sensor: gelsight # digit", TOUCH),
+        ("threshold_m: null #", "threshold_m: 0.002 #", ("collision",)),
         ("steps: 1200", "steps: 1300", ("encode", "fidelity")),
         ("goal_db: -45.0", "goal_db: -41.0", ("encode", "fidelity")),
         ("\nseed: 0", "\nseed: 1", tuple(STAGES)),
@@ -174,7 +185,9 @@ def test_rows_in_another_order(workshop):
 
 
 @pytest.mark.parametrize(
-    "kind", [OBJECTS, VIEWS, MODES, TOUCHES, ENCODED, OBJECT_FILES, FIDELITY], ids=lambda kind: kind.name
+    "kind",
+    [OBJECTS, VIEWS, MODES, TOUCHES, COLLISION, ENCODED, OBJECT_FILES, FIDELITY],
+    ids=lambda kind: kind.name,
 )
 @pytest.mark.parametrize("remembered", [True, False])
 def test_corrupted_product(workshop, kind, remembered):
@@ -251,6 +264,7 @@ def install(tmp_path_factory, monkeypatch):
         ("pytetwild", SOUND),
         ("bpy", SIGHT),
         ("numba", ("touches", "encode", "fidelity")),
+        ("coacd", ("collision",)),
         ("torch", ("encode", "fidelity")),
         ("DracoPy", ("objects",)),  # what it makes is the same, so that nothing behind it is made
         ("dask", ()),

@@ -54,8 +54,8 @@ def test_nothing_made_yet(workshop):
     shutil.rmtree(workshop.root / "data/objects")
     shutil.rmtree(workshop.root / "data/views")
     assert states(workshop, "cup") == {
-        "objects": MISSING, "views": WAITING, "modes": WAITING, "touches": WAITING, "encode": WAITING,
-        "fidelity": WAITING,
+        "objects": MISSING, "views": WAITING, "modes": WAITING, "touches": WAITING,
+        "collision": WAITING, "encode": WAITING, "fidelity": WAITING,
     }  # fmt: skip
 
 
@@ -63,8 +63,8 @@ def test_changed_parameter_with_old_and_new(workshop):
     workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
     assert reasons(workshop, "cup", "views") == ("parameter vision.resolution 128 -> 64",)
     assert states(workshop, "cup") == {
-        "objects": CURRENT, "views": STALE, "modes": CURRENT, "touches": CURRENT, "encode": WAITING,
-        "fidelity": WAITING,
+        "objects": CURRENT, "views": STALE, "modes": CURRENT, "touches": CURRENT,
+        "collision": CURRENT, "encode": WAITING, "fidelity": WAITING,
     }  # fmt: skip
 
 

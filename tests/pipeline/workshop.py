@@ -103,6 +103,16 @@ def run(request):
     touch = request.parameters["touch"]
     return product(request.seed, sensor=touch["sensor"], contact=touch["contact"])
 ''',
+    "collision": '''
+"""Convex parts."""
+
+from .counting import executed, product
+
+
+def run(request):
+    executed("collision", request)
+    return product(request.seed, most_parts=request.parameters["collision"]["most_parts"])
+''',
     "encode": '''
 """Weights."""
 

@@ -19,11 +19,12 @@ from bench.factory.engines import (
     rest_in_mujoco,
     slide_in_mujoco,
 )
-from objectfolder.errors import InputError
+from objectfolder.errors import InputError, UnsolvableError
 from objectfolder.simulators import collision
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts, measure_parts
 from objectfolder.simulators.formats import write_asset
+from objectfolder.simulators.parts_product import absent_parts, parts_of, parts_product
 from objectfolder.simulators.scene import write_scene
 from objectfolder.simulators.stable_poses import lay_out, stable_poses
 from objectfolder.surface.surface import Surface
@@ -65,7 +66,8 @@ def asset_of(surface: Surface, body: RigidBody, name: str = "block") -> Asset:
     flat = np.zeros((len(surface.faces), 3, 2))
     part = Part(surface.vertices[surface.faces], surface.corner_normals, flat, texture)
     looks = Appearance(roughness=0.4, metallic=0.0)
-    return Asset(name, [part], looks, convex_parts(surface), body, "solid", Contact(0.35, 0.5), Credit(name))
+    contact, credit = Contact(0.35, 0.5), Credit(name)
+    return Asset(name, [part], surface, looks, convex_parts(surface), body, "solid", contact, credit)
 
 
 @pytest.fixture(scope="module")
@@ -105,11 +107,45 @@ def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
     assert max(len(hull.vertices) for hull in convex_parts(rings, most_parts=8).hulls) <= 32
 
 
-def test_a_surface_that_takes_too_long_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_surface_that_takes_too_long_has_no_parts_and_its_product_says_why(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(collision, "TIME_LIMIT_S", 1)
     rings = surface_of(trimesh.creation.torus(0.05, 0.015, major_sections=64, minor_sections=32))
-    with pytest.raises(InputError, match=r"takes more than 1 CPU-s.*--most-parts 1"):
+    with pytest.raises(UnsolvableError, match=r"takes more than 1 CPU-s.*one part") as caught:
         convex_parts(rings, threshold_m=1e-4)
+    product = absent_parts(caught.value.finding)
+    assert len(product["vertices"]) == 0
+    with pytest.raises(UnsolvableError, match=r"ring: it has no collision parts.*1 CPU-s.*--most-parts 1"):
+        parts_of(product, "ring")
+
+
+def test_parts_come_back_from_their_product() -> None:
+    parts = convex_parts(angle(), seed=3)
+    product = parts_product(parts)
+    again = parts_of(product, "angle")
+    assert again.to_dict() == parts.to_dict()
+    for hull, same in zip(parts.hulls, again.hulls, strict=True):
+        np.testing.assert_array_equal(hull.vertices, same.vertices)
+        np.testing.assert_array_equal(hull.faces, same.faces)
+
+
+def test_a_finer_threshold_is_tried_until_the_parts_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+    made = collision._hulls
+
+    def noted(surface, threshold_m, *rest):
+        tried.append(threshold_m)
+        return made(surface, threshold_m, *rest)
+
+    monkeypatch.setattr(collision, "_hulls", noted)
+    monkeypatch.setattr(collision, "THRESHOLD", 0.6)
+    assert convex_parts(angle()).union_iou > 0.99
+    coarse, *finer = tried
+    assert coarse == pytest.approx(0.06)
+    assert len(convex_parts(angle(), threshold_m=coarse).hulls) == 1
+    assert finer
+    assert all(one < coarse for one in finer)
 
 
 def test_measures_of_parts_are_those_of_boxes() -> None:
@@ -146,6 +182,28 @@ def test_no_geometry_adds_mass_and_looks_do_not_collide(folder: Path) -> None:
     assert visual
     assert all(model.geom_contype[at] == 0 and model.geom_conaffinity[at] == 0 for at in visual)
     assert model.ntex == 1
+
+
+def test_the_surface_is_one_closed_mesh_that_collides_by_signed_distance(tmp_path: Path) -> None:
+    ring = surface_of(trimesh.creation.torus(0.05, 0.015))
+    solid = asset_of(box(SIDES, np.zeros(3)), RigidBody(MASS, np.zeros(3), INERTIA))
+    write_asset(tmp_path, replace(solid, surface=ring), ("mjcf",))
+    assert trimesh.load(tmp_path / "surface.obj").is_watertight
+    spec = mujoco.MjSpec.from_file(str(tmp_path / "object.xml"))
+    body = spec.worldbody.first_body()
+    spec.add_mesh(name="surface", file="surface.obj")
+    for geom in body.geoms:
+        geom.contype = geom.conaffinity = 0
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_SDF, meshname="surface", mass=0)
+    # A peg through the ring: hulls would have to leave room for it, the signed distance does.
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.02, 0, 0])
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], pos=[0, 0, -0.0155])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    while data.time < 1:
+        mujoco.mj_step(model, data)
+    assert data.qpos[2] == pytest.approx(-0.0005, abs=3e-4)
+    assert np.abs(data.qpos[:2]).max() < 1e-3
 
 
 def test_usd_is_in_metres_with_a_convex_guide_and_the_contact_bound(folder: Path) -> None:

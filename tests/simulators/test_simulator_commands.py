@@ -1,14 +1,21 @@
 """`objectfolder export --format mjcf` and `objectfolder scene` as a user types them, on one Object File."""
 
 import json
+import sys
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 import objectfolder
+from objectfolder.products.store import Product, write_product
+from objectfolder.simulators.collision import ConvexParts
+from objectfolder.simulators.parts_product import absent_parts, parts_product
+from objectfolder.surface.surface import Surface
 from pipeline.cli import main
+from pipeline.dataset.stages import COLLISION, OBJECT_FILES
 
 MATERIALS = str(Path(__file__).parents[2] / "data" / "materials.csv")
 
@@ -88,11 +95,24 @@ def test_a_scene_without_room_or_of_two_objects_of_one_name_leaves_nothing(
     ("options", "said"),
     [
         (("--format", "mjcf", "--mass", "-1"), "a mass of -1 kg"),
+        (("--format", "mjcf", "--mass", "0"), "a mass of 0 kg"),
+        (("--format", "mjcf", "--mass", "nan"), "a mass of nan kg"),
+        (("--format", "mjcf", "--mass", "inf"), "a mass of inf kg in 28.8 cm3 is denser"),
+        (("--format", "mjcf", "--mass", "90"), "a mass of 90 kg in 28.8 cm3 is denser than any solid"),
         (("--format", "mjcf", "--friction", "-1"), "friction -1"),
         (("--format", "mjcf", "--most-parts", "0"), "0 collision parts"),
         (("--format", "mjcf", "--threshold", "nan"), "a threshold of nan"),
     ],
-    ids=["mass", "friction", "parts", "threshold"],
+    ids=[
+        "mass",
+        "no mass",
+        "mass is no number",
+        "endless mass",
+        "absurd mass",
+        "friction",
+        "parts",
+        "threshold",
+    ],
 )
 def test_bad_options_are_one_line_and_leave_nothing(
     bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], said: str
@@ -102,6 +122,93 @@ def test_bad_options_are_one_line_and_leave_nothing(
     assert said in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_format_is_one_line_that_names_the_known(
+    bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("export", str(bar), "--format", "stl", "-o", str(tmp_path / "out")) == 2
+    error = capsys.readouterr().err
+    assert '"mjcf", "urdf", "sdf", "usd", "all"' in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def data_set(bar: Path, tmp_path: Path) -> Path:
+    """A data set of the bar, whose parts are two boxes."""
+    root = tmp_path / "set"
+    OBJECT_FILES.path(root, "bar").parent.mkdir(parents=True)
+    OBJECT_FILES.path(root, "bar").write_bytes(bar.read_bytes())
+    halves = [trimesh.creation.box((0.06, 0.03, 0.008)) for _ in range(2)]
+    for half, side in zip(halves, (-1, 1), strict=True):
+        half.apply_translation((side * 0.03, 0, 0))
+    hulls = tuple(Surface(np.array(half.vertices), np.array(half.faces)) for half in halves)
+    store(root, parts_product(ConvexParts(hulls, 1.0, 0.0, 0.0)))
+    return root
+
+
+def store(root: Path, product: Product) -> None:
+    path = COLLISION.path(root, "bar")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_product(path, product)
+
+
+def test_the_parts_are_the_data_sets_unless_others_are_asked_for(data_set: Path, tmp_path: Path) -> None:
+    asked = ("export", "bar", "--root", str(data_set), "--format", "mjcf")
+    assert run(*asked, "-o", str(tmp_path / "own")) == 0
+    assert run(*asked, "--most-parts", "1", "-o", str(tmp_path / "one")) == 0
+    parts = [len(list((tmp_path / name).glob("collision_*.obj"))) for name in ("own", "one")]
+    assert parts == [2, 1]
+
+
+def test_an_object_without_parts_says_why_and_how_it_has_some(
+    data_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store(data_set, absent_parts("parting it takes more than 150 CPU-s"))
+    asked = ("export", "bar", "--root", str(data_set), "--format", "mjcf")
+    assert run(*asked, "-o", str(tmp_path / "out")) == 1
+    error = capsys.readouterr().err
+    assert "bar: it has no collision parts: parting it takes more than 150 CPU-s" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+    assert run(*asked, "--most-parts", "1", "-o", str(tmp_path / "out")) == 0
+
+
+@pytest.mark.parametrize(
+    ("package", "options", "extra"),
+    [
+        ("pxr", ("--format", "all"), "simulators"),
+        ("coacd", ("--format", "mjcf", "--threshold", "0.001"), "factory"),
+    ],
+)
+def test_a_missing_package_is_one_line_and_leaves_nothing(
+    bar: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    package: str,
+    options: tuple[str, ...],
+    extra: str,
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setattr("objectfolder.simulators.collision.find_spec", lambda name: None)
+    assert run("export", str(bar), *options, "-o", str(tmp_path / "out")) == 1
+    error = capsys.readouterr().err
+    assert f"pip install 'objectfolder-factory[{extra}]'" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_exists_is_kept(bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "out"
+    output.mkdir()
+    (output / "mine.txt").write_text("mine")
+    assert run("export", str(bar), "--format", "mjcf", "-o", str(output)) == 1
+    error = capsys.readouterr().err
+    assert "is no export" in error
+    assert error.count("\n") == 1
+    assert [path.name for path in output.iterdir()] == ["mine.txt"]
 
 
 def test_the_mass_of_the_table_is_the_asset_s(bar: Path, tmp_path: Path) -> None:

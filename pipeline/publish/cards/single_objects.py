@@ -18,9 +18,9 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.stores import Stores, md5_of
 from pipeline.dataset.products import ProductKind, verify
 from pipeline.dataset.records import SAFE_ID
-from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
+from pipeline.dataset.stages import COLLISION, FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
 
-KINDS = {kind.name: kind for kind in (OBJECT_FILES, OBJECTS, VIEWS, MODES, TOUCHES, FIDELITY)}
+KINDS = {kind.name: kind for kind in (OBJECT_FILES, OBJECTS, VIEWS, MODES, TOUCHES, COLLISION, FIDELITY)}
 KEPT, FETCHED, FAILED = "already there", "fetched", "failed"
 SCP_FORM = re.compile(r"[^/@]+@[^/:]+:")
 NOT_PUSHED = "Ask its publisher to `dvc push` this revision."

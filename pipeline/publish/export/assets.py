@@ -11,10 +11,12 @@ import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.products.store import read_product
 from objectfolder.products.tensor_file import read_metadata
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
-from objectfolder.simulators.collision import convex_parts
+from objectfolder.simulators.collision import ConvexParts, convex_parts
 from objectfolder.simulators.formats import FORMATS, write_asset
+from objectfolder.simulators.parts_product import parts_of
 from objectfolder.simulators.scene import format_of_scene, write_scene
 from objectfolder.simulators.stable_poses import lay_out
 from objectfolder.vision.export.files import new_folder
@@ -26,6 +28,7 @@ from pipeline.publish.export.found_products import FoundProducts, find_products
 from pipeline.publish.queries.requests import Exporting
 
 ALL_FORMATS = tuple(FORMATS)
+DENSEST_KG_M3 = 22_600.0  # osmium
 
 
 def write_assets(names: Sequence[str], root: Path, wanted: Exporting, output: Path) -> Iterator[str]:
@@ -105,20 +108,24 @@ def _asset(found: FoundProducts, wanted: Exporting) -> Asset:
         )
     file = objectfolder.load(found.object_file)
     (body, mass_of), contact = _body(file, found, wanted), _contact(file, wanted)
-    collision = convex_parts(
-        file.surface,
-        threshold_m=wanted.threshold_m,
-        most_parts=wanted.most_parts,
-        seed=wanted.seed,
-        name=found.object_id,
-    )
+    collision = _collision(file, found, wanted)
     appearance = appearance_of(found, wanted)
     if found.objects is not None and wanted.surface != "stored":
         visual: list[Part] = mesh_parts(found.source_mesh(), appearance)
     else:
         surface, colour_of, _, finest_m = stored_colours(found, wanted, appearance)
         visual = [baked_part(surface, colour_of, wanted.texture_side, finest_m)[0]]
-    return Asset(found.object_id, visual, appearance, collision, body, mass_of, contact, found.credit())
+    credit = found.credit()
+    return Asset(found.object_id, visual, file.surface, appearance, collision, body, mass_of, contact, credit)
+
+
+def _collision(file: ObjectFile, found: FoundProducts, wanted: Exporting) -> ConvexParts:
+    """Return the convex parts of the data set, or those of the Object File where it has none or asked so."""
+    given = {"threshold_m": wanted.threshold_m, "most_parts": wanted.most_parts}
+    asked: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if found.collision is not None and not asked:
+        return parts_of(read_product(found.collision), found.object_id)
+    return convex_parts(file.surface, **asked, seed=wanted.seed, name=found.object_id)
 
 
 def _body(file: ObjectFile, found: FoundProducts, wanted: Exporting) -> tuple[RigidBody, str]:
@@ -132,6 +139,10 @@ def _body(file: ObjectFile, found: FoundProducts, wanted: Exporting) -> tuple[Ri
     mass_kg, centre_m, inertia = values
     body = RigidBody(mass_kg, np.array(centre_m), np.array(inertia))
     if wanted.mass_kg is not None:
+        volume_m3 = body.mass_kg / file.description["material"]["density_kg_m3"]
+        if not wanted.mass_kg <= volume_m3 * DENSEST_KG_M3:
+            finding = f"a mass of {wanted.mass_kg:g} kg in {volume_m3 * 1e6:.4g} cm3 is denser than any solid"
+            raise InputError(found.object_id, finding, "Give --mass in kilograms.")
         return body.of_mass(wanted.mass_kg), "given"
     measured_kg = (file.description["object"] or {}).get("mass_kg")
     return (body, whose) if measured_kg is None else (body.of_mass(measured_kg), "measured")

@@ -14,9 +14,9 @@ from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata
 from objectfolder.vision.export.files import MANIFEST, Credit, write_json
 from pipeline.dataset.records import RECORDS, read_records
-from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, VIEWS
+from pipeline.dataset.stages import COLLISION, OBJECT_FILES, OBJECTS, VIEWS
 
-KINDS = {"views": VIEWS, "object_file": OBJECT_FILES, "objects": OBJECTS}
+KINDS = {"views": VIEWS, "object_file": OBJECT_FILES, "objects": OBJECTS, "collision": COLLISION}
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class FoundProducts:
     views: Path | None = None
     object_file: Path | None = None
     objects: Path | None = None
+    collision: Path | None = None
     mesh: Path | None = None
     record: Mapping[str, Any] | None = None
 

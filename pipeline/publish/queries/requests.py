@@ -208,10 +208,11 @@ class Exporting:
     restitution
         simulators: in place of the material's
     most_parts
-        simulators: largest number of convex parts for collisions
+        simulators: largest number of convex parts for collisions (default: the parts of the data set, else
+        16)
     threshold_m
-        simulators: concavity that a part may have, metres (default: a hundredth of the object's length, up
-        to a twentieth where it is hollow)
+        simulators: concavity that a part may have, metres (default: the parts of the data set, else what fits
+        the object)
     """
 
     format: Literal["nerf", "colmap", "gltf", "mjcf", "urdf", "sdf", "usd", "all"]
@@ -230,5 +231,5 @@ class Exporting:
     mass_kg: float | None = None
     friction: float | None = None
     restitution: float | None = None
-    most_parts: int = 16
+    most_parts: int | None = None
     threshold_m: float | None = None

@@ -144,6 +144,7 @@ class ObjectPage:
                 modes=modes,
                 origins=_origins(products),
                 filling=_filling(subject, products),
+                collision=products.attributes("collision"),
                 unreadable=list(dict.fromkeys([*products.unreadable, *findings])),
                 fingerprint=fingerprint,
                 policy=security_policy(environment, SCRIPTS),
