@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
+from objectfolder.audio.air import radiation as radiation_module
 from objectfolder.audio.air.boundary_kernels import static_potentials
 from objectfolder.audio.air.helmholtz import Elements
 from objectfolder.audio.air.multipoles import (
@@ -415,18 +416,21 @@ def test_a_file_with_a_transfer_of_other_modes_is_refused(with_transfer, tmp_pat
 
 
 @pytest.mark.slow
-def test_modes_with_a_transfer_are_fitted_with_it(glass_bar):
+def test_modes_with_a_transfer_are_fitted_with_it(glass_bar, monkeypatch):
+    monkeypatch.setattr(radiation_module, "MOST_VERTICES", 500)  # a tenth of the time
     glass = read_materials(REPOSITORY / "data" / "materials.csv")["glass"]
-    options = {"training_points": 120, "held_out_points": 0, "seed": 0, "max_frequency_hz": 8000.0}
+    options = {"training_points": 120, "held_out_points": 0, "seed": 0, "max_frequency_hz": 5000.0}
     modes = simulate_modes(glass_bar.surface, glass, transfer="multipole", **options)
-    assert (modes["transfer_residuals"] < 0.1).all()
+    assert (modes["transfer_residuals"] < 0.15).all()
     net = fit_audionet(glass_bar.surface, modes)
     assert net.transfer is not None
     heard = np.abs([net.transfer.pressures(0.5 * way) for way in DIRECTIONS])
-    # A bar that bends is loud broadside, and silent in the direction in which it does not move.
-    first = np.abs(net.transfer.pressures([0.0, 0.0, 0.5])[0])
-    assert first > 0.8 * heard[:, 0].max()
-    assert np.abs(net.transfer.pressures([0.0, 0.5, 0.0])[0]) < 0.2 * first
+    # A bar that bends across its flat sides: what is heard above and below is opposite, and nothing between.
+    above, below, beside = (
+        net.transfer.pressures(place)[0] for place in ([0.1, 0.0, 0.4], [0.1, 0.0, -0.4], [0.1, 0.4, 0.0])
+    )
+    assert abs(above + below) < 0.05 * abs(above)
+    assert abs(beside) < 0.05 * heard[:, 0].max()
     plain = simulate_modes(glass_bar.surface, glass, **options)
     assert "transfer" not in plain.attributes
     np.testing.assert_array_equal(plain["mode_shapes"], modes["mode_shapes"])

@@ -16,8 +16,8 @@ Integers = NDArray[np.int64]
 # From faces (n,) and barycentric coordinates (n, 3) of a surface to displacements (n, 3, modes).
 Shapes = Callable[[Integers, Floats], Floats]
 
-PER_WAVELENGTH = 6.0  # least elements
-MOST_VERTICES = 2000  # of the finest elements
+PER_WAVELENGTH = 9.0  # least elements
+MOST_VERTICES = 2500  # of the finest elements
 AREA_PER_VERTEX = 1.8  # edges^2 over the area of a vertex: 1.15 were all triangles of that edge
 COARSER = 1.6  # edges of one level over those of the next finer
 MISFIT = 0.06  # of velocities on elements, before they are mended, up to which a mode has them
