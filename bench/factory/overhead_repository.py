@@ -88,7 +88,8 @@ def press_sensor(request):
 """,
     "collision": """
 def part_object(request):
-    return product(CHUNKS, {"more": "x" * BYTES})
+    measures = {"parts": 1, "union_iou": 1.0, "outward_m": 0.0, "absent": None}
+    return product(CHUNKS, {**measures, "more": "x" * BYTES})
 """,
     "encode": """
 def encode_object(request):
