@@ -96,7 +96,7 @@ def test_every_stage_has_packaged_costs_and_a_new_data_set_estimates(tmp_path):
         found = Estimates(tmp_path).of(stage, "new")
         assert found.wall_s > 0
         assert found.memory_bytes > 5e7
-        assert found.product_bytes > 1e5
+        assert found.product_bytes > (5e3 if stage == "collision" else 1e5)  # a dozen hulls are small
 
 
 def test_packaged_costs_follow_the_parameters(tmp_path):

@@ -28,7 +28,7 @@ from objectfolder.errors import FormatError, InputError
 from objectfolder.products.store import read_attributes
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.records import read_records
-from pipeline.dataset.stages import MODES, OBJECTS, STAGES
+from pipeline.dataset.stages import FIDELITY, MODES, OBJECTS, STAGES
 from pipeline.run.costs import QUERY, Cost, known_costs, read_costs
 
 PACKAGED = Path(__file__).with_name("known_costs.csv")
@@ -150,18 +150,21 @@ class Estimates:
             return None  # no product, or one with impossible attributes; the run reports it
 
     def of_known_objects(self) -> dict[str, dict[str, Estimate]]:
-        """Return expected costs by object and stage, of objects that have costs of every stage.
+        """Return expected costs by object and stage, of objects that have a cost of the last stage.
 
         These are objects of this data set if there are enough, else the packaged ones, whose CPU seconds
-        stand for wall seconds.
+        stand for wall seconds. A stage that an object has no cost of takes what is usual.
         """
-        own = _complete(self._own)
+        own = _finished(self._own)
         if len(own) >= ENOUGH_ROWS:
             return {name: {stage: self.of(stage, name) for stage in STAGES} for name in own}
-        return {
-            name: {stage: self._scaled(stage, one, MEMORY_MARGIN) for stage, one in by_stage.items()}
-            for name, by_stage in _complete(packaged_costs()).items()
-        }
+        known = packaged_costs()
+
+        def expected(stage: str, name: str) -> Estimate:
+            one = known.get((name, stage))
+            return self._scaled(stage, one, MEMORY_MARGIN) if one else self.of(stage, name)
+
+        return {name: {stage: expected(stage, name) for stage in STAGES} for name in _finished(known)}
 
     def _scaled(self, stage: str, one: Estimate, memory: float = 1.0) -> Estimate:
         """Return a cost at the default size as it is with this data set's parameters."""
@@ -202,13 +205,9 @@ def last_costs(costs: Iterable[Cost]) -> dict[tuple[str, str], Estimate]:
     return found
 
 
-def _complete(tasks: Mapping[tuple[str, str], Estimate]) -> dict[str, dict[str, Estimate]]:
-    """Return the tasks by object and stage, of the objects that have one in every stage."""
-    found: dict[str, dict[str, Estimate]] = {}
-    for (object_id, stage), one in tasks.items():
-        if stage in STAGES:
-            found.setdefault(object_id, {})[stage] = one
-    return {name: by_stage for name, by_stage in found.items() if len(by_stage) == len(STAGES)}
+def _finished(tasks: Mapping[tuple[str, str], Estimate]) -> list[str]:
+    """Return the objects with a task of the last stage."""
+    return [object_id for object_id, stage in tasks if stage == FIDELITY.made_by]
 
 
 @cache
