@@ -9,9 +9,12 @@ import html5lib
 import numpy as np
 import pytest
 from fidelity_products import FAILURE, fidelity, write_costs
-from report_data_sets import HOSTILE, write_object
+from report_data_sets import HOSTILE, cube, write_object
 
 from objectfolder.products.store import Array, Product, read_product, write_product
+from objectfolder.simulators.collision import ConvexParts
+from objectfolder.simulators.parts_product import absent_parts, parts_product
+from objectfolder.surface.surface import Surface
 from pipeline.dataset.failures import FailedObject
 from pipeline.publish.report.object_page import page_name, shown_fingerprint
 from pipeline.publish.report.writing import write_report
@@ -295,6 +298,28 @@ def test_warnings_of_an_object_stand_on_its_page(tmp_path: Path) -> None:
     }
     assert "Warning: walls of <b>one</b> layer" in texts["list"]
     assert {name: text.count("Warning:") for name, text in texts.items()} == {"list": 1, "text": 0, "none": 0}
+
+
+def test_a_page_says_how_collision_parts_fit_or_why_there_are_none(tmp_path: Path) -> None:
+    hull = Surface(*cube())
+    products = {
+        "mug": parts_product(ConvexParts((hull, hull), 0.834, 0.0021, 0.0)),
+        "bell": absent_parts("parting takes <b>long</b>"),
+        "die": Product({}, {"absent": None}),
+        "fork": None,
+    }
+    (tmp_path / "data" / "collision").mkdir(parents=True)
+    for name, product in products.items():
+        write_object(tmp_path / "data", name)
+        if product is not None:
+            write_product(tmp_path / "data" / "collision" / f"{name}.zarr.zip", product)
+    report(tmp_path)
+    said = {name: Page(tmp_path / "reports/objects" / f"{name}.html").text for name in products}
+    assert "simulators: 2 convex, 83 % of the volume" in said["mug"]
+    assert "none sticks out by more than 2.1 mm" in said["mug"]
+    assert "simulators: none, for parting takes <b>long</b>" in said["bell"]
+    assert "collision: not what a report can show" in said["die"]
+    assert all("Collision parts" not in said[name] for name in ("die", "fork"))
 
 
 def test_an_open_surface_says_how_it_was_filled(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ class ObjectPage:
                 modes=modes,
                 origins=_origins(products),
                 filling=_filling(subject, products),
-                collision=products.attributes("collision"),
+                collision=_collision(products),
                 unreadable=list(dict.fromkeys([*products.unreadable, *findings])),
                 fingerprint=fingerprint,
                 policy=security_policy(environment, SCRIPTS),
@@ -168,6 +168,21 @@ def shown_fingerprint(page: Path) -> tuple[str | None, bool]:
         return None, False
     found = _FINGERPRINT.search(head)
     return found[1].decode() if found else None, PLAYER_STYLE in head
+
+
+def _collision(products: ObjectProducts) -> str:
+    """Return how the convex parts fit, or why there are none; empty where there is no product."""
+    with products.reading("collision"):
+        said = products.attributes("collision")
+        if not said:
+            return ""
+        if said["absent"] is not None:
+            return f"none, for {said['absent']}"
+        return (
+            f"{said['parts']} convex, {100 * said['union_iou']:.0f} % of the volume in solid or "
+            f"parts is in both, and none sticks out by more than {1000 * said['outward_m']:.1f} mm."
+        )
+    return ""
 
 
 def _filling(subject: MeasuredObject, products: ObjectProducts) -> dict[str, float | None] | None:
