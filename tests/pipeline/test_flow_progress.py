@@ -2,11 +2,12 @@
 
 import io
 import itertools
+import math
 import threading
 
 import pytest
 
-from pipeline.run.flow_progress import FlowProgress, duration
+from pipeline.run.flow_progress import SPREAD, FlowProgress, duration
 
 STAGES = {"objects": (), "views": ("objects",), "modes": ("objects",), "encode": ("views", "modes")}
 
@@ -104,7 +105,7 @@ def test_nothing_to_do_shows_the_outcomes_alone(clock):
     assert log.getvalue() == "views: 1 kept\nmodes: no object\n"
 
 
-def test_time_to_go_is_work_over_workers_and_no_less_than_the_longest_chain(clock):
+def test_time_to_go_is_work_over_workers_and_no_less_than_the_last_chain(clock):
     progress = FlowProgress(STAGES, io.StringIO(), clock)
     assert progress.seconds_to_go() == 0
     for index in range(8):
@@ -114,7 +115,9 @@ def test_time_to_go_is_work_over_workers_and_no_less_than_the_longest_chain(cloc
     progress.workers(2, 2)
     assert progress.seconds_to_go() == pytest.approx(8 * 150 / 2)
     progress.workers(2, 100)
-    assert progress.seconds_to_go() == pytest.approx(150)
+    # Eight chains side by side: the largest of eight normal variables is 1.4236 deviations above in the mean.
+    deviation_s = SPREAD * math.hypot(100, 50)
+    assert progress.seconds_to_go() == pytest.approx(150 + 1.4236 * deviation_s, rel=0.01)
     progress.expect("modes", "mug_0", 400.0)
     assert progress.seconds_to_go() == pytest.approx(450)
     clock.now += 60
