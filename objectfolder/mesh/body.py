@@ -98,8 +98,9 @@ def solid_properties(
     sums = triangles.sum(axis=1)
     points = again.points - origin
     volume = float(determinants.sum() / 6 - again.volumes.sum())
-    first = determinants @ sums / 24 - again.volumes @ points
-    centre = first / volume if volume else np.zeros(3)
+    # Sums of numpy: a product of matrices would round as the processor's library does.
+    first = (determinants[:, None] * sums).sum(axis=0) - 24 * (again.volumes[:, None] * points).sum(axis=0)
+    centre = first / (24 * volume) if volume else np.zeros(3)
     outer = np.einsum("i,ij,ik->jk", determinants, sums, sums)
     outer += np.einsum("i,ivj,ivk->jk", determinants, triangles, triangles)
     second = outer / 120 - np.einsum("i,ij,ik->jk", again.volumes, points, points)

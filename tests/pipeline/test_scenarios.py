@@ -263,7 +263,7 @@ def install(tmp_path_factory, monkeypatch):
     [
         ("pytetwild", SOUND),
         ("bpy", SIGHT),
-        ("numba", ("touches", "encode", "fidelity")),
+        ("numba", ("modes", "touches", "encode", "fidelity")),
         ("coacd", ("collision",)),
         ("torch", ("encode", "fidelity")),
         ("DracoPy", ("objects",)),  # what it makes is the same, so that nothing behind it is made
