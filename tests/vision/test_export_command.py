@@ -19,6 +19,7 @@ RECORD = {
     "name": "A cube",
     "material": {},
     "material_citation": "",
+    "roughness_um": None,
     "appearance": {"roughness": 0.25, "metallic": 1.0},
     "walls": {},
     "senses": ["vision", "audio", "touch"],

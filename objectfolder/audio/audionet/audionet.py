@@ -136,7 +136,7 @@ class AudioNet:
             raise FormatError("Object File", "audio.control_barycentric lies outside of its face")
         decode_detours(known["audio.detours"], len(surface.vertices), dimensions, 1.0)
         net = cls(known, metadata, surface)
-        _ = net._quantised, net._corrected
+        _ = net._quantised, net.corrected_vertices
         return net
 
     def gains(self, points: ArrayLike) -> Floats:
@@ -175,7 +175,7 @@ class AudioNet:
 
     def _correct(self, result: Floats, face: Integers, barycentric: Floats) -> None:
         """Add corrections to fields (n, 3 modes) at barycentric coordinates (n, 3) of faces (n,)."""
-        numbers = self._corrected
+        numbers = self.corrected_vertices
         values = self._quantised[len(self._quantised) - len(numbers) :]
         shares = barycentric * float(self._tensors["audio.step"][1])
         for vertex, share in zip(self._surface.faces[face].T, shares.T, strict=True):
@@ -205,7 +205,7 @@ class AudioNet:
             ) from error
 
     @cached_property
-    def _corrected(self) -> Integers:
+    def corrected_vertices(self) -> Integers:
         """Vertices that have a correction, ascending."""
         gaps = _decoded(
             "audio.corrected", self._tensors["audio.corrected"], (1, int(self._metadata["corrections"]))
