@@ -136,7 +136,7 @@ class AudioNet:
             raise FormatError("Object File", "audio.control_barycentric lies outside of its face")
         decode_detours(known["audio.detours"], len(surface.vertices), dimensions, 1.0)
         net = cls(known, metadata, surface)
-        _ = net._quantised, net.corrected_vertices
+        _ = net._quantised, net._corrected
         return net
 
     def gains(self, points: ArrayLike) -> Floats:
@@ -175,13 +175,19 @@ class AudioNet:
 
     def _correct(self, result: Floats, face: Integers, barycentric: Floats) -> None:
         """Add corrections to fields (n, 3 modes) at barycentric coordinates (n, 3) of faces (n,)."""
-        numbers = self.corrected_vertices
+        numbers = self._corrected
         values = self._quantised[len(self._quantised) - len(numbers) :]
         shares = barycentric * float(self._tensors["audio.step"][1])
         for vertex, share in zip(self._surface.faces[face].T, shares.T, strict=True):
             place = np.searchsorted(numbers, vertex)
             at = np.flatnonzero(np.append(numbers, -1)[place] == vertex)
             result[at] += share[at, None] * values[place[at]]
+
+    def corrections(self) -> tuple[Integers, Floats]:
+        """Return vertices (n,) that have a correction, and what it adds to `gains` there (n, 3, modes)."""
+        values = self._quantised[len(self._quantised) - len(self._corrected) :]
+        scaled = values * float(self._tensors["audio.step"][1])
+        return self._corrected, scaled.reshape(len(values), 3, len(self.eigenvalues))
 
     @cached_property
     def _kernel(self) -> SurfaceKernel:
@@ -205,7 +211,7 @@ class AudioNet:
             ) from error
 
     @cached_property
-    def corrected_vertices(self) -> Integers:
+    def _corrected(self) -> Integers:
         """Vertices that have a correction, ascending."""
         gaps = _decoded(
             "audio.corrected", self._tensors["audio.corrected"], (1, int(self._metadata["corrections"]))

@@ -94,16 +94,34 @@ def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict
     points = min(int(metadata["control_points"]), max(LEAST_POINTS, MOST_GAINS // (3 * count)))
     face = tensors["audio.control_faces"][:points]
     stored = tensors["audio.control_barycentric"][:points]
-    gains = modes.gains(surface.points_at(face, control_barycentric(stored)))
-    scale = np.maximum(np.abs(gains).max(axis=(0, 1)), 1e-300) / GAIN_STEPS
-    header["gain_steps"] = scale.tolist()
+    barycentric = control_barycentric(stored)
+    gains = modes.gains(surface.points_at(face, barycentric))
+    vertices, added = _largest(*modes.corrections(), MOST_GAINS // (3 * count))
+    # Between the control points gains are smooth but for the corrections, which the page adds.
+    row = np.full(len(surface.vertices), len(vertices))
+    row[vertices] = np.arange(len(vertices))
+    hats = np.concatenate([added, np.zeros((1, 3, count))])[row[surface.faces[face]]]
+    gains -= np.einsum("nc,ncam->nam", barycentric, hats)
+    scale, added_scale = (
+        np.maximum(np.abs(values).max(axis=(0, 1), initial=0.0), 1e-300) / GAIN_STEPS
+        for values in (gains, added)
+    )
+    header |= {"gain_steps": scale.tolist(), "correction_steps": added_scale.tolist()}
     detours = decode_detours(tensors["audio.detours"], len(surface.vertices), dimensions, size_of(surface))
     return header, {
         "control_faces": face.astype(np.int32),
         "control_barycentric": stored,
         "detours": np.diff(np.rint(detours / step).astype(np.int32), axis=0, prepend=0).astype(np.int32),
         "gains": np.rint(gains / scale).astype(np.int8).transpose(2, 1, 0),
+        "corrected": vertices.astype(np.int32),
+        "corrections": np.rint(added / added_scale).astype(np.int8).transpose(2, 1, 0),
     }
+
+
+def _largest(vertices: np.ndarray, added: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `most` corrections that add most, in the order of their vertices."""
+    kept = np.sort(np.argsort(-np.square(added).sum(axis=(1, 2)), kind="stable")[:most])
+    return vertices[kept], added[kept]
 
 
 def surface_colours(file: ObjectFile) -> np.ndarray:

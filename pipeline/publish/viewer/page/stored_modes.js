@@ -22,6 +22,10 @@
       this.steps = header.sound.gain_steps;
       this.surface = surface;
       this.gains = arrays.gains;
+      // What is added at vertices, linear across faces.
+      this.corrections = arrays.corrections;
+      this.correctionSteps = header.sound.correction_steps;
+      this.corrected = new Map(Array.from(arrays.corrected, (vertex, row) => [vertex, row]));
       this._features(header, arrays);
       const places = arrays.control_faces;
       this.count = places.length;
@@ -103,16 +107,22 @@
     amplitudes(face, barycentric, impulse, normal) {
       if (!this.frequencies.length) return [];
       const { order, shares } = this._shares(face, barycentric);
+      const hats = [0, 1, 2]
+        .map((corner) => [this.corrected.get(this.surface.faces[3 * face + corner]), barycentric[corner]])
+        .filter(([row]) => row !== undefined);
       return this.steps.map((step, mode) => {
         let [struck, moved] = [0, 0];
         for (let axis = 0; axis < 3; axis += 1) {
           const start = (mode * 3 + axis) * this.count;
           let gain = 0;
           for (let index = 0; index < order.length; index += 1) gain += shares[index] * this.gains[start + order[index]];
+          gain *= step;
+          const first = (mode * 3 + axis) * this.corrected.size;
+          for (const [row, share] of hats) gain += share * this.corrections[first + row] * this.correctionSteps[mode];
           struck += gain * impulse[axis];
           moved += gain * normal[axis];
         }
-        return struck * moved * step * step;
+        return struck * moved;
       });
     }
 
