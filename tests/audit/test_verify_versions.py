@@ -230,7 +230,7 @@ def children_find_the_bodies(workshop, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(workshop.root), os.environ.get("PYTHONPATH", "")]))
 
 
-def remade(workshop, revision=None, count=12, seed=0):
+def remade(workshop, revision=None, count=14, seed=0):
     with Contents(workshop.root) as contents:
         found = recompute(contents, workshop.at(contents, revision), workshop.stages, count, seed)
     return {(one.stage, one.object_id): one for one in found}
@@ -241,7 +241,7 @@ def remade(workshop, revision=None, count=12, seed=0):
 def test_products_made_again_are_equal(workshop):
     before = workshop.products()
     found = remade(workshop)
-    assert len(found) == 2 * 6
+    assert len(found) == 2 * 7
     assert {one.verdict for one in found.values()} == {EQUAL}, found
     assert all(not one.finding for one in found.values())
     assert workshop.products() == before
