@@ -9,6 +9,7 @@ of kernels share the kernels, and answers do not depend on wider registers. It h
 of the process, unless ``NUMBA_CPU_NAME`` names another.
 """
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -41,7 +42,12 @@ def relaxed_kernel(function: Callable[..., Any]) -> Any:
 
 def _compiled(function: Callable[..., Any], flags: frozenset[str]) -> Any:
     # A set without flags means false to numba, which is what it must be.
-    options = {"nogil": True, "fastmath": set(flags) if flags else False, "error_model": "numpy"}
+    options = {
+        "nogil": True,
+        "fastmath": set(flags) if flags else False,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+    }
     try:
         return njit(function, cache=True, **options)
     except RuntimeError:
@@ -49,18 +55,28 @@ def _compiled(function: Callable[..., Any], flags: frozenset[str]) -> Any:
         return njit(function, **options)
 
 
-class _Notice(event.Listener):
-    """Says on standard error, once a process, that kernels are compiled; those in the cache load silently."""
+class _Compiling(event.Listener):
+    """Says on standard error, once a process, that kernels are compiled; those in the cache load silently.
 
-    said = False
+    Garbage is not collected meanwhile: numba keeps what it makes, and looking through it is a twentieth of
+    the time.
+    """
+
+    said, nested, collected = False, 0, False
 
     def on_start(self, event: event.Event) -> None:
+        if self.nested == 0:
+            self.collected = gc.isenabled()
+            gc.disable()
+        self.nested += 1
         if not self.said and (event.data["dispatcher"].py_func.__module__ or "").startswith("objectfolder."):
             self.said = True
             print("objectfolder: compiling kernels, once for this installation", file=sys.stderr)
 
     def on_end(self, event: event.Event) -> None:
-        pass
+        self.nested -= 1
+        if self.nested == 0 and self.collected:
+            gc.enable()
 
 
 def _set_target() -> None:
@@ -70,4 +86,4 @@ def _set_target() -> None:
 
 
 _set_target()
-event.register("numba:compile", _Notice())
+event.register("numba:compile", _Compiling())

@@ -14,17 +14,36 @@ import objectfolder
 PROGRAM = """
 import numpy as np
 from numba.core.registry import cpu_target
-from objectfolder.vision.compiled.borders import contrasting, sum_by_pixel
+from objectfolder.touch.contact.height_field import _lowest
+from objectfolder.vision.compiled.borders import sum_by_pixel
 sum_by_pixel(np.zeros(2, np.int32), np.ones(2, np.float32), np.ones((2, 3), np.float32), 1)
-contrasting(np.zeros((1, 1), np.int32), np.zeros((1, 3)), 0.5)
+_lowest(np.zeros((1, 3, 3)), np.arange(2.0), np.arange(2.0), 0.0)
 print(cpu_target.target_context.codegen().magic_tuple()[1])
 """
 
 
-def compiled_in_a_new_process(tmp_path, **environment: str) -> tuple[str, str]:
+FIRST_QUERY = """
+import objectfolder
+mug = objectfolder.example("mug")
+points, _ = mug.sample_contacts(1, seed=0)
+from numba.core import event
+compiled = []
+class Listener(event.Listener):
+    def on_start(self, event):
+        function = event.data["dispatcher"].py_func
+        compiled.append((function.__module__ or "") + "." + function.__name__)
+    def on_end(self, event):
+        pass
+event.register("numba:compile", Listener())
+{}
+print(*compiled)
+"""
+
+
+def compiled_in_a_new_process(tmp_path, program: str = PROGRAM, **environment: str) -> tuple[str, str]:
     plain = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True,
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True,
         env={**plain, "NUMBA_CACHE_DIR": str(tmp_path), **environment},
     )  # fmt: skip
     return done.stdout.strip(), done.stderr
@@ -41,6 +60,19 @@ def test_compiling_is_said_once_and_loading_from_the_cache_is_not(tmp_path):
 def test_every_process_compiles_for_one_target_unless_told_another(tmp_path):
     assert compiled_in_a_new_process(tmp_path)[0] == "haswell"
     assert compiled_in_a_new_process(tmp_path, NUMBA_CPU_NAME="generic")[0] == "generic"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("query", "most"),
+    [("mug.render(*mug.sample_views(1, seed=0), resolution=64)", 50), ("mug.press(points)", 60)],
+    ids=["sight", "touch"],
+)
+def test_a_first_query_compiles_few_functions_and_each_kernel_for_one_signature(tmp_path, query, most):
+    compiled = compiled_in_a_new_process(tmp_path, FIRST_QUERY.format(query))[0].split()
+    own = [name for name in compiled if name.startswith("objectfolder.")]
+    assert len(own) == len(set(own)) > 20
+    assert len(compiled) <= most
 
 
 def test_kernels_take_nothing_from_other_files():

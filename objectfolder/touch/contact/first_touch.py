@@ -3,6 +3,9 @@
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from objectfolder.jit import kernel
@@ -12,6 +15,8 @@ from objectfolder.jit import kernel
 OTHER_SIDE_COSINE = -0.7071067811865476
 # Flat undersides of scans, and of quantised surfaces, are flat to about this angle.
 POLE_RAD = 1e-3
+# Rows and columns of a rotation, or of a pose.
+Frame = list[list[float]]
 
 
 @kernel
@@ -26,9 +31,9 @@ def _disc_overlap(triangle, height, normal, point, squared_radius):
     area = 0.0
     cx, cy, cz = point[0] + height * normal[0], point[1] + height * normal[1], point[2] + height * normal[2]
     for start in range(3):
-        p, q = triangle[start], triangle[(start + 1) % 3]
-        px, py, pz = p[0] - cx, p[1] - cy, p[2] - cz
-        qx, qy, qz = q[0] - cx, q[1] - cy, q[2] - cz
+        end = (start + 1) % 3
+        px, py, pz = triangle[start, 0] - cx, triangle[start, 1] - cy, triangle[start, 2] - cz
+        qx, qy, qz = triangle[end, 0] - cx, triangle[end, 1] - cy, triangle[end, 2] - cz
         dx, dy, dz = qx - px, qy - py, qz - pz
         a = dx * dx + dy * dy + dz * dz
         half_b = dx * px + dy * py + dz * pz
@@ -96,12 +101,11 @@ def contact_normals(points, shading_normals, starts, faces, triangles, face_norm
         if length > 1e-3 * radius * radius:
             normals[i, 0], normals[i, 1], normals[i, 2] = x / length, y / length, z / length
         else:
-            normals[i] = normal
+            normals[i, 0], normals[i, 1], normals[i, 2] = normal[0], normal[1], normal[2]
     return normals
 
 
-@kernel
-def _contact_frame(normal, frame):
+def _contact_frame(normal: Sequence[float], frame: Frame) -> None:
     """Write a rotation (3, 3), columns the sensor's axes in the object frame, for a press against `normal`.
 
     The sensor's x axis is -normal. Its roll is that of the shortest rotation from the object's +z to the
@@ -111,53 +115,53 @@ def _contact_frame(normal, frame):
     approached from +x, carried on by the shortest rotation, so that a flat underside has one roll.
     """
     x, y, z = normal[0], normal[1], normal[2]
-    frame[0, 0], frame[1, 0], frame[2, 0] = -x, -y, -z
+    frame[0][0], frame[1][0], frame[2][0] = -x, -y, -z
     if z < 0 and x * x + y * y < POLE_RAD * POLE_RAD:
         turn = 1 / (1 - z)
-        frame[0, 1], frame[1, 1], frame[2, 1] = 1 - turn * x * x, -turn * x * y, x
-        frame[0, 2], frame[1, 2], frame[2, 2] = -turn * x * y, 1 - turn * y * y, y
+        frame[0][1], frame[1][1], frame[2][1] = 1 - turn * x * x, -turn * x * y, x
+        frame[0][2], frame[1][2], frame[2][2] = -turn * x * y, 1 - turn * y * y, y
         return
-    lateral = np.hypot(x, y)
+    lateral = math.hypot(x, y)
     cosine, sine = 1.0, 0.0
     if lateral > 0:
         cosine, sine = x / lateral, y / lateral
     # 1 - z without cancellation: above, lateral^2 / (1 + z).
     turn = lateral * lateral / (1 + z) if z > 0 else 1 - z
-    frame[0, 1], frame[1, 1], frame[2, 1] = turn * cosine * cosine - 1, turn * cosine * sine, x
-    frame[0, 2], frame[1, 2], frame[2, 2] = -turn * cosine * sine, 1 - turn * sine * sine, -y
+    frame[0][1], frame[1][1], frame[2][1] = turn * cosine * cosine - 1, turn * cosine * sine, x
+    frame[0][2], frame[1][2], frame[2][2] = -turn * cosine * sine, 1 - turn * sine * sine, -y
 
 
-@kernel
-def _tilt(frame, tilt, azimuth):
+def _tilt(frame: Frame, tilt: float, azimuth: float) -> None:
     """Lean a contact frame (3, 3) in place by Rodrigues' rotation; the roll follows.
 
     The sensor's back moves towards the azimuth, counted from the image's right towards its top.
     """
-    tx = np.sin(azimuth) * frame[0, 2] - np.cos(azimuth) * frame[0, 1]
-    ty = np.sin(azimuth) * frame[1, 2] - np.cos(azimuth) * frame[1, 1]
-    tz = np.sin(azimuth) * frame[2, 2] - np.cos(azimuth) * frame[2, 1]
-    bx, by, bz = -frame[0, 0], -frame[1, 0], -frame[2, 0]
+    tx = math.sin(azimuth) * frame[0][2] - math.cos(azimuth) * frame[0][1]
+    ty = math.sin(azimuth) * frame[1][2] - math.cos(azimuth) * frame[1][1]
+    tz = math.sin(azimuth) * frame[2][2] - math.cos(azimuth) * frame[2][1]
+    bx, by, bz = -frame[0][0], -frame[1][0], -frame[2][0]
     ax, ay, az = by * tz - bz * ty, bz * tx - bx * tz, bx * ty - by * tx
-    cosine, sine = np.cos(tilt), np.sin(tilt)
+    cosine, sine = math.cos(tilt), math.sin(tilt)
     for column in range(3):
-        x, y, z = frame[0, column], frame[1, column], frame[2, column]
+        x, y, z = frame[0][column], frame[1][column], frame[2][column]
         along = ax * x + ay * y + az * z
-        frame[0, column] = cosine * (x - ax * along) + sine * (ay * z - az * y) + ax * along
-        frame[1, column] = cosine * (y - ay * along) + sine * (az * x - ax * z) + ay * along
-        frame[2, column] = cosine * (z - az * along) + sine * (ax * y - ay * x) + az * along
+        frame[0][column] = cosine * (x - ax * along) + sine * (ay * z - az * y) + ax * along
+        frame[1][column] = cosine * (y - ay * along) + sine * (az * x - ax * z) + ay * along
+        frame[2][column] = cosine * (z - az * along) + sine * (ax * y - ay * x) + az * along
 
 
-@kernel
-def _roll(frame, roll):
+def _roll(frame: Frame, roll: float) -> None:
     """Turn a frame (3, 3) in place about the sensor's axis: the image's right moves towards its top."""
-    cosine, sine = np.cos(roll), np.sin(roll)
+    cosine, sine = math.cos(roll), math.sin(roll)
     for row in range(3):
-        y, z = frame[row, 1], frame[row, 2]
-        frame[row, 1], frame[row, 2] = cosine * y - sine * z, sine * y + cosine * z
+        y, z = frame[row][1], frame[row][2]
+        frame[row][1], frame[row][2] = cosine * y - sine * z, sine * y + cosine * z
 
 
-@kernel
-def first_touch_poses(points, normals, tilt, azimuth, roll, gel):
+def first_touch_poses(
+    points: np.ndarray, normals: np.ndarray, tilt: np.ndarray, azimuth: np.ndarray, roll: np.ndarray,
+    gel: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     """Poses (n, 4, 4), sensor_to_object, in which the undeformed gel just touches a flat surface at points.
 
     A tilted sensor rolls over the point on its curved gel: the gel's normal there opposes the surface's.
@@ -171,26 +175,30 @@ def first_touch_poses(points, normals, tilt, azimuth, roll, gel):
     gel
         As of `gel.gel_constants`.
     """
-    count = len(points)
+    rows = zip(points.tolist(), normals.tolist(), tilt.tolist(), azimuth.tolist(), roll.tolist(), strict=True)
+    constants = gel.tolist()
+    return np.array([_first_touch_pose(*row, constants) for row in rows]).reshape(-1, 4, 4)
+
+
+def _first_touch_pose(
+    point: Sequence[float], normal: Sequence[float], tilt: float, azimuth: float, roll: float,
+    gel: Sequence[float],
+) -> Frame:  # fmt: skip
     radius, stretch = gel[5], gel[6]
-    poses = np.zeros((count, 4, 4))
-    for i in range(count):
-        pose, normal = poses[i], normals[i]
-        pose[3, 3] = 1.0
-        _contact_frame(normal, pose)
-        if tilt[i] != 0:
-            _tilt(pose, tilt[i], azimuth[i])
-        if roll[i] != 0:
-            _roll(pose, roll[i])
-        inward = np.zeros(3)
-        for axis in range(3):
-            for k in range(3):
-                inward[axis] -= normal[k] * pose[k, axis]
-        y, z = inward[1] / inward[0], inward[2] / inward[0]
-        scale = radius / np.sqrt(stretch * stretch + (y * y + z * z)) if stretch > 0 else 0.0
-        y, z = y * scale, z * scale
-        sag = stretch * (radius - np.sqrt(max(radius * radius - (y * y + z * z), 0.0)))
-        x, y, z = gel[0] - sag, gel[1] + y, gel[2] + z
-        for axis in range(3):
-            pose[axis, 3] = points[i, axis] - (pose[axis, 0] * x + pose[axis, 1] * y + pose[axis, 2] * z)
-    return poses
+    pose = [[0.0] * 4, [0.0] * 4, [0.0] * 4, [0.0, 0.0, 0.0, 1.0]]
+    _contact_frame(normal, pose)
+    if tilt != 0:
+        _tilt(pose, tilt, azimuth)
+    if roll != 0:
+        _roll(pose, roll)
+    x = -(normal[0] * pose[0][0] + normal[1] * pose[1][0] + normal[2] * pose[2][0])
+    y = -(normal[0] * pose[0][1] + normal[1] * pose[1][1] + normal[2] * pose[2][1])
+    z = -(normal[0] * pose[0][2] + normal[1] * pose[1][2] + normal[2] * pose[2][2])
+    y, z = y / x, z / x
+    scale = radius / math.sqrt(stretch * stretch + (y * y + z * z)) if stretch > 0 else 0.0
+    y, z = y * scale, z * scale
+    sag = stretch * (radius - math.sqrt(max(radius * radius - (y * y + z * z), 0.0)))
+    x, y, z = gel[0] - sag, gel[1] + y, gel[2] + z
+    for axis in range(3):
+        pose[axis][3] = point[axis] - (pose[axis][0] * x + pose[axis][1] * y + pose[axis][2] * z)
+    return pose

@@ -51,27 +51,32 @@ def _segment_maximum(sx, sy, sz, ax, ay, az, low, high, gel):
 
 
 @kernel
-def _doubled_area(ay, az, by, bz, y, z):
-    return (ay - y) * (bz - z) - (az - z) * (by - y)
+def _doubled_area(corners, a, b, y, z):
+    return (corners[a, 1] - y) * (corners[b, 2] - z) - (corners[a, 2] - z) * (corners[b, 1] - y)
+
+
+@kernel
+def _normal(corners):
+    """The cross product of two edges."""
+    ux, uy, uz = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
+    vx, vy, vz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
 @kernel
 def _parallel_maximum(corners, gel):
     """Indentation where the gel is parallel to the triangle, if the triangle reaches there."""
-    a, b, c = corners[0], corners[1], corners[2]
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    nx, ny, nz = _normal(corners)
     radius, stretch = gel[5], gel[6]
     p, q = -ny / nx, -nz / nx
     scale = radius / np.sqrt(stretch * stretch + (p * p + q * q))
     y, z = -p * scale, -q * scale
-    first = _doubled_area(b[1], b[2], c[1], c[2], y, z) / nx
-    second = _doubled_area(c[1], c[2], a[1], a[2], y, z) / nx
-    third = _doubled_area(a[1], a[2], b[1], b[2], y, z) / nx
-    x = first * a[0] + second * b[0] + third * c[0]
-    inside = first >= 0 and second >= 0 and third >= 0 and abs(y) <= gel[3] and abs(z) <= gel[4]
-    if inside and x >= gel[8] - gel[0]:
+    x, least = 0.0, 0.0
+    for corner in range(3):
+        share = _doubled_area(corners, (corner + 1) % 3, (corner + 2) % 3, y, z) / nx
+        x += share * corners[corner, 0]
+        least = min(least, share)
+    if least >= 0 and abs(y) <= gel[3] and abs(z) <= gel[4] and x >= gel[8] - gel[0]:
         return -_sag(gel, y, z) - x
     return -np.inf
 
@@ -82,17 +87,14 @@ def _border_maximum(corners, gel, axis, side):
     sy, sz, ay, az = side * gel[3], -gel[4], 0.0, 2 * gel[4]
     if axis == 1:
         sy, sz, ay, az = -gel[3], side * gel[4], 2 * gel[3], 0.0
-    a, b, c = corners[0], corners[1], corners[2]
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    area, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    area, ny, nz = _normal(corners)
     if abs(area) <= ON_EDGE * np.sqrt(area * area + ny * ny + nz * nz):
         return -np.inf
     low, high, x, towards = 0.0, 1.0, 0.0, 0.0
     for opposite in range(3):
-        p, q = corners[(opposite + 1) % 3], corners[(opposite + 2) % 3]
-        value = _doubled_area(p[1], p[2], q[1], q[2], sy, sz) / area
-        slope = _doubled_area(p[1], p[2], q[1], q[2], sy + ay, sz + az) / area - value
+        p, q = (opposite + 1) % 3, (opposite + 2) % 3
+        value = _doubled_area(corners, p, q, sy, sz) / area
+        slope = _doubled_area(corners, p, q, sy + ay, sz + az) / area - value
         low, high = _cut(low, high, value, slope)
         x += value * corners[opposite, 0]
         towards += slope * corners[opposite, 0]

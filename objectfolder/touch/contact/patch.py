@@ -39,6 +39,8 @@ class FacePatches:
         self.corner_normals = surface.corner_normals
         tree = BoundingBoxTree(self.triangles)
         self._boxes, self._order = tree.boxes, tree.order
+        # Faces for which a query has room at first: what the largest before has found.
+        self._near, self._in_balls = 512, 64
         self.diagonal_m = float(np.linalg.norm(np.ptp(self.triangles.reshape(-1, 3), axis=0)))
 
     def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -46,11 +48,20 @@ class FacePatches:
 
         Of faces equally near the one of lowest index.
         """
-        return tree_queries.closest(self._boxes, self._order, self.triangles, points)
+        face, barycentric = np.empty(len(points), dtype=np.int64), np.zeros((len(points), 3))
+        stack = np.empty(tree_queries.STACK, dtype=np.int64)
+        tree_queries.closest(self._boxes, self._order, self.triangles, points, stack, face, barycentric)
+        return face, barycentric
 
     def in_balls(self, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Faces whose boxes meet balls round points (n, 3): those of i are faces[starts[i]:starts[i + 1]]."""
-        return tree_queries.in_balls(self._boxes, self._order, points, radius)
+        starts = np.empty(len(points) + 1, dtype=np.int64)
+        while True:
+            faces = np.empty(self._in_balls * len(points), dtype=np.int64)
+            found = tree_queries.in_balls(self._boxes, self._order, points, radius, starts, faces)
+            if found <= len(faces):
+                return starts, faces[:found]
+            self._in_balls = -(-found // len(points))
 
     def near_gel(
         self, pose: np.ndarray, gel: np.ndarray, least: float
@@ -60,11 +71,31 @@ class FacePatches:
         Also their corners (m, 3, 3) in the frame of `pose` (4, 4), the sensor's, and bounds (m,) of their
         indentation. `gel` is as of `gel.gel_constants`.
         """
-        return tree_queries.near_gel(self._boxes, self._order, self.triangles, pose, gel, least)
+        while True:
+            room = self._near + 1
+            faces, corners, bounds = np.empty(room, dtype=np.int64), np.empty((room, 3, 3)), np.empty(room)
+            found = tree_queries.near_gel(
+                self._boxes,
+                self._order,
+                self.triangles,
+                pose,
+                gel,
+                least,
+                np.empty(6),
+                faces,
+                corners,
+                bounds,
+            )
+            if found < room:
+                return faces[:found], corners[:found], bounds[:found]
+            self._near = found
 
     def enters_box(self, pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether any face enters the open box between corners (3,) in the frame of `pose` (4, 4)."""
-        return bool(tree_queries.enters_box(self._boxes, self._order, self.triangles, pose, low, high))
+        working = (high - low) / 2, np.empty((3, 3)), np.empty(6)
+        return bool(
+            tree_queries.enters_box(self._boxes, self._order, self.triangles, pose, low, high, *working)
+        )
 
 
 def _welded(surface: Surface) -> Surface:

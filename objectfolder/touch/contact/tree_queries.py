@@ -27,13 +27,6 @@ def _behind(node):
 
 
 @kernel
-def _grown(values):
-    larger = np.empty((2 * len(values), *values.shape[1:]), values.dtype)
-    larger[: len(values)] = values
-    return larger
-
-
-@kernel
 def _squared_distance(box, x, y, z):
     dx = max(max(box[0] - x, x - box[3]), 0.0)
     dy = max(max(box[1] - y, y - box[4]), 0.0)
@@ -91,13 +84,11 @@ def _closest_on(triangle, x, y, z):
 
 
 @kernel
-def closest(boxes, order, triangles, points):
-    """See `patch.FacePatches.closest`."""
-    count, leaves = len(points), len(order)
-    face = np.full(count, -1, np.int64)
-    barycentric = np.zeros((count, 3))
-    stack = np.empty(STACK, np.int64)
-    for i in range(count):
+def closest(boxes, order, triangles, points, stack, face, barycentric):
+    """Write the answer of `patch.FacePatches.closest`; `stack` (`STACK`,) int64 is working memory."""
+    leaves = len(order)
+    for i in range(len(points)):
+        face[i] = -1
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         least = np.inf
         stack[0], height = 0, 1
@@ -122,68 +113,63 @@ def closest(boxes, order, triangles, points):
                 if gap < least or (gap == least and candidate < face[i]):
                     least, face[i] = gap, candidate
                     barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = first, second, third
-    return face, barycentric
 
 
 @kernel
-def in_balls(boxes, order, points, radius):
-    """See `patch.FacePatches.in_balls`."""
-    count, leaves = len(points), len(order)
-    starts = np.zeros(count + 1, np.int64)
-    faces = np.empty(64 * max(count, 1), np.int64)
+def in_balls(boxes, order, points, radius, starts, faces):
+    """Write the answer of `patch.FacePatches.in_balls`, as far as there is room; return the faces found."""
+    leaves = len(order)
     found = 0
+    starts[0] = 0
     reach = radius * radius * (1 + ROUNDING)
-    for i in range(count):
+    for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        node = 0
+        node = np.int64(0)  # a literal would have `_behind` compiled twice
         while node >= 0:
             near = _squared_distance(boxes[node], x, y, z) <= reach
             if near and node < leaves - 1:
                 node = 2 * node + 1
                 continue
             if near:
-                if found + order.shape[1] > len(faces):
-                    faces = _grown(faces)
-                for face in order[node - leaves + 1]:
+                for slot in range(order.shape[1]):
+                    face = order[node - leaves + 1, slot]
                     if face >= 0:
-                        faces[found] = face
+                        if found < len(faces):
+                            faces[found] = face
                         found += 1
             node = _behind(node)
         starts[i + 1] = found
-    return starts, faces[:found]
+    return found
 
 
 @kernel
-def _boxes_apart(box, pose, centre, half):
-    """Whether one of the boxes' own six axes separates them; also where `box` holds nothing."""
-    if not box[0] <= box[3]:
-        return True
-    hx, hy, hz = (box[3] - box[0]) / 2, (box[4] - box[1]) / 2, (box[5] - box[2]) / 2
-    x, y, z = box[0] + hx - centre[0], box[1] + hy - centre[1], box[2] + hz - centre[2]
-    slack = ROUNDING * (abs(x) + abs(y) + abs(z) + hx + hy + hz)
+def _bound_box(box, pose, bounds):
+    """Write least and greatest coordinates (6,) of a box in the frame of `pose`, with room for rounding."""
     for axis in range(3):
-        rx, ry, rz = pose[0, axis], pose[1, axis], pose[2, axis]
-        reach = half[axis] + abs(rx) * hx + abs(ry) * hy + abs(rz) * hz
-        if abs(x * rx + y * ry + z * rz) > reach + slack:
-            return True
-    for axis, distance, own in ((0, x, hx), (1, y, hy), (2, z, hz)):
-        reach = own
-        for other in range(3):
-            reach += abs(pose[axis, other]) * half[other]
-        if abs(distance) > reach + slack:
-            return True
-    return False
+        middle, reach = 0.0, 0.0
+        for k in range(3):
+            half = (box[3 + k] - box[k]) / 2
+            along = box[k] + half - pose[k, 3]
+            middle += along * pose[k, axis]
+            reach += half * abs(pose[k, axis]) + ROUNDING * (abs(along) + half)
+        bounds[axis], bounds[3 + axis] = middle - reach, middle + reach
 
 
 @kernel
-def _centre_of(pose, low, high):
-    half = (high - low) / 2
-    centre = np.empty(3)
+def _bound_triangle(corners, bounds):
+    """Write least and greatest coordinates (6,) of corners (3, 3)."""
     for axis in range(3):
-        centre[axis] = pose[axis, 3]
-        for other in range(3):
-            centre[axis] += pose[axis, other] * (low[other] + half[other])
-    return centre, half
+        a, b, c = corners[0, axis], corners[1, axis], corners[2, axis]
+        bounds[axis], bounds[3 + axis] = min(min(a, b), c), max(max(a, b), c)
+
+
+@kernel
+def _overlap(bounds, low, high):
+    """Whether the insides of two boxes meet."""
+    apart = False
+    for axis in range(3):
+        apart |= not (bounds[axis] < high[axis] and bounds[3 + axis] > low[axis])
+    return not apart
 
 
 @kernel
@@ -211,11 +197,7 @@ def _separates(corners, half, ax, ay, az):
 
 @kernel
 def _triangle_enters(corners, low, high, half):
-    """Separating axes of a triangle and a box (Akenine-Möller 2001); touching is not entering."""
-    for axis in range(3):
-        a, b, c = corners[0, axis], corners[1, axis], corners[2, axis]
-        if not (min(min(a, b), c) < high[axis] and max(max(a, b), c) > low[axis]):
-            return False
+    """Separating axes of a triangle and a box (Akenine-Möller 2001), but not the box's own three."""
     for axis in range(3):
         for corner in range(3):
             corners[corner, axis] -= (low[axis] + high[axis]) / 2
@@ -236,83 +218,66 @@ def _triangle_enters(corners, low, high, half):
 
 
 @kernel
-def enters_box(boxes, order, triangles, pose, low, high):
-    """See `patch.FacePatches.enters_box`."""
+def enters_box(boxes, order, triangles, pose, low, high, half, corners, bounds):
+    """See `patch.FacePatches.enters_box`.
+
+    `half` (3,) are of the box's sides; `corners` (3, 3) and `bounds` (6,) are working memory.
+    """
     leaves = len(order)
-    centre, half = _centre_of(pose, low, high)
-    corners = np.empty((3, 3))
-    node = 0
+    node = np.int64(0)
     while node >= 0:
-        meets = not _boxes_apart(boxes[node], pose, centre, half)
+        _bound_box(boxes[node], pose, bounds)
+        meets = _overlap(bounds, low, high)
         if meets and node < leaves - 1:
             node = 2 * node + 1
             continue
         if meets:
-            for face in order[node - leaves + 1]:
+            for slot in range(order.shape[1]):
+                face = order[node - leaves + 1, slot]
                 if face >= 0:
                     _transform(triangles[face], pose, corners)
-                    if _triangle_enters(corners, low, high, half):
+                    _bound_triangle(corners, bounds)
+                    if _overlap(bounds, low, high) and _triangle_enters(corners, low, high, half):
                         return True
         node = _behind(node)
     return False
 
 
 @kernel
-def _bound(low_x, high_x, y, z, gel):
-    """Greatest indentation by what lies in low_x..high_x and at least (y, z) from the gel's axis."""
-    if y > gel[3] or z > gel[4] or high_x < gel[8]:
+def _indentation_bound(bounds, gel):
+    """Greatest indentation by what lies in a box, coordinates (6,) in the sensor frame."""
+    y = max(max(bounds[1] - gel[1], gel[1] - bounds[4]), 0.0)
+    z = max(max(bounds[2] - gel[2], gel[2] - bounds[5]), 0.0)
+    if not bounds[0] <= bounds[3] or y > gel[3] or z > gel[4] or bounds[3] < gel[8]:
         return -np.inf
     sag = gel[6] * (gel[5] - np.sqrt(max(gel[5] * gel[5] - (y * y + z * z), 0.0)))
-    return gel[0] - sag - low_x + SLACK_M
+    return gel[0] - sag - bounds[0] + SLACK_M
 
 
 @kernel
-def _box_bound(box, pose, gel):
-    """Greatest indentation by what a box holds."""
-    if not box[0] <= box[3]:
-        return -np.inf
-    hx, hy, hz = (box[3] - box[0]) / 2, (box[4] - box[1]) / 2, (box[5] - box[2]) / 2
-    x, y, z = box[0] + hx - pose[0, 3], box[1] + hy - pose[1, 3], box[2] + hz - pose[2, 3]
-    slack = ROUNDING * (abs(x) + abs(y) + abs(z) + hx + hy + hz)
-    along = x * pose[0, 0] + y * pose[1, 0] + z * pose[2, 0]
-    reach = abs(pose[0, 0]) * hx + abs(pose[1, 0]) * hy + abs(pose[2, 0]) * hz + slack
-    across = abs(x * pose[0, 1] + y * pose[1, 1] + z * pose[2, 1] - gel[1])
-    across -= abs(pose[0, 1]) * hx + abs(pose[1, 1]) * hy + abs(pose[2, 1]) * hz + slack
-    up = abs(x * pose[0, 2] + y * pose[1, 2] + z * pose[2, 2] - gel[2])
-    up -= abs(pose[0, 2]) * hx + abs(pose[1, 2]) * hy + abs(pose[2, 2]) * hz + slack
-    return _bound(along - reach, along + reach, max(across, 0.0), max(up, 0.0), gel)
+def near_gel(boxes, order, triangles, pose, gel, least, box, faces, corners, bounds):
+    """Write the answer of `patch.FacePatches.near_gel` as far as there is room, and return the faces found.
 
-
-@kernel
-def _triangle_bound(corners, gel):
-    """Greatest indentation by the box round a triangle (3, 3), sensor frame."""
-    a, b, c = corners[0], corners[1], corners[2]
-    low_y, high_y = min(min(a[1], b[1]), c[1]) - gel[1], max(max(a[1], b[1]), c[1]) - gel[1]
-    low_z, high_z = min(min(a[2], b[2]), c[2]) - gel[2], max(max(a[2], b[2]), c[2]) - gel[2]
-    y, z = max(max(low_y, -high_y), 0.0), max(max(low_z, -high_z), 0.0)
-    return _bound(min(min(a[0], b[0]), c[0]), max(max(a[0], b[0]), c[0]), y, z, gel)
-
-
-@kernel
-def near_gel(boxes, order, triangles, pose, gel, least):
-    """See `patch.FacePatches.near_gel`."""
-    leaves = len(order)
-    faces, bounds, corners = np.empty(512, np.int64), np.empty(512), np.empty((512, 3, 3))
-    found, node = 0, 0
+    Working memory are `box` (6,), and one row more of the others than there is room for.
+    """
+    leaves, room = len(order), len(faces) - 1
+    found, node = 0, np.int64(0)
     while node >= 0:
-        near = _box_bound(boxes[node], pose, gel) > least
+        _bound_box(boxes[node], pose, box)
+        near = _indentation_bound(box, gel) > least
         if near and node < leaves - 1:
             node = 2 * node + 1
             continue
         if near:
-            if found + order.shape[1] > len(faces):
-                faces, bounds, corners = _grown(faces), _grown(bounds), _grown(corners)
-            for face in order[node - leaves + 1]:
+            for slot in range(order.shape[1]):
+                face = order[node - leaves + 1, slot]
                 if face >= 0:
-                    _transform(triangles[face], pose, corners[found])
-                    bounds[found] = _triangle_bound(corners[found], gel)
-                    if bounds[found] > least:
-                        faces[found] = face
+                    row = min(found, room)
+                    _transform(triangles[face], pose, corners[row])
+                    _bound_triangle(corners[row], box)
+                    bounds[row] = _indentation_bound(box, gel)
+                    if bounds[row] > least:
+                        faces[row] = face
                         found += 1
         node = _behind(node)
-    return faces[:found], corners[:found], bounds[:found]
+    return found

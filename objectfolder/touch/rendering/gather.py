@@ -67,45 +67,9 @@ def _indentation(deep, lateral, vertical, radius, stretch):
 
 
 @relaxed_kernel
-def _room(extent):
-    """Most samples that rows with these first and last columns (rows, 2) may have."""
-    most = 0
-    for row in range(len(extent)):
-        most += max(extent[row, 1] - extent[row, 0] + 1, 0)
-    return most
-
-
-@relaxed_kernel
-def gather_samples(
-    owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v, rays
-):
-    """Points and normals to shade: one for each face in each pixel, amid the rays that see it there.
-
-    Parameters
-    ----------
-    owner, nearness, extent, edges, inverse
-        As `rasterise.rasterise` returns them; `owner` is changed: to -2 less the column of the results of
-        each ray, or -1 for the gel.
-    corner_normals, faces
-        (F, 3, 3) in the object frame, and which of the faces the triangles are (m,).
-    pose, gel
-        sensor_to_object (4, 4), and as of `gel.gel_constants`; the others are as for `rasterise.rasterise`.
-
-    Returns
-    -------
-    count
-        How many there are, n. The following have room for more.
-    positions, normals
-        (3, >= n) float32 sensor frame; the normals, towards the camera, of any length.
-    depth
-        (>= n,) metres in the undeformed gel.
-    area
-        Square metres of surface for each unit of du dv, summed over the rays.
-    """
-    most = _room(extent)
-    maps, doubled_area = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
-    positions, normals = np.empty((3, most), np.float32), np.empty((3, most), np.float32)
-    depth = np.empty(most)
+def _gather(owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v,
+            rays, maps, doubled_area, positions, normals, depth):  # fmt: skip
+    """Write what `gather_samples` returns; `maps` (m, 3, 3), `doubled_area` (m,) of 0 are working memory."""
     px, py, pz = positions[0], positions[1], positions[2]
     nx, ny, nz = normals[0], normals[1], normals[2]
     camera_x, apex_y, apex_z, radius, stretch = camera[0], gel[1], gel[2], gel[5], gel[6]
@@ -134,4 +98,43 @@ def gather_samples(
                 size = doubled_area[face] * abs(inverse[face])
                 area += distance * distance * distance * size * members
                 seen += one
-    return int(seen), positions, normals, depth, area
+    return int(seen), area
+
+
+def gather_samples(
+    owner: np.ndarray, nearness: np.ndarray, extent: np.ndarray, edges: np.ndarray, inverse: np.ndarray,
+    corner_normals: np.ndarray, faces: np.ndarray, pose: np.ndarray, camera: np.ndarray, gel: np.ndarray,
+    u: np.ndarray, shift: np.ndarray, v: np.ndarray, rays: int,
+) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
+    """Points and normals to shade: one for each face in each pixel, amid the rays that see it there.
+
+    Parameters
+    ----------
+    owner, nearness, extent, edges, inverse
+        As `rasterise.rasterise` returns them; `owner` is changed: to -2 less the column of the results of
+        each ray, or -1 for the gel.
+    corner_normals, faces
+        (F, 3, 3) in the object frame, and which of the faces the triangles are (m,).
+    pose, gel
+        sensor_to_object (4, 4), and as of `gel.gel_constants`; the others are as for `rasterise.rasterise`.
+
+    Returns
+    -------
+    count
+        How many there are, n. The following have room for more.
+    positions, normals
+        (3, >= n) float32 sensor frame; the normals, towards the camera, of any length.
+    depth
+        (>= n,) metres in the undeformed gel.
+    area
+        Square metres of surface for each unit of du dv, summed over the rays.
+    """
+    most = int(np.maximum(extent[:, 1] - extent[:, 0] + 1, 0).sum())
+    maps, doubled_area = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
+    positions, normals = np.empty((3, most), dtype=np.float32), np.empty((3, most), dtype=np.float32)
+    depth = np.empty(most)
+    count, area = _gather(
+        owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v, rays,
+        maps, doubled_area, positions, normals, depth,
+    )  # fmt: skip
+    return count, positions, normals, depth, area

@@ -32,16 +32,14 @@ def _range(a, b, c, first, pitch, count):
 def _edges(triangle, camera, edges):
     """Write b x c, c x a and a x b of the corners from the camera; return a . (b x c)."""
     for corner in range(3):
-        p, q = triangle[(corner + 1) % 3], triangle[(corner + 2) % 3]
-        px, py, pz = p[0] - camera[0], p[1] - camera[1], p[2] - camera[2]
-        qx, qy, qz = q[0] - camera[0], q[1] - camera[1], q[2] - camera[2]
+        p, q = (corner + 1) % 3, (corner + 2) % 3
+        px, py, pz = triangle[p, 0] - camera[0], triangle[p, 1] - camera[1], triangle[p, 2] - camera[2]
+        qx, qy, qz = triangle[q, 0] - camera[0], triangle[q, 1] - camera[1], triangle[q, 2] - camera[2]
         edges[corner, 0] = py * qz - pz * qy
         edges[corner, 1] = pz * qx - px * qz
         edges[corner, 2] = px * qy - py * qx
-    a = triangle[0]
-    return (
-        edges[0, 0] * (a[0] - camera[0]) + edges[0, 1] * (a[1] - camera[1]) + edges[0, 2] * (a[2] - camera[2])
-    )
+    x, y, z = triangle[0, 0] - camera[0], triangle[0, 1] - camera[1], triangle[0, 2] - camera[2]
+    return edges[0, 0] * x + edges[0, 1] * y + edges[0, 2] * z
 
 
 @kernel
@@ -55,54 +53,38 @@ def _rows(triangle, camera, v, near):
 
 
 @kernel
-def _columns(edges, sign, u, shift, v, lows, highs):
-    """Write first and last column in which each row (slopes u + shift and v) of rays meets a face, whole.
+def _columns(edges, sign, u, shift, v, first, rows, lows, highs, used):
+    """Write first and last column in which `rows` rows of rays from `first` on meet a face, whole.
 
-    Each edge bounds the columns from one side.
+    Each edge bounds the columns from one side. Row `first` is at `used` of `lows` and `highs`.
     """
     spacing, count = u[1] - u[0], float(len(u))
-    for row in range(len(v)):
-        lows[row], highs[row] = 0.0, count - 1
+    for row in range(rows):
+        lows[used + row], highs[used + row] = 0.0, count - 1
     for corner in range(3):
         constant, down = sign * (edges[corner, 0] + edges[corner, 1] * u[0]), sign * edges[corner, 2]
         across = sign * edges[corner, 1]
-        slope = sign * edges[corner, 1] * spacing
+        slope = across * spacing
         inverse = -1 / slope
-        if slope > 0:
-            for row in range(len(v)):
-                root = (constant + down * v[row] + across * shift[row]) * inverse
-                lows[row] = root if root > lows[row] else lows[row]
-        elif slope < 0:
-            for row in range(len(v)):
-                root = (constant + down * v[row] + across * shift[row]) * inverse
-                highs[row] = root if root < highs[row] else highs[row]
-        else:
-            for row in range(len(v)):
-                highs[row] = -1.0 if constant + down * v[row] < 0 else highs[row]
-    for row in range(len(v)):
-        low, high = lows[row], highs[row]
-        lows[row] = np.ceil((low if low < count else count) - SLACK)
-        highs[row] = np.floor((high if high > -1.0 else -1.0) + SLACK)
+        for row in range(rows):
+            root = (constant + down * v[first + row] + across * shift[first + row]) * inverse
+            at = used + row
+            if slope > 0:
+                lows[at] = root if root > lows[at] else lows[at]
+            elif slope < 0:
+                highs[at] = root if root < highs[at] else highs[at]
+            else:
+                highs[at] = -1.0 if constant + down * v[first + row] < 0 else highs[at]
+    for at in range(used, used + rows):
+        low, high = lows[at], highs[at]
+        lows[at] = np.ceil((low if low < count else count) - SLACK)
+        highs[at] = np.floor((high if high > -1.0 else -1.0) + SLACK)
 
 
 @kernel
-def _grown(values, least):
-    larger = np.empty(max(2 * len(values), least))
-    larger[: len(values)] = values
-    return larger
-
-
-@kernel
-def _start(gel_nearness, best, owner):
-    for j in range(len(best)):
-        best[j] = gel_nearness[j]
-        owner[j] = -1
-
-
-@kernel
-def _nearer(best, owner, u, face, constant, slope, limit):
-    """Write a face where it is the nearest, and not behind the gel, along part of a row of rays."""
-    for j in range(len(best)):
+def _nearer(best, owner, u, first, end, face, constant, slope, limit):
+    """Write a face where it is the nearest, and not behind the gel, along columns first..end of a row."""
+    for j in range(first, end):
         nearness = constant + slope * u[j]
         before = (nearness >= best[j]) & (nearness < limit)
         best[j] = nearness if before else best[j]
@@ -110,22 +92,14 @@ def _nearer(best, owner, u, face, constant, slope, limit):
 
 
 @kernel
-def _covered(triangles, bounds, camera, u, shift, v, near):
-    """Rows and columns of rays that each face covers.
+def _faces(triangles, bounds, camera, v, near, edges, inverse, rows):
+    """Write normals and inverse determinants as `rasterise` returns them, and first and last row (m, 2).
 
-    Returns the planes' normals and inverse determinants as `rasterise` does; first and last column (rows, 2)
-    that any face covers; first and last row (m, 2) of each face, and where in the last two arrays its first
-    and last column in each of these rows begin (m,).
+    Returns how many rows there are, over all faces.
     """
-    count = len(triangles)
-    edges, inverse = np.empty((count, 3, 3)), np.zeros(count)
-    extent = np.empty((len(v), 2), np.int64)
-    extent[:, 0], extent[:, 1] = len(u), -1
-    rows, starts = np.empty((count, 2), np.int64), np.empty(count, np.int64)
-    lows, highs = np.empty(8 * len(v)), np.empty(8 * len(v))
-    used = 0
-    for face in range(count):
-        rows[face, 0], rows[face, 1] = 0, -1
+    total = 0
+    for face in range(len(triangles)):
+        inverse[face], rows[face, 0], rows[face, 1] = 0.0, 0, -1
         if not bounds[face] > 0:
             continue
         determinant = _edges(triangles[face], camera, edges[face])
@@ -133,26 +107,67 @@ def _covered(triangles, bounds, camera, u, shift, v, near):
             continue
         inverse[face] = 1 / determinant
         first, last = _rows(triangles[face], camera, v, near)
-        if first > last:
-            continue
-        rows[face, 0], rows[face, 1], starts[face] = first, last, used
-        end = used + last - first + 1
-        if end > len(lows):
-            lows, highs = _grown(lows, end), _grown(highs, end)
-        sign = 1.0 if determinant > 0 else -1.0
-        part = slice(first, last + 1)
-        _columns(edges[face], sign, u, shift[part], v[part], lows[used:end], highs[used:end])
-        for row in range(first, last + 1):
-            low, high = int(lows[used + row - first]), int(highs[used + row - first])
-            if low <= high:
-                extent[row, 0] = min(extent[row, 0], low)
-                extent[row, 1] = max(extent[row, 1], high)
-        used = end
-    return edges, inverse, extent, rows, starts, lows, highs
+        if first <= last:
+            rows[face, 0], rows[face, 1] = first, last
+            total += last - first + 1
+    return total
 
 
 @kernel
-def rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays):
+def _widest(extent, start, rays):
+    """Make the extent of the rows of a pixel that of all of them; return it."""
+    first, last = extent[start, 0], extent[start, 1]
+    for row in range(start + 1, start + rays):
+        first, last = min(first, extent[row, 0]), max(last, extent[row, 1])
+    for row in range(start, start + rays):
+        extent[row, 0], extent[row, 1] = first, last
+    return first, last
+
+
+@kernel
+def _rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays,
+               owner, best, extent, edges, inverse, rows):  # fmt: skip
+    """Write what `rasterise` returns; `rows` (m, 2) is working memory."""
+    total = _faces(triangles, bounds, camera, v, near, edges, inverse, rows)
+    lows, highs = np.empty(total), np.empty(total)
+    for row in range(len(v)):
+        extent[row, 0], extent[row, 1] = len(u), -1
+    used = np.uint64(0)
+    for face in range(len(triangles)):
+        first, count = rows[face, 0], np.uint64(rows[face, 1] + 1 - rows[face, 0])
+        sign = 1.0 if inverse[face] > 0 else -1.0
+        _columns(edges[face], sign, u, shift, v, np.uint64(first), count, lows, highs, used)
+        for row in range(first, rows[face, 1] + 1):
+            low, high = int(lows[used]), int(highs[used])
+            if low <= high:
+                extent[row, 0], extent[row, 1] = min(extent[row, 0], low), max(extent[row, 1], high)
+            used += np.uint64(1)
+    for start in range(0, len(v), rays):
+        first, last = _widest(extent, start, rays)
+        for row in range(start, start + rays):
+            for j in range(np.uint64(first), np.uint64(last + 1)):
+                best[row, j] = gel_nearness[row, j]
+                owner[row, j] = -1
+    limit = 1 / near
+    used = np.uint64(0)
+    for face in range(len(triangles)):
+        e, scale = edges[face], inverse[face]
+        along = e[0, 0] + e[1, 0] + e[2, 0]
+        slope = (e[0, 1] + e[1, 1] + e[2, 1]) * scale
+        down = e[0, 2] + e[1, 2] + e[2, 2]
+        for row in range(rows[face, 0], rows[face, 1] + 1):
+            first, last = int(lows[used]), int(highs[used])
+            used += np.uint64(1)
+            if first <= last:
+                constant = (along + down * v[row]) * scale + slope * shift[row]
+                end = np.uint64(last + 1)
+                _nearer(best[row], owner[row], u, np.uint64(first), end, face, constant, slope, limit)
+
+
+def rasterise(
+    triangles: np.ndarray, bounds: np.ndarray, camera: np.ndarray, u: np.ndarray, shift: np.ndarray,
+    v: np.ndarray, gel_nearness: np.ndarray, near: float, rays: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Find the nearest face before the gel along each ray.
 
     Parameters
@@ -185,26 +200,12 @@ def rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays):
     inverse
         (m,) one over the determinant of each triangle's corners from the camera.
     """
-    count = len(triangles)
-    edges, inverse, extent, rows, starts, lows, highs = _covered(triangles, bounds, camera, u, shift, v, near)
-    best, owner = np.empty((len(v), len(u))), np.empty((len(v), len(u)), np.int32)
-    for start in range(0, len(v), rays):
-        first, last = extent[start : start + rays, 0].min(), extent[start : start + rays, 1].max()
-        part = slice(first, last + 1)
-        for row in range(start, start + rays):
-            extent[row, 0], extent[row, 1] = first, last
-            _start(gel_nearness[row][part], best[row][part], owner[row][part])
-    limit = 1 / near
-    for face in range(count):
-        e, scale = edges[face], inverse[face]
-        along = e[0, 0] + e[1, 0] + e[2, 0]
-        slope = (e[0, 1] + e[1, 1] + e[2, 1]) * scale
-        down = e[0, 2] + e[1, 2] + e[2, 2]
-        for row in range(rows[face, 0], rows[face, 1] + 1):
-            at = starts[face] + row - rows[face, 0]
-            first, last = int(lows[at]), int(highs[at])
-            if first <= last:
-                part = slice(first, last + 1)
-                constant = (along + down * v[row]) * scale + slope * shift[row]
-                _nearer(best[row][part], owner[row][part], u[part], face, constant, slope, limit)
+    count, shape = len(triangles), (len(v), len(u))
+    owner, best = np.empty(shape, dtype=np.int32), np.empty(shape)
+    edges, inverse = np.empty((count, 3, 3)), np.empty(count)
+    extent, rows = np.empty((len(v), 2), dtype=np.int64), np.empty((count, 2), dtype=np.int64)
+    _rasterise(
+        triangles, bounds, camera, u, shift, v, gel_nearness, near, rays,
+        owner, best, extent, edges, inverse, rows,
+    )  # fmt: skip
     return owner, best, extent, edges, inverse

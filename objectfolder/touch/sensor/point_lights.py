@@ -30,7 +30,7 @@ LOG, EXP = _chebyshev(lambda f: np.log2(1 + f), 7), _chebyshev(np.exp2, 6)
 # Where the rows of a block's intermediate values begin in one array: at known distances, so that loops over
 # them go into vector registers.
 POSITION, NORMAL, VIEW = 0, 3 * BLOCK, 6 * BLOCK
-FACING, VISIBLE, RADIANCE = 9 * BLOCK, 10 * BLOCK, 11 * BLOCK
+FACING, VISIBLE, RADIANCE, WORK = 9 * BLOCK, 10 * BLOCK, 11 * BLOCK, 14 * BLOCK
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +57,13 @@ class PointLights:
 
     def shade(self, count: int, positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Pixel values (3, count) float32 of the first points (3, n) with normals (3, n), both float32."""
-        return _shade(
-            count, positions, normals, self.camera, self.positions, self.colors, self.material, self.exponent
-        )
+        work, scale = np.ones(WORK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
+        values = np.empty((3, count), dtype=np.float32)
+        _shade(
+            count, positions, normals, self.camera, self.positions, self.colors, self.material, self.exponent,
+            work, work.view(np.int32), scale, scale.view(np.int32), values,
+        )  # fmt: skip
+        return values
 
 
 @lru_cache(maxsize=8)
@@ -142,13 +146,16 @@ def _reflect(work, light, color, alpha2, k, base, diffuse):
 
 
 @relaxed_kernel
-def _encode(radiance, bits, exponent, values, to_bits):
-    """Write min(radiance, 1) ** exponent as value * 2 ** k, both by polynomials; k as the bits of a float."""
+def _encode(bits, row, exponent, values, start, size, octaves):
+    """Write min(radiance, 1) ** exponent as value * 2 ** k, both by polynomials; k as the bits of a float.
+
+    The bits of the radiance begin at `row`, the values at `start`.
+    """
     one_bits, part_bits = np.int32(127 << 23), np.int32((1 << 23) - 1)
     unit, octave = np.float32(2.0**-23), np.int32(23)
     lowest = np.float32(LOWEST_OCTAVE)
-    for i in range(len(values)):
-        bounded = bits[i] if bits[i] < one_bits else one_bits
+    for i in range(size):
+        bounded = bits[row + i] if bits[row + i] < one_bits else one_bits
         f = np.float32(bounded & part_bits) * unit
         log = ((LOG[7] * f + LOG[6]) * f + LOG[5]) * f + LOG[4]
         log = (((log * f + LOG[3]) * f + LOG[2]) * f + LOG[1]) * f + LOG[0]
@@ -158,45 +165,34 @@ def _encode(radiance, bits, exponent, values, to_bits):
         f = power - np.float32(whole)
         value = ((EXP[6] * f + EXP[5]) * f + EXP[4]) * f + EXP[3]
         value = ((value * f + EXP[2]) * f + EXP[1]) * f + EXP[0]
-        to_bits[i] = np.int32(whole + np.int32(127)) << octave
-        values[i] = value
+        octaves[i] = np.int32(whole + np.int32(127)) << octave
+        values[start + i] = value
 
 
 @relaxed_kernel
-def _copy(values, target):
-    for i in range(len(values)):
-        target[i] = values[i]
-
-
-@relaxed_kernel
-def _clear(target):
-    for i in range(len(target)):
-        target[i] = np.float32(0)
-
-
-@relaxed_kernel
-def _multiply(values, factors):
-    for i in range(len(values)):
-        values[i] *= factors[i]
-
-
-@relaxed_kernel
-def _shade(count, positions, normals, camera, lights, colors, material, exponent):
-    values = np.empty((3, count), np.float32)
-    work = np.ones(RADIANCE + 3 * BLOCK, np.float32)
-    bits, scale = work.view(np.int32), np.empty(BLOCK, np.float32)
-    for start in range(0, count, BLOCK):
-        size = min(BLOCK, count - start)
+def _shade(
+    count, positions, normals, camera, lights, colors, material, exponent, work, bits, scale, octaves, values
+):
+    """Write pixel values; working memory are `work` (`WORK`,), `scale` (`BLOCK`,) and int32 views of them."""
+    # Indices that cannot be negative are not tested for it.
+    block, end = np.uint64(BLOCK), np.uint64(count)
+    for start in range(np.uint64(0), end, block):
+        size = min(block, end - start)
         for axis in range(3):
-            _copy(positions[axis][start : start + size], work[POSITION + axis * BLOCK :])
-            _copy(normals[axis][start : start + size], work[NORMAL + axis * BLOCK :])
-        _clear(work[RADIANCE:])
+            row, place = np.uint64(POSITION + axis * BLOCK), positions[axis]
+            for i in range(size):
+                work[row + i] = place[start + i]
+            row, place = np.uint64(NORMAL + axis * BLOCK), normals[axis]
+            for i in range(size):
+                work[row + i] = place[start + i]
+            row = np.uint64(RADIANCE + axis * BLOCK)
+            for i in range(block):
+                work[row + i] = np.float32(0)
         _directions(work, camera, material[1])
         for light in range(len(lights)):
             _reflect(work, lights[light], colors[light], material[0], material[1], material[2], material[3])
         for channel in range(3):
-            row = RADIANCE + channel * BLOCK
-            shown = values[channel][start : start + size]
-            _encode(work[row:], bits[row:], exponent, shown, scale.view(np.int32))
-            _multiply(shown, scale)
-    return values
+            shown = values[channel]
+            _encode(bits, np.uint64(RADIANCE + channel * BLOCK), exponent, shown, start, size, octaves)
+            for i in range(size):
+                shown[start + i] *= scale[i]

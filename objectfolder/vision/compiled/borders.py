@@ -7,103 +7,89 @@ import numpy as np
 
 from objectfolder.jit import kernel
 
+# Pixels above, and left of, an edge between two, and those on its other side.
+EDGES = (
+    (np.s_[:-1, :], np.s_[1:, :]),
+    (np.s_[:, :-1], np.s_[:, 1:]),
+)
 
-@kernel
-def unevenly_seen(label, slots):
+
+def unevenly_seen(label: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Mark (h, w) pixels of a window that more than one group shares, or beside one of other coverage.
 
     Parameters
     ----------
     label
         (h * w, s) groups of their sub-samples, -1: nothing.
-    slots
-        (h, w) int32 row of `label`, or -1: nothing is seen in the pixel.
+    shape
+        Height and width of the window.
     """
-    height, width = slots.shape
-    marked = np.zeros((height, width), np.bool_)
-    covered = np.zeros((height, width), np.int64)
-    count = label.shape[1]
-    for row in range(height):
-        for column in range(width):
-            here = slots[row, column]
-            if here < 0:
-                continue
-            first = label[here, 0]
-            for s in range(count):
-                covered[row, column] += label[here, s] >= 0
-                marked[row, column] |= label[here, s] != first
-    for row in range(height):
-        for column in range(width):
-            for down, right in ((1, 0), (0, 1)):
-                below, beside = row + down, column + right
-                if below < height and beside < width and covered[row, column] != covered[below, beside]:
-                    marked[row, column] = marked[below, beside] = True
+    first = label[:, 0]
+    shared = np.zeros(len(label), dtype=bool)
+    for sample in label.T[1:]:
+        shared |= sample != first
+    covered = np.where(first < 0, 0, label.shape[1])
+    covered[shared] = np.count_nonzero(label[shared] >= 0, axis=1)
+    marked, covered = shared.reshape(shape), covered.reshape(shape)
+    for here, there in EDGES:
+        apart = covered[here] != covered[there]
+        marked[here] |= apart
+        marked[there] |= apart
     return marked
 
 
-@kernel
-def mixed(slots, pixel, state):
+def neighbours(slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pixels (k,) on both sides of each edge between two, of slots (h, w) pixel or -1."""
+    here = np.concatenate([slots[first].ravel() for first, _ in EDGES])
+    there = np.concatenate([slots[second].ravel() for _, second in EDGES])
+    both = (here >= 0) & (there >= 0)
+    return here[both], there[both]
+
+
+def mixed(
+    edges: tuple[np.ndarray, np.ndarray], count: int, pixel: np.ndarray, state: np.ndarray
+) -> np.ndarray:
     """Mark (p,) pixels that see, or have an edge neighbour that sees, what is lit beside what is in shadow.
 
     Parameters
     ----------
-    slots
-        (h, w) int32 pixel at each place of a window, or -1.
+    edges, count
+        As of `neighbours`, and how many pixels there are, p.
     pixel, state
         (n,) of points that were asked: their pixel, and 1 lit, 2 in shadow, 0 turned from the light.
     """
-    height, width = slots.shape
-    last = -1
-    for row in range(height):
-        for column in range(width):
-            last = max(last, slots[row, column])
-    kinds = np.zeros(last + 1, np.int64)
-    for i in range(len(pixel)):
-        kinds[pixel[i]] |= state[i]
-    marked = np.zeros(len(kinds), np.bool_)
-    for row in range(height):
-        for column in range(width):
-            here = slots[row, column]
-            if here < 0:
-                continue
-            marked[here] |= kinds[here] == 3
-            for down, right in ((1, 0), (0, 1)):
-                if row + down < height and column + right < width:
-                    there = slots[row + down, column + right]
-                    if there >= 0 and kinds[here] | kinds[there] == 3:
-                        marked[here] = marked[there] = True
+    lit, dark = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    lit[pixel[state == 1]] = dark[pixel[state == 2]] = True
+    here, there = edges
+    apart = (lit[here] | lit[there]) & (dark[here] | dark[there])
+    marked: np.ndarray = lit & dark
+    marked[here[apart]] = marked[there[apart]] = True
     return marked
 
 
-@kernel
-def contrasting(slots, shade, limit):
+def contrasting(edges: tuple[np.ndarray, np.ndarray], shade: np.ndarray, limit: float) -> np.ndarray:
     """Mark (p,) pixels whose shade (p, 3) differs by more than `limit` from an edge neighbour's."""
-    height, width = slots.shape
-    marked = np.zeros(len(shade), np.bool_)
-    for row in range(height):
-        for column in range(width):
-            here = slots[row, column]
-            if here < 0:
-                continue
-            for down, right in ((1, 0), (0, 1)):
-                if row + down < height and column + right < width:
-                    there = slots[row + down, column + right]
-                    if there < 0:
-                        continue
-                    for channel in range(3):
-                        if abs(shade[here, channel] - shade[there, channel]) > limit:
-                            marked[here] = marked[there] = True
+    here, there = edges
+    apart = np.zeros(len(here), dtype=bool)
+    for channel in np.ascontiguousarray(shade.T):
+        apart |= np.abs(channel[here] - channel[there]) > limit
+    marked = np.zeros(len(shade), dtype=bool)
+    marked[here[apart]] = marked[there[apart]] = True
     return marked
 
 
-@kernel
-def sum_by_pixel(pixel, weight, colour, count):
+def sum_by_pixel(pixel: np.ndarray, weight: np.ndarray, colour: np.ndarray, count: int) -> np.ndarray:
     """Return (count, 3) float64 sums of weight * colour over the points of each pixel, in their order."""
     total = np.zeros((count, 3))
+    _sum_by_pixel(pixel, weight, colour, total)
+    return total
+
+
+@kernel
+def _sum_by_pixel(pixel, weight, colour, total):
     for i in range(len(pixel)):
         for channel in range(3):
             total[pixel[i], channel] += weight[i] * colour[i, channel]
-    return total
 
 
 @kernel

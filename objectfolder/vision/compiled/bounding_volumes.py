@@ -50,84 +50,122 @@ class BoundingVolumes:
     def of_triangles(cls, triangles: np.ndarray) -> "BoundingVolumes":
         """Build over (F, 3, 3) corners in the unit frame."""
         low, high = triangles.min(axis=1), triangles.max(axis=1)
-        boxes, children, counts, order, nodes = _build(low, high)
+        order, room = np.arange(len(low), dtype=np.int32), max(1, len(low))
+        boxes = np.empty((room, 2, 6), dtype=np.float32)
+        children, counts = np.zeros((room, 2), dtype=np.int32), np.zeros((room, 2), dtype=np.int32)
+        pending, bins = np.empty((room, 3), dtype=np.int64), np.empty((BINS + 1, 8))
+        nodes = _build(low, high, order, boxes, children, counts, pending, bins)
         a = triangles[:, 0]
         edges = np.concatenate([a, triangles[:, 1] - a, triangles[:, 2] - a], axis=1)
         return cls(boxes[:nodes].copy(), children[:nodes].copy(), counts[:nodes].copy(), edges[order], order)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return face (n,) int32 (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
-        return _first_hits(
-            self.boxes, self.children, self.counts, self.triangles, self.faces, origins, directions
-        )
+        face, barycentric = np.full(len(origins), -1, dtype=np.int32), np.zeros((len(origins), 3))
+        stack, entry = np.empty(STACK, dtype=np.int32), np.empty(STACK, dtype=np.float32)
+        _first_hits(
+            self.boxes, self.children, self.counts, self.triangles, self.faces, origins, directions,
+            stack, entry, face, barycentric,
+        )  # fmt: skip
+        return face, barycentric
 
     def occluded(self, origins: np.ndarray, target: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Whether (n,) a face lies strictly between origins (n, 3) and target (3,) or (n, 3), if wanted."""
-        targets = target.reshape(-1, 3)
-        return _occluded(self.boxes, self.children, self.counts, self.triangles, origins, targets, wanted)
+        targets, blocked = target.reshape(-1, 3), np.zeros(len(origins), dtype=bool)
+        _occluded(
+            self.boxes, self.children, self.counts, self.triangles, origins, targets, wanted,
+            np.empty(STACK, dtype=np.int32), blocked,
+        )  # fmt: skip
+        return blocked
 
 
 @kernel
-def _area(low, high):
-    x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
+def _clear(box):
+    """Make a box hold nothing."""
+    for k in range(3):
+        box[k], box[3 + k] = np.inf, -np.inf
+
+
+@kernel
+def _join(box, other):
+    """Widen a box to hold another."""
+    for k in range(3):
+        box[k], box[3 + k] = min(box[k], other[k]), max(box[3 + k], other[3 + k])
+
+
+@kernel
+def _area(box):
+    """Half the surface of a box."""
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return x * y + y * z + z * x
 
 
 @kernel
-def _split(low, high, order, first, last):
-    """Partition order[first:last] by the cheapest of BINS planes an axis; return where, or the middle."""
-    least, most = np.empty(3), np.empty(3)
-    least[:], most[:] = np.inf, -np.inf
+def _bin(low, high, face, axis, least, extent):
+    """Which of BINS slices of an axis the centre of a face lies in."""
+    return min(BINS - 1, int(BINS * ((low[face, axis] + high[face, axis] - least) / extent)))
+
+
+@kernel
+def _fill(low, high, order, first, last, axis, least, extent, bins):
+    """Write the box and the number of the faces order[first:last] in each bin of an axis."""
+    for bin_ in range(BINS):
+        _clear(bins[bin_])
+        bins[bin_, 6] = 0.0
     for position in range(first, last):
         face = order[position]
-        for axis in range(3):
-            centre = low[face, axis] + high[face, axis]
-            least[axis] = min(least[axis], centre)
-            most[axis] = max(most[axis], centre)
-    best, best_axis, best_bin = np.inf, -1, 0
-    bin_low, bin_high = np.empty((BINS, 3)), np.empty((BINS, 3))
-    number = np.empty(BINS, np.int64)
-    right, swept_low, swept_high = np.empty(BINS), np.empty(3), np.empty(3)
+        own = bins[_bin(low, high, face, axis, least, extent)]
+        own[6] += 1.0
+        for k in range(3):
+            own[k], own[3 + k] = min(own[k], low[face, k]), max(own[3 + k], high[face, k])
+
+
+@kernel
+def _cheapest(bins, total):
+    """Return the least cost of a plane between two bins, and the bin before it; infinity if there is none."""
+    swept = bins[BINS]
+    _clear(swept)
+    count = 0.0
+    for bin_ in range(BINS - 1, 0, -1):
+        count += bins[bin_, 6]
+        _join(swept, bins[bin_])
+        bins[bin_, 7] = _area(swept) * count if count > 0 else 0.0
+    _clear(swept)
+    count, best, best_bin = 0.0, np.inf, 0
+    for bin_ in range(BINS - 1):
+        count += bins[bin_, 6]
+        _join(swept, bins[bin_])
+        if 0 < count < total:
+            cost = _area(swept) * count + bins[bin_ + 1, 7]
+            if cost < best:
+                best, best_bin = cost, bin_
+    return best, best_bin
+
+
+@kernel
+def _split(low, high, order, first, last, bins):
+    """Partition order[first:last] by the cheapest of BINS planes an axis; return where, or the middle.
+
+    `bins` (BINS + 1, 8) are working memory: the box of each, how many faces, and the cost of those behind.
+    """
+    best, best_axis, best_bin, best_least, best_extent = np.inf, -1, 0, 0.0, 0.0
     for axis in range(3):
-        extent = most[axis] - least[axis]
-        if not extent > 0:
-            continue
-        number[:], bin_low[:], bin_high[:] = 0, np.inf, -np.inf
+        least, most = np.inf, -np.inf
         for position in range(first, last):
-            face = order[position]
-            centre = low[face, axis] + high[face, axis]
-            bin_ = min(BINS - 1, int(BINS * ((centre - least[axis]) / extent)))
-            number[bin_] += 1
-            for k in range(3):
-                bin_low[bin_, k] = min(bin_low[bin_, k], low[face, k])
-                bin_high[bin_, k] = max(bin_high[bin_, k], high[face, k])
-        count = 0
-        swept_low[:], swept_high[:] = np.inf, -np.inf
-        for bin_ in range(BINS - 1, 0, -1):
-            count += number[bin_]
-            for k in range(3):
-                swept_low[k] = min(swept_low[k], bin_low[bin_, k])
-                swept_high[k] = max(swept_high[k], bin_high[bin_, k])
-            right[bin_] = _area(swept_low, swept_high) * count if count else 0.0
-        count = 0
-        swept_low[:], swept_high[:] = np.inf, -np.inf
-        for bin_ in range(BINS - 1):
-            count += number[bin_]
-            for k in range(3):
-                swept_low[k] = min(swept_low[k], bin_low[bin_, k])
-                swept_high[k] = max(swept_high[k], bin_high[bin_, k])
-            if 0 < count < last - first:
-                cost = _area(swept_low, swept_high) * count + right[bin_ + 1]
-                if cost < best:
-                    best, best_axis, best_bin = cost, axis, bin_
+            centre = low[order[position], axis] + high[order[position], axis]
+            least, most = min(least, centre), max(most, centre)
+        if not most > least:
+            continue
+        _fill(low, high, order, first, last, axis, least, most - least, bins)
+        cost, bin_ = _cheapest(bins, last - first)
+        if cost < best:
+            best, best_axis, best_bin, best_least, best_extent = cost, axis, bin_, least, most - least
     if best_axis < 0:
         return (first + last) // 2
-    extent = most[best_axis] - least[best_axis]
     i, j = first, last - 1
     while i <= j:
-        face = order[i]
-        centre = low[face, best_axis] + high[face, best_axis]
-        if min(BINS - 1, int(BINS * ((centre - least[best_axis]) / extent))) <= best_bin:
+        # A literal's type would have `_bin` compiled twice.
+        if _bin(low, high, order[i], np.int64(best_axis), best_least, best_extent) <= best_bin:
             i += 1
         else:
             order[i], order[j] = order[j], order[i]
@@ -136,23 +174,17 @@ def _split(low, high, order, first, last):
 
 
 @kernel
-def _build(low, high):
-    count = len(low)
-    order = np.empty(count, np.int32)
-    for face in range(count):
-        order[face] = face
-    room = max(1, count)
-    boxes = np.empty((room, 2, 6), np.float32)
-    children = np.zeros((room, 2), np.int32)
-    counts = np.zeros((room, 2), np.int32)
-    # Ranges of `order` yet to be split, and the node each becomes.
-    pending = np.empty((room, 3), np.int64)
-    pending[0, 0], pending[0, 1], pending[0, 2] = 0, count, 0
+def _build(low, high, order, boxes, children, counts, pending, bins):
+    """Write a tree over boxes (n, 3) and the order of its leaves; return how many nodes it has.
+
+    `pending` (n, 3) is working memory: ranges of `order` yet to be split, and the node each becomes.
+    """
+    pending[0, 0], pending[0, 1], pending[0, 2] = 0, len(low), 0
     waiting, nodes = 1, 1
     while waiting:
         waiting -= 1
         first, last, node = pending[waiting, 0], pending[waiting, 1], pending[waiting, 2]
-        middle = _split(low, high, order, first, last) if last - first > 1 else last
+        middle = _split(low, high, order, first, last, bins) if last - first > 1 else last
         for side in range(2):
             start, end = (first, middle) if side == 0 else (middle, last)
             box = boxes[node, side]
@@ -170,7 +202,7 @@ def _build(low, high):
                 pending[waiting, 0], pending[waiting, 1], pending[waiting, 2] = start, end, nodes
                 waiting += 1
                 nodes += 1
-    return boxes, children, counts, order, nodes
+    return nodes
 
 
 @kernel
@@ -221,13 +253,10 @@ def _meet(triangle, ox, oy, oz, dx, dy, dz):
 
 
 @kernel
-def _first_hits(boxes, children, counts, triangles, faces, origins, directions):
-    count = len(origins)
-    found = np.full(count, -1, np.int32)
-    barycentric = np.zeros((count, 3))
-    stack = np.empty(STACK, np.int32)
-    entry = np.empty(STACK, np.float32)
-    for ray in range(count):
+def _first_hits(
+    boxes, children, counts, triangles, faces, origins, directions, stack, entry, found, barycentric
+):
+    for ray in range(len(origins)):
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
         dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
         ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
@@ -261,16 +290,12 @@ def _first_hits(boxes, children, counts, triangles, faces, origins, directions):
                         limit = np.float32(distance * (1 + 1e-6))
                         found[ray] = faces[position]
                         barycentric[ray, 0], barycentric[ray, 1], barycentric[ray, 2] = 1 - u - v, u, v
-    return found, barycentric
 
 
 @kernel
-def _occluded(boxes, children, counts, triangles, origins, targets, wanted):
-    count = len(origins)
-    blocked = np.zeros(count, np.bool_)
-    stack = np.empty(STACK, np.int32)
+def _occluded(boxes, children, counts, triangles, origins, targets, wanted, stack, blocked):
     one = np.float32(1.0)
-    for ray in range(count):
+    for ray in range(len(origins)):
         if not wanted[ray]:
             continue
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
@@ -295,4 +320,3 @@ def _occluded(boxes, children, counts, triangles, origins, targets, wanted):
                     if distance < 1.0:
                         blocked[ray] = True
                         break
-    return blocked

@@ -18,8 +18,10 @@ OFF_PLANE_PX = 1.0
 GROUPS = 8
 
 
-@kernel
-def group_samples(seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant):
+def group_samples(
+    seen: np.ndarray, nearness: np.ndarray, columns: np.ndarray, rows: np.ndarray, functions: np.ndarray,
+    facets: np.ndarray, offsets_x: np.ndarray, offsets_y: np.ndarray, slant: float,
+) -> np.ndarray:  # fmt: skip
     """Return the group (p, s) int8 of each sub-sample, -1 where nothing is seen.
 
     Parameters
@@ -37,9 +39,18 @@ def group_samples(seen, nearness, columns, rows, functions, facets, offsets_x, o
     slant
         Width of a pixel at distance 1.
     """
+    label, first = np.full(seen.shape, -1, dtype=np.int8), np.empty(GROUPS, dtype=np.int64)
+    _group_samples(
+        seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant, first, label
+    )
+    return label
+
+
+@kernel
+def _group_samples(
+    seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant, first, label
+):
     pixels, count = seen.shape
-    label = np.full((pixels, count), -1, np.int8)
-    first = np.empty(GROUPS, np.int64)
     for p in range(pixels):
         groups = 0
         for s in range(count):
@@ -76,11 +87,12 @@ def group_samples(seen, nearness, columns, rows, functions, facets, offsets_x, o
                     groups += 1
                 chosen = groups - 1
             label[p, s] = chosen
-    return label
 
 
-@kernel
-def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
+def choose_samples(
+    label: np.ndarray, groups: int, offsets_x: np.ndarray, offsets_y: np.ndarray, wanted: np.ndarray,
+    targets: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Choose up to `wanted` spread sub-samples to stand for each group.
 
     Parameters
@@ -105,18 +117,30 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
     weight
         (n,) float32 share of the pixel it stands for.
     """
+    count, most = label.shape[1], len(targets)
+    room = int(np.minimum(count, wanted * groups).sum())
+    pixel, sample = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
+    group, weight = np.empty(room, dtype=np.int8), np.empty(room, dtype=np.float32)
+    total = _choose_samples(
+        label, offsets_x, offsets_y, wanted, targets,
+        np.empty((most, most), dtype=np.int64), np.empty((most, most), dtype=np.float32),
+        np.zeros(most, dtype=bool), np.empty((groups, count), dtype=np.int64),
+        np.empty(groups, dtype=np.int64), pixel, sample, group, weight,
+    )  # fmt: skip
+    return pixel[:total], sample[:total], group[:total], weight[:total]
+
+
+@kernel
+def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, whole_weight, whole_known,
+                    members, sizes, pixel, sample, group, weight):  # fmt: skip
+    """Write the answer of `choose_samples`, and return how many samples there are.
+
+    A pixel of one group has the same samples chosen every time: row k - 1 of `whole_sample` and
+    `whole_weight`, once it is known. Working memory are `members` (groups, s) and `sizes` (groups,).
+    """
     pixels, count = label.shape
-    most = len(targets)
-    # A pixel of one group has the same samples chosen every time: row k - 1, once its length is known.
-    whole_sample, whole_weight = np.empty((most, most), np.int64), np.empty((most, most), np.float32)
-    whole_known = np.zeros(most, np.bool_)
-    room = 0
-    for p in range(pixels):
-        room += min(count, wanted[p] * groups)
-    pixel, sample = np.empty(room, np.int32), np.empty(room, np.int32)
-    group, weight = np.empty(room, np.int8), np.empty(room, np.float32)
+    groups = len(sizes)
     total = np.int64(0)  # a literal would have `_stand_for` compiled twice
-    members, sizes = np.empty((groups, count), np.int64), np.empty(groups, np.int64)
     for p in range(pixels):
         k = min(wanted[p], count)
         if k == 0:
@@ -143,7 +167,7 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
                 continue
             start = total
             total = _stand_for(
-                members[g, : sizes[g]], offsets_x, offsets_y, targets[k - 1], k, sample, weight, total
+                members[g], sizes[g], offsets_x, offsets_y, targets[k - 1], k, sample, weight, total
             )
             for j in range(start, total):
                 pixel[j], group[j] = p, g
@@ -151,23 +175,28 @@ def choose_samples(label, groups, offsets_x, offsets_y, wanted, targets):
                 for j in range(k):
                     whole_sample[k - 1, j], whole_weight[k - 1, j] = sample[start + j], weight[start + j]
                 whole_known[k - 1] = True
-    return pixel[:total], sample[:total], group[:total], weight[:total]
+    return total
 
 
 @kernel
-def _stand_for(members, offsets_x, offsets_y, targets, most, sample, weight, total):
-    """Write up to `most` of `members` and the shares nearest to each from row `total`; return the next."""
+def _stand_for(members, size, offsets_x, offsets_y, targets, most, sample, weight, total):
+    """Write up to `most` of `members` (>= size,) and the shares nearest to each from row `total` on.
+
+    Return the row after them.
+    """
     low_x, high_x = np.float32(1.0), np.float32(-1.0)
     low_y, high_y = np.float32(1.0), np.float32(-1.0)
-    for s in members:
+    for m in range(size):
+        s = members[m]
         low_x, high_x = min(low_x, offsets_x[s]), max(high_x, offsets_x[s])
         low_y, high_y = min(low_y, offsets_y[s]), max(high_y, offsets_y[s])
     start = total
-    for j in range(min(most, len(members))):
+    for j in range(min(most, size)):
         aim_x = low_x + (high_x - low_x) * targets[j, 0]
         aim_y = low_y + (high_y - low_y) * targets[j, 1]
         nearest, gap = -1, np.float32(np.inf)
-        for s in members:
+        for m in range(size):
+            s = members[m]
             away = (offsets_x[s] - aim_x) ** 2 + (offsets_y[s] - aim_y) ** 2
             if away < gap:
                 taken = False
@@ -178,7 +207,8 @@ def _stand_for(members, offsets_x, offsets_y, targets, most, sample, weight, tot
         sample[total], weight[total] = nearest, 0.0
         total += 1
     share = np.float32(1.0 / len(offsets_x))
-    for s in members:
+    for m in range(size):
+        s = members[m]
         nearest, gap = start, np.float32(np.inf)
         for t in range(start, total):
             away = (offsets_x[s] - offsets_x[sample[t]]) ** 2 + (offsets_y[s] - offsets_y[sample[t]]) ** 2

@@ -59,11 +59,27 @@ class LitSurface:
 
     def points(self, face: np.ndarray, barycentric: np.ndarray, direction: np.ndarray) -> Points:
         """Return the points of faces (n,) at barycentric coordinates (n, 3) that rays (n, 3) meet."""
-        position, upright, side = surface_points(
-            face, barycentric, direction, self._triangles, self._corner_normals, self.facets
-        )
+        count = len(face)
+        position, upright, side = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+        _surface_points(
+            face, barycentric, direction, self._triangles, self._corner_normals, self.facets,
+            position, upright, side,
+        )  # fmt: skip
         normal = self._unit.bent(face, barycentric, upright, side)
         return Points(face, barycentric, direction, position, normal, upright, side)
+
+    def unhindered(self, points: Points, lights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return irradiance (n,) but for shadow, and starts (n, 3) of shadow rays, 0 where there is none.
+
+        As `incidence.UnitSurface.incidence` and `incidence.shadow_ray_start`; lights are (1, 3) or (n, 3).
+        """
+        irradiance, start = np.zeros(len(points.face)), np.zeros((len(points.face), 3))
+        _unhindered(
+            points.face, points.barycentric, points.position, points.upright, points.side, lights,
+            self._triangles, self._corner_normals, self.facets, TERMINATOR_COSINE, SELF_OFFSET,
+            irradiance, start, np.empty((3, 3)), np.empty((3, 3)),
+        )  # fmt: skip
+        return irradiance, start
 
     def light_from(
         self, points: Points, light: np.ndarray, asked: np.ndarray | None = None
@@ -72,11 +88,7 @@ class LitSurface:
 
         `light` is (3,) or (n, 3), one a point.
         """
-        irradiance, start = unhindered(
-            points.face, points.barycentric, points.position, points.upright, points.side,
-            light.reshape(-1, 3), self._triangles, self._corner_normals, self.facets,
-            TERMINATOR_COSINE, SELF_OFFSET,
-        )  # fmt: skip
+        irradiance, start = self.unhindered(points, light.reshape(-1, 3))
         if self._unit.bends:
             to_light = light - points.position
             to_light /= np.maximum(np.linalg.norm(to_light, axis=1, keepdims=True), 1e-9)
@@ -94,12 +106,9 @@ class LitSurface:
 
 
 @kernel
-def surface_points(face, barycentric, directions, triangles, corner_normals, facets):
-    """Return position and shading normal (n, 3), and the side seen (n,): -1.0 the back."""
-    count = len(face)
-    position, normal = np.empty((count, 3)), np.empty((count, 3))
-    side = np.empty(count)
-    for i in range(count):
+def _surface_points(face, barycentric, directions, triangles, corner_normals, facets, position, normal, side):
+    """Write position and shading normal (n, 3), and the side seen (n,): -1.0 the back."""
+    for i in range(len(face)):
         f = face[i]
         b0, b1, b2 = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
         towards = (
@@ -119,20 +128,13 @@ def surface_points(face, barycentric, directions, triangles, corner_normals, fac
         length = max(np.sqrt(squared), 1e-12)
         for k in range(3):
             normal[i, k] /= length
-    return position, normal, side
 
 
 @kernel
-def unhindered(face, barycentric, position, normal, side, lights, triangles, corner_normals, facets,
-               terminator_cosine, self_offset):  # fmt: skip
-    """Return irradiance (n,) but for shadow, and where shadow rays start (n, 3).
-
-    As `incidence.UnitSurface.incidence` and `incidence.shadow_ray_start`; `lights` are (1, 3) or (n, 3).
-    """
-    count = len(face)
-    irradiance, start = np.zeros(count), np.empty((count, 3))
-    v, n = np.empty((3, 3)), np.empty((3, 3))
-    for i in range(count):
+def _unhindered(face, barycentric, position, normal, side, lights, triangles, corner_normals, facets,
+                terminator_cosine, self_offset, irradiance, start, v, n):  # fmt: skip
+    """Write the answer of `LitSurface.unhindered`; working memory are `v` and `n` (3, 3)."""
+    for i in range(len(face)):
         f = face[i]
         light = lights[i % len(lights)]
         lx, ly, lz = light[0] - position[i, 0], light[1] - position[i, 1], light[2] - position[i, 2]
@@ -175,4 +177,3 @@ def unhindered(face, barycentric, position, normal, side, lights, triangles, cor
         for k in range(3):
             bent = barycentric[i, 0] * n[0, k] + barycentric[i, 1] * n[1, k] + barycentric[i, 2] * n[2, k]
             start[i, k] += height * bent
-    return irradiance, start

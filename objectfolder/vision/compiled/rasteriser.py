@@ -17,8 +17,9 @@ from objectfolder.jit import kernel, relaxed_kernel
 WIDENING = 1e-6
 
 
-@kernel
-def edge_functions(vertices, faces, focal, centre_x, centre_y):
+def edge_functions(
+    vertices: np.ndarray, faces: np.ndarray, focal: float, centre_x: float, centre_y: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the edge functions of each face over the image, and the pixels that its image may touch.
 
     Parameters
@@ -38,10 +39,14 @@ def edge_functions(vertices, faces, focal, centre_x, centre_y):
         (F, 4) float64: least and greatest x, then y; without end where the triangle passes the camera, and
         none where it lies behind or its plane holds the camera.
     """
-    count = len(faces)
-    functions = np.empty((count, 3, 3))
-    reach = np.empty((count, 4))
-    for face in range(count):
+    functions, reach = np.empty((len(faces), 3, 3)), np.empty((len(faces), 4))
+    _edge_functions(vertices, faces, focal, centre_x, centre_y, functions, reach)
+    return functions, reach
+
+
+@kernel
+def _edge_functions(vertices, faces, focal, centre_x, centre_y, functions, reach):
+    for face in range(len(faces)):
         v = vertices[faces[face, 0]]
         w = vertices[faces[face, 1]]
         u = vertices[faces[face, 2]]
@@ -50,7 +55,8 @@ def edge_functions(vertices, faces, focal, centre_x, centre_y):
             + v[1] * (w[2] * u[0] - w[0] * u[2])
             + v[2] * (w[0] * u[1] - w[1] * u[0])
         )
-        reach[face, 0], reach[face, 1], reach[face, 2], reach[face, 3] = np.inf, -np.inf, np.inf, -np.inf
+        reach[face, 0], reach[face, 1] = np.inf, -np.inf
+        reach[face, 2], reach[face, 3] = np.inf, -np.inf
         if determinant == 0.0 or not np.isfinite(1.0 / determinant):
             continue
         if v[2] >= 0 and w[2] >= 0 and u[2] >= 0:
@@ -66,7 +72,8 @@ def edge_functions(vertices, faces, focal, centre_x, centre_y):
             functions[face, corner, 1] = -y / focal
             functions[face, corner, 2] = (y * centre_y - x * centre_x) / focal - z
         if v[2] > -1e-6 or w[2] > -1e-6 or u[2] > -1e-6:
-            reach[face, 0], reach[face, 1], reach[face, 2], reach[face, 3] = -np.inf, np.inf, -np.inf, np.inf
+            reach[face, 0], reach[face, 1] = -np.inf, np.inf
+            reach[face, 2], reach[face, 3] = -np.inf, np.inf
             continue
         for corner in range(3):
             point = vertices[faces[face, corner]]
@@ -74,7 +81,6 @@ def edge_functions(vertices, faces, focal, centre_x, centre_y):
             y = centre_y + focal * point[1] / point[2]
             reach[face, 0], reach[face, 1] = min(reach[face, 0], x), max(reach[face, 1], x)
             reach[face, 2], reach[face, 3] = min(reach[face, 2], y), max(reach[face, 3], y)
-    return functions, reach
 
 
 @relaxed_kernel
@@ -135,8 +141,10 @@ def rasterise(functions, reach, slots, top, left, offsets_x, offsets_y, seen, ne
                     faces_here[s] = face if better else faces_here[s]
 
 
-@kernel
-def meet_planes(functions, face, x, y, camera_to_world, focal, centre_x, centre_y):
+def meet_planes(
+    functions: np.ndarray, face: np.ndarray, x: np.ndarray, y: np.ndarray, camera_to_world: np.ndarray,
+    focal: float, centre_x: float, centre_y: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Return where rays through (n,) image points (x, y) meet the faces (n,) they are known to see.
 
     Returns
@@ -144,10 +152,18 @@ def meet_planes(functions, face, x, y, camera_to_world, focal, centre_x, centre_
     barycentric, depth, direction
         (n, 3), (n,) along the camera's -z, and (n, 3) unit vectors in the world.
     """
-    count = len(face)
-    barycentric, direction = np.empty((count, 3)), np.empty((count, 3))
-    depth = np.empty(count)
-    for i in range(count):
+    barycentric, depth, direction = np.empty((len(face), 3)), np.empty(len(face)), np.empty((len(face), 3))
+    _meet_planes(
+        functions, face, x, y, camera_to_world, focal, centre_x, centre_y, barycentric, depth, direction
+    )
+    return barycentric, depth, direction
+
+
+@kernel
+def _meet_planes(
+    functions, face, x, y, camera_to_world, focal, centre_x, centre_y, barycentric, depth, direction
+):
+    for i in range(len(face)):
         f = functions[face[i]]
         total, clipped = 0.0, 0.0
         for corner in range(3):
@@ -166,4 +182,3 @@ def meet_planes(functions, face, x, y, camera_to_world, focal, centre_x, centre_
             direction[i, k] = scale * (
                 camera_to_world[k, 0] * right + camera_to_world[k, 1] * up - camera_to_world[k, 2]
             )
-    return barycentric, depth, direction

@@ -247,7 +247,7 @@ class CompiledRenderer:
         outline = around.outlined(chosen.points, gathered.of(probe[chosen.pixel, chosen.group]))
         matt, even = (summed(chosen, part) for part in outline)
         shade = srgb_encode(SHOWN * (matt + even) / view.coverage[:, None])
-        uneven = contrasting(view.slots, shade, effort.contrast)
+        uneven = contrasting(view.edges, shade, effort.contrast)
         coarse = shaded(np.where(uneven, 0, effort.shaded), HIGHLIGHT_SAMPLES)
         fine = shaded(np.where(uneven, effort.shaded_uneven, 0), 1)
         return coarse[0] + fine[0] + smooth(SMOOTH_LOBE * float(alpha2), coarse[1] + fine[1], even)
@@ -379,7 +379,7 @@ class CompiledRenderer:
         if effort.shaded_uneven == effort.shaded:
             return colour
         shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
-        uneven = contrasting(view.slots, shade, effort.contrast)
+        uneven = contrasting(view.edges, shade, effort.contrast)
         again = self._shaded(view, labels, state, np.where(uneven, effort.shaded_uneven, 0), light)
         colour[uneven] = again[uneven]
         return colour
@@ -400,7 +400,7 @@ class CompiledRenderer:
         answer = np.where(irradiance > 0, 1 + hidden, 0)
         state = np.zeros((len(view.rows), 2 * GROUPS), dtype=np.int64)
         state[probes.pixel, probes.group] = answer
-        split = mixed(view.slots, probes.pixel, answer)
+        split = mixed(view.edges, len(view.rows), probes.pixel, answer)
         state[split, :GROUPS], state[split, GROUPS:] = 1, 2
         labels = []
         for samples in view.samples:

@@ -22,11 +22,13 @@ def samples_to_ask(
     np.put_along_axis(met, chosen[:, regular].astype(np.int64), True, axis=1)
     known = np.take_along_axis(met, chosen.astype(np.int64), axis=1)
     row, sample = np.nonzero((chosen >= 0) & (regular | ~known))
-    return rows[row], sample
+    return rows[row], np.ascontiguousarray(sample)
 
 
-@kernel
-def split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups):
+def split_groups(
+    label: np.ndarray, pixel: np.ndarray, sample: np.ndarray, blocked: np.ndarray, offsets_x: np.ndarray,
+    offsets_y: np.ndarray, groups: int,
+) -> None:  # fmt: skip
     """Raise by `groups` the label (p, s) of sub-samples whose nearest asked one of their group is blocked.
 
     Parameters
@@ -34,9 +36,13 @@ def split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups):
     pixel, sample, blocked
         (n,) those that were asked, in the order of `samples_to_ask`, and the answer.
     """
-    count = label.shape[1]
-    raised = np.empty(count, np.bool_)
-    first = 0
+    raised = np.empty(label.shape[1], dtype=bool)
+    _split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups, raised)
+
+
+@kernel
+def _split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups, raised):
+    count, first = label.shape[1], 0
     while first < len(pixel):
         p, last = pixel[first], first
         some = False

@@ -1,11 +1,12 @@
 """What a camera sees at each sub-sample of each pixel: few of them where a pixel is even, many where not."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from objectfolder.vision.cameras import focal_length_px, sub_ray_offsets
-from objectfolder.vision.compiled.borders import unevenly_seen
+from objectfolder.vision.compiled.borders import neighbours, unevenly_seen
 from objectfolder.vision.compiled.grouping import group_samples
 from objectfolder.vision.compiled.rasteriser import edge_functions, rasterise
 
@@ -127,6 +128,11 @@ class View:
     coverage: np.ndarray
     samples: tuple[Samples, Samples]
 
+    @cached_property
+    def edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pixels (k,) on both sides of each edge between two."""
+        return neighbours(self.slots)
+
     def places(
         self, samples: Samples, pixel: np.ndarray, sample: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -160,7 +166,7 @@ def look(projection: Projection, facets: np.ndarray, samples: int, samples_uneve
 
     everywhere = np.arange(height * width, dtype=np.int32).reshape(height, width)
     seen, label, offsets = grouped(everywhere, height * width, samples)
-    uneven = unevenly_seen(label, everywhere).ravel()
+    uneven = unevenly_seen(label, (height, width)).ravel()
     even = np.flatnonzero((label[:, 0] >= 0) & ~uneven)
     again = np.flatnonzero(uneven)
     slots = np.full(height * width, -1, dtype=np.int32)
