@@ -20,6 +20,7 @@ import psutil
 import objectfolder
 from bench.record import arguments, conclude, save, subplots
 from objectfolder.object_file import ObjectFile
+from pipeline.publish.viewer.live import IMAGE_THREADS
 from pipeline.publish.viewer.static import write_player, write_player_assets
 
 IMAGES = 30
@@ -27,13 +28,13 @@ CLICKS = 24
 PLACES = 60
 RESOLUTION = 128
 # Pixels a side, sub-rays (None: the file's own), and studio (None: one lamp). The page opens in the studio,
-# and its first image of 512 pixels at rest has 4 sub-rays.
+# and its first image of 512 pixels at rest has 4 sub-rays. The last number: parts asked for side by side.
 SHOWN = {
-    "image": (RESOLUTION, 16, None),
-    "image_as_stored": (RESOLUTION, None, None),
-    "image_large": (512, 16, None),
-    "image_in_studio": (RESOLUTION, 4, "studio"),
-    "image_large_in_studio": (512, 4, "studio"),
+    "image": (RESOLUTION, 16, None, 1),
+    "image_as_stored": (RESOLUTION, None, None, 1),
+    "image_large": (512, 16, None, 8),
+    "image_in_studio": (RESOLUTION, 4, "studio", 1),
+    "image_large_in_studio": (512, 4, "studio", 8),
 }
 PANEL = "document.querySelector('.player').objectfolderPanel"
 ARGUMENTS = [
@@ -42,7 +43,7 @@ ARGUMENTS = [
     "--enable-unsafe-swiftshader",
     "--autoplay-policy=no-user-gesture-required",
 ]
-DRAW = f"""async ([count, side, sub_rays, studio]) => {{
+DRAW = f"""async ([count, side, sub_rays, studio, parts]) => {{
   const panel = {PANEL}, waits = [];
   panel.orbit.studio = studio;
   for (let index = 0; index < count; index += 1) {{
@@ -50,7 +51,7 @@ DRAW = f"""async ([count, side, sub_rays, studio]) => {{
     const [camera_to_world, light_position] = [panel.orbit.cameraToWorld(), panel.orbit.lightPosition()];
     const view = {{ camera_to_world, light_position, studio }};
     const start = performance.now();
-    await panel.object._image(view, {{ resolution: side, sub_rays }}, () => {{}});
+    await panel.object._image(view, {{ resolution: side, sub_rays, parts }}, () => {{}});
     waits.push(performance.now() - start);
   }}
   panel._home();
@@ -83,7 +84,7 @@ def main() -> None:
         "clicks": CLICKS,
         "places_of_gains": PLACES,
         "images_shown": SHOWN,
-        "threads": 1,
+        "threads": f"one for each part of an image, at most {IMAGE_THREADS}; {os.cpu_count()} processors",
         "load_average": os.getloadavg(),
         "wall": "measured in the page; other work was running on both cores",
         "render_cpu": "CPU seconds of the package's render of the data set's views, in this run",
@@ -119,9 +120,9 @@ def live(browser: Any, path: Path) -> dict[str, Any]:
         page.wait_for_selector(".player-image[data-state=rest]")
         process = psutil.Process(server.pid)
         images: dict[str, Any] = {}
-        for name, (side, sub_rays, studio) in SHOWN.items():
+        for name, (side, sub_rays, studio, parts) in SHOWN.items():
             before = sum(process.cpu_times()[:2])
-            waits = page.evaluate(DRAW, [IMAGES, side, sub_rays, studio])
+            waits = page.evaluate(DRAW, [IMAGES, side, sub_rays, studio, parts])
             cpu = (sum(process.cpu_times()[:2]) - before) / IMAGES
             images |= {f"{name}_cpu_ms": 1e3 * cpu, **spread(f"{name}_wall_ms", waits)}
             page.wait_for_selector(".player-image[data-state=rest]")

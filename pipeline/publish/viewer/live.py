@@ -28,6 +28,7 @@ from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS
 
 ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
+IMAGE_THREADS = 4  # as many parts as the page asks for at once
 FILES_OF = "*.safetensors"  # a folder
 SCRIPTS = (*SHARED_SCRIPTS, "live_object.js", "live.js")
 FILES = {"/": "live.html", "/player.css": "player.css", "/live.css": "live.css"} | {
@@ -129,8 +130,9 @@ class Server:
             raise InputError("--port", f"{port}: {error}", "Name another one, or 0 for any.") from error
         self._port = self._sockets[0].getsockname()[1]
         self.address = f"http://{ADDRESS}:{self._port}/"
-        # A sound never waits for an image.
-        self._images, self._contacts = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        # A sound never waits for an image, whose parts the page asks for side by side.
+        images = min(IMAGE_THREADS, os.cpu_count() or 1)
+        self._images, self._contacts = ThreadPoolExecutor(images), ThreadPoolExecutor(1)
         self._live = live
 
     async def serve(self, until: Awaitable[Any]) -> None:
@@ -180,8 +182,8 @@ def serve_until_stopped(paths: Sequence[Path], port: int, open_browser: bool) ->
     found = [file for path in paths for file in (sorted(path.glob(FILES_OF)) if path.is_dir() else [path])]
     if not found:
         raise InputError(" ".join(map(str, paths)) or "FILE", f"no Object File ({FILES_OF})", "Name one.")
-    # One core: what is computed here is small, and waiting threads would only delay it. Libraries that are
-    # not loaded yet read the variables.
+    # One core for each answer: what libraries compute here is small, and waiting threads would only delay it.
+    # Those that are not loaded yet read the variables.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     threadpool_limits(1)

@@ -6,9 +6,12 @@
   const SLOW_MS = 80;
   // Shown one after the other while nothing moves; the first within a tenth of a second.
   const RESTING = [
-    { resolution: 128, sub_rays: 4 }, { resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: 4 },
+    { resolution: 128, sub_rays: 4 }, { resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: 4, parts: 8 },
     { resolution: 512, sub_rays: null, parts: 16 },
   ];
+
+  // Parts of an image that are asked for at the same time: browsers keep two more connections for sounds.
+  const AT_ONCE = 4;
 
   // A question: JSON there; a JSON header and bytes back.
   async function ask(path, question) {
@@ -75,11 +78,17 @@
       const start = performance.now();
       const rgb = new Uint8Array(3 * resolution ** 2);
       const high = resolution / parts;
-      for (let row = 0; row < resolution; row += high) {
-        if (row && this.wanted) return;
-        const { payload } = await ask("render", { ...view, resolution, sub_rays, rows: [row, high] });
-        rgb.set(new Uint8Array(payload), 3 * resolution * row);
-      }
+      let next = 0;
+      const fill = async () => {
+        while (next < resolution && !(next && this.wanted)) {
+          const row = next;
+          next += high;
+          const { payload } = await ask("render", { ...view, resolution, sub_rays, rows: [row, high] });
+          rgb.set(new Uint8Array(payload), 3 * resolution * row);
+        }
+      };
+      await Promise.all(Array.from({ length: AT_ONCE }, fill));
+      if (next < resolution) return;
       const image = new ImageData(resolution, resolution);
       for (let pixel = 0, at = 0; pixel < rgb.length; pixel += 3, at += 4) {
         image.data[at] = rgb[pixel];
