@@ -59,3 +59,25 @@ def test_modes_and_touches_show_themselves() -> None:
     assert len(shown) == 2
     with Image.open(io.BytesIO(base64.b64decode(shown[1]))) as picture:
         np.testing.assert_array_equal(np.asarray(picture), touches.rgb[1])
+
+
+def test_sounds_play_themselves_and_are_arrays_in_all_else() -> None:
+    mug = objectfolder.example("mug")
+    points, normals = mug.sample_contacts(6, seed=0)
+    sounds = mug.strike(points, -normals, duration=0.1, sample_rate=8000)
+    shown = sounds._repr_html_()
+    players = re.findall(r"base64,([^\"]+)", shown)
+    assert len(players) == 4
+    assert "and 2 more" in shown
+    rate, played = wavfile.read(io.BytesIO(base64.b64decode(players[1])))
+    assert rate == 8000
+    np.testing.assert_allclose(played / np.abs(played).max(), sounds[1] / np.abs(sounds[1]).max(), atol=1e-6)
+    assert sounds[1].sample_rate_hz == sounds.copy().sample_rate_hz == 8000
+    assert sounds[:, ::2]._repr_html_() is None
+    assert type(2 * sounds) is type(np.concatenate([sounds, sounds])) is np.ndarray
+    assert isinstance(sounds.max(), np.float32)
+    two_ears = mug.strike(points[:1], -normals[:1], 0.1, 8000, listener=[[1.0, 0, 0], [0, 1.0, 0]])
+    rate, played = wavfile.read(
+        io.BytesIO(base64.b64decode(two_ears._repr_html_().split("base64,")[1].split('"')[0]))
+    )
+    assert played.shape == (800, 2)

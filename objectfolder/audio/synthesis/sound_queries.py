@@ -11,6 +11,7 @@ import numpy as np
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.bank import samples_of
 from objectfolder.audio.synthesis.object_stream import ObjectStream
+from objectfolder.audio.synthesis.sound import Sound
 from objectfolder.audio.synthesis.struck_body import (
     CONTACT,
     RMS,
@@ -58,7 +59,7 @@ class SoundQueries(ABC):
         observed: str | np.ndarray = CONTACT,
         listener: np.ndarray | None = None,
         support: Support | None = None,
-    ) -> np.ndarray:
+    ) -> Sound:
         """Sound the object under contacts.
 
         Parameters
@@ -95,10 +96,10 @@ class SoundQueries(ABC):
 
         Returns
         -------
-        ndarray
-            (n, samples) float32 at true amplitude: metres a second, linear in the force, zeros for an object
-            without audible modes (`modes.frequencies_hz` is empty). With a listener pascals. (n, channels,
-            samples) for points or listeners (channels, 3).
+        Sound
+            An array (n, samples) float32 that notebooks play, at true amplitude: metres a second, linear in
+            the force, zeros for an object without audible modes (`modes.frequencies_hz` is empty). With a
+            listener pascals. (n, channels, samples) for points or listeners (channels, 3).
 
         Raises
         ------
@@ -128,7 +129,7 @@ class SoundQueries(ABC):
         sound = np.empty(shape, dtype=np.float32)
         for rows, part in parts:
             sound[rows] = part
-        return sound[:, 0] if single else sound
+        return Sound.of(sound[:, 0] if single else sound, sample_rate)
 
     def strikes(
         self,
