@@ -185,9 +185,14 @@ class CompiledRenderer:
             if len(lights) >= MANY:
                 colour = self._lit_in_turn(view, lights, effort)
             else:
-                probes = self._chosen(view, _labels(view), np.ones(len(colour), dtype=np.int64))
+                labels = _labels(view)
+                probes = self._chosen(view, labels, np.ones(len(colour), dtype=np.int64))
+                chosen = probes
+                if effort.shaded > 1:
+                    chosen = self._chosen(view, labels, np.full(len(colour), effort.shaded))
+                seen = self._seen(chosen.points)
                 for light, factor in lights:
-                    colour += factor * self._lit(view, probes, light, effort)
+                    colour += factor * self._lit(view, probes, chosen, seen, light, effort)
         return _image(view, colour * self._scale[:3], crop or (0, 0, *size))
 
     def surrounded(
@@ -372,21 +377,29 @@ class CompiledRenderer:
                 colour += factor * sum_by_pixel(pixel[lead], share, bounced, count)
         return colour
 
-    def _lit(self, view: View, probes: _Chosen, light: np.ndarray, effort: Effort) -> np.ndarray:
-        """Return the colour (p, 3) of the pixels under one light of colour 1."""
-        labels, state = self._shadows(view, probes, light, effort.shadow_rays)
-        colour = self._shaded(view, labels, state, np.full(len(view.rows), effort.shaded), light)
-        if effort.shaded_uneven == effort.shaded:
-            return colour
-        shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
-        uneven = contrasting(view.edges, shade, effort.contrast)
-        again = self._shaded(view, labels, state, np.where(uneven, effort.shaded_uneven, 0), light)
-        colour[uneven] = again[uneven]
+    def _lit(
+        self, view: View, probes: _Chosen, chosen: _Chosen, seen: _Seen, light: np.ndarray, effort: Effort
+    ) -> np.ndarray:
+        """Return the colour (p, 3) of the pixels under one light of colour 1.
+
+        `chosen` and what is `seen` there serve each light, but for pixels in which its shadow ends.
+        """
+        labels, state, split = self._shadows(view, probes, light, effort.shadow_rays)
+
+        def again(pixels: np.ndarray, shaded: int) -> None:
+            some = self._chosen(view, labels, np.where(pixels, shaded, 0))
+            colour[pixels] = self._shaded(some, self._seen(some.points), state, light)[pixels]
+
+        colour = self._shaded(chosen, seen, state, light)
+        again(split, effort.shaded)
+        if effort.shaded_uneven > effort.shaded:
+            shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
+            again(contrasting(view.edges, shade, effort.contrast), effort.shaded_uneven)
         return colour
 
     def _shadows(
         self, view: View, probes: _Chosen, light: np.ndarray, rays: int
-    ) -> tuple[list[np.ndarray], np.ndarray]:
+    ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
         """Ask one point a group, and `rays` sub-samples of a pixel where a shadow ends.
 
         Returns
@@ -395,6 +408,8 @@ class CompiledRenderer:
             Groups of `view.samples`, of which those in shadow are numbered from `GROUPS` where one ends.
         state
             (p, 2 * GROUPS) 1 lit, 2 in shadow, 0 not asked.
+        split
+            (p,) whether a shadow ends in the pixel.
         """
         irradiance, hidden = self._surface.light_from(probes.points, light)
         answer = np.where(irradiance > 0, 1 + hidden, 0)
@@ -411,18 +426,15 @@ class CompiledRenderer:
             _, hidden = self._surface.light_from(points, light)
             split_groups(label, pixel, sample, hidden, samples.offsets_x, samples.offsets_y, GROUPS)
             labels.append(label)
-        return labels, state
+        return labels, state, split
 
-    def _shaded(
-        self, view: View, labels: list[np.ndarray], state: np.ndarray, wanted: np.ndarray, light: np.ndarray
-    ) -> np.ndarray:
-        """Return the colour (p, 3) of the pixels from `wanted` (p,) points of each of their groups."""
-        chosen = self._chosen(view, labels, wanted)
+    def _shaded(self, chosen: _Chosen, seen: _Seen, state: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return the colour (p, 3) of the pixels from points that were chosen."""
         known = state[chosen.pixel, chosen.group]
         irradiance, hidden = self._surface.light_from(chosen.points, light, known == 0)
         irradiance[hidden | (known == 2)] = 0.0
-        colour = self._colour(self._seen(chosen.points), irradiance, light)
-        total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(wanted))
+        colour = self._colour(seen, irradiance, light)
+        total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(state))
         return total
 
 
