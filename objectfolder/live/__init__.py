@@ -3,6 +3,16 @@
 from objectfolder.live.contacts import Simulation, Touching
 from objectfolder.live.mujoco_simulation import MujocoSimulation
 from objectfolder.live.pybullet_simulation import PybulletSimulation
+from objectfolder.live.sight import LiveSight, SceneImage
 from objectfolder.live.sound import Impact, LiveSound
 
-__all__ = ["Impact", "LiveSound", "MujocoSimulation", "PybulletSimulation", "Simulation", "Touching"]
+__all__ = [
+    "Impact",
+    "LiveSight",
+    "LiveSound",
+    "MujocoSimulation",
+    "PybulletSimulation",
+    "SceneImage",
+    "Simulation",
+    "Touching",
+]

@@ -1,0 +1,322 @@
+"""What a camera sees of the objects of a simulation, each drawn from its own Object File."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+
+from objectfolder.errors import QueryError
+from objectfolder.live.contacts import Simulation
+from objectfolder.object_file import ObjectFile
+from objectfolder.query_values import real, real_array
+from objectfolder.vision.cameras import (
+    FIELD_OF_VIEW_DEG,
+    focal_length_px,
+    image_size,
+    pixel_rays,
+)
+from objectfolder.vision.compositing import on_white
+from objectfolder.vision.studio import exposure
+from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+
+Floats = NDArray[np.float64]
+# In the world: a key lamp on the left, a weaker one on the right, one above, metres; and their colours.
+LAMPS_M = ((-0.6, -0.8, 1.2), (0.9, -0.6, 0.7), (0.2, 0.4, 1.6))
+LAMP_COLOURS = ((1.0, 0.97, 0.92), (0.3, 0.32, 0.36), (0.3, 0.3, 0.3))
+TABLE_ALBEDO = (0.42, 0.36, 0.3)
+# Shadow rays begin this share of their way off the surface.
+OFF = 1e-3
+
+
+@dataclass(frozen=True)
+class SceneImage:
+    """One image of a scene.
+
+    Attributes
+    ----------
+    rgb : (h, w, 3) uint8, sRGB, on white
+    depth_m : (h, w) along the camera's -z axis at the pixels' centres, infinity where nothing is
+    body : (h, w) which of the files is seen there, -1 for the table and for nothing
+    """
+
+    rgb: NDArray[np.uint8]
+    depth_m: Floats
+    body: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """Premultiplied linear colour (h, w, 4) of one thing, and its depth (h, w)."""
+
+    rgba: Floats
+    depth_m: Floats
+
+
+class LiveSight:
+    """Images of a simulation's objects together: the nearer one hides the other, and shadows fall.
+
+    Each object is its Object File's own image: highlights, texture, and the light that its own parts throw
+    on each other. Shadows of other objects have hard edges, taken at the pixels' centres; objects throw no
+    light on one another and mirror nothing of one another.
+
+    Parameters
+    ----------
+    simulation
+        The engine, see `contacts.Simulation`.
+    files
+        Object Files by the names of their bodies.
+    lamps_m, lamp_colours
+        (k, 3) point lamps in the world, and linear factors (k, 3) of the light that a data set's lamp gives
+        at one metre.
+    table_m
+        Side and height in metres of a matt square table about the z axis; None: there is none.
+    shadows
+        Whether objects throw shadows on the table and on one another.
+    exposure_factor
+        Of linear values before they are shown; None: that which shows the first image best.
+
+    Raises
+    ------
+    QueryError
+        A body that the simulation lacks, lamps or colours of other shapes, values out of range.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        files: Mapping[str, ObjectFile],
+        *,
+        lamps_m: Floats | tuple[tuple[float, float, float], ...] = LAMPS_M,
+        lamp_colours: Floats | tuple[tuple[float, float, float], ...] = LAMP_COLOURS,
+        table_m: tuple[float, float] | None = (1.0, 0.0),
+        shadows: bool = True,
+        exposure_factor: float | None = None,
+    ) -> None:
+        self._simulation, self._files, self._shadows = simulation, dict(files), shadows
+        self._lamps, self._colours = (
+            real_array(name, values)
+            for name, values in (("lamps_m", lamps_m), ("lamp_colours", lamp_colours))
+        )
+        if self._lamps.ndim != 2 or self._lamps.shape[1:] != (3,) or self._colours.shape != self._lamps.shape:
+            finding = f"{self._lamps.shape} and {self._colours.shape}"
+            raise QueryError("lamps_m, lamp_colours", finding, "Give a place and a colour (3,) of each.")
+        self._table = None
+        if table_m is not None:
+            self._table = real("table_m[0]", table_m[0], 1e-3, 1e3), real("table_m[1]", table_m[1], -1e3, 1e3)
+        self._exposure = None if exposure_factor is None else real("exposure_factor", exposure_factor, 0, 1e9)
+        self._balls = {name: _ball(file) for name, file in self._files.items()}
+        for name in self._files:
+            simulation.pose(name)
+
+    def image(
+        self, camera_to_world: Floats, resolution: int | tuple[int, int] = 256,
+        field_of_view: float = FIELD_OF_VIEW_DEG, sub_rays: int | None = 4,
+    ) -> SceneImage:  # fmt: skip
+        """Draw the scene as it is now.
+
+        Parameters
+        ----------
+        camera_to_world
+            (4, 4) pose; the camera looks along -z, +y is up.
+        resolution, field_of_view, sub_rays
+            As for `ObjectFile.render`.
+
+        Raises
+        ------
+        QueryError
+            A pose that is not finite or not rigid, values out of range.
+        """
+        camera, size = real_array("camera_to_world", camera_to_world), image_size(resolution)
+        poses = {name: self._pose(name) for name in self._files}
+        view = _View(camera, size, float(field_of_view))
+        layers = [self._object(name, poses, view, sub_rays) for name in self._files]
+        if self._table:
+            layers.append(self._tabletop(*self._table, poses, view))
+        rgba, depths = _over(layers, size)
+        if self._exposure is None:
+            self._exposure = exposure(rgba[None])
+        nearest = depths.argmin(axis=0) if layers else np.zeros(size, np.int64)
+        depth = np.take_along_axis(depths, nearest[None], 0)[0] if layers else np.full(size, np.inf)
+        body = np.where(np.isfinite(depth) & (nearest < len(self._files)), nearest, -1)
+        return SceneImage(on_white(rgba * ([self._exposure] * 3 + [1.0])), depth, body)
+
+    def _pose(self, name: str) -> Floats:
+        pose = self._simulation.pose(name)
+        if not np.isfinite(pose).all():
+            raise QueryError("simulation", f"the pose of {name!r} is not finite", "Take a smaller time step.")
+        return pose
+
+    def _object(self, name: str, poses: Mapping[str, Floats], view: "_View", sub_rays: int | None) -> _Layer:
+        file, pose = self._files[name], poses[name]
+        rgba, depth = np.zeros((*view.size, 4)), np.full(view.size, np.inf)
+        crop = view.crop(_apply(pose, self._balls[name][0]), self._balls[name][1])
+        if crop is None:
+            return _Layer(rgba, depth)
+        part = np.s_[crop[0] : crop[0] + crop[2], crop[1] : crop[1] + crop[3]]
+        camera, lamps = _inverse(pose) @ view.camera, _apply(_inverse(pose), self._lamps)
+        # The file's lamps are as strong at one unit of its own frame as these are at a metre.
+        colours = self._colours / file.frame.scale**2
+
+        def drawn(which: NDArray[np.bool_]) -> dict[str, np.ndarray]:
+            return file.render(
+                camera, lamps[which][None], view.size, view.field_of_view, True, sub_rays,
+                light_colour=colours[which], crop=crop, passes=("image", "depth"),
+            )  # fmt: skip
+
+        everything = drawn(np.full(len(lamps), True))
+        depth[part] = everything["depth"][0]
+        hidden = self._hidden(view.points(depth), poses, but=name)
+        split = hidden[:, part[0], part[1]].any(axis=(1, 2))
+        if not split.any():
+            rgba[part] = everything["image"][0]
+            return _Layer(rgba, depth)
+        rgba[part] = drawn(~split)["image"][0] if (~split).any() else 0.0
+        for lamp in np.flatnonzero(split):
+            alone = drawn(np.arange(len(lamps)) == lamp)["image"][0].astype(np.float64)
+            alone[..., :3] *= ~hidden[lamp][part][..., None]
+            rgba[(*part, np.s_[:3])] += alone[..., :3]
+            rgba[(*part, 3)] = alone[..., 3]
+        return _Layer(rgba, depth)
+
+    def _tabletop(self, side_m: float, height_m: float, poses: Mapping[str, Floats], view: "_View") -> _Layer:
+        point, depth = view.on_plane(height_m)
+        # Sides of the table cut a pixel as far as they lie from its middle, in its footprint.
+        inside, covered = side_m / 2 - abs(point[..., :2]), np.ones(view.size)
+        for axis in range(2):
+            footprint = sum(abs(slope) for slope in np.gradient(point[..., axis]))
+            covered *= np.clip(0.5 + inside[..., axis] / np.maximum(footprint, 1e-12), 0.0, 1.0)
+        covered = np.where(np.isfinite(depth), covered, 0.0)
+        depth = np.where(covered > 0, depth, np.inf)
+        hidden = self._hidden(np.where(np.isfinite(depth)[..., None], point, np.nan), poses)
+        rgba = np.zeros((*view.size, 4))
+        for lamp, colour, dark in zip(self._lamps, self._colours, hidden, strict=True):
+            away = lamp - point
+            squared = np.maximum((away**2).sum(axis=-1), 1e-12)
+            falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
+            rgba[..., :3] += np.where(dark, 0.0, falls)[..., None] * colour * TABLE_ALBEDO
+        rgba[..., 3] = 1.0
+        rgba *= covered[..., None]
+        return _Layer(np.nan_to_num(rgba, posinf=0.0), depth)
+
+    def _hidden(
+        self, points: Floats, poses: Mapping[str, Floats], but: str | None = None
+    ) -> NDArray[np.bool_]:
+        """Return whether (k, h, w) points (h, w, 3), NaN for none, are hidden from lamps by other objects."""
+        hidden = np.zeros((len(self._lamps), *points.shape[:2]), dtype=bool)
+        known = np.isfinite(points[..., 0])
+        if not self._shadows or not known.any():
+            return hidden
+        some = points[known]
+        for name, pose in poses.items():
+            if name == but:
+                continue
+            centre, radius = _apply(pose, self._balls[name][0]), self._balls[name][1]
+            for lamp, place in zip(hidden, self._lamps, strict=True):
+                way = place - some
+                along = np.clip(
+                    ((centre - some) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), 0, 1
+                )
+                near = np.linalg.norm(some + along[:, None] * way - centre, axis=1) < radius
+                back = _inverse(pose)
+                blocked = np.zeros(len(some), dtype=bool)
+                blocked[near] = self._files[name].surface.occluded(
+                    _apply(back, some[near] + OFF * way[near]),
+                    np.broadcast_to(_apply(back, place), (int(near.sum()), 3)),
+                )
+                lamp[known] |= blocked
+        return hidden
+
+
+@dataclass(frozen=True)
+class _View:
+    """A camera (4, 4), the (height, width) of its image and its field of view, degrees."""
+
+    camera: Floats
+    size: tuple[int, int]
+    field_of_view: float
+
+    @cached_property
+    def rays(self) -> Floats:
+        """Unit directions (h, w, 3) in the world through the centres of pixels."""
+        pixels = np.arange(self.size[0] * self.size[1])
+        centre = np.array([[0.5, 0.5]])
+        _, along = pixel_rays(self.camera, pixels, centre, self.size, self.field_of_view)
+        return along.reshape(*self.size, 3)
+
+    @cached_property
+    def facing(self) -> Floats:
+        """Depth (h, w) that is gained along a unit of each ray."""
+        return np.asarray(-(self.rays @ self.camera[:3, 2]))
+
+    def points(self, depth_m: Floats) -> Floats:
+        """Return (h, w, 3) what is seen at the centres of pixels, NaN where nothing is."""
+        along = np.where(np.isfinite(depth_m), depth_m, np.nan) / self.facing
+        return np.asarray(self.camera[:3, 3] + along[..., None] * self.rays)
+
+    def on_plane(self, height_m: float) -> tuple[Floats, Floats]:
+        """Return where (h, w, 3) rays meet a level plane, and the depth (h, w) there, infinite for none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = (height_m - self.camera[2, 3]) / self.rays[..., 2]
+        along = np.where(along > 0, along, np.inf)
+        point = self.camera[:3, 3] + np.where(np.isfinite(along), along, 1e6)[..., None] * self.rays
+        return point, along * self.facing
+
+    def crop(self, centre: Floats, radius: float) -> tuple[int, int, int, int] | None:
+        """Return the part of the image (top, left, height, width) that a ball may cover; None: no part."""
+        x, y, z = _apply(_inverse(self.camera), centre)
+        if -z <= radius:
+            return None if -z <= -radius else (0, 0, *self.size)
+        # A ball's outline lies within that of the cube around it, whose nearest face is at -z - radius.
+        focal = focal_length_px(self.size, self.field_of_view)
+        bounds = []
+        for middle, place, pixels in (
+            (self.size[0] / 2, -y, self.size[0]),
+            (self.size[1] / 2, x, self.size[1]),
+        ):
+            ends = [
+                middle + focal * (place + sign * radius) / (-z + far * radius)
+                for sign in (-1, 1)
+                for far in (-1, 1)
+            ]
+            bounds.append(
+                (
+                    int(np.clip(np.floor(min(ends)) - 1, 0, pixels)),
+                    int(np.clip(np.ceil(max(ends)) + 1, 0, pixels)),
+                )
+            )
+        (top, bottom), (left, right) = bounds
+        return (top, left, bottom - top, right - left) if bottom > top and right > left else None
+
+
+def _over(layers: list[_Layer], size: tuple[int, int]) -> tuple[Floats, Floats]:
+    """Return colours (h, w, 4) of layers over one another, and the depths (layers, h, w)."""
+    if not layers:
+        return np.zeros((*size, 4)), np.zeros((0, *size))
+    depths = np.stack([layer.depth_m for layer in layers])
+    # Where a pixel is covered but for its centre, it is as far away as its neighbours.
+    about = minimum_filter(depths, size=(1, 3, 3), mode="nearest")
+    order = np.where(np.isfinite(depths), depths, about).argsort(axis=0, kind="stable")
+    sorted_rgba = np.take_along_axis(np.stack([layer.rgba for layer in layers]), order[..., None], 0)
+    rgba = np.zeros((*size, 4))
+    for layer in sorted_rgba:
+        rgba += (1 - rgba[..., 3:]) * layer
+    return rgba, depths
+
+
+def _ball(file: ObjectFile) -> tuple[Floats, float]:
+    """Return the centre (3,) and the radius of a ball round an object, metres, object frame."""
+    centre = file.surface.bounds.mean(axis=0)
+    return centre, float(np.linalg.norm(file.surface.vertices - centre, axis=1).max())
+
+
+def _inverse(pose: Floats) -> Floats:
+    inverse = np.eye(4)
+    inverse[:3, :3], inverse[:3, 3] = pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
+def _apply(pose: Floats, points: Floats) -> Floats:
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])

@@ -1,0 +1,155 @@
+"""Several objects in one image: who is in front, whose shadow falls where, and what one alone looks like."""
+
+import numpy as np
+import pytest
+
+import objectfolder
+from objectfolder.errors import QueryError
+from objectfolder.live import LiveSight
+from objectfolder.vision.cameras import look_at, pixel_rays
+from objectfolder.vision.compositing import on_white, srgb_encode
+from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+
+CAMERA = look_at(np.array([[0.1, -0.45, 0.35]]), np.array([[0.0, 0.0, 0.03]]))[0]
+SIZE = (60, 80)
+
+
+class Still:
+    """Bodies that stay where they are."""
+
+    timestep_s, time_s = 0.002, 0.0
+
+    def __init__(self, poses):
+        self._poses = poses
+
+    def pose(self, body):
+        if body not in self._poses:
+            raise QueryError("files", f"no body {body!r} in the simulation", "Name its bodies.")
+        return self._poses[body]
+
+
+def placed(file, x, y, turn):
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    pose[:3, 3] = x, y, -file.surface.bounds[0][2]
+    return pose
+
+
+@pytest.fixture(scope="module")
+def files():
+    return {"cup": objectfolder.example("mug"), "bell": objectfolder.example("bell")}
+
+
+@pytest.fixture(scope="module")
+def still(files):
+    return Still(
+        {"cup": placed(files["cup"], -0.05, -0.03, 1.0), "bell": placed(files["bell"], -0.07, 0.1, 0.3)}
+    )
+
+
+def centres():
+    pixels = np.arange(SIZE[0] * SIZE[1])
+    return pixel_rays(CAMERA, pixels, np.array([[0.5, 0.5]]), SIZE, 39.6)
+
+
+def first_hits(files, still, origins, directions):
+    """Distances (bodies, n) along rays in the world, by each surface alone."""
+    found = []
+    for name, file in files.items():
+        pose = still.pose(name)
+        hits = file.surface.ray_hits((origins - pose[:3, 3]) @ pose[:3, :3], directions @ pose[:3, :3])
+        found.append(hits.distance)
+    return np.array(found)
+
+
+def test_the_nearest_body_is_seen(files, still):
+    seen = LiveSight(still, files, table_m=None).image(CAMERA, SIZE)
+    origins, directions = centres()
+    distances = first_hits(files, still, origins, directions)
+    expected = np.where(np.isfinite(distances.min(axis=0)), distances.argmin(axis=0), -1)
+    both = np.isfinite(distances).all(axis=0)
+    assert both.sum() > 20, "one stands in front of the other"
+    assert (seen.body.ravel() == expected).mean() > 0.999
+    depth = distances.min(axis=0) * -(directions @ CAMERA[:3, 2])
+    met = np.isfinite(depth) & np.isfinite(seen.depth_m.ravel())
+    np.testing.assert_allclose(seen.depth_m.ravel()[met], depth[met], atol=1e-6)
+
+
+def test_one_object_alone_is_its_own_image(files, still):
+    lamp, colour = np.array([[0.4, -0.6, 0.8]]), np.array([[2.0, 1.0, 0.5]])
+    sight = LiveSight(
+        still, {"cup": files["cup"]}, lamps_m=lamp, lamp_colours=colour, table_m=None, exposure_factor=1.0
+    )
+    back = np.linalg.inv(still.pose("cup"))
+    # Light falls with the square of metres in the scene, of its own unit in an Object File.
+    alone = files["cup"].render(
+        back @ CAMERA, (back @ [*lamp[0], 1])[:3], SIZE, linear=True, sub_rays=4,
+        light_colour=colour[0] / files["cup"].frame.scale ** 2,
+    )  # fmt: skip
+    seen = sight.image(CAMERA, SIZE)
+    np.testing.assert_array_equal(seen.rgb, on_white(alone)[0])
+    assert (seen.rgb < 250).any()
+
+
+def test_a_table_is_lit_by_the_law_of_squares_where_no_shadow_falls(files, still):
+    lamp = np.array([-0.5, -0.3, 0.35])
+    wanted = {
+        "lamps_m": lamp[None],
+        "lamp_colours": np.ones((1, 3)),
+        "table_m": (1.0, 0.0),
+        "exposure_factor": 2.0,
+    }
+    lit = LiveSight(still, files, shadows=False, **wanted).image(CAMERA, SIZE)
+    dark = LiveSight(still, files, **wanted).image(CAMERA, SIZE)
+    origins, directions = centres()
+    table = (lit.body.ravel() < 0) & np.isfinite(lit.depth_m.ravel())
+    points = (origins - directions * (origins[:, 2:] / directions[:, 2:]))[table]
+    away = lamp - points
+    distance = np.linalg.norm(away, axis=1)
+    radiance = LIGHT_POWER_W / (4 * np.pi**2) * away[:, 2] / distance**3 * 0.42
+    whole = (lit.rgb.reshape(-1, 3)[table][:, 0] / 255 - srgb_encode(2 * radiance)) * 255
+    assert np.quantile(abs(whole), 0.9) < 0.51, "but where an object covers a part of the pixel"
+    hidden = np.isfinite(first_hits(files, still, points, away).min(axis=0))
+    shaded = (dark.rgb != lit.rgb).any(axis=-1).ravel()[table]
+    assert 0.03 < hidden.mean() < 0.5
+    assert (shaded == hidden).mean() > 0.97, "but where an object covers a part of the pixel"
+
+
+def test_one_object_shades_another(files):
+    lamp = {"lamps_m": np.array([[0.6, 0.0, 0.2]]), "lamp_colours": np.ones((1, 3)), "exposure_factor": 20.0}
+    between = Still(
+        {"cup": placed(files["cup"], 0.0, 0.0, 0.0), "bell": placed(files["bell"], 0.15, 0.0, 0.0)}
+    )
+    lit = LiveSight(between, {"cup": files["cup"]}, **lamp).image(CAMERA, SIZE)
+    shaded = LiveSight(between, files, **lamp).image(CAMERA, SIZE)
+    same = (lit.body == 0) & (shaded.body == 0)
+    assert lit.rgb[same].mean() > shaded.rgb[same].mean() + 5
+
+
+def test_a_body_at_the_camera_or_behind_it_is_no_failure(files):
+    for place in (CAMERA[:3, 3], CAMERA[:3, 3] + CAMERA[:3, 2]):
+        pose = np.eye(4)
+        pose[:3, 3] = place
+        LiveSight(Still({"bell": pose}), {"bell": files["bell"]}, table_m=None).image(CAMERA, 32)
+
+
+@pytest.mark.parametrize(
+    ("changed", "name"),
+    [
+        ({"lamps_m": [[0, 0, 1]]}, "lamp_colours"),
+        ({"lamps_m": [[np.nan, 0, 1]], "lamp_colours": [[1, 1, 1]]}, "lamps_m"),
+        ({"table_m": (0.0, 0.0)}, "table_m"),
+        ({"exposure_factor": -1.0}, "exposure_factor"),
+    ],
+)
+def test_bad_scenes_are_refused(files, still, changed, name):
+    with pytest.raises(QueryError, match=name):
+        LiveSight(still, files, **changed)
+
+
+def test_a_body_that_is_not_there_or_flies_off_is_named(files, still):
+    with pytest.raises(QueryError, match="spoon"):
+        LiveSight(still, {"spoon": files["cup"]})
+    lost = Still({"cup": np.full((4, 4), np.nan)})
+    with pytest.raises(QueryError, match=r"cup.*not finite"):
+        LiveSight(lost, {"cup": files["cup"]}).image(CAMERA)
