@@ -155,6 +155,41 @@ def scene(
     print(compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m))
 
 
+def play(
+    scene: Path,
+    /,
+    *,
+    output: Output,
+    seconds: Annotated[float, Number(gt=0, lte=60)] = 3.0,
+    lift_m: Annotated[float, Number(gte=0, lte=2)] = 0.08,
+    height: Annotated[int, Number(gte=16, lte=2160)] = 360,
+    width: Annotated[int, Number(gte=16, lte=3840)] = 480,
+    seed: int = 0,
+) -> None:
+    """Drop the objects of a scene, and write a video (.mp4) of what is seen and heard.
+
+    Parameters
+    ----------
+    scene
+        MJCF with its assets beside it, as `objectfolder scene` writes it
+    output
+        the video
+    seconds
+        how long it is
+    lift_m
+        metres by which objects are lifted at first, each a little more and turned; 0: they stand
+    height
+        of the image, pixels
+    width
+        of the image, pixels
+    seed
+        of heights, turns and rough surfaces
+    """
+    from pipeline.publish.playing import play as played
+
+    print(played(scene, output, seconds, lift_m, (height, width), seed))
+
+
 def export_samples(
     *files: Path,
     root: Root = Path("."),

@@ -1,0 +1,80 @@
+"""A scene of objects as a video with its sound."""
+
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.synthesis.wav import listening_gain
+from objectfolder.errors import QueryError
+from objectfolder.live.sight import LiveSight
+from objectfolder.live.sound import LiveSound
+from objectfolder.products.atomic import atomic_write
+
+FRAMES_PER_S, SAMPLE_RATE_HZ = 30, 44100
+AAC_SAMPLES = 1024  # of a frame of its own
+# Of x264: a constant rate factor at which one sees no loss. Its macroblock tree differs from run to run.
+SETTINGS = {"crf": "18", "x264-params": "mbtree=0"}
+
+
+def recorded(
+    sound: LiveSound, sight: LiveSight, camera_to_world: NDArray[np.float64], seconds: float,
+    resolution: tuple[int, int],
+) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64]]]:  # fmt: skip
+    """Run a simulation, and yield each frame's image (h, w, 3) and its sound (samples,) in pascals.
+
+    The sound's blocks must last as long as a frame: `SAMPLE_RATE_HZ / FRAMES_PER_S` samples.
+    """
+    for _ in range(round(seconds * FRAMES_PER_S)):
+        image = sight.image(camera_to_world, resolution).rgb
+        yield image, sound.block()
+
+
+def write_clip(path: Path, frames: NDArray[np.uint8], pressure_pa: NDArray[np.float64]) -> float:
+    """Write H.264 and AAC as MP4, and return the factor from pascals to the file's sound.
+
+    Parameters
+    ----------
+    frames
+        (n, h, w, 3) sRGB, `FRAMES_PER_S` a second; sides are even.
+    pressure_pa
+        (samples,) at `SAMPLE_RATE_HZ`. Its peak is brought to a level to listen to.
+
+    Raises
+    ------
+    QueryError
+        PyAV is not installed; an odd side.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise QueryError(
+            "video", "PyAV is not installed", "pip install 'objectfolder-factory[video]'"
+        ) from error
+    height, width = frames.shape[1:3]
+    if height % 2 or width % 2:
+        raise QueryError("resolution", f"{height} x {width} pixels", "Videos have even sides.")
+    gain = listening_gain(float(abs(pressure_pa).max(initial=0.0)))
+    with atomic_write(path) as file, av.open(file, "w", format="mp4") as container:
+        video = container.add_stream("libx264", rate=FRAMES_PER_S, options=SETTINGS)
+        video.codec_context.thread_count = 1  # the same frames give the same bytes
+        video.width, video.height, video.pix_fmt = width, height, "yuv420p"
+        audio = container.add_stream("aac", rate=SAMPLE_RATE_HZ, layout="mono")
+        for image in frames:
+            _mux(container, video, av.VideoFrame.from_ndarray(image, format="rgb24"))
+        for start in range(0, len(pressure_pa), AAC_SAMPLES):
+            part = (gain * pressure_pa[None, start : start + AAC_SAMPLES]).astype(np.float32)
+            frame = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
+            frame.sample_rate, frame.pts, frame.time_base = SAMPLE_RATE_HZ, start, Fraction(1, SAMPLE_RATE_HZ)
+            _mux(container, audio, frame)
+        for stream in (video, audio):
+            _mux(container, stream, None)
+    return gain
+
+
+def _mux(container: Any, stream: Any, frame: Any) -> None:
+    for packet in stream.encode(frame):
+        container.mux(packet)

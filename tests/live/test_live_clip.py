@@ -1,0 +1,84 @@
+"""A scene that is played to a video: what is seen and heard in it, and the same bytes for the same seed."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import objectfolder
+from objectfolder.errors import QueryError
+from objectfolder.live.clip import SAMPLE_RATE_HZ, write_clip
+from pipeline.cli import main
+
+av = pytest.importorskip("av")
+SCENE = """
+<mujoco><option timestep="0.002"/><worldbody>
+  <geom name="table" type="box" pos="0 0 -0.02" size="0.3 0.3 0.02"/>
+  <body name="0_mug" pos="0 0 0.06"><freejoint/>
+    <inertial pos="0 0 0" mass="{}" diaginertia="4e-4 4e-4 4e-4"/>
+    <geom type="cylinder" size="0.04 0.05"/>
+  </body>
+</worldbody></mujoco>
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    mug = objectfolder.example("mug")
+    (tmp_path / "mug").mkdir()
+    shutil.copy(Path(objectfolder.__file__).parent / "examples" / "mug.safetensors", tmp_path / "mug")
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE.format(mug.description["body"]["mass_kg"]))
+    return path
+
+
+def read(path):
+    with av.open(str(path)) as file:
+        images = np.stack([frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)])
+    with av.open(str(path)) as file:
+        return images, np.concatenate([frame.to_ndarray()[0] for frame in file.decode(audio=0)])
+
+
+@pytest.mark.slow
+def test_a_dropped_mug_is_seen_to_fall_and_heard_to_hit(scene, capsys):
+    clip = scene.with_name("clip.mp4")
+    asked = ["play", str(scene), "--seconds", "0.5", "--width", "96", "--height", "64", "-o"]
+    assert main([*asked, str(clip)]) == 0
+    assert "collisions" in capsys.readouterr().out
+    images, sound = read(clip)
+    assert images.shape == (15, 64, 96, 3)
+    assert abs(images[0].astype(int) - images[-1]).max() > 60, "it has moved"
+    peak = abs(sound).max()
+    first = np.flatnonzero(abs(sound) > 0.1 * peak)[0] / SAMPLE_RATE_HZ
+    assert 0.5 < peak < 0.9
+    assert 0.05 < first < 0.3, "silent while it falls"
+    again = scene.with_name("again.mp4")
+    assert main([*asked, str(again)]) == 0
+    assert again.read_bytes() == clip.read_bytes()
+    assert main([*asked, str(again), "--seed", "1"]) == 0
+    assert again.read_bytes() != clip.read_bytes()
+
+
+def test_frames_and_sound_are_read_as_they_were_written(tmp_path):
+    frames = np.full((10, 32, 48, 3), 200, dtype=np.uint8)
+    frames[5:] = 40
+    tone = 20.0 * np.sin(2 * np.pi * 1000 * np.arange(SAMPLE_RATE_HZ // 3) / SAMPLE_RATE_HZ)
+    gain = write_clip(tmp_path / "a.mp4", frames, tone)
+    images, sound = read(tmp_path / "a.mp4")
+    assert abs(images.astype(int) - frames).max() < 6
+    assert gain == pytest.approx(10 ** (-3 / 20) / 20, rel=1e-4)
+    spectrum = abs(np.fft.rfft(sound[2048:10240] * np.hanning(8192)))
+    assert spectrum.argmax() * SAMPLE_RATE_HZ / 8192 == pytest.approx(1000, abs=6)
+
+
+def test_what_cannot_be_played_is_one_line(scene, tmp_path, capsys):
+    with pytest.raises(QueryError, match="even"):
+        write_clip(tmp_path / "a.mp4", np.zeros((1, 31, 32, 3), np.uint8), np.zeros(10))
+    assert not (tmp_path / "a.mp4").exists()
+    shutil.rmtree(scene.parent / "mug")
+    for given in (scene, tmp_path / "none.xml"):
+        assert main(["play", str(given), "-o", str(tmp_path / "a.mp4")]) == 1
+        said = capsys.readouterr().err
+        assert str(given) in said
+        assert "Traceback" not in said
