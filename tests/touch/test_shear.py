@@ -1,0 +1,210 @@
+"""Shear of the gel against Cattaneo and Mindlin, a dense solution, and waves integrated through the layer."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.special import j0, j1, jv
+from shear_reference import cerruti, sheared
+
+from objectfolder.errors import InputError, SimulationError
+from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
+from objectfolder.touch.elastic.elastomer import Elastomer
+from objectfolder.touch.elastic.shear import solve_shear
+from objectfolder.touch.elastic.tangential_influence import (
+    TangentialCompliance,
+    relative_compliances,
+    tangential_compliance,
+)
+
+MODULUS_PA, RADIUS_M, FRICTION, FORCE_N = 2e5, 0.02, 0.8, 0.35
+CELLS, PITCH_M = 96, 0.008 / 96
+
+
+def squared_radii() -> np.ndarray:
+    x = (np.arange(CELLS) - (CELLS - 1) / 2) * PITCH_M
+    return x[:, None] ** 2 + x**2
+
+
+def ball(gel: Elastomer) -> Contact:
+    return solve_contact(squared_radii() / (2 * RADIUS_M), PITCH_M, gel, force_n=FORCE_N)
+
+
+def along_wave(a: float, n: float, load: np.ndarray) -> np.ndarray:
+    """U and W at the surface of a layer of thickness and modulus of rigidity 1 under T sin ax, S cos ax."""
+    through = np.zeros((4, 4))
+    through[0, 1:3] = a, 1
+    through[1, 0], through[1, 3] = -a * n / (1 - n), (1 - 2 * n) / (2 * (1 - n))
+    through[2, 0], through[2, 3], through[3, 2] = 2 * a * a / (1 - n), a * n / (1 - n), -a
+    transfer = expm(through)
+    return transfer[:2, 2:] @ np.linalg.solve(transfer[2:, 2:], load)
+
+
+@pytest.mark.parametrize("n", [0.0, 0.3, 0.48, 0.5])
+def test_waves_move_a_layer_as_elasticity_integrates_to(n: float) -> None:
+    a = np.geomspace(0.01, 9, 20)
+    along, across, pressed = relative_compliances(a, n)
+    sheared = np.array([along_wave(k, n, np.array([1.0, 0.0]))[0] * k / (1 - n) for k in a])
+    sideways = np.array([along_wave(k, n, np.array([0.0, -1.0]))[0] * 2 * k for k in a])
+    assert along == pytest.approx(sheared, rel=1e-10)
+    assert pressed == pytest.approx(sideways, rel=1e-8, abs=1e-12)
+    # Out of plane: G v'' = a^2 G v, clamped below.
+    shaken = np.array([-expm(np.array([[0.0, 1.0], [k * k, 0.0]]) * -1)[0, 1] for k in a])
+    clamped = np.array([expm(np.array([[0.0, 1.0], [k * k, 0.0]]) * -1)[0, 0] for k in a])
+    assert across == pytest.approx(a * shaken / clamped, rel=1e-10)
+
+
+@pytest.mark.parametrize("thickness", [None, 0.002])
+@pytest.mark.parametrize("n", [0.0, 0.3, 0.48])
+def test_a_soft_patch_moves_the_surface_as_its_hankel_transform_says(
+    thickness: float | None, n: float
+) -> None:
+    pitch, count, width = 0.0002, 96, 0.0015
+    x = (np.arange(count) - (count - 1) / 2) * pitch
+    patch = np.exp(-(x[:, None] ** 2 + x**2) / (2 * width**2))
+    grid = TangentialCompliance(Elastomer(MODULUS_PA, n, thickness), (count, count), (pitch, pitch))
+    moved = grid.displacement(np.stack([patch, np.zeros_like(patch)]))
+    pressed = grid.displacement_by_pressure(patch)
+    node, weight = np.polynomial.legendre.leggauss(1000)
+    k, weight = (1 + node) * 4 / width, weight * 4 / width
+    shear = MODULUS_PA / (2 * (1 + n))
+    along, across, sideways = (1 - n) / k, 1 / k, (2 * n - 1) / (2 * k)
+    if thickness:
+        factors = relative_compliances(k * thickness, n)
+        along, across, sideways = along * factors[0], across * factors[1], factors[2] / (2 * k)
+    amplitude = weight * k * width**2 * np.exp(-((k * width) ** 2) / 2) / shear
+    for i, j in ((48, 60), (70, 30), (40, 41)):
+        r = np.hypot(x[i], x[j])
+        cosine, sine = x[i] / r, x[j] / r
+        even = amplitude * (along + across) / 2 @ j0(k * r)
+        turned = amplitude * (across - along) / 2 @ jv(2, k * r)
+        outward = amplitude * sideways @ j1(k * r)
+        expected = even + turned * (cosine**2 - sine**2), turned * 2 * cosine * sine
+        steps = (pitch / width) ** 2 / 6  # of a patch that is constant on each cell
+        assert moved[:, i, j] == pytest.approx(expected, abs=steps * even)
+        # A layer's is what is left of the half-space's by what bonding takes off.
+        largest = abs(amplitude * (2 * n - 1) / (2 * k) @ j1(k * r)) + abs(outward)
+        assert pressed[:, i, j] == pytest.approx([outward * cosine, outward * sine], abs=steps * largest)
+
+
+def test_columns_are_moved_as_rows_are() -> None:
+    gel = Elastomer(MODULUS_PA, 0.4, 0.002)
+    one = TangentialCompliance(gel, (9, 14), (3e-4, 5e-4))
+    other = TangentialCompliance(gel, (14, 9), (5e-4, 3e-4))
+    traction = np.random.default_rng(0).normal(size=(2, 9, 14))
+    turned = other.displacement(traction[::-1].swapaxes(1, 2))
+    np.testing.assert_allclose(one.displacement(traction), turned[::-1].swapaxes(1, 2), rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_a_ball_follows_cattaneo_and_mindlin(n: float, share: float) -> None:
+    """Johnson 1985, section 7.2: stick radius, shift and tractions under a share of the friction."""
+    gel = Elastomer(MODULUS_PA, n)
+    contact = ball(gel)
+    radius = (3 * FORCE_N * RADIUS_M / (4 * gel.contact_modulus_pa)) ** (1 / 3)
+    stick = radius * (1 - share) ** (1 / 3)
+    shear = solve_shear(contact, gel, FRICTION, (0.0, share * FRICTION * FORCE_N))
+    found = np.sqrt(shear.sticking.sum() * PITCH_M**2 / np.pi)
+    assert abs(found - stick) < 0.02 * radius
+    rigidity = MODULUS_PA / (2 * (1 + n))
+    shift = 3 * FRICTION * FORCE_N * (2 - n) / (16 * rigidity * radius) * (1 - (1 - share) ** (2 / 3))
+    assert shear.shift_m[1] == pytest.approx(shift, rel=0.005)
+    assert shear.shift_m[0] == pytest.approx(0, abs=1e-9 * shift)
+    peak, r = 1.5 * FORCE_N / (np.pi * radius**2), squared_radii()
+    inner = np.sqrt(np.maximum(1 - r / stick**2, 0)) * stick / radius
+    traction = FRICTION * peak * (np.sqrt(np.maximum(1 - r / radius**2, 0)) - inner)
+    smooth = (r < (stick - 2 * PITCH_M) ** 2) | ((r > (stick + 2 * PITCH_M) ** 2) & (r < 0.9 * radius**2))
+    assert np.abs(shear.traction_pa[1] - traction)[smooth].max() < 0.02 * FRICTION * peak
+    # The closed form lets all of the traction point along the force.
+    assert np.abs(shear.traction_pa[0]).max() <= 0.11 * FRICTION * peak
+    assert shear.traction_pa[1].sum() * PITCH_M**2 == pytest.approx(share * FRICTION * FORCE_N, rel=1e-6)
+
+
+def test_beyond_friction_all_slides_and_bears_no_more() -> None:
+    gel = Elastomer(MODULUS_PA, 0.3)
+    contact = ball(gel)
+    shear = solve_shear(contact, gel, FRICTION, (-3.0, 0.0))
+    assert shear.sliding
+    assert not shear.sticking.any()
+    np.testing.assert_allclose(shear.traction_pa[0], -FRICTION * contact.pressure_pa)
+    radius = (3 * FORCE_N * RADIUS_M / (4 * gel.contact_modulus_pa)) ** (1 / 3)
+    rigidity = MODULUS_PA / 2.6
+    shift = 3 * FRICTION * FORCE_N * 1.7 / (16 * rigidity * radius)
+    assert shear.shift_m == pytest.approx([-shift, 0], rel=0.002)
+
+
+def test_without_a_push_all_sticks_and_without_friction_all_slides() -> None:
+    gel = Elastomer(MODULUS_PA, 0.48, 0.004)
+    contact = ball(gel)
+    still = solve_shear(contact, gel, FRICTION, (0.0, 0.0))
+    assert not still.sliding
+    np.testing.assert_array_equal(still.sticking, contact.mask)
+    pressed = tangential_compliance(gel, contact.mask.shape, contact.pitch_m)
+    np.testing.assert_allclose(
+        still.displacement_m, pressed.displacement_by_pressure(contact.pressure_pa), atol=1e-15
+    )
+    assert solve_shear(contact, gel, 0.0, (0.0, 1e-9)).sliding
+    assert not solve_shear(contact, gel, 0.0, (0.0, 0.0)).sliding
+    lifted = solve_contact(squared_radii() / (2 * RADIUS_M), PITCH_M, gel, force_n=0.0)
+    assert solve_shear(lifted, gel, FRICTION, (1.0, 0.0)).sliding
+
+
+@pytest.mark.parametrize("n", [0.0, 0.48])
+def test_a_rough_object_shears_the_surface_as_the_dense_solution(n: float) -> None:
+    """Two bumps of unequal height, pushed askew: stick, slip and the field of markers."""
+    pitch, cells = 0.0004, 24
+    x = (np.arange(cells) - (cells - 1) / 2) * pitch
+    bumps = [(-0.0016, -0.001, 0.0), (0.0018, 0.0014, 3e-5)]
+    gap = np.min([(x[:, None] - a) ** 2 / 0.016 + (x - b) ** 2 / 0.02 + c for a, b, c in bumps], axis=0)
+    gel = Elastomer(MODULUS_PA, n)
+    contact = solve_contact(gap, pitch, gel, force_n=0.15)
+    row, column = np.nonzero(contact.mask)
+    assert 60 < len(row) < 300
+    matrix = cerruti(np.stack([x[row], x[column]], axis=1), pitch, n, MODULUS_PA)
+    limit, shift = FRICTION * contact.pressure_pa[row, column], np.array([6e-5, 3e-5])
+    expected = sheared(matrix, limit, shift)
+    stuck = np.hypot(*expected.T) < limit * (1 - 1e-6)
+    assert 0.2 < stuck.mean() < 0.9
+    shear = solve_shear(contact, gel, FRICTION, expected.sum(axis=0) * pitch**2, tolerance=1e-6)
+    assert shear.shift_m == pytest.approx(shift, rel=0.003)
+    found = shear.traction_pa[:, row, column].T
+    assert np.abs(found - expected).max() < 0.01 * limit.max()
+    assert np.count_nonzero(shear.sticking[row, column] != stuck) <= 2
+    pressed = tangential_compliance(gel, gap.shape, contact.pitch_m)
+    moved = shear.displacement_m - pressed.displacement_by_pressure(contact.pressure_pa)
+    by_matrix = np.einsum("mnij,nj->mi", matrix, expected)
+    assert np.abs(moved[:, row, column].T - by_matrix).max() < 0.003 * np.abs(by_matrix).max()
+
+
+def test_a_layer_shears_stiffer_than_the_half_space_and_as_a_block_where_it_is_thin() -> None:
+    shifts = []
+    for thickness in (None, 0.004, 0.00025):
+        gel = Elastomer(MODULUS_PA, 0.48, thickness)
+        contact = solve_contact(np.where(squared_radii() < 0.003**2, 0.0, 1e-3), PITCH_M, gel, force_n=1.0)
+        shear = solve_shear(contact, gel, 50.0, (0.2, 0.0))
+        shifts.append(shear.shift_m[0])
+    assert shifts[0] > shifts[1] > shifts[2]
+    block = 0.2 * 0.00025 / (MODULUS_PA / 2.96 * np.pi * 0.003**2)
+    assert shifts[2] == pytest.approx(block, rel=0.12)
+    assert shifts[2] < block  # what lies round it is dragged along
+
+
+def test_the_force_scales_and_turns_with_all() -> None:
+    gel = Elastomer(MODULUS_PA, 0.48, 0.004)
+    contact = ball(gel)
+    one = solve_shear(contact, gel, FRICTION, (0.1, 0.0), tolerance=1e-6)
+    other = solve_shear(contact, gel, FRICTION, (0.0, -0.1), tolerance=1e-6)
+    np.testing.assert_allclose(-other.traction_pa[1].T, one.traction_pa[0], atol=2e-4 * one.traction_pa.max())
+
+
+def test_no_answer_without_numbers_or_iterations() -> None:
+    gel = Elastomer(MODULUS_PA, 0.48)
+    contact = ball(gel)
+    for friction in (-0.1, np.nan, np.inf):
+        with pytest.raises(InputError, match=r"friction: .* 0 or more"):
+            solve_shear(contact, gel, friction, (0.0, 0.1))
+    for force in ((np.nan, 0.0), (1.0, 2.0, 3.0), 1.0):
+        with pytest.raises(InputError, match=r"force_n: .* Give two numbers"):
+            solve_shear(contact, gel, 1.0, force)
+    with pytest.raises(SimulationError, match=r"shear: what sticks is wrong by .* after 3 iterations"):
+        solve_shear(contact, gel, 1.0, (0.0, 0.1), maximum_iterations=3)
