@@ -1,15 +1,19 @@
-"""Objects inside a running simulation: what they sound like as they collide, roll and scrape."""
+"""Objects inside a running simulation: seen together, heard as they collide, roll and scrape, felt by fingers."""
 
 from objectfolder.live.contacts import Simulation, Touching
 from objectfolder.live.mujoco_simulation import MujocoSimulation
 from objectfolder.live.pybullet_simulation import PybulletSimulation
 from objectfolder.live.sight import LiveSight, SceneImage
 from objectfolder.live.sound import Impact, LiveSound
+from objectfolder.live.touch import Felt, Finger, LiveTouch
 
 __all__ = [
+    "Felt",
+    "Finger",
     "Impact",
     "LiveSight",
     "LiveSound",
+    "LiveTouch",
     "MujocoSimulation",
     "PybulletSimulation",
     "SceneImage",

@@ -1,11 +1,13 @@
 """What a running simulation tells of its bodies: poses, masses and contacts, and nothing else."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from objectfolder.errors import QueryError
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +23,7 @@ class Touching:
     normal : (3,) unit, from the first body to the second
     force_n : along the normal during the step, not negative
     velocities_m_s : (2, 3) of the matter of both bodies there, before the contact changed them
+    friction_n : (3,) force along the surface on the second body, in the world; 0 where an engine tells none
 
     Examples
     --------
@@ -36,6 +39,7 @@ class Touching:
     normal: Floats
     force_n: float
     velocities_m_s: Floats
+    friction_n: Floats = field(default_factory=lambda: np.zeros(3))
 
     @property
     def approach_m_s(self) -> float:
@@ -76,3 +80,17 @@ class Simulation(Protocol):
 
         B. Mirtich, PhD thesis, Berkeley 1996, section 3.2; infinite where none can move.
         """
+
+
+def finite_pose(simulation: Simulation, body: str) -> Floats:
+    """Return the pose (4, 4) of a body.
+
+    Raises
+    ------
+    QueryError
+        No such body, or a pose that is not finite.
+    """
+    pose = simulation.pose(body)
+    if not np.isfinite(pose).all():
+        raise QueryError("simulation", f"the pose of {body!r} is not finite", "Take a smaller time step.")
+    return pose

@@ -85,7 +85,8 @@ class MujocoSimulation:
             self._engine.mj_contactForce(self._model, self._data, index, force)
             names = self._names[owners[row, 0]], self._names[owners[row, 1]]
             pressed_n = max(0.0, float(force[0]))
-            found.append(Touching(names, points[row], normals[row], pressed_n, velocities[row]))
+            along = force[1] * contacts.frame[index, 3:6] + force[2] * contacts.frame[index, 6:]
+            found.append(Touching(names, points[row], normals[row], pressed_n, velocities[row], along))
         return found
 
     def mass_at_kg(self, touching: Touching) -> float:

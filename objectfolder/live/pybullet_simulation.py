@@ -105,7 +105,9 @@ class PybulletSimulation:
                 motions = [self._motions[link] for link in links]
                 at_point = [m.velocity_m_s + np.cross(m.spin_rad_s, point - m.centre_m) for m in motions]
                 names = self._names[links[0]], self._names[links[1]]
-                found.append(Touching(names, point, normal, force_n, np.stack(at_point)))
+                # As told, of the first body.
+                along = -contact[10] * np.array(contact[11]) - contact[12] * np.array(contact[13])
+                found.append(Touching(names, point, normal, force_n, np.stack(at_point), along))
         return found
 
     def mass_at_kg(self, touching: Touching) -> float:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.roughness import LENGTH_M, RoughProfile
 from objectfolder.errors import QueryError
-from objectfolder.live.contacts import Simulation, Touching
+from objectfolder.live.contacts import Simulation, Touching, finite_pose
 from objectfolder.live.culling import Culling
 from objectfolder.live.heard_body import HeardBody, Matter
 from objectfolder.live.lasting import LastingContact, LastingContacts
@@ -148,14 +148,8 @@ class LiveSound:
         return np.sum(sounds, axis=0) if sounds else np.zeros(self._samples)
 
     def _body(self, name: str, file: ObjectFile, listener_m: Floats) -> HeardBody:
-        mass_kg, pose = self._simulation.mass_kg(name), self._pose(name)
+        mass_kg, pose = self._simulation.mass_kg(name), finite_pose(self._simulation, name)
         return HeardBody.of(name, file, mass_kg, self._rate, (listener_m - pose[:3, 3]) @ pose[:3, :3])
-
-    def _pose(self, name: str) -> Floats:
-        pose = self._simulation.pose(name)
-        if not np.isfinite(pose).all():
-            raise QueryError("simulation", f"the pose of {name!r} is not finite", "Take a smaller time step.")
-        return pose
 
     def _matter(self, name: str) -> Matter:
         return self._bodies[name].matter if name in self._bodies else self._others
@@ -165,7 +159,8 @@ class LiveSound:
         touching = [
             one for one in self._simulation.touching() if not self._bodies.keys().isdisjoint(one.bodies)
         ]
-        self._poses |= {name: self._pose(name) for name in {name for one in touching for name in one.bodies}}
+        names = {name for one in touching for name in one.bodies}
+        self._poses |= {name: finite_pose(self._simulation, name) for name in names}
         self._collide(time_s, touching)
         self._steps += 1
         if self._steps % self._between == 0:

@@ -1,0 +1,233 @@
+"""What tactile sensors feel of a simulation's objects: images, forces, slip and shear."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.errors import QueryError
+from objectfolder.live.contacts import Simulation, finite_pose
+from objectfolder.object_file import ObjectFile
+from objectfolder.query_values import real, real_array, whole
+from objectfolder.touch.contact.height_field import gap_field
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
+from objectfolder.touch.elastic.elastomer import Elastomer
+from objectfolder.touch.elastic.markers import Markers, moved_markers
+from objectfolder.touch.elastic.shear import Shear, solve_shear
+from objectfolder.touch.rendering.simulator import Simulator, TouchImage
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.elastic_press import greatest_depth_m
+from objectfolder.touch.truth.touches import TOLERANCE_M, saturation_depth_m
+
+Floats = NDArray[np.float64]
+# Of the largest friction: engines bring a body that slides to a little less.
+SLIDING_SHARE = 0.99
+CELL_M, TOLERANCE = 0.000625, 1e-3  # of the gel's contact
+
+
+@dataclass(frozen=True, eq=False)
+class Finger:
+    """A tactile sensor on a body of the simulation.
+
+    Parameters
+    ----------
+    sensor_to_body
+        (4, 4) pose of the sensor's frame in the body's, metres; by default they are one.
+    sensor
+        A DIGIT by default.
+    friction
+        Coulomb's coefficient of gel and object: that of the scene.
+    samples
+        Samples along each side of a pixel.
+
+    Raises
+    ------
+    QueryError
+        A pose that is none, a friction below 0, samples out of range.
+    """
+
+    sensor_to_body: Floats = field(default_factory=lambda: np.eye(4))
+    sensor: Sensor = field(default_factory=Sensor)
+    friction: float = 1.0
+    samples: int = 2
+
+    def __post_init__(self) -> None:
+        pose = real_array("sensor_to_body", self.sensor_to_body)
+        turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
+            raise QueryError("sensor_to_body", "not a pose", "Give (4, 4): a rotation and a place.")
+        real("friction", self.friction, 0.0, 1e3)
+        whole("samples", self.samples, 1, 16)
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What a finger feels.
+
+    Parameters
+    ----------
+    finger, name
+        Which one.
+    touched
+        The body that lies deepest in the gel; None where none does.
+    image
+        rgb, depth, mask and contact area, as those of a rigid press at that pose.
+    sensor_to_object
+        (4, 4) pose in the frame of the body touched, or of the one that was looked for last.
+    penetration_m
+        How deep that body lies in the gel.
+    force_n
+        (3,) float64 of the engine's contacts with objects, on the finger, in the sensor's frame.
+    """
+
+    finger: Finger
+    name: str
+    touched: str | None
+    image: TouchImage
+    sensor_to_object: Floats
+    penetration_m: float
+    force_n: Floats
+    _patches: FacePatches = field(repr=False)
+
+    @property
+    def normal_n(self) -> float:
+        """Force that presses on the gel, along the sensor's axis; not negative."""
+        return max(0.0, -float(self.force_n[0]))
+
+    @property
+    def tangential_n(self) -> float:
+        """Force across the sensor's axis."""
+        return float(np.hypot(*self.force_n[1:]))
+
+    @property
+    def sliding(self) -> bool:
+        """Whether the force across has reached what friction bears."""
+        across = self.tangential_n
+        return across > 0 and across >= SLIDING_SHARE * self.finger.friction * self.normal_n
+
+    @cached_property
+    def sheared(self) -> tuple[Contact, Shear]:
+        """Pressure, traction and displacement of the gel, as an elastic layer under the engine's forces.
+
+        On cells of `CELL_M` over the gel, see `solve_contact` and `solve_shear`.
+
+        Raises
+        ------
+        QueryError
+            A force without an object in the gel, or more than the gel bears.
+        """
+        sensor, normal_n = self.finger.sensor, self.normal_n
+        if self.touched is None and normal_n > 0:
+            finding = f"bears {normal_n:.3g} N of an object that is not in its gel"
+            raise QueryError(self.name, finding, "Let collision shapes follow the object's surface.")
+        shape = round(sensor.gel_height_m / CELL_M), round(sensor.gel_width_m / CELL_M)
+        pitch = sensor.gel_height_m / shape[0], sensor.gel_width_m / shape[1]
+        gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
+        seen = gap_field(self._patches, sensor, self.sensor_to_object, shape)
+        gap = np.zeros(shape) if normal_n == 0 else seen  # where nothing presses there may be no object
+        contact = solve_contact(gap, pitch, gel, force_n=normal_n, tolerance=TOLERANCE)
+        if normal_n > 0 and contact.indentation_m - gap.min() > greatest_depth_m(sensor):
+            raise QueryError(self.name, f"bears {normal_n:.3g} N, more than its gel", "Press less.")
+        across = -self.force_n[:0:-1]  # rows descend in z and columns in y
+        return contact, solve_shear(contact, gel, self.finger.friction, across, tolerance=TOLERANCE)
+
+    def markers(self, grid: tuple[int, int] = (9, 7)) -> Markers:
+        """Return markers on the gel, see `moved_markers`.
+
+        Raises
+        ------
+        QueryError
+            As `sheared`, or a grid that is none.
+        """
+        return moved_markers(self.finger.sensor, *self.sheared, grid)
+
+
+class LiveTouch:
+    """Fingers in a simulation, which something else moves on.
+
+    A finger sees the object that lies deepest in its gel, by the surface of its Object File, as `press` under
+    the rigid model does at that pose. Forces are those of the engine's contacts in its last step.
+
+    Parameters
+    ----------
+    simulation
+        The engine, see `contacts.Simulation`.
+    files
+        Object Files by the names of their bodies.
+    fingers
+        By the names of theirs.
+
+    Raises
+    ------
+    QueryError
+        A body that the simulation lacks, no file.
+
+    Examples
+    --------
+    >>> import mujoco
+    >>> import objectfolder
+    >>> from objectfolder.live import Finger, LiveTouch, MujocoSimulation
+    >>> model = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>
+    ... <body name="bar"><freejoint/><geom type="box" size=".1 .01 .004"/></body>
+    ... <body name="finger" pos="-0.015 0 0.0255" euler="0 90 0"/></worldbody></mujoco>''')
+    >>> simulation = MujocoSimulation(model, mujoco.MjData(model))
+    >>> touch = LiveTouch(simulation, {"bar": objectfolder.load("bar.safetensors")}, {"finger": Finger()})
+    >>> felt = touch.feel()["finger"]
+    >>> felt.touched, round(felt.penetration_m, 6), felt.image.rgb.shape
+    ('bar', 0.0005, (160, 120, 3))
+    """
+
+    def __init__(
+        self, simulation: Simulation, files: Mapping[str, ObjectFile], fingers: Mapping[str, Finger]
+    ) -> None:
+        if not files:
+            raise QueryError("files", "none given", "Give the Object File of a body.")
+        self._simulation, self._fingers = simulation, dict(fingers)
+        for body in (*files, *fingers):
+            finite_pose(simulation, body)
+        self._patches = {name: FacePatches(file.surface) for name, file in files.items()}
+        self._seers = {
+            (body, name): Simulator(patches, finger.sensor, finger.samples)
+            for body, patches in self._patches.items()
+            for name, finger in self._fingers.items()
+        }
+
+    def feel(self) -> dict[str, Felt]:
+        """Return what each finger feels now.
+
+        Raises
+        ------
+        QueryError
+            A pose that is not finite, or an object deeper in a gel than that gives way.
+        """
+        forces = self._forces()
+        return {name: self._felt(name, finger, forces[name]) for name, finger in self._fingers.items()}
+
+    def _felt(self, name: str, finger: Finger, force: Floats) -> Felt:
+        sensor = finite_pose(self._simulation, name) @ finger.sensor_to_body
+        deepest, found = -1.0, None
+        for body in self._patches:
+            pose = np.linalg.inv(finite_pose(self._simulation, body)) @ sensor
+            near = self._seers[body, name].approach(pose, 0.0)
+            if near.greatest > deepest:
+                deepest, found = near.greatest, (body, pose, near)
+        assert found is not None
+        body, pose, near = found
+        if deepest > saturation_depth_m(finger.sensor) + TOLERANCE_M:
+            finding = f"{body!r} lies {deepest * 1e3:.3g} mm in its gel, deeper than that gives way"
+            raise QueryError(name, finding, "Make its contact stiffer, or press less.")
+        image = self._seers[body, name].see(pose, near)
+        touched = body if deepest > 0 else None
+        return Felt(finger, name, touched, image, pose, deepest, force @ sensor[:3, :3], self._patches[body])
+
+    def _forces(self) -> dict[str, Floats]:
+        """Force (3,) on each finger by all objects, in the world."""
+        forces = {name: np.zeros(3) for name in self._fingers}
+        for one in self._simulation.touching():
+            for finger, other, sign in zip(one.bodies, one.bodies[::-1], (-1.0, 1.0), strict=True):
+                if finger in forces and other in self._patches:
+                    forces[finger] = forces[finger] + sign * (one.force_n * one.normal + one.friction_n)
+        return forces

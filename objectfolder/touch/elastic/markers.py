@@ -1,0 +1,119 @@
+"""Markers printed on a gel, as the camera sees them move: GelSight's way to show shear."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from objectfolder.query_values import real, whole
+from objectfolder.touch.elastic.contact_problem import Contact
+from objectfolder.touch.elastic.shear import Shear
+from objectfolder.touch.sensor.gel import gel_along_rays, gel_surface
+from objectfolder.touch.sensor.sensor import Sensor
+
+MOST_MARKERS = 1000  # along a side
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """n markers on a gel.
+
+    Parameters
+    ----------
+    rest_m
+        (n, 3) float64 where they are on the untouched gel, sensor frame.
+    displacement_m
+        (n, 3) float64, sensor frame.
+    rest_pixels, pixels
+        (n, 2) float64 row and column where the camera sees them then and now; whole numbers are the middles
+        of pixels.
+    """
+
+    rest_m: np.ndarray
+    displacement_m: np.ndarray
+    rest_pixels: np.ndarray
+    pixels: np.ndarray
+
+    def drawn_on(self, rgb: np.ndarray, radius_pixels: float = 1.5) -> np.ndarray:
+        """Return an image (height, width, 3) uint8 with a black dot at every marker, smooth at its rim.
+
+        Raises
+        ------
+        QueryError
+            A radius that is not from 0 to 100 pixels.
+        """
+        radius = real("radius_pixels", radius_pixels, 0.0, 100.0)
+        light, reach = np.ones(rgb.shape[:2]), int(np.ceil(radius + 0.5))
+        for row, column in self.pixels:
+            top, left = max(0, round(row) - reach), max(0, round(column) - reach)
+            window = light[top : max(0, round(row) + reach + 1), left : max(0, round(column) + reach + 1)]
+            down, right = (np.arange(size) for size in window.shape)
+            away = np.hypot(top + down[:, None] - row, left + right - column)
+            np.minimum(window, np.clip(away - radius + 0.5, 0.0, 1.0), out=window)
+        return np.asarray(np.rint(rgb * light[..., None]).astype(np.uint8))
+
+
+def moved_markers(sensor: Sensor, contact: Contact, shear: Shear, grid: tuple[int, int] = (9, 7)) -> Markers:
+    """Markers evenly apart in the image of the untouched gel, moved by a sheared contact.
+
+    Parameters
+    ----------
+    sensor
+        Whose gel it is.
+    contact, shear
+        On cells over the whole gel, as of `height_field.gel_grid`.
+    grid
+        Rows and columns of markers; 9 x 7 are a GelSight Mini's.
+
+    Raises
+    ------
+    QueryError
+        Not whole numbers of rows and columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from objectfolder.touch.elastic.contact_problem import solve_contact
+    >>> from objectfolder.touch.elastic.elastomer import Elastomer
+    >>> from objectfolder.touch.elastic.shear import solve_shear
+    >>> from objectfolder.touch.sensor.sensor import Sensor
+    >>> y, z = np.meshgrid(np.linspace(-0.01, 0.01, 41)[:-1], np.linspace(-0.015, 0.015, 61)[:-1])
+    >>> gel = Elastomer(5.6e5, 0.48, 0.004)
+    >>> contact = solve_contact((y**2 + z**2) / 0.04, 0.0005, gel, force_n=4.0)
+    >>> markers = moved_markers(Sensor(), contact, solve_shear(contact, gel, 1.0, (0.0, 2.0)))
+    >>> right = markers.pixels[:, 1] - markers.rest_pixels[:, 1]
+    >>> len(right), round(right.max(), 1)
+    (63, 3.1)
+    """
+    rows, columns = (whole("grid", count, 1, MOST_MARKERS) for count in grid)
+    height, width = sensor.image_height, sensor.image_width
+    down = (np.arange(rows) + 0.5) / rows * height - 0.5
+    right = (np.arange(columns) + 0.5) / columns * width - 0.5
+    pixels = np.stack([part.ravel() for part in np.meshgrid(down, right, indexing="ij")], axis=1)
+    tangents = _tangents(sensor, pixels)
+    y, z = (tangents * gel_along_rays(sensor, *tangents)) + np.array(sensor.camera_position_m)[1:, None]
+    rest = np.stack([gel_surface(sensor, y, z), y, z], axis=1)
+    cells = contact.displacement_m.shape
+    row = (0.5 - (z - sensor.gel_apex_m[2]) / sensor.gel_height_m) * cells[0] - 0.5
+    column = (0.5 - (y - sensor.gel_apex_m[1]) / sensor.gel_width_m) * cells[1] - 0.5
+    # Rows descend in z and columns in y, and the gel gives way along -x.
+    fields = (-contact.displacement_m, -shear.displacement_m[1], -shear.displacement_m[0])
+    displacement = np.stack(
+        [map_coordinates(field, [row, column], order=1, mode="nearest") for field in fields], axis=1
+    )
+    return Markers(rest, displacement, pixels, _seen(sensor, rest + displacement))
+
+
+def _tangents(sensor: Sensor, pixels: np.ndarray) -> np.ndarray:
+    """Slopes (2, n) along y and z of the camera's rays through pixels (n, 2)."""
+    pitch = 2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height
+    middle = (np.array([sensor.image_height, sensor.image_width]) - 1) / 2
+    return np.asarray(((middle - pixels) * pitch).T[::-1])
+
+
+def _seen(sensor: Sensor, points: np.ndarray) -> np.ndarray:
+    """Pixels (n, 2) at which the camera sees points (n, 3) of the sensor frame."""
+    away = points - np.array(sensor.camera_position_m)
+    pitch = 2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height
+    middle = (np.array([sensor.image_height, sensor.image_width]) - 1) / 2
+    return np.asarray(middle - away[:, :0:-1] / away[:, :1] / pitch)

@@ -1,0 +1,287 @@
+"""Fingers in a simulation: the images of `press`, the engine's forces, slip, and the markers that follow."""
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+import pytest
+
+import objectfolder
+from objectfolder.errors import QueryError
+from objectfolder.live import Finger, LiveTouch, MujocoSimulation, PybulletSimulation, Touching
+
+MUG = objectfolder.example("mug")
+GRAVITY, MASS_KG = 9.81, 0.2
+
+
+@dataclass
+class Posed:
+    """A simulation that stands still: poses and contacts as they are told."""
+
+    poses: dict[str, np.ndarray]
+    contacts: list[Touching] = field(default_factory=list)
+    time_s = 0.0
+    timestep_s = 0.002
+
+    def step(self):
+        pass
+
+    def pose(self, body):
+        if body not in self.poses:
+            raise QueryError("files", f"no body {body!r} in the simulation", "Name its bodies.")
+        return self.poses[body]
+
+    def mass_kg(self, body):
+        return 1.0
+
+    def mass_at_kg(self, touching):
+        return 1.0
+
+    def touching(self):
+        return self.contacts
+
+
+def pressed(**asked):
+    """A touch of the mug's wall, half way up."""
+    touches = MUG.press([[0.0, -0.041, 0.05]], **asked)
+    assert touches.reachable.all()
+    return touches
+
+
+def turned(axis, degrees, place=(0, 0, 0)):
+    pose, axis = np.eye(4), np.asarray(axis, float)
+    mujoco.mju_axisAngle2Quat(quaternion := np.zeros(4), axis, np.radians(degrees))
+    mujoco.mju_quat2Mat(rotation := np.zeros(9), quaternion)
+    pose[:3, :3], pose[:3, 3] = rotation.reshape(3, 3), place
+    return pose
+
+
+def felt(finger_pose, mug_pose=None, contacts=(), finger=None, **others):
+    poses = {"mug": np.eye(4) if mug_pose is None else mug_pose, "finger": finger_pose, **others}
+    simulation = Posed(poses, list(contacts))
+    return LiveTouch(simulation, {"mug": MUG}, {"finger": finger or Finger()}).feel()["finger"]
+
+
+def bearing(pose, force_sensor_n):
+    """A contact that pushes the finger at a pose by a force (3,) in its own frame; the mug is first."""
+    force = pose[:3, :3] @ np.asarray(force_sensor_n, float)
+    along = -pose[:3, 0]
+    normal_n = float(force @ along)
+    return Touching(
+        ("mug", "finger"), pose[:3, 3], along, normal_n, np.zeros((2, 3)), force - normal_n * along
+    )
+
+
+@pytest.mark.parametrize("asked", [{}, {"depth": 0.0004}, {"tilt": 9.0, "azimuth": 50.0}, {"roll": 77.0}])
+def test_a_finger_sees_what_a_press_at_that_pose_sees(asked):
+    touches = pressed(**asked)
+    found = felt(touches.sensor_to_object[0])
+    assert found.touched == "mug"
+    np.testing.assert_array_equal(found.image.rgb, touches.rgb[0])
+    np.testing.assert_array_equal(found.image.depth, touches.depth[0])
+    np.testing.assert_array_equal(found.image.mask, touches.mask[0])
+    assert found.penetration_m == pytest.approx(touches.penetration_m[0], abs=1e-12)
+
+
+def test_where_the_world_stands_changes_nothing_but_rounding():
+    touches = pressed()
+    world = turned([0.6, 0.0, 0.8], 123.0, (0.3, -2.0, 0.7))
+    found = felt(world @ touches.sensor_to_object[0], world)
+    assert found.penetration_m == pytest.approx(1e-3, abs=1e-12)
+    np.testing.assert_allclose(found.image.depth, touches.depth[0], atol=2**-23)
+    assert np.abs(found.image.rgb.astype(int) - touches.rgb[0]).max() <= 1
+    np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-12)
+
+
+def test_a_finger_rolled_about_its_axis_is_a_press_at_that_roll():
+    axis = Finger().sensor.gel_apex_m
+    about = turned([1, 0, 0], 30.0)
+    about[:3, 3] = np.array(axis) - about[:3, :3] @ axis
+    found = felt(pressed().sensor_to_object[0] @ about)
+    for roll in (30.0, -30.0):
+        difference = np.abs(found.image.rgb.astype(int) - pressed(roll=roll).rgb[0]).max()
+        assert (difference <= 1) == (roll < 0)
+
+
+def test_a_sensor_may_stand_anywhere_in_its_body():
+    touches = pressed()
+    mount = turned([0, 1, 0], 40.0, (0.01, 0.02, 0.03))
+    body = touches.sensor_to_object[0] @ np.linalg.inv(mount)
+    found = felt(body, finger=Finger(sensor_to_body=mount))
+    np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-12)
+
+
+def test_the_object_that_lies_deepest_is_seen():
+    pose = pressed().sensor_to_object[0]
+    deeper = np.eye(4)
+    deeper[:3, 3] -= 0.0005 * pose[:3, 0]
+    simulation = Posed({"far": np.eye(4), "near": deeper, "finger": pose})
+    found = LiveTouch(simulation, {"far": MUG, "near": MUG}, {"finger": Finger()}).feel()["finger"]
+    assert (found.touched, round(found.penetration_m, 9)) == ("near", 0.0015)
+
+
+def test_an_untouched_finger_sees_its_gel_and_its_markers_rest():
+    pose = pressed().sensor_to_object[0].copy()
+    pose[:3, 3] -= 0.05 * pose[:3, 0]
+    found = felt(pose)
+    assert found.touched is None
+    np.testing.assert_array_equal(found.image.rgb, MUG.touch.no_contact)
+    assert (found.penetration_m, found.normal_n, found.tangential_n, found.sliding) == (0, 0, 0, False)
+    markers = found.markers()
+    np.testing.assert_allclose(markers.pixels, markers.rest_pixels, atol=1e-9)
+
+
+def test_forces_of_all_contacts_with_objects_add_up_in_the_sensors_frame():
+    pose = pressed().sensor_to_object[0]
+    one, two = bearing(pose, [-3.0, 0.5, 0.0]), bearing(pose, [-1.0, 0.0, -0.25])
+    turned_round = Touching(
+        two.bodies[::-1], two.point_m, -two.normal, two.force_n, two.velocities_m_s, -two.friction_n
+    )
+    table = Touching(("table", "finger"), one.point_m, one.normal, 99.0, one.velocities_m_s)
+    found = felt(pose, contacts=[one, turned_round, table])
+    np.testing.assert_allclose(found.force_n, [-4.0, 0.5, -0.25], atol=1e-12)
+    assert found.normal_n == pytest.approx(4.0)
+    assert found.tangential_n == pytest.approx(np.hypot(0.5, 0.25))
+
+
+@pytest.mark.parametrize(("across", "sliding"), [(0.0, False), (1.9, False), (1.99, True), (2.2, True)])
+def test_it_slides_where_the_force_across_is_all_that_friction_bears(across, sliding):
+    pose = pressed().sensor_to_object[0]
+    found = felt(pose, contacts=[bearing(pose, [-4.0, across, 0.0])], finger=Finger(friction=0.5))
+    assert found.sliding == sliding
+    contact, shear = found.sheared
+    assert contact.force_n == pytest.approx(4.0)
+    area = contact.pitch_m[0] * contact.pitch_m[1]
+    np.testing.assert_allclose(shear.traction_pa.sum(axis=(1, 2)) * area, [0, -min(across, 2.0)], atol=1e-6)
+    assert shear.sticking.any() == (across < 2.0)
+
+
+def test_markers_are_dragged_the_way_the_object_pulls():
+    pose = pressed().sensor_to_object[0]
+    still = felt(pose, contacts=[bearing(pose, [-4.0, 0.0, 0.0])]).markers()
+    dragged = felt(pose, contacts=[bearing(pose, [-4.0, 0.0, 1.5])]).markers()
+    change = dragged.displacement_m - still.displacement_m
+    largest = int(np.argmax(np.abs(change).max(axis=1)))
+    assert change[largest, 2] > 2e-5  # towards the sensor's z, the image's top
+    assert (dragged.pixels - still.pixels)[largest, 0] < -0.1
+    assert np.abs(change[largest, :2]).max() < 0.2 * change[largest, 2]
+    image = felt(pose).image.rgb
+    assert (dragged.drawn_on(image) != still.drawn_on(image)).any()
+
+
+def squeezed(engine, tilt_deg, friction=0.6):
+    """A plate with the mug's file that lies on a finger's gel, both leaning, after half a second."""
+    top = Finger().sensor.gel_apex_m[0]
+    lean = turned([1, 0, 0], tilt_deg)
+    upward = lean @ turned([0, 1, 0], -90.0)  # the sensor's x is up
+    plate = lean @ turned([1, 0, 0], 0.0, (-0.015, 0, top + 0.005))
+    if engine == "mujoco":
+        place, quaternion = plate[:3, 3], np.zeros(4)
+        other = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, plate[:3, :3].ravel())
+        mujoco.mju_mat2Quat(other, upward[:3, :3].ravel())
+        told = " ".join(map(str, place)), " ".join(map(str, quaternion)), " ".join(map(str, other))
+        # It may move but not turn: it would rock on its corners.
+        joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+        model = mujoco.MjModel.from_xml_string(
+            f'<mujoco><option timestep=".002" gravity="0 0 -{GRAVITY}" cone="elliptic"/>'
+            f'<worldbody><body name="finger" quat="{told[2]}">'
+            f'<geom type="box" pos="{top / 2} 0 .015" size="{top / 2} .05 .05" friction="{friction}"/></body>'
+            f'<body name="mug" pos="{told[0]}" quat="{told[1]}">{joints}'
+            f'<geom type="box" size=".02 .02 .005" mass="{MASS_KG}" friction="{friction}"/></body>'
+            f"</worldbody></mujoco>"
+        )
+        simulation = MujocoSimulation(model, mujoco.MjData(model))
+        for _ in range(60):
+            simulation.step()
+        return simulation
+    pybullet, client = engine
+    frames = []
+    for pose in (upward @ turned([1, 0, 0], 0, (top / 2, 0, 0.015)), plate):
+        mujoco.mju_mat2Quat(quaternion := np.zeros(4), pose[:3, :3].ravel())
+        frames.append((pose[:3, 3].tolist(), quaternion[[1, 2, 3, 0]].tolist()))
+    sizes, masses, bodies = ([top / 2, 0.05, 0.05], [0.02, 0.02, 0.005]), (0, MASS_KG), []
+    for (place, quaternion), size, mass in zip(frames, sizes, masses, strict=True):
+        box = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=size, physicsClientId=client)
+        body = pybullet.createMultiBody(mass, box, -1, place, quaternion, physicsClientId=client)
+        pybullet.changeDynamics(body, -1, lateralFriction=friction**0.5, physicsClientId=client)
+        bodies.append(body)
+    simulation = PybulletSimulation(client, {"finger": bodies[0], "mug": bodies[1]})
+    for _ in range(60):
+        simulation.step()
+    return simulation
+
+
+@pytest.fixture
+def bullet():
+    pybullet = pytest.importorskip("pybullet")
+    client = pybullet.connect(pybullet.DIRECT)
+    pybullet.setGravity(0, 0, -GRAVITY, physicsClientId=client)
+    pybullet.setTimeStep(0.002, physicsClientId=client)
+    yield pybullet, client
+    pybullet.disconnect(client)
+
+
+@pytest.mark.parametrize("tilt_deg", [15.0, 45.0])
+@pytest.mark.parametrize("engine", ["mujoco", "bullet"])
+def test_both_engines_tell_what_a_leaning_finger_bears(bullet, engine, tilt_deg):
+    """What sticks bears the weight; what slides bears friction times its normal part, and gains speed.
+
+    MuJoCo lets what slides hop from step to step: over all of them forces are what momentum says.
+    """
+    simulation = squeezed(bullet if engine == "bullet" else engine, tilt_deg)
+    touch, places, forces = LiveTouch(simulation, {"mug": MUG}, {"finger": Finger()}), [], []
+    for _ in range(40):
+        simulation.step()
+        places.append(simulation.pose("mug")[:3, 3].copy())
+        forces.append(touch._forces()["finger"])
+    velocities = np.diff(places, axis=0) / 0.002
+    gained = (velocities[-1] - velocities[0]) / (len(velocities) - 1) / 0.002
+    force = np.mean(forces[1:-1], axis=0)
+    np.testing.assert_allclose(force, MASS_KG * (np.array([0, 0, -GRAVITY]) - gained), atol=0.005)
+    slope = np.radians(tilt_deg)
+    normal_n = force @ [0, np.sin(slope), -np.cos(slope)]
+    across_n = force @ [0, -np.cos(slope), -np.sin(slope)]
+    if tilt_deg < np.degrees(np.arctan(0.6)):
+        np.testing.assert_allclose(force, [0, 0, -MASS_KG * GRAVITY], atol=0.05)
+    else:
+        assert across_n == pytest.approx(0.6 * normal_n, rel=0.02)
+
+
+def test_what_makes_no_sense_is_one_line():
+    pose = pressed().sensor_to_object[0]
+    files, fingers = {"mug": MUG}, {"finger": Finger()}
+    with pytest.raises(QueryError, match="no body 'thumb' in the simulation"):
+        LiveTouch(Posed({"mug": np.eye(4), "finger": pose}), files, {"thumb": Finger()})
+    with pytest.raises(QueryError, match="files: none given"):
+        LiveTouch(Posed({"finger": pose}), {}, fingers)
+    for broken in ("mug", "finger"):
+        poses = {"mug": np.eye(4), "finger": pose}
+        touch = LiveTouch(Posed(poses), files, fingers)
+        poses[broken] = np.full((4, 4), np.nan)
+        with pytest.raises(QueryError, match=f"the pose of '{broken}' is not finite"):
+            touch.feel()
+    for friction in (-0.1, np.nan, "rubber"):
+        with pytest.raises(QueryError, match="friction"):
+            Finger(friction=friction)
+    for mount in (np.eye(3), 2 * np.eye(4), np.diag([-1.0, 1, 1, 1]), np.full((4, 4), np.nan)):
+        with pytest.raises(QueryError, match="sensor_to_body"):
+            Finger(sensor_to_body=mount)
+    with pytest.raises(QueryError, match="samples"):
+        Finger(samples=0)
+
+
+def test_a_finger_does_not_feel_beyond_its_gel():
+    pose = pressed().sensor_to_object[0]
+    deep = pose.copy()
+    deep[:3, 3] += 0.0045 * pose[:3, 0]
+    with pytest.raises(
+        QueryError, match=r"finger: 'mug' lies 5\.5 mm in its gel, deeper than that gives way"
+    ):
+        felt(deep)
+    with pytest.raises(QueryError, match=r"finger: bears 9e\+03 N, more than its gel"):
+        felt(pose, contacts=[bearing(pose, [-9000.0, 0, 0])]).markers()
+    away = pose.copy()
+    away[:3, 3] -= 0.05 * pose[:3, 0]
+    with pytest.raises(QueryError, match=r"finger: bears 2 N of an object that is not in its gel"):
+        felt(away, contacts=[bearing(away, [-2.0, 0, 0])]).markers()
