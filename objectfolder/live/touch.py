@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 # Of the largest friction: engines bring a body that slides to a little less.
 SLIDING_SHARE = 0.99
 CELL_M, TOLERANCE = 0.000625, 1e-3  # of the gel's contact
+APART_M = 0.001  # that collision shapes may stand off the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ class Felt:
     image
         rgb, depth, mask and contact area, as those of a rigid press at that pose.
     sensor_to_object
-        (4, 4) pose in the frame of the body touched, or of the one that was looked for last.
+        (4, 4) pose in the frame of the body touched, else of that which presses most, else of any.
     penetration_m
         How deep that body lies in the gel.
     force_n
@@ -117,17 +118,17 @@ class Felt:
         Raises
         ------
         QueryError
-            A force without an object in the gel, or more than the gel bears.
+            A force of an object that is not at the gel, or more than the gel bears.
         """
         sensor, normal_n = self.finger.sensor, self.normal_n
-        if self.touched is None and normal_n > 0:
-            finding = f"bears {normal_n:.3g} N of an object that is not in its gel"
-            raise QueryError(self.name, finding, "Let collision shapes follow the object's surface.")
         shape = round(sensor.gel_height_m / CELL_M), round(sensor.gel_width_m / CELL_M)
         pitch = sensor.gel_height_m / shape[0], sensor.gel_width_m / shape[1]
         gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
         seen = gap_field(self._patches, sensor, self.sensor_to_object, shape)
         gap = np.zeros(shape) if normal_n == 0 else seen  # where nothing presses there may be no object
+        if gap.min() > APART_M:
+            finding = f"bears {normal_n:.3g} N of an object that is not at its gel"
+            raise QueryError(self.name, finding, "Let collision shapes follow the object's surface.")
         contact = solve_contact(gap, pitch, gel, force_n=normal_n, tolerance=TOLERANCE)
         if normal_n > 0 and contact.indentation_m - gap.min() > greatest_depth_m(sensor):
             raise QueryError(self.name, f"bears {normal_n:.3g} N, more than its gel", "Press less.")
@@ -206,28 +207,25 @@ class LiveTouch:
         forces = self._forces()
         return {name: self._felt(name, finger, forces[name]) for name, finger in self._fingers.items()}
 
-    def _felt(self, name: str, finger: Finger, force: Floats) -> Felt:
+    def _felt(self, name: str, finger: Finger, forces: dict[str, Floats]) -> Felt:
         sensor = finite_pose(self._simulation, name) @ finger.sensor_to_body
-        deepest, found = -1.0, None
-        for body in self._patches:
+        found = []
+        for body in sorted(self._patches, key=lambda body: forces[body] @ sensor[:3, 0]):
             pose = np.linalg.inv(finite_pose(self._simulation, body)) @ sensor
-            near = self._seers[body, name].approach(pose, 0.0)
-            if near.greatest > deepest:
-                deepest, found = near.greatest, (body, pose, near)
-        assert found is not None
-        body, pose, near = found
-        if deepest > saturation_depth_m(finger.sensor) + TOLERANCE_M:
-            finding = f"{body!r} lies {deepest * 1e3:.3g} mm in its gel, deeper than that gives way"
+            found.append((body, pose, self._seers[body, name].approach(pose, 0.0)))
+        body, pose, near = max(found, key=lambda one: one[2].greatest)  # the first of equals
+        if near.greatest > saturation_depth_m(finger.sensor) + TOLERANCE_M:
+            finding = f"{body!r} lies {near.greatest * 1e3:.3g} mm in its gel, deeper than that gives way"
             raise QueryError(name, finding, "Make its contact stiffer, or press less.")
-        image = self._seers[body, name].see(pose, near)
-        touched = body if deepest > 0 else None
-        return Felt(finger, name, touched, image, pose, deepest, force @ sensor[:3, :3], self._patches[body])
+        image, force = self._seers[body, name].see(pose, near), sum(forces.values()) @ sensor[:3, :3]
+        touched = body if near.greatest > 0 else None
+        return Felt(finger, name, touched, image, pose, near.greatest, force, self._patches[body])
 
-    def _forces(self) -> dict[str, Floats]:
-        """Force (3,) on each finger by all objects, in the world."""
-        forces = {name: np.zeros(3) for name in self._fingers}
+    def _forces(self) -> dict[str, dict[str, Floats]]:
+        """Force (3,) on each finger by each object, in the world."""
+        forces = {name: {body: np.zeros(3) for body in self._patches} for name in self._fingers}
         for one in self._simulation.touching():
             for finger, other, sign in zip(one.bodies, one.bodies[::-1], (-1.0, 1.0), strict=True):
                 if finger in forces and other in self._patches:
-                    forces[finger] = forces[finger] + sign * (one.force_n * one.normal + one.friction_n)
+                    forces[finger][other] += sign * (one.force_n * one.normal + one.friction_n)
         return forces

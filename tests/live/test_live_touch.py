@@ -120,6 +120,19 @@ def test_the_object_that_lies_deepest_is_seen():
     assert (found.touched, round(found.penetration_m, 9)) == ("near", 0.0015)
 
 
+def test_an_object_that_presses_from_a_hair_beyond_the_gel_drags_its_markers():
+    """Engines let a contact end a little apart, with its last force."""
+    pose = pressed().sensor_to_object[0].copy()
+    pose[:3, 3] -= 0.00105 * pose[:3, 0]
+    away = np.eye(4)
+    away[:3, 3] = 0, 1, 0
+    simulation = Posed({"other": away, "mug": np.eye(4), "finger": pose}, [bearing(pose, [-2.0, 0.5, 0.0])])
+    found = LiveTouch(simulation, {"other": MUG, "mug": MUG}, {"finger": Finger()}).feel()["finger"]
+    assert found.touched is None
+    assert found.sheared[0].force_n == pytest.approx(2.0)
+    assert found.markers().displacement_m[:, 1].max() > 1e-5
+
+
 def test_an_untouched_finger_sees_its_gel_and_its_markers_rest():
     pose = pressed().sensor_to_object[0].copy()
     pose[:3, 3] -= 0.05 * pose[:3, 0]
@@ -234,7 +247,7 @@ def test_both_engines_tell_what_a_leaning_finger_bears(bullet, engine, tilt_deg)
     for _ in range(40):
         simulation.step()
         places.append(simulation.pose("mug")[:3, 3].copy())
-        forces.append(touch._forces()["finger"])
+        forces.append(touch._forces()["finger"]["mug"])
     velocities = np.diff(places, axis=0) / 0.002
     gained = (velocities[-1] - velocities[0]) / (len(velocities) - 1) / 0.002
     force = np.mean(forces[1:-1], axis=0)
@@ -283,5 +296,5 @@ def test_a_finger_does_not_feel_beyond_its_gel():
         felt(pose, contacts=[bearing(pose, [-9000.0, 0, 0])]).markers()
     away = pose.copy()
     away[:3, 3] -= 0.05 * pose[:3, 0]
-    with pytest.raises(QueryError, match=r"finger: bears 2 N of an object that is not in its gel"):
+    with pytest.raises(QueryError, match=r"finger: bears 2 N of an object that is not at its gel"):
         felt(away, contacts=[bearing(away, [-2.0, 0, 0])]).markers()
