@@ -25,7 +25,7 @@ from objectfolder.touch.truth.touches import TOLERANCE_M, saturation_depth_m
 Floats = NDArray[np.float64]
 # Of the largest friction: engines bring a body that slides to a little less.
 SLIDING_SHARE = 0.99
-CELL_M, TOLERANCE = 0.000625, 1e-3  # of the gel's contact
+CELL_M, TOLERANCE = 0.0005, 1e-3  # of the gel's contact
 APART_M = 0.001  # that collision shapes may stand off the surface
 
 

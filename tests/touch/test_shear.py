@@ -133,6 +133,37 @@ def test_beyond_friction_all_slides_and_bears_no_more() -> None:
     assert shear.shift_m == pytest.approx([-shift, 0], rel=0.002)
 
 
+@pytest.mark.parametrize("share", [1e-9, 0.5, 1 - 1e-3, 1 - 1e-6, 1 - 1e-9, 1 - 1e-15])
+@pytest.mark.parametrize("cells", [1, 2, 8])
+def test_any_share_of_the_friction_is_borne_by_any_number_of_cells(cells: int, share: float) -> None:
+    gel, gap = Elastomer(MODULUS_PA, 0.48, 0.004), np.full((16, 16), 1e-3)
+    gap[5, 4 : 4 + cells] = 0.0
+    contact = solve_contact(gap, 4e-4, gel, force_n=0.01)
+    assert np.count_nonzero(contact.mask) == cells
+    limit_n = FRICTION * contact.force_n
+    shear = solve_shear(contact, gel, FRICTION, (0.6 * share * limit_n, 0.8 * share * limit_n))
+    borne = shear.traction_pa.sum(axis=(1, 2)) * 4e-4**2
+    assert borne == pytest.approx([0.6 * share * limit_n, 0.8 * share * limit_n], abs=2e-9 * limit_n)
+    assert (np.hypot(*shear.traction_pa) <= FRICTION * contact.pressure_pa * (1 + 1e-12)).all()
+    assert np.isfinite(shear.displacement_m).all()
+
+
+def test_where_poissons_ratio_is_0_shear_is_the_difference_of_two_contacts() -> None:
+    """M. Ciavarella 1998, Int. J. Solids Structures 35; J. Jaeger 1998: exact for any profile there."""
+    x = (np.arange(64) - 31.5) * 2e-4
+    rough = np.random.default_rng(1).normal(size=(6, 3))
+    waves = sum(a * np.cos(2e3 * (b * x[:, None] + c * x) + a) for a, b, c in rough)
+    gap, gel = (x[:, None] ** 2 + x**2) / 0.04 + 6e-6 * waves, Elastomer(MODULUS_PA, 0.0)
+    whole, share = solve_contact(gap, 2e-4, gel, force_n=0.3), 0.55
+    inner = solve_contact(gap, 2e-4, gel, force_n=(1 - share) * 0.3)
+    shear = solve_shear(whole, gel, FRICTION, (share * FRICTION * 0.3, 0.0), tolerance=1e-5)
+    expected = FRICTION * (whole.pressure_pa - inner.pressure_pa)
+    assert np.count_nonzero(inner.mask) < 0.8 * np.count_nonzero(whole.mask)
+    assert np.abs(shear.traction_pa[0] - expected).max() < 0.005 * expected.max()
+    assert np.abs(shear.traction_pa[1]).max() < 1e-6 * expected.max()
+    assert shear.shift_m[0] == pytest.approx(FRICTION * (whole.indentation_m - inner.indentation_m), rel=1e-3)
+
+
 def test_without_a_push_all_sticks_and_without_friction_all_slides() -> None:
     gel = Elastomer(MODULUS_PA, 0.48, 0.004)
     contact = ball(gel)

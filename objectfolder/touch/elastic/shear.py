@@ -8,18 +8,23 @@ Accelerated projected gradients find them (A. Beck & M. Teboulle 2009, SIAM J. I
 restarted as by B. O'Donoghue & E. Candes 2015, Found. Comput. Math. 15.
 """
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from objectfolder.errors import InputError, SimulationError
+from objectfolder.jit import kernel
 from objectfolder.touch.elastic.contact_problem import Contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.tangential_influence import TangentialCompliance, tangential_compliance
 
 TOLERANCE, MAXIMUM_ITERATIONS = 1e-4, 2000
-BALANCE_STEPS = 60
+# Where all is at the limit the slope may be 0: a step is then too long, and halved.
+BALANCE_STEPS, LEAST_SLOPE = 60, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,33 +186,40 @@ def _balanced(
     They are the wanted ones plus a lift (2,), cut to the limit: Newton's method on the convex function of the
     lift whose slope is what the sum is too much by. Also returns the lift.
     """
-    energy, cut = _lifted(wanted, limit, total, lift)
+    cut, close = np.empty_like(wanted), 1e-9 * float(limit.sum())
+    energy, *found = _cut(wanted, limit, total, lift, cut)
     for _ in range(BALANCE_STEPS):
-        excess = cut.sum(axis=1) - total
-        if np.abs(excess).max() <= 1e-9 * limit.sum():
+        x, y, xx, xy, yy = found
+        if max(abs(x), abs(y)) <= close:
             break
-        raised = wanted + lift[:, None]
-        length = np.hypot(*raised)
-        share = np.where(length > limit, limit / np.maximum(length, 1e-300), 1.0)
-        outward = raised * (np.sqrt(share) * (length > limit) / np.maximum(length, 1e-300))
-        slope = share.sum() * (1 + 1e-12) * np.eye(2) - outward @ outward.T
-        step = np.linalg.solve(slope, excess)
+        xx, yy = xx + LEAST_SLOPE * len(limit), yy + LEAST_SLOPE * len(limit)
+        step = np.array([yy * x - xy * y, xx * y - xy * x]) / (xx * yy - xy * xy)
         before = energy
-        while True:
-            energy, cut = _lifted(wanted, limit, total, lift - step)
-            if energy <= before + 1e-12 * abs(before) or np.abs(step).max() < 1e-300:
-                break
-            step = step / 2
+        energy, *found = _cut(wanted, limit, total, lift - step, cut)
+        while energy > before + 1e-12 * abs(before):
+            step /= 2
+            energy, *found = _cut(wanted, limit, total, lift - step, cut)
         lift = lift - step
     return cut, lift
 
 
-def _lifted(
-    wanted: np.ndarray, limit: np.ndarray, total: np.ndarray, lift: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """What a lift should make least, and the tractions that it gives."""
-    raised = wanted + lift[:, None]
-    length = np.hypot(*raised)
-    within = np.minimum(length, limit)
-    energy = float(within @ (length - within / 2)) - float(total @ lift)
-    return energy, raised * (within / np.maximum(length, 1e-300))
+@kernel
+def _cut(wanted, limit, total, lift, cut):
+    """Fill in the tractions that a lift gives: what it should make least, its slope (2), that one's (3)."""
+    energy = -total[0] * lift[0] - total[1] * lift[1]
+    x, y, xx, xy, yy = -total[0], -total[1], 0.0, 0.0, 0.0
+    for i in range(len(limit)):
+        a, b, most = wanted[0, i] + lift[0], wanted[1, i] + lift[1], limit[i]
+        length = np.sqrt(a * a + b * b)
+        share = 1.0
+        if length <= most:
+            energy += length * length / 2
+            xx, yy = xx + 1, yy + 1
+        else:
+            energy += most * (length - most / 2)
+            share = most / length
+            c, d = a / length, b / length
+            xx, xy, yy = xx + share * d * d, xy - share * c * d, yy + share * c * c
+        cut[0, i], cut[1, i] = share * a, share * b
+        x, y = x + share * a, y + share * b
+    return energy, x, y, xx, xy, yy

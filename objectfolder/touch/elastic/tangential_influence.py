@@ -90,8 +90,7 @@ class TangentialCompliance:
     def displacement(self, traction_pa: np.ndarray) -> np.ndarray:
         """Metres (2, rows, columns) by tractions (2, rows, columns)."""
         first, second = scipy.fft.rfft2(traction_pa, self._padded)
-        (xx, xy), (_, yy) = self._tractions
-        return self._inside(np.stack([xx * first + xy * second, xy * first + yy * second]))
+        return self._inside(self._tractions[0] * first + self._tractions[1] * second)
 
     def displacement_by_pressure(self, pressure_pa: np.ndarray) -> np.ndarray:
         """Metres (2, rows, columns) by pressures (rows, columns)."""
