@@ -157,10 +157,10 @@ def draw(figures: dict[str, Any]) -> None:
     figure, (above, below) = subplots(2, 1, figsize=(6, 6), sharex=True)
     rows = figures["squeeze"]["felt"]
     times = [row["time_s"] for row in rows]
-    for side, name in enumerate(("left", "right")):
-        above.plot(times, [row["normal_n"][side] for row in rows], label=f"{name}: pressed")
-        above.plot(times, [row["tangential_n"][side] for row in rows], label=f"{name}: across")
-        below.plot(times, [row["largest_shift_of_a_marker_pixels"][side] for row in rows], label=name)
+    for side, (name, style) in enumerate((("left", "-"), ("right", "--"))):
+        above.plot(times, [row["normal_n"][side] for row in rows], style, label=f"{name}: pressed")
+        above.plot(times, [row["tangential_n"][side] for row in rows], style, label=f"{name}: across")
+        below.plot(times, [row["largest_shift_of_a_marker_pixels"][side] for row in rows], style, label=name)
     slides = [row["time_s"] for row in rows if any(row["sliding"])]
     above.plot(slides, [0] * len(slides), "k|", label="slides")
     above.set(ylabel="newtons")
