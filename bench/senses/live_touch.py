@@ -2,9 +2,9 @@
 
     OMP_NUM_THREADS=1 python -m bench.senses.live_touch
 
-In MuJoCo two fingers close on the mug of the package, a cylinder of its mass, lift it, shake it and ease off
+In MuJoCo two fingers close on the mug of the package, its hull, lift it, shake it and ease off
 until it slips. Images, forces and markers of both are asked for after every few steps; what takes the seconds
-is told apart. Then a ball on a half-space is sheared, against Cattaneo and Mindlin.
+is told apart. The environment `Squeeze` is stepped. Then a ball on a half-space is sheared, against Cattaneo and Mindlin.
 """
 
 import os
@@ -15,13 +15,13 @@ import numpy as np
 import objectfolder
 from bench.record import Stopwatch, arguments, conclude, save, subplots
 from objectfolder.live import Finger, LiveTouch, MujocoSimulation
-from objectfolder.object_file import ObjectFile
+from objectfolder.live.gripper import FINGERS, gripper
 from objectfolder.touch.elastic.contact_problem import solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.shear import solve_shear
 
-STEP_S, BETWEEN, RUNS = 0.002, 8, 3
-SQUEEZE_N, FRICTION, HEIGHT_M = 6.0, 0.8, 0.05
+STEP_S, BETWEEN, RUNS, STEPS = 0.002, 8, 3, 40
+SQUEEZE_N, FRICTION = 6.0, 0.8
 # Of the scene, seconds: closed, lifted, shaken; then they ease off.
 CLOSED_S, LIFTED_S, SHAKEN_S, END_S = 0.5, 1.0, 2.0, 2.4
 SHARES, MODULUS_PA, RADIUS_M, PRESSED_N, CELLS, WIDTH_M = (0.3, 0.6, 0.9), 2e5, 0.02, 0.35, 96, 0.008
@@ -31,50 +31,16 @@ COMPARED = (
 )
 
 
-def scene(file: ObjectFile) -> Any:
-    """A mug between two fingers that slide towards it and up, as a model of MuJoCo."""
-    import mujoco
-
-    (low, _), known = file.surface.bounds, file.description["body"]
-    (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
-    radius, (apex, _, middle) = -float(low[1]), Finger().sensor.gel_apex_m
-    ball = 0.0325  # as round as the gel is at its apex
-    fingers = "".join(
-        f'<body name="{name}" pos="0 {-side * (radius + apex)} {HEIGHT_M - middle}" euler="0 0 {90 * side}"'
-        f' gravcomp="1"><joint name="{name}_close" type="slide" axis="1 0 0" damping="20"/>'
-        f'<joint name="{name}_lift" type="slide" axis="0 0 1" damping="20"/>'
-        f'<geom type="sphere" size="{ball}" pos="{apex - ball} 0 {middle}" mass=".1" friction="{FRICTION}"'
-        f' solref="-9000 -150" priority="1" condim="4"/></body>'
-        for name, side in (("left", 1), ("right", -1))
-    )
-    motors = "".join(
-        f'<motor joint="{name}_close"/><position joint="{name}_lift" kp="2000"/>'
-        for name in ("left", "right")
-    )
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{STEP_S}" cone="elliptic" impratio="10"/><worldbody>'
-        f'<geom type="plane" size="1 1 .1"/>{fingers}<body name="mug"><freejoint/>'
-        f'<inertial pos="{_told(known["centre_of_mass_m"])}" mass="{known["mass_kg"]}"'
-        f' fullinertia="{_told([a, b, c, d, e, f])}"/>'
-        f'<geom type="cylinder" size="{radius} .0476" pos="0 0 .0476"/></body></worldbody>'
-        f"<actuator>{motors}</actuator></mujoco>"
-    )
-
-
-def _told(numbers: Any) -> str:
-    return " ".join(map(str, numbers))
-
-
 def command(data: Any) -> None:
     """Set the motors by the time."""
     now = data.time
     force = SQUEEZE_N * min(1.0, now / CLOSED_S)
-    height = 0.03 * np.clip((now - CLOSED_S) / (LIFTED_S - CLOSED_S), 0, 1)
+    speed = 0.06 if CLOSED_S < now <= LIFTED_S else 0.0
     if LIFTED_S < now <= SHAKEN_S:
-        height += 0.003 * np.sin(2 * np.pi * 3 * (now - LIFTED_S))
+        speed = 0.003 * 2 * np.pi * 3 * np.cos(2 * np.pi * 3 * (now - LIFTED_S))
     if now > SHAKEN_S:
         force *= 1 - (now - SHAKEN_S) / (END_S - SHAKEN_S)
-    data.ctrl[:] = [force, height, force, height]
+    data.ctrl[:] = [force, force, speed, speed]
 
 
 def squeeze() -> dict[str, Any]:
@@ -82,11 +48,10 @@ def squeeze() -> dict[str, Any]:
     import mujoco
 
     file, watch, rows = objectfolder.example("mug"), Stopwatch(), []
-    model = scene(file)
+    model = gripper(file, FRICTION, STEP_S)
     data = mujoco.MjData(model)
     simulation = MujocoSimulation(model, data)
-    names = ("left", "right")
-    touch = LiveTouch(simulation, {"mug": file}, {name: Finger(friction=FRICTION) for name in names})
+    touch = LiveTouch(simulation, {"object": file}, {name: Finger(friction=FRICTION) for name in FINGERS})
     for felt in touch.feel().values():  # the first compiles kernels
         felt.markers()
     while data.time < END_S:
@@ -108,6 +73,24 @@ def squeeze() -> dict[str, Any]:
         "real_time_factor_at_62_hz": END_S / sum(watch.cpu_s.values()),
         "cpu_s": dict(watch.cpu_s),
         "felt": rows,
+    }
+
+
+def environment() -> dict[str, Any]:
+    """What a step of the environment costs that squeezes and lifts: physics, image, sound, both touches."""
+    from objectfolder.live.environments import Squeeze
+
+    world, watch = Squeeze(), Stopwatch()
+    for _ in range(2):  # the first compiles kernels
+        world.reset(seed=0)
+        watch.cpu_s.clear()
+        with watch.step("steps"):
+            for step in range(STEPS):
+                world.step(np.array([0.2, 0.0 if step < STEPS / 2 else 0.5], np.float32))
+    simulated_s = STEPS * world.observation_space["audio"].shape[0] / 44100.0
+    return {
+        "real_time_factor": simulated_s / watch.cpu_s["steps"],
+        "ms_a_step": 1e3 * watch.cpu_s["steps"] / STEPS,
     }
 
 
@@ -175,6 +158,9 @@ def main() -> None:
     runs = [squeeze() for _ in range(RUNS)]
     figures = {
         "squeeze": max(runs, key=lambda run: float(run["pairs_per_cpu_s"])),
+        "environment": max(
+            (environment() for _ in range(RUNS)), key=lambda run: float(run["real_time_factor"])
+        ),
         "cattaneo_mindlin": sheared_balls(),
     }
     settings = {"step_s": STEP_S, "steps_between": BETWEEN, "squeeze_n": SQUEEZE_N, "friction": FRICTION}
