@@ -2,9 +2,9 @@
 
     OMP_NUM_THREADS=1 python -m bench.senses.live_touch
 
-In MuJoCo two fingers close on the mug of the package, its hull, lift it, shake it and ease off
-until it slips. Images, forces and markers of both are asked for after every few steps; what takes the seconds
-is told apart. The environment `Squeeze` is stepped. Then a ball on a half-space is sheared, against Cattaneo and Mindlin.
+In MuJoCo two fingers close on the hull of the package's mug, lift it, shake it and ease off until it slips.
+Images, forces and markers of both are asked for after every few steps; what takes the seconds is told apart.
+The environment `Squeeze` is stepped. Then a ball on a half-space is sheared, against Cattaneo and Mindlin.
 """
 
 import os
