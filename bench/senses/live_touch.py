@@ -14,10 +14,11 @@ import numpy as np
 
 import objectfolder
 from bench.record import Stopwatch, arguments, conclude, save, subplots
-from objectfolder.live import Finger, LiveTouch, MujocoSimulation
+from objectfolder.live import Felt, Finger, LiveTouch, MujocoSimulation
 from objectfolder.live.gripper import FINGERS, gripper
 from objectfolder.touch.elastic.contact_problem import solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
+from objectfolder.touch.elastic.markers import Markers
 from objectfolder.touch.elastic.shear import solve_shear
 
 STEP_S, BETWEEN, RUNS, STEPS = 0.002, 8, 3, 40
@@ -63,7 +64,7 @@ def squeeze() -> dict[str, Any]:
             pair = touch.feel()
         with watch.step("markers"):
             moved = [felt.markers() for felt in pair.values()]
-        rows.append(_row(data.time, pair, moved))
+        rows.append(_row(data.time, pair[FINGERS[0]], moved[0]))
     pairs = len(rows)
     images_s = watch.cpu_s["images and forces"]
     return {
@@ -72,7 +73,7 @@ def squeeze() -> dict[str, Any]:
         "pairs_with_markers_per_cpu_s": pairs / (images_s + watch.cpu_s["markers"]),
         "real_time_factor_at_62_hz": END_S / sum(watch.cpu_s.values()),
         "cpu_s": dict(watch.cpu_s),
-        "felt": rows,
+        "felt": rows[::2],
     }
 
 
@@ -94,17 +95,15 @@ def environment() -> dict[str, Any]:
     }
 
 
-def _row(time_s: float, pair: dict[str, Any], moved: list[Any]) -> dict[str, Any]:
-    left, right = pair.values()
+def _row(time_s: float, felt: Felt, moved: Markers) -> dict[str, Any]:
+    """What one of the fingers feels; the other mirrors it."""
     return {
-        "time_s": time_s,
-        "penetration_mm": [1e3 * one.penetration_m for one in (left, right)],
-        "normal_n": [one.normal_n for one in (left, right)],
-        "tangential_n": [one.tangential_n for one in (left, right)],
-        "sliding": [one.sliding for one in (left, right)],
-        "largest_shift_of_a_marker_pixels": [
-            float(np.hypot(*(one.pixels - one.rest_pixels).T).max()) for one in moved
-        ],
+        "time_s": round(time_s, 3),
+        "penetration_mm": 1e3 * felt.penetration_m,
+        "normal_n": felt.normal_n,
+        "tangential_n": felt.tangential_n,
+        "sliding": felt.sliding,
+        "largest_shift_of_a_marker_pixels": float(np.hypot(*(moved.pixels - moved.rest_pixels).T).max()),
     }
 
 
@@ -136,20 +135,18 @@ def sheared_balls() -> list[dict[str, float]]:
 
 
 def draw(figures: dict[str, Any]) -> None:
-    """What both fingers feel."""
+    """What a finger feels."""
     figure, (above, below) = subplots(2, 1, figsize=(6, 6), sharex=True)
     rows = figures["squeeze"]["felt"]
     times = [row["time_s"] for row in rows]
-    for side, (name, style) in enumerate((("left", "-"), ("right", "--"))):
-        above.plot(times, [row["normal_n"][side] for row in rows], style, label=f"{name}: pressed")
-        above.plot(times, [row["tangential_n"][side] for row in rows], style, label=f"{name}: across")
-        below.plot(times, [row["largest_shift_of_a_marker_pixels"][side] for row in rows], style, label=name)
-    slides = [row["time_s"] for row in rows if any(row["sliding"])]
+    above.plot(times, [row["normal_n"] for row in rows], label="pressed")
+    above.plot(times, [row["tangential_n"] for row in rows], label="across")
+    below.plot(times, [row["largest_shift_of_a_marker_pixels"] for row in rows])
+    slides = [row["time_s"] for row in rows if row["sliding"]]
     above.plot(slides, [0] * len(slides), "k|", label="slides")
     above.set(ylabel="newtons")
     below.set(xlabel="seconds", ylabel="largest shift of a marker, pixels")
     above.legend(fontsize=8)
-    below.legend(fontsize=8)
     save(figure, "live_touch")
 
 

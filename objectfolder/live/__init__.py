@@ -1,4 +1,4 @@
-"""Objects inside a running simulation: seen together, heard as they collide, roll and scrape, felt by fingers."""
+"""Objects inside a running simulation: seen together, heard as they collide and roll, felt by fingers."""
 
 from objectfolder.live.contacts import Simulation, Touching
 from objectfolder.live.mujoco_simulation import MujocoSimulation
