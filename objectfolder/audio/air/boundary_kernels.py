@@ -159,26 +159,32 @@ def add_static_pairs(
 @relaxed_kernel
 def fill_far(
     wavenumber: float,
-    vertices: Floats,
-    areas: Floats,
-    vectors: Floats,
+    patches: tuple[Floats, Floats, Floats, Floats, Floats],
+    flows: tuple[Floats, Floats],
     slots: NDArray[np.int32],
-    flow: Floats,
     double: NDArray[np.complex64],
     bending: NDArray[np.complex64],
     loads: Complexes,
 ) -> None:
-    """Write far entries, near ones as zero, and add far sources to the loads: a vertex stands for its patch.
+    """Write far entries, near ones as zero, and add far sources to the loads: patches by their moments.
+
+    Across the patch of a vertex a wave from far away is a plane one of wave vector q. The integral of its hat
+    function is then as of a Gaussian of its second moments C, exp(-q . C q / 2), about its centre, and that
+    of the hat function along the normals N + i D q in place of N.
 
     Parameters
     ----------
-    areas, vectors, flow
-        (n,) of the patch of each vertex, (n, 3) its vector area, (n, m) velocities times area.
+    patches
+        See `objectfolder.audio.air.patches.Patches`.
+    flows
+        (n, m) and (n, 3, m) moments of order 0 and 1 of the velocities.
     double, bending
         (n, n) of K and W.
     loads
         (2, n, m) of S and K' applied to the velocities.
     """
+    areas, centres, spreads, vectors, tilts = patches
+    flow, uneven = flows
     count, modes = flow.shape
     for i in range(count):
         for j in range(count):
@@ -186,25 +192,36 @@ def fill_far(
                 double[i, j] = 0.0
                 bending[i, j] = 0.0
                 continue
-            e0 = vertices[j, 0] - vertices[i, 0]
-            e1 = vertices[j, 1] - vertices[i, 1]
-            e2 = vertices[j, 2] - vertices[i, 2]
+            e0 = centres[j, 0] - centres[i, 0]
+            e1 = centres[j, 1] - centres[i, 1]
+            e2 = centres[j, 2] - centres[i, 2]
             inverse2 = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2)
             inverse = math.sqrt(inverse2)
             phase = wavenumber / inverse
-            g = complex(math.cos(phase), math.sin(phase)) * (inverse / FOUR_PI)
+            q0, q1, q2 = wavenumber * inverse * e0, wavenumber * inverse * e1, wavenumber * inverse * e2
+            faded = q0 * q0 * (spreads[i, 0] + spreads[j, 0]) + q1 * q1 * (spreads[i, 1] + spreads[j, 1])
+            faded += q2 * q2 * (spreads[i, 2] + spreads[j, 2])
+            faded += 2 * q0 * q1 * (spreads[i, 3] + spreads[j, 3])
+            faded += 2 * q0 * q2 * (spreads[i, 4] + spreads[j, 4])
+            faded += 2 * q1 * q2 * (spreads[i, 5] + spreads[j, 5])
+            g = complex(math.cos(phase), math.sin(phase)) * (math.exp(-0.5 * faded) * inverse / FOUR_PI)
             slope = g * complex(-1.0, phase) * inverse2
             bend = g * complex(3.0 - phase * phase, -3.0 * phase) * (inverse2 * inverse2)
-            of_i = vectors[i, 0] * e0 + vectors[i, 1] * e1 + vectors[i, 2] * e2
-            of_j = vectors[j, 0] * e0 + vectors[j, 1] * e1 + vectors[j, 2] * e2
-            both = (
-                vectors[i, 0] * vectors[j, 0] + vectors[i, 1] * vectors[j, 1] + vectors[i, 2] * vectors[j, 2]
-            )
+            n0 = complex(vectors[i, 0], -(tilts[i, 0, 0] * q0 + tilts[i, 0, 1] * q1 + tilts[i, 0, 2] * q2))
+            n1 = complex(vectors[i, 1], -(tilts[i, 1, 0] * q0 + tilts[i, 1, 1] * q1 + tilts[i, 1, 2] * q2))
+            n2 = complex(vectors[i, 2], -(tilts[i, 2, 0] * q0 + tilts[i, 2, 1] * q1 + tilts[i, 2, 2] * q2))
+            s0 = complex(vectors[j, 0], tilts[j, 0, 0] * q0 + tilts[j, 0, 1] * q1 + tilts[j, 0, 2] * q2)
+            s1 = complex(vectors[j, 1], tilts[j, 1, 0] * q0 + tilts[j, 1, 1] * q1 + tilts[j, 1, 2] * q2)
+            s2 = complex(vectors[j, 2], tilts[j, 2, 0] * q0 + tilts[j, 2, 1] * q1 + tilts[j, 2, 2] * q2)
+            of_i = n0 * e0 + n1 * e1 + n2 * e2
+            of_j = s0 * e0 + s1 * e1 + s2 * e2
             double[i, j] = slope * (areas[i] * of_j)
-            bending[i, j] = bend * (of_i * of_j) + slope * both
+            bending[i, j] = bend * (of_i * of_j) + slope * (n0 * s0 + n1 * s1 + n2 * s2)
             for m in range(modes):
-                loads[0, i, m] += areas[i] * g * flow[j, m]
-                loads[1, i, m] -= slope * of_i * flow[j, m]
+                turned = uneven[j, 0, m] * q0 + uneven[j, 1, m] * q1 + uneven[j, 2, m] * q2
+                source = complex(flow[j, m], turned)
+                loads[0, i, m] += areas[i] * g * source
+                loads[1, i, m] -= slope * of_i * source
 
 
 @kernel

@@ -11,7 +11,7 @@ continuous piecewise linear functions in which p is sought (Galerkin), and W is 
     <psi, W p> = int int G (curl psi . curl p - k^2 psi p n . n').
 
 Near one another the static part of G is integrated in closed form, what the wave adds by points of each
-triangle; far away a vertex stands for what surrounds it.
+triangle; far away moments stand for the hat function of a vertex.
 """
 
 from dataclasses import dataclass
@@ -27,6 +27,7 @@ from scipy.spatial import cKDTree
 
 from objectfolder.audio.air.boundary_kernels import add_static_pairs, add_waves, fill_far
 from objectfolder.audio.air.multipoles import harmonics, of_surface, regular_waves
+from objectfolder.audio.air.patches import Patches
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -34,7 +35,7 @@ Complexes = NDArray[np.complex128]
 Singles = NDArray[np.complex64]
 Integers = NDArray[np.int64]
 # Edges within which static fields are integrated over triangles, and within which the waves are.
-NEAR, NEAR_WAVES = 4.0, 2.5
+NEAR, NEAR_WAVES = 4.0, 4.0
 CLOSE = 1.5  # edges between centres of triangles below which the outer integral has the finer rule
 RULE = (np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6, np.full(3, 1 / 3))
 
@@ -98,9 +99,8 @@ class Elements:
         count = len(surface.vertices)
         double, bending = (np.empty((count, count), dtype=np.complex64) for _ in range(2))
         loads = np.zeros((2, count, velocity.shape[2]), dtype=np.complex128)
-        flow = self.gathered(surface.face_areas[:, None, None] / 3 * velocity)
         fill_far(
-            wavenumber, surface.vertices, self._areas, self._vectors, inner, flow, double, bending, loads
+            wavenumber, self._patches.arrays, self._patches.flows(velocity), inner, double, bending, loads
         )
         add_waves(
             wavenumber,
@@ -171,10 +171,8 @@ class Elements:
         return self.gathered(np.repeat(self.surface.face_areas[:, None] / 3, 3, axis=1))
 
     @cached_property
-    def _vectors(self) -> Floats:
-        return self.gathered(
-            np.repeat((self.surface.face_areas[:, None] / 3 * self.surface.face_normals)[:, None], 3, axis=1)
-        )
+    def _patches(self) -> Patches:
+        return Patches(self.surface)
 
     @cached_property
     def _gradients(self) -> Floats:
@@ -247,13 +245,13 @@ class Elements:
         differences of pressures alone.
         """
         slots, rows, columns = self._near
-        surface, count, inner = self.surface, len(self.surface.vertices), self._inner
+        count, inner = len(self.surface.vertices), self._inner
         double, bending = (np.empty((count, count), dtype=np.complex64) for _ in range(2))
-        flow = self.gathered(surface.face_areas[:, None, None] / 3 * self.velocity)
+        patches, flows = self._patches.arrays, self._patches.flows(self.velocity)
         # The loads of far entries within the reach of the static integrals: all of them less those beyond.
         all_far, beyond = (np.zeros(loads.shape, dtype=np.complex128) for _ in range(2))
-        fill_far(0.0, surface.vertices, self._areas, self._vectors, slots, flow, double, bending, beyond)
-        fill_far(0.0, surface.vertices, self._areas, self._vectors, inner, flow, double, bending, all_far)
+        fill_far(0.0, patches, flows, slots, double, bending, beyond)
+        fill_far(0.0, patches, flows, inner, double, bending, all_far)
         ring = inner[rows, columns] < 0
         diagonal = slots[np.arange(count), np.arange(count)]
         for place, far, wanted in ((0, double.real, -self._areas / 2), (1, bending.real, 0.0)):

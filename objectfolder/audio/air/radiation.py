@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from objectfolder.audio.air.helmholtz import RULE, Elements
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S, Radiation, count_of, order_for
@@ -21,6 +22,7 @@ MOST_VERTICES = 2500  # of the finest elements
 AREA_PER_VERTEX = 1.8  # edges^2 over the area of a vertex: 1.15 were all triangles of that edge
 COARSER = 1.6  # edges of one level over those of the next finer
 MISFIT = 0.06  # of velocities on elements, before they are mended, up to which a mode has them
+MENDED = 4  # times the means of velocities over patches
 TOGETHER = 1.03  # frequencies solved at once lie within this ratio
 AT_ONCE = 4096  # faces whose shapes are read at once
 
@@ -64,8 +66,8 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
         if len(tried) == 0:
             continue
         mesh = remeshed(surface, edge_m)
-        velocity, misfit = _on_elements(mesh, surface, shapes, points, true, tried)
-        good = (misfit <= MISFIT) | finest
+        velocity, before, misfit = _on_elements(mesh, surface, shapes, points, true, tried)
+        good = (before <= MISFIT) | finest
         modes, misfit = tried[good], misfit[good]
         rms = np.sqrt(surface.face_areas @ true[:, modes] ** 2 / surface.area)
         _solve(found, Elements(mesh, velocity[:, :, good], centre, highest), modes, misfit, rms)
@@ -127,27 +129,55 @@ def _nearest(surface: Surface, points: Floats) -> tuple[Integers, Floats]:
 
 def _on_elements(
     mesh: Surface, surface: Surface, shapes: Shapes, points: Floats, every: Floats, modes: Integers
-) -> tuple[Floats, Floats]:
-    """Velocities (t, 3, m) at corners of elements, and how far they were off the true ones, relative, (m,).
+) -> tuple[Floats, Floats, Floats]:
+    """Velocities (t, 3, m) at corners of elements, and how far off the true ones, relative, twice (m,).
 
     `every` (faces, modes) is that of the surface in its `points`. Three points of each element give its
-    linear part. What the mean over the patch of each vertex is off by is added, and is the error stated. Then
-    the net flow is the true one: what little a slow mode radiates would drown in one that it has not.
+    linear part. What means over the patches of vertices are short of is added, time and again; the errors are
+    those before and after. Then the net flow is the true one: what little a slow mode radiates would drown in
+    one that it has not.
     """
     true = every[:, modes]
     within = np.einsum("qa,tak->tqk", RULE[0], mesh.vertices[mesh.faces]).reshape(-1, 3)
     normals, places = np.repeat(mesh.face_normals, 3, axis=0), _nearest(surface, within)
     at_points = _normal_velocity(surface, lambda *place: shapes(*place)[:, :, modes], places, normals)
     velocity = np.einsum("cq,tqm->tcm", np.linalg.inv(RULE[0]), at_points.reshape(len(mesh.faces), 3, -1))
-    face, barycentric = _nearest(mesh, points)
-    off = true - np.einsum("nc,ncm->nm", barycentric, velocity[face])
-    missing, patch = np.zeros((len(mesh.vertices), true.shape[1])), np.zeros(len(mesh.vertices))
-    for corner in range(3):
-        share = surface.face_areas * barycentric[:, corner]
-        np.add.at(missing, mesh.faces[face, corner], share[:, None] * off)
-        np.add.at(patch, mesh.faces[:, corner], mesh.face_areas / 3)
-    missing /= patch[:, None]
-    misfit = np.sqrt((patch @ missing**2) / np.maximum(surface.face_areas @ true**2, 1e-300))
-    velocity = velocity + missing[mesh.faces]
+    means = _PatchMeans(mesh, surface.face_areas, *_nearest(mesh, points))
+    size = np.sqrt(np.maximum(surface.face_areas @ true**2, 1e-300))
+    missing = means.missing(true, velocity)
+    before = means.norm(missing) / size
+    for _ in range(MENDED):
+        velocity = velocity + missing[mesh.faces]
+        missing = means.missing(true, velocity)
     flow = np.einsum("t,tcm->m", mesh.face_areas / 3, velocity)
-    return velocity + (surface.face_areas @ true - flow) / mesh.area, misfit
+    return velocity + (surface.face_areas @ true - flow) / mesh.area, before, means.norm(missing) / size
+
+
+class _PatchMeans:
+    """Means over the patches of a mesh's vertices of what lies at places of it, each with a share of area.
+
+    Parameters
+    ----------
+    mesh
+        Triangles.
+    shares_m2, face, barycentric
+        (p,) areas, (p,) triangles that have them, and (p, 3) where.
+    """
+
+    def __init__(self, mesh: Surface, shares_m2: Floats, face: Integers, barycentric: Floats) -> None:
+        self._face, self._barycentric = face, barycentric
+        shares = (shares_m2[:, None] * barycentric).reshape(-1)
+        places = mesh.faces[face].reshape(-1), np.repeat(np.arange(len(face)), 3)
+        self._sums = sparse.csr_matrix((shares, places), (len(mesh.vertices), len(face)))
+        own = np.bincount(mesh.faces.reshape(-1), np.repeat(mesh.face_areas / 3, 3), len(mesh.vertices))
+        # A patch that has places of more than its area would be mended too far.
+        self._areas = np.maximum(own, self._sums.sum(axis=1).A1)
+
+    def missing(self, true: Floats, velocity: Floats) -> Floats:
+        """Means (n, m) of what velocities (t, 3, m) at corners of triangles are short of true ones (p, m)."""
+        given = np.einsum("pc,pcm->pm", self._barycentric, velocity[self._face])
+        return np.asarray(self._sums @ (true - given)) / self._areas[:, None]
+
+    def norm(self, means: Floats) -> Floats:
+        """Norms (m,) over the area of means (n, m)."""
+        return np.asarray(np.sqrt(self._areas @ means**2))
