@@ -4,7 +4,8 @@
 
 Pulsating, oscillating and with a piston of 30 degrees, a sphere has its field in closed form. The bell's
 surface moves with 0 to 4 waves round it, smoothly along its wall, at frequencies at which such modes ring;
-its reference is bempp-cl (`pip install bempp-cl`) on the body's own surface. Rows are kept in FOLDER.
+its reference is bempp-cl (`pip install bempp-cl`) on the body's own surface. Cost, bytes and residuals are of
+the modes of a bell and of three scans. Rows are kept in FOLDER.
 """
 
 from pathlib import Path
@@ -15,12 +16,15 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
-from bench.record import arguments, conclude, cpu_seconds, kept, save, subplots
+from bench.record import conclude, cpu_seconds, kept, save, subplots
 from bench.references.bodies import BODIES
 from bench.references.exterior import radiated
-from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
+from bench.senses.catalogue import MATERIALS, Scans, scan_arguments
+from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S, radiation_of
 from objectfolder.audio.air.radiation import Radiation, radiate
 from objectfolder.audio.air.transfer import AirTransfer
+from objectfolder.audio.materials import find_material, read_materials
+from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -37,6 +41,7 @@ SPHERES = ("pulsating", "oscillating", "piston")
 BELL = ((2, 0, 1500.0), (0, 1, 5000.0), (3, 1, 5000.0), (4, 0, 10000.0), (2, 6, 10000.0))
 BELL_EDGE_M, REFERENCE_EDGE_M = 0.002, 0.0055
 QUIET_DB = 15.0
+SCANS = ("005_tomato_soup_can", "042_adjustable_wrench", "024_bowl")
 
 
 def directions() -> Floats:
@@ -147,9 +152,30 @@ def bell(folder: Path) -> dict[str, Any]:
     return {"motions": rows, "cpu_s": spent, "reference_cpu_s": reference_s}
 
 
+def cost(name: str, scans: Scans) -> dict[str, Any]:
+    """CPU seconds, bytes and residuals of the air of all modes of an object."""
+    if name in BODIES:
+        body = BODIES[name]()
+        surface, material = body.surface(), find_material(read_materials(MATERIALS), body.material, name)
+    else:
+        surface, material = scans.surface(name), scans.material(name)
+    seconds: dict[str, float] = {}
+    wanted = {"max_modes": 128, "training_points": 100, "held_out_points": 10, "seed": 0}
+    modes = simulate_modes(surface, material, name=name, transfer="multipole", seconds=seconds, **wanted)
+    found = radiation_of(modes)
+    assert found is not None
+    stored = AirTransfer.of(found).tensors().values()
+    return {
+        "modes": len(found.residuals),
+        "air_cpu_s": seconds["air"],
+        "bytes": sum(tensor.nbytes for tensor in stored),
+        "residuals": found.residuals.tolist(),
+    }
+
+
 def draw(figures: dict[str, Any]) -> None:
     """Worst level difference of each motion."""
-    figure, (left, right) = subplots(1, 2, figsize=(11, 4))
+    figure, (left, right, last) = subplots(1, 3, figsize=(15, 4))
     spheres = figures["spheres"]
     for name in SPHERES:
         worst = [row["motions"][name]["worst_db"] for row in spheres.values()]
@@ -159,19 +185,27 @@ def draw(figures: dict[str, Any]) -> None:
     rows = figures["bell"]["motions"]
     right.barh(list(rows), [row["worst_db"] for row in rows.values()])
     right.set(xlabel="bell against bempp-cl, worst of the louder directions, dB")
-    figure.tight_layout()
+    for name, row in figures["objects"].items():
+        share = np.arange(1, row["modes"] + 1) / row["modes"]
+        last.step(np.sort(row["residuals"]), share, where="post", label=name)
+    last.set(
+        xscale="log", xlabel="residual of a mode", ylabel="share of modes with at most that", ylim=(0, 1)
+    )
+    last.legend()
     save(figure, "air")
 
 
 def main() -> None:
-    parser = arguments(__doc__)
-    parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
-    folder = parser.parse_args().folder
+    options = scan_arguments(__doc__, "rows").parse_args()
+    folder, scans = options.folder, Scans(options.objects)
     spheres = {}
     for x in WAVENUMBER_RADII:
         spheres[f"{x:g}"] = kept(folder / f"sphere_{x:g}.json", lambda at=x: sphere(at))
         print(x, spheres[f"{x:g}"], flush=True)
     figures = {"spheres": spheres, "bell": kept(folder / "bell.json", lambda: bell(folder))}
+    figures["objects"] = {
+        name: kept(folder / f"cost_{name}.json", lambda of=name: cost(of, scans)) for name in ("bell", *SCANS)
+    }
     print(figures["bell"])
     settings = {"sphere_radius_m": RADIUS_M, "distance_m": DISTANCE_M, "reference_edge_m": REFERENCE_EDGE_M}
     conclude("air", figures, settings, COMPARED, draw)

@@ -26,6 +26,7 @@ from objectfolder.audio.air.multipoles import (
     outgoing,
     regular_waves,
 )
+from objectfolder.audio.air.patches import Patches
 from objectfolder.audio.air.radiation import radiate, together
 from objectfolder.audio.air.remeshing import halved, remeshed
 from objectfolder.audio.air.transfer import AirTransfer
@@ -117,7 +118,51 @@ def test_a_quick_sphere_is_right_and_says_how_right():
     assert np.linalg.norm(pressures[:, 0] - true) < 0.015 * np.linalg.norm(true)
     assert np.linalg.norm(pressures[:, 1] - dipole) < 0.015 * np.linalg.norm(dipole)
     assert (left > 1e-4).all()
-    assert (left < 0.03).all()
+    assert (left < 0.01).all()
+
+
+def test_four_elements_a_wavelength_are_enough_for_a_percent():
+    """At ka = 10 on 642 vertices, of a sphere of the right volume; vertices as points miss 6 to 8 %."""
+    ball = sphere(3)
+    volume = np.linalg.det(ball.vertices[ball.faces]).sum() / 6
+    ball = Surface(ball.vertices * np.cbrt(4 / 3 * np.pi * RADIUS_M**3 / volume), ball.faces)
+    along = ball.vertices[ball.faces][:, :, 2] / RADIUS_M
+    k, order = 10 / RADIUS_M, order_for(10.0)
+    elements = Elements(ball, np.stack([np.ones(along.shape), along], axis=2), np.zeros(3), order)
+    pressures, left = elements.solve(k, slice(None))
+    strengths = elements.multipoles(order, k, pressures, slice(None))
+    heard = 1j * RHO_C * k * (outgoing(order, k, DIRECTIONS).T @ strengths)
+    for mode, coefficients in enumerate(([1.0], [0.0, 1.0])):
+        true = spherical_wave(np.array(coefficients), k, DIRECTIONS)
+        assert np.linalg.norm(heard[:, mode] - true) < 0.01 * np.linalg.norm(true)
+    assert (left < 0.01).all()
+
+
+def test_moments_of_hat_functions_are_their_integrals():
+    """Of one vertex of a bent patch, by points of a rule of high degree."""
+    ball, vertex = sphere(1), 17
+    velocity = np.random.default_rng(0).normal(size=(len(ball.faces), 3, 2))
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    u, v = (grid.ravel() for grid in np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2))
+    share = np.outer(weights, weights).ravel() / 4 * 2 * u
+    hats = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+    face, corner = np.nonzero(ball.faces == vertex)
+    psi = hats[:, corner].T * share * ball.face_areas[face, None]
+    places = np.einsum("qc,tcx->tqx", hats, ball.vertices[ball.faces[face]])
+    moved = np.einsum("qc,tcm->tqm", hats, velocity[face])
+    centre = np.einsum("tq,tqx->x", psi, places) / psi.sum()
+    offset = places - centre
+    areas, centres, spreads, vectors, tilts = (array[vertex] for array in Patches(ball).arrays)
+    flow, uneven = (array[vertex] for array in Patches(ball).flows(velocity))
+    np.testing.assert_allclose(areas, psi.sum())
+    np.testing.assert_allclose(centres, centre)
+    spread = np.einsum("tq,tqx,tqy->xy", psi, offset, offset) / psi.sum()
+    np.testing.assert_allclose(spreads, spread[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], atol=1e-12)
+    np.testing.assert_allclose(vectors, psi.sum(axis=1) @ ball.face_normals[face])
+    tilt = np.einsum("tq,tx,tqy->xy", psi, ball.face_normals[face], offset)
+    np.testing.assert_allclose(tilts, tilt, atol=1e-12)
+    np.testing.assert_allclose(flow, np.einsum("tq,tqm->m", psi, moved))
+    np.testing.assert_allclose(uneven, np.einsum("tq,tqx,tqm->xm", psi, offset, moved), atol=1e-12)
 
 
 @pytest.mark.parametrize("order", [1, 2])  # where the inside resonates: roots of j_0 and of j_1'
@@ -235,7 +280,7 @@ def test_elements_are_closed_of_one_size_and_of_the_same_volume():
 
 
 def test_nearly_equal_frequencies_are_solved_together_and_none_is_lost():
-    groups = [group.tolist() for group in together(np.array([10.1, 30.0, 10.0, 10.15, 20.0]))]
+    groups = [group.tolist() for group in together(np.array([10.02, 30.0, 10.0, 10.03, 10.05]))]
     assert groups == [[2, 0, 3], [4], [1]]
 
 

@@ -35,7 +35,7 @@ Complexes = NDArray[np.complex128]
 Singles = NDArray[np.complex64]
 Integers = NDArray[np.int64]
 # Edges within which static fields are integrated over triangles, and within which the waves are.
-NEAR, NEAR_WAVES = 4.0, 4.0
+NEAR, NEAR_WAVES = 4.0, 3.0
 CLOSE = 1.5  # edges between centres of triangles below which the outer integral has the finer rule
 RULE = (np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6, np.full(3, 1 / 3))
 
@@ -104,7 +104,7 @@ class Elements:
         )
         add_waves(
             wavenumber,
-            self._pairs(inner),
+            self._inner_pairs,
             surface.faces,
             self._points,
             surface.face_areas,
@@ -191,6 +191,10 @@ class Elements:
     def _inner(self) -> NDArray[np.int32]:
         """Likewise, of those where the waves are."""
         return self._entries(NEAR_WAVES)[0]
+
+    @cached_property
+    def _inner_pairs(self) -> Integers:
+        return self._pairs(self._inner)
 
     def _entries(self, reach: float) -> tuple[NDArray[np.int32], Integers, Integers]:
         vertices, faces = self.surface.vertices, self.surface.faces
