@@ -28,7 +28,7 @@ from objectfolder.products.stored_values import number, numbers
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Integers = NDArray[np.int64]
-ERROR = 0.01  # of rounding, relative, that is asked for
+ERROR = 0.005  # of rounding, relative, that is asked for
 MOST_BYTES = 100_000
 PREFIX = "audio.transfer_"
 TENSORS = tuple(PREFIX + name for name in ("wavenumbers", "orders", "steps", "coefficients", "residuals"))
