@@ -121,7 +121,7 @@ def test_a_quick_sphere_is_right_and_says_how_right():
     assert (left < 0.01).all()
 
 
-def test_four_elements_a_wavelength_are_enough_for_a_percent():
+def test_four_elements_a_wavelength_are_enough_for_two_percent():
     """At ka = 10 on 642 vertices, of a sphere of the right volume; vertices as points miss 6 to 8 %."""
     ball = sphere(3)
     volume = np.linalg.det(ball.vertices[ball.faces]).sum() / 6
@@ -134,8 +134,8 @@ def test_four_elements_a_wavelength_are_enough_for_a_percent():
     heard = 1j * RHO_C * k * (outgoing(order, k, DIRECTIONS).T @ strengths)
     for mode, coefficients in enumerate(([1.0], [0.0, 1.0])):
         true = spherical_wave(np.array(coefficients), k, DIRECTIONS)
-        assert np.linalg.norm(heard[:, mode] - true) < 0.01 * np.linalg.norm(true)
-    assert (left < 0.01).all()
+        assert np.linalg.norm(heard[:, mode] - true) < 0.02 * np.linalg.norm(true)
+    assert (left < 0.02).all()
 
 
 def test_moments_of_hat_functions_are_their_integrals():
