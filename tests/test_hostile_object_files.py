@@ -21,7 +21,10 @@ from objectfolder.products.unpacking import unpack_deflate, unpack_lzma
 from objectfolder.surface.codec import LARGEST_COUNT, encode_surface
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.vision.cameras import look_at
+from objectfolder.vision.network.face_lattice import pack_levels
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
+from objectfolder.vision.network.surface_maps import CHANNELS, FINEST_PITCH, WHOLE, lattice_of
 
 MEGABYTE = 1 << 20
 ENOUGH = 96 * MEGABYTE  # the window of LZMA's preset alone is 64
@@ -147,6 +150,57 @@ def test_detours_that_unpack_to_more(changed, lzma_bomb):
 
 def test_a_grid_that_unpacks_to_more(changed, deflate_bomb):
     refused(changed({"vision.grid": stream(deflate_bomb)}, {}), "more than the")
+
+
+def crowded(file: ObjectFile, names: list[str], pitch: float = FINEST_PITCH) -> tuple[Tensors, Metadata]:
+    """Maps with nearly as many places as a lattice may have, each another; every other a hole."""
+    triangles = file.frame.to_unit(file.surface.vertices)[file.surface.faces]
+    tensors, described = Tensors(), Metadata()
+    for name in names:
+        while True:
+            pitch *= 1.01
+            try:
+                size = lattice_of(name, triangles, pitch).size
+                break
+            except FormatError:  # too many places
+                continue
+        levels = np.zeros((size, CHANNELS[name]), np.uint8)
+        levels[::2] = WHOLE[name]
+        tensors[f"vision.map.{name}"] = pack_levels(levels)
+        described[name] = {"pitch": pitch, "values": size}
+    return tensors, {"vision": {"maps": described}}
+
+
+@pytest.mark.slow
+def test_maps_of_as_many_places_as_a_lattice_may_have(changed, small_file):
+    file, names = ObjectFile.load(small_file), ["alpha", "albedo", "normal"]
+    camera = file.frame.camera_to_object(look_at(np.array([[0.8, -2.0, 1.2]])))
+    light = file.frame.to_object(np.array([0.2, -0.3, 0.9]))
+
+    def ask(path: Path) -> None:
+        ObjectFile.load(path).render(camera, light, 8, passes=["image", "normal", "albedo"])
+
+    ask(changed(*crowded(file, names, 1 / 32)))  # the first query compiles
+    path = changed(*crowded(file, names))
+    begin = time.process_time()
+    ask(path)
+    assert time.process_time() - begin < 2
+    tracemalloc.start()
+    try:
+        ask(path)
+        assert tracemalloc.get_traced_memory()[1] < 400 * MEGABYTE
+    finally:
+        tracemalloc.stop()
+
+
+def test_maps_of_many_lattices_and_of_long_numbers(changed, small_file):
+    file = ObjectFile.load(small_file)
+    names = ["alpha", "albedo", "normal", "roughness"]
+    tensors, fields = crowded(file, names)
+    refused(changed(tensors, fields), "more than 3 pitches")
+    size = fields["vision"]["maps"]["alpha"]["values"]
+    long = {"vision.map.alpha": pack_integers(np.full(size, 1 << 60))}
+    refused(changed(long, {"vision": {"maps": {"alpha": fields["vision"]["maps"]["alpha"]}}}), "a byte")
 
 
 def test_numbers_that_nobody_stores(subtests, changed, deflate_bomb):

@@ -23,6 +23,10 @@ MOST_PLACES = 1 << 20
 AROUND = 0.6
 """No coordinate of the unit frame is below this less than zero: cubes are counted from there."""
 
+_CELLS = (1 << 11) - 1
+# Bits of a number three places apart: those of three of them make a Morton code.
+_SPREAD = np.sum([(np.arange(_CELLS + 1) >> bit & 1) << 3 * bit for bit in range(11)], axis=0)
+
 
 class FaceLattice:
     """Where on the faces of a surface values lie.
@@ -90,14 +94,12 @@ class FaceLattice:
         if not self._shared:
             return np.arange(self._size)
         face, barycentric = self.places(np.zeros((1, 2)))
-        corners = self._triangles[face]
-        b = barycentric[..., None]
-        position = b[:, 0] * corners[:, 0] + b[:, 1] * corners[:, 1] + b[:, 2] * corners[:, 2]
-        cell = np.floor((position + AROUND) / self._pitch).astype(np.int64)
-        key = facing(self._triangles)[face].astype(np.int64)
-        for bit in range(10, -1, -1):
-            for axis in range(3):
-                key = key << 1 | (cell[:, axis] >> bit & 1)
+        key = facing(self._triangles)[face].astype(np.int64) << 33
+        for axis in range(3):
+            a, b, c = self._triangles[..., axis].T
+            position = barycentric[:, 0] * a[face] + barycentric[:, 1] * b[face] + barycentric[:, 2] * c[face]
+            cell = np.floor((position + AROUND) / self._pitch).astype(np.int64)
+            key |= _SPREAD[cell & _CELLS] << 2 - axis
         return np.unique(key, return_inverse=True)[1].ravel()
 
     @cached_property
@@ -153,7 +155,9 @@ def unpack_levels(stream: np.ndarray, size: int, channels: int) -> np.ndarray:
     Raises
     ------
     ValueError
-        A stream that is damaged or of another size.
+        A stream that is damaged, of another size, or of numbers longer than a byte.
     """
+    if len(stream) and stream[0] > 1:
+        raise ValueError("levels of more than a byte")
     steps = unpack_integers(stream, size * channels).reshape(channels, size)
     return np.cumsum(steps.T, axis=0).astype(np.uint8)

@@ -8,7 +8,7 @@ from objectfolder.errors import FormatError
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.network.surface_maps import WHOLE, SurfaceMaps
 
-MOST_PIECES = 1 << 18
+MOST_PIECES = 3 << 16
 """Triangles that faces with holes are cut into before the holes are left out; more make the cuts coarser."""
 
 THERE = 0.5

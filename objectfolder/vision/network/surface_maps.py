@@ -26,6 +26,8 @@ CHANNELS = {"normal": 2, "alpha": 1, "albedo": 3, "roughness": 1, "metallic": 1}
 WHOLE = {"normal": 64, "alpha": 255, "albedo": 63, "roughness": 63, "metallic": 63}
 """Levels from 0 to 1: what 8 bits keep beyond these is below the error between the places."""
 FINEST_PITCH = 1 / 1024
+MOST_PITCHES = 3
+"""Of a file: that of alpha, that of albedo, that of the others; a lattice of each takes time and memory."""
 UPRIGHT = WHOLE["normal"]
 """Level of a normal that is not bent."""
 
@@ -65,7 +67,8 @@ class SurfaceMaps:
         Raises
         ------
         FormatError
-            An unknown map, one without its stream or the reverse, a damaged stream, a pitch out of range.
+            An unknown map, one without its stream or the reverse, a damaged stream, a pitch out of range,
+            more pitches than `MOST_PITCHES`.
         """
         if set(said) != set(streams) or not set(said) <= set(CHANNELS):
             raise FormatError("vision.maps", "other maps than are described", REMEDY)
@@ -77,6 +80,8 @@ class SurfaceMaps:
                 levels[name] = _joined(unpack_levels(streams[name], size, CHANNELS[name]))
             except ValueError as error:
                 raise FormatError(f"vision.map.{name}", f"damaged ({error})", REMEDY) from error
+        if len(set(pitches.values())) > MOST_PITCHES:
+            raise FormatError("vision.maps", f"more than {MOST_PITCHES} pitches", REMEDY)
         return cls(surface, triangles, pitches, levels)
 
     def tensors(self) -> dict[str, np.ndarray]:
@@ -90,7 +95,7 @@ class SurfaceMaps:
         }
 
     @cached_property
-    def _lattices(self) -> dict[str, FaceLattice]:
+    def _lattices(self) -> dict[tuple[float, bool], FaceLattice]:
         return {}
 
     @cached_property
@@ -98,21 +103,20 @@ class SurfaceMaps:
         return facing(self.triangles)
 
     def lattice(self, name: str) -> FaceLattice:
-        """Return the lattice of a map.
+        """Return the lattice of a map, one for all of a pitch.
 
         Raises
         ------
         FormatError
             It does not have as many values as the map.
         """
-        if name not in self._lattices:
-            lattice = lattice_of(name, self.triangles, self.pitches[name])
-            if lattice.size != len(self.levels[name]):
-                raise FormatError(
-                    f"vision.map.{name}", "a number of values that the faces do not have", REMEDY
-                )
-            self._lattices[name] = lattice
-        return self._lattices[name]
+        pitch = self.pitches[name]
+        key = pitch, name == "alpha"
+        if key not in self._lattices:
+            self._lattices[key] = lattice_of(name, self.triangles, pitch)
+        if self._lattices[key].size != len(self.levels[name]):
+            raise FormatError(f"vision.map.{name}", "a number of values that the faces do not have", REMEDY)
+        return self._lattices[key]
 
     def __contains__(self, name: object) -> bool:
         """Whether there is a map of this name."""
