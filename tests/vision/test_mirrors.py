@@ -16,7 +16,7 @@ from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.network.incidence import Incidence, UnitSurface
 from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
-from objectfolder.vision.visionnet.fitting import fit_visionnet, rays_to_meet, shows_itself
+from objectfolder.vision.visionnet.fitting import filled_view, fit_visionnet, rays_to_meet, shows_itself
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 WHITE = np.ones((1, 3))
@@ -185,18 +185,31 @@ def test_a_fit_with_mirrors_is_nearer_a_path_traced_conductor_and_its_file_answe
     assert errors[0] > errors[1] + 5.0
 
 
-def test_smooth_conductors_alone_show_themselves(subtests):
-    for roughness, metallic, shown, rays in [
-        (0.1, 1.0, True, 24),
-        (0.25, 1.0, True, 12),
-        (0.0, 1.0, True, 24),
-        (0.4, 1.0, False, 8),
-        (0.1, 0.0, False, 24),
+def test_conductors_show_themselves_where_they_are_smooth_or_face_themselves(subtests):
+    ball, mug = sphere(0.5, (200, 200, 200)).surface, SHAPES["mug"]()
+    for roughness, metallic, shown, facing_itself, rays in [
+        (0.1, 1.0, True, True, 24),
+        (0.25, 1.0, True, True, 12),
+        (0.0, 1.0, True, True, 24),
+        (0.4, 1.0, False, True, 8),
+        (0.5, 1.0, False, False, 6),
+        (0.7, 0.0, False, False, 4),
+        (0.5, 0.0, False, False, 6),
+        (0.2, 0.0, False, False, 10),
+        (0.1, 0.0, False, False, 20),
     ]:
         with subtests.test(roughness=roughness):
             appearance = Appearance(roughness=roughness, metallic=metallic)
-            assert shows_itself(appearance) is shown
-            assert rays_to_meet(appearance) == rays
+            assert shows_itself(appearance, ball) is shown
+            assert shows_itself(appearance, mug) is facing_itself
+            assert rays_to_meet(appearance, facing_itself) == rays
+
+
+def test_how_much_of_its_own_view_a_surface_fills():
+    """Two unit squares at a right angle see each other by the view factor of Howell's catalogue, C-14."""
+    assert filled_view(sphere(0.5, (200, 200, 200)).surface) == 0
+    # Two identical squares at right angles with a common edge.
+    assert filled_view(corner_of_mirrors().surface) == pytest.approx(0.20004, abs=0.02)
 
 
 @pytest.mark.parametrize("lost", ["log_mirror_alpha", "facing.weight", "facing.bias"])
