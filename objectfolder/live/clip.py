@@ -1,6 +1,6 @@
 """A scene of objects as a video with its sound."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -33,15 +33,20 @@ def recorded(
         yield image, sound.block()
 
 
-def write_clip(path: Path, frames: NDArray[np.uint8], pressure_pa: NDArray[np.float64]) -> float:
-    """Write H.264 and AAC as MP4, and return the factor from pascals to the file's sound.
+def write_clip(
+    path: Path, parts: Iterable[tuple[NDArray[np.uint8], NDArray[np.float64]]], resolution: tuple[int, int]
+) -> float:
+    """Write H.264 and AAC as MP4, and return the largest pressure, pascals.
+
+    The sound is times `listening_gain` of that pressure.
 
     Parameters
     ----------
-    frames
-        (n, h, w, 3) sRGB, `FRAMES_PER_S` a second; sides are even.
-    pressure_pa
-        (samples,) at `SAMPLE_RATE_HZ`. Its peak is brought to a level to listen to.
+    parts
+        Images (h, w, 3) sRGB, `FRAMES_PER_S` of them a second, and the pressure (samples,) in pascals at
+        `SAMPLE_RATE_HZ` meanwhile, as of `recorded`. One image at a time is in memory.
+    resolution
+        Height and width, even numbers.
 
     Raises
     ------
@@ -54,25 +59,28 @@ def write_clip(path: Path, frames: NDArray[np.uint8], pressure_pa: NDArray[np.fl
         raise QueryError(
             "video", "PyAV is not installed", "pip install 'objectfolder-factory[video]'"
         ) from error
-    height, width = frames.shape[1:3]
+    height, width = resolution
     if height % 2 or width % 2:
         raise QueryError("resolution", f"{height} x {width} pixels", "Videos have even sides.")
-    gain = listening_gain(float(abs(pressure_pa).max(initial=0.0)))
     with atomic_write(path) as file, av.open(file, "w", format="mp4") as container:
         video = container.add_stream("libx264", rate=FRAMES_PER_S, options=SETTINGS)
         video.codec_context.thread_count = 1  # the same frames give the same bytes
         video.width, video.height, video.pix_fmt = width, height, "yuv420p"
         audio = container.add_stream("aac", rate=SAMPLE_RATE_HZ, layout="mono")
-        for image in frames:
+        heard = [np.zeros(0)]
+        for image, pressure in parts:
             _mux(container, video, av.VideoFrame.from_ndarray(image, format="rgb24"))
-        for start in range(0, len(pressure_pa), AAC_SAMPLES):
-            part = (gain * pressure_pa[None, start : start + AAC_SAMPLES]).astype(np.float32)
+            heard.append(pressure)
+        sound = np.concatenate(heard)
+        peak_pa = float(abs(sound).max(initial=0.0))
+        for start in range(0, len(sound), AAC_SAMPLES):
+            part = (listening_gain(peak_pa) * sound[None, start : start + AAC_SAMPLES]).astype(np.float32)
             frame = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
             frame.sample_rate, frame.pts, frame.time_base = SAMPLE_RATE_HZ, start, Fraction(1, SAMPLE_RATE_HZ)
             _mux(container, audio, frame)
         for stream in (video, audio):
             _mux(container, stream, None)
-    return gain
+    return peak_pa
 
 
 def _mux(container: Any, stream: Any, frame: Any) -> None:

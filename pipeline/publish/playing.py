@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder import load
+from objectfolder.audio.synthesis.wav import listening_gain
 from objectfolder.errors import InputError
 from objectfolder.live import LiveSight, LiveSound, MujocoSimulation
 from objectfolder.live.clip import FRAMES_PER_S, SAMPLE_RATE_HZ, recorded, write_clip
@@ -60,11 +61,10 @@ def play(
         block_samples=SAMPLE_RATE_HZ // FRAMES_PER_S,
     )
     sight = LiveSight(simulation, files, table_m=_table(model))
-    shown = list(recorded(sound, sight, camera, seconds, resolution))
-    pressure = np.concatenate([part for _, part in shown])
-    gain = write_clip(output, np.stack([image for image, _ in shown]), pressure)
-    peak = float(abs(pressure).max())
-    return f"{output}: {len(sound.impacts)} collisions, peak {peak:.3g} Pa at the camera, times {gain:.3g}"
+    shown = recorded(sound, sight, camera, seconds, resolution)
+    peak_pa = write_clip(output, shown, resolution)
+    gain = listening_gain(peak_pa)
+    return f"{output}: {len(sound.impacts)} collisions, peak {peak_pa:.3g} Pa at the camera, times {gain:.3g}"
 
 
 def _lift(model: Any, data: Any, lift_m: float, random: np.random.Generator) -> None:

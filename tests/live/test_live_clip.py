@@ -64,17 +64,18 @@ def test_frames_and_sound_are_read_as_they_were_written(tmp_path):
     frames = np.full((10, 32, 48, 3), 200, dtype=np.uint8)
     frames[5:] = 40
     tone = 20.0 * np.sin(2 * np.pi * 1000 * np.arange(SAMPLE_RATE_HZ // 3) / SAMPLE_RATE_HZ)
-    gain = write_clip(tmp_path / "a.mp4", frames, tone)
+    peak_pa = write_clip(tmp_path / "a.mp4", zip(frames, tone.reshape(10, -1), strict=True), (32, 48))
     images, sound = read(tmp_path / "a.mp4")
     assert abs(images.astype(int) - frames).max() < 6
-    assert gain == pytest.approx(10 ** (-3 / 20) / 20, rel=1e-4)
+    assert peak_pa == pytest.approx(20, rel=1e-4)
+    assert abs(sound[4096:10240]).max() == pytest.approx(10 ** (-3 / 20), rel=0.03), "3 dB below full scale"
     spectrum = abs(np.fft.rfft(sound[2048:10240] * np.hanning(8192)))
     assert spectrum.argmax() * SAMPLE_RATE_HZ / 8192 == pytest.approx(1000, abs=6)
 
 
 def test_what_cannot_be_played_is_one_line(scene, tmp_path, capsys):
     with pytest.raises(QueryError, match="even"):
-        write_clip(tmp_path / "a.mp4", np.zeros((1, 31, 32, 3), np.uint8), np.zeros(10))
+        write_clip(tmp_path / "a.mp4", [], (31, 32))
     assert not (tmp_path / "a.mp4").exists()
     shutil.rmtree(scene.parent / "mug")
     for given in (scene, tmp_path / "none.xml"):
