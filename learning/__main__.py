@@ -5,6 +5,8 @@ import json
 import time
 from pathlib import Path
 
+import torch
+
 from learning import recognition, reconstruction, retrieval, stand_in
 from learning.page import write_page
 from learning.runs import Objects
@@ -26,6 +28,8 @@ def main() -> None:
     parser.add_argument("--objects", type=int, metavar="N", help="take the first N objects alone")
     parser.add_argument("--params", type=Path, default=FOLDER / "params.yaml")
     asked = parser.parse_args()
+    # The networks are small: beside other work, threads that wait for one another take five times as long.
+    torch.set_num_threads(1)
     settings = read_settings(asked.params)
     objects = Objects(settings, asked.objects)
     if asked.task == "page":
