@@ -5,6 +5,8 @@ and Miller; singular integrals by the transforms of Sauter and Schwab. It is no 
 `pip install bempp-cl`.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,8 +37,8 @@ def radiated(surface: Surface, velocity: Floats, wavenumber: float, places: Floa
     k, coupling = wavenumber, 1j / wavenumber
     waves = boundary.helmholtz
 
-    def dense(operator: object) -> Complexes:
-        return np.asarray(operator.weak_form().to_dense())  # type: ignore[attr-defined]
+    def dense(operator: Any) -> Complexes:
+        return np.asarray(operator.weak_form().to_dense())
 
     matrix = dense(boundary.sparse.identity(linear, linear, linear)) / 2
     matrix = matrix - dense(waves.double_layer(linear, linear, linear, k))

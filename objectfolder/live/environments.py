@@ -64,7 +64,7 @@ class Squeeze(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ((2, 160, 120, 3), (1024,))
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 43}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 43}  # noqa: RUF012  (gymnasium declares it so)
 
     def __init__(
         self, file: ObjectFile | None = None, pixels: int = 64, render_mode: str | None = None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from objectfolder.errors import QueryError
-from objectfolder.live.contacts import Simulation
+from objectfolder.live.contacts import Simulation, finite_pose
 from objectfolder.object_file import ObjectFile
 from objectfolder.query_values import real, real_array
 from objectfolder.vision.cameras import (
@@ -109,7 +109,7 @@ class LiveSight:
         self._exposure = None if exposure_factor is None else real("exposure_factor", exposure_factor, 0, 1e9)
         self._balls = {name: _ball(file) for name, file in self._files.items()}
         for name in self._files:
-            simulation.pose(name)
+            finite_pose(simulation, name)
 
     def image(
         self, camera_to_world: Floats, resolution: int | tuple[int, int] = 256,
@@ -130,7 +130,7 @@ class LiveSight:
             A pose that is not finite or not rigid, values out of range.
         """
         camera, size = real_array("camera_to_world", camera_to_world), image_size(resolution)
-        poses = {name: self._pose(name) for name in self._files}
+        poses = {name: finite_pose(self._simulation, name) for name in self._files}
         view = _View(camera, size, float(field_of_view))
         layers = [self._object(name, poses, view, sub_rays) for name in self._files]
         if self._table:
@@ -142,12 +142,6 @@ class LiveSight:
         depth = np.take_along_axis(depths, nearest[None], 0)[0] if layers else np.full(size, np.inf)
         body = np.where(np.isfinite(depth) & (nearest < len(self._files)), nearest, -1)
         return SceneImage(on_white(rgba * ([self._exposure] * 3 + [1.0])), depth, body)
-
-    def _pose(self, name: str) -> Floats:
-        pose = self._simulation.pose(name)
-        if not np.isfinite(pose).all():
-            raise QueryError("simulation", f"the pose of {name!r} is not finite", "Take a smaller time step.")
-        return pose
 
     def _object(self, name: str, poses: Mapping[str, Floats], view: "_View", sub_rays: int | None) -> _Layer:
         file, pose = self._files[name], poses[name]
@@ -167,19 +161,13 @@ class LiveSight:
             )  # fmt: skip
 
         everything = drawn(np.full(len(lamps), True))
-        depth[part] = everything["depth"][0]
-        hidden = self._hidden(view.points(depth), poses, but=name)
-        split = hidden[:, part[0], part[1]].any(axis=(1, 2))
-        if not split.any():
-            rgba[part] = everything["image"][0]
-            return _Layer(rgba, depth)
-        rgba[part] = drawn(~split)["image"][0] if (~split).any() else 0.0
-        for lamp in np.flatnonzero(split):
-            alone = drawn(np.arange(len(lamps)) == lamp)["image"][0].astype(np.float64)
-            alone[..., :3] *= ~hidden[lamp][part][..., None]
-            rgba[(*part, np.s_[:3])] += alone[..., :3]
-            rgba[(*part, 3)] = alone[..., 3]
-        return _Layer(rgba, depth)
+        rgba[part], depth[part] = everything["image"][0], everything["depth"][0]
+        # Light adds up: what a lamp gives is taken away where it is hidden.
+        for lamp, dark in enumerate(self._hidden(view.points(depth), poses, but=name)):
+            if dark.any():
+                alone = drawn(np.arange(len(lamps)) == lamp)["image"][0]
+                rgba[(*part, np.s_[:3])] -= alone[..., :3] * dark[part][..., None]
+        return _Layer(np.maximum(rgba, 0.0), depth)
 
     def _tabletop(self, side_m: float, height_m: float, poses: Mapping[str, Floats], view: "_View") -> _Layer:
         point, depth = view.on_plane(height_m)
@@ -271,24 +259,16 @@ class _View:
             return None if -z <= -radius else (0, 0, *self.size)
         # A ball's outline lies within that of the cube around it, whose nearest face is at -z - radius.
         focal = focal_length_px(self.size, self.field_of_view)
-        bounds = []
-        for middle, place, pixels in (
-            (self.size[0] / 2, -y, self.size[0]),
-            (self.size[1] / 2, x, self.size[1]),
-        ):
-            ends = [
-                middle + focal * (place + sign * radius) / (-z + far * radius)
-                for sign in (-1, 1)
-                for far in (-1, 1)
-            ]
-            bounds.append(
-                (
-                    int(np.clip(np.floor(min(ends)) - 1, 0, pixels)),
-                    int(np.clip(np.ceil(max(ends)) + 1, 0, pixels)),
-                )
-            )
-        (top, bottom), (left, right) = bounds
-        return (top, left, bottom - top, right - left) if bottom > top and right > left else None
+        sides = np.array([-1, 1])
+        corners = np.array([-y, x])[:, None] + sides * radius
+        ends = focal * (corners[:, None] / (-z + sides[:, None] * radius)).reshape(2, 4)
+        middle, most = np.array(self.size) / 2, np.array(self.size)
+        first = np.clip(np.floor(middle + ends.min(axis=1)) - 1, 0, most).astype(int)
+        last = np.clip(np.ceil(middle + ends.max(axis=1)) + 1, 0, most).astype(int)
+        if (last <= first).any():
+            return None
+        (top, left), (height, width) = first.tolist(), (last - first).tolist()
+        return top, left, height, width
 
 
 def _over(layers: list[_Layer], size: tuple[int, int]) -> tuple[Floats, Floats]:

@@ -68,10 +68,12 @@ def play(
 
 
 def _lift(model: Any, data: Any, lift_m: float, random: np.random.Generator) -> None:
+    import mujoco
     from scipy.spatial.transform import Rotation
 
+    free = mujoco.mjtJoint.mjJNT_FREE
     for joint in range(model.njnt):
-        if lift_m <= 0 or model.jnt_type[joint] != 0:  # mjJNT_FREE
+        if lift_m <= 0 or model.jnt_type[joint] != free:
             continue
         at = model.jnt_qposadr[joint]
         data.qpos[at + 2] += lift_m * (1 + random.random())
