@@ -1,12 +1,14 @@
 """The tasks from end to end, very small, and their parameters."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from learning import encoders, recognition, reconstruction, retrieval, runs
+from learning.page import write_page
 from learning.runs import Objects, kept
 from learning.settings import read_settings
 from objectfolder.errors import InputError
@@ -83,7 +85,16 @@ def test_twins_are_not_told_apart(tiny, tmp_path, monkeypatch):
     # The mesh of a twin is the object's own: looking it up cannot be told from the measure's floor.
     assert shaped["seen"]["V"]["look_up"]["iou"] == pytest.approx(shaped["floor"]["iou"])
     assert shaped["average_of_others"]["iou"] == 1
-    json.dumps([found, retrieved, shaped])
+    for name, figures in (("recognition", found), ("retrieval", retrieved), ("reconstruction", shaped)):
+        settled = figures | {"settings": tiny.model_dump()}
+        (tmp_path / f"{name}.json").write_text(json.dumps(settled), encoding="utf-8")
+    write_page(objects, tiny, tmp_path, tmp_path / "reports" / "learning.html")
+    text = (tmp_path / "reports" / "learning.html").read_text(encoding="utf-8")
+    headings = re.findall(r"<h2>(.*?)</h2>", text)
+    assert headings == ["Which object is it?", "Find the object by another sense", "What shape is it?"]
+    assert re.search(r"chance\s25\.0\.", text)
+    assert text.count("audio controls") >= 3
+    assert not re.search(r'(?:src|href)="(?!data:|index\.html)', text), "the page stands alone"
 
 
 def test_too_few_objects_are_an_error(small_file, tiny, tmp_path):
