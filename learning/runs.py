@@ -18,6 +18,8 @@ from objectfolder.object_file import ObjectFile
 RUNS = Path("learning/runs")
 SAID = ("sense", "senses", "protocol", "seed")  # of a unit that was made
 LOGS = RUNS / "logs"  # for TensorBoard
+# What trains and draws: with other code nothing that was kept is read.
+CODE = ("encoders", "networks", "occupancy", "samples", "shapes")
 FEWEST = 4  # two to train on, two that are unseen
 
 
@@ -68,9 +70,10 @@ def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -
     Parameters
     ----------
     key
-        All that the arrays depend on, as JSON has it; digests of Object Files stand for them.
+        All that the arrays depend on beside the code, as JSON has it; digests of Object Files stand for them.
     """
-    text = json.dumps(key, sort_keys=True)
+    code = [_digest(Path(__file__).with_name(f"{name}.py")) for name in CODE]
+    text = json.dumps([code, key], sort_keys=True)
     path = RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
     if path.exists():
         with np.load(path) as stored:
