@@ -84,7 +84,10 @@ def regions_of(file: ObjectFile, sense: str, regions: int, seed: int) -> tuple[C
         Of the surface by its points, or of the sphere of cameras by directions; a fifth is held out.
     """
     random = np.random.default_rng(seed)
-    places, _ = _queries(file, sense, REGION_SAMPLES, seed, lit=True)
+    if sense == "vision":
+        places = _directions(file, file.sample_views(REGION_SAMPLES, seed)[0])
+    else:
+        places, _ = file.sample_contacts(REGION_SAMPLES, seed, reachable=False)
     centres, _ = kmeans2(places, regions, minit="++", rng=random)
     held_out = random.permutation(regions) < HELD_OUT_REGIONS * regions
 
