@@ -2,16 +2,18 @@
 
     python -m bench.senses.audionet --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
 
-Solved modes are read from FOLDER as ``id.zarr.zip``, or solved and written there.
+Solved modes are read from FOLDER as ``id.zarr.zip``, or solved and written there. Each object's row is kept
+beside them as ``id.json`` and not measured again: remove the rows when the code has changed.
 """
 
 import os
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, save, subplots
+from bench.record import conclude, kept, save, subplots
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.audionet.fitting import fit_audionet
@@ -26,7 +28,6 @@ from objectfolder.fidelity.sounds import (
 )
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
-from objectfolder.surface.surface import Surface
 
 OBJECTS = (
     "024_bowl",
@@ -63,12 +64,10 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=OBJECTS, choices=OBJECTS, metavar="ID")
     given = parser.parse_args()
     scans = Scans(given.objects)
-    asked = {"max_modes": MOST_MODES, "training_points": TRAINING_POINTS, "held_out_points": HELD_OUT_POINTS}
     table = {}
     for name in given.only:
-        surface = scans.surface(name)
-        modes = scans.modes(name, surface, given.folder / f"{name}.zarr.zip", seed=0, **asked)
-        table[name] = measure(surface, modes)
+        row = kept(given.folder / f"{name}.json", lambda at=name: measure(scans, at, given.folder))
+        table[name] = {key: value for key, value in row.items() if key != "commit"}
         print(name, " ".join(f"{key} {value:.4g}" for key, value in table[name].items()), flush=True)
     columns = list(next(iter(table.values())))
     figures = {
@@ -104,8 +103,11 @@ def main() -> None:
     conclude("audionet", figures, settings, compared, draw)
 
 
-def measure(surface: Surface, modes: Product) -> dict[str, float]:
-    """Fit one object and measure it."""
+def measure(scans: Scans, name: str, folder: Path) -> dict[str, float]:
+    """Solve one object, fit it and measure the fit."""
+    surface = scans.surface(name)
+    asked = {"max_modes": MOST_MODES, "training_points": TRAINING_POINTS, "held_out_points": HELD_OUT_POINTS}
+    modes = scans.modes(name, surface, folder / f"{name}.zarr.zip", seed=0, **asked)
     stored = decode_surface(encode_surface(surface))
     start = time.process_time()
     fitted = fit_audionet(stored, modes)

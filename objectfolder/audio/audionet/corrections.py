@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, eye_array
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
 
 from objectfolder.audio.audionet.least_squares import Basis, Data, predict
@@ -39,8 +39,8 @@ class Fields:
     def corrected(self, data: Data, weights: Sequence[float]) -> list["Fields"]:
         """These with what they miss at the points of `data`, for each weight of the regularisation."""
         surface = self.basis.kernel.surface
-        functions = _hats(surface, data)
-        misfit = functions.T @ (data.values - self.at(data))
+        functions = diags_array(data.weights) @ _hats(surface, data)
+        misfit = functions.T @ (data.weights[:, None] * (data.values - self.at(data)))
         normal, penalty = functions.T @ functions, _penalty(surface)
         solvers = (splu((normal + weight * penalty).tocsc()) for weight in weights)
         return [replace(self, corrections=np.asarray(solver.solve(misfit))) for solver in solvers]

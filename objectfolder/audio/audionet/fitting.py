@@ -22,7 +22,7 @@ from objectfolder.audio.audionet.audionet import (
 )
 from objectfolder.audio.audionet.corrections import Fields
 from objectfolder.audio.audionet.geodesic_embedding import farthest_points, geodesic_embedding
-from objectfolder.audio.audionet.least_squares import Basis, Data, Equations, equations, solve
+from objectfolder.audio.audionet.least_squares import Basis, Data, Equations, equations, sizes, solve
 from objectfolder.audio.audionet.rounding import bytes_rounded, round_fields
 from objectfolder.audio.audionet.surface_kernel import KernelParameters, SurfaceKernel
 from objectfolder.products.integer_coding import pack_integers
@@ -60,8 +60,6 @@ NORMAL_REACH = 0.03
 ROUNDING_SHARE = 0.45
 # The error that 5 % of the points may have, over that of the goal.
 TAIL = 10 ** (9 / 20)
-# Points that move less than this share of the rms count as moving so much: some hardly move at all.
-QUIET = 0.1
 # Weights of the regularisation of corrections that are compared.
 WEIGHTS = (0.01, 0.03, 0.1, 0.3)
 # Of more vertices the training points see too little.
@@ -107,7 +105,7 @@ def fit_audionet(
     room = most_bytes - sum(tensor.nbytes for tensor in own.values()) - 8
     if values.size:
         nearest = surface.closest_points(modes["points"][training])
-        data = Data(nearest.face, nearest.barycentric, values)
+        data = Data.weighted(nearest.face, nearest.barycentric, values)
         tensors, described = _fit_fields(surface, data, 10 ** (goal_db / 20), room)
     else:
         tensors, described = (
@@ -197,7 +195,8 @@ def _fit_smooth(
             if left < MENDED * error or bytes_rounded(fields, ROUNDING_SHARE * error) > ROOM_USED * room:
                 break
         if count >= len(every) and count < counts[-1]:
-            squared_misfit = np.sum((fields.at(fitted) - fitted.values) ** 2, axis=1)
+            misfit = fitted.weights[:, None] * (fields.at(fitted) - fitted.values)
+            squared_misfit = np.sum(misfit**2, axis=1)
     return corrected, weight, system
 
 
@@ -212,14 +211,8 @@ def _corrected(fields: Fields, fitted: Data, tested: Data) -> tuple[Fields, floa
 def _errors(fields: Fields, tested: Data) -> tuple[float, float]:
     """Relative error, and that which 5 % of the points exceed."""
     error = np.sum((fields.at(tested) - tested.values) ** 2, axis=1)
-    by_point = float(np.quantile(error / _sizes(tested) ** 2, 0.95))
+    by_point = float(np.quantile(error / sizes(tested.values) ** 2, 0.95))
     return float(np.sqrt(error.sum() / np.sum(tested.values**2))), float(np.sqrt(by_point))
-
-
-def _sizes(data: Data) -> Floats:
-    """Norms of the values at each point (n,), those of quiet points as if they were not so quiet."""
-    size = np.linalg.norm(data.values, axis=1)
-    return np.maximum(size, max(QUIET * float(np.sqrt(np.mean(size**2))), 1e-300))
 
 
 def _reached(fields: Fields, tested: Data, goal: float) -> bool:
@@ -233,7 +226,7 @@ def _allowed_rounding(fields: Fields, tested: Data, goal: float) -> float:
     if not len(tested.values):
         return goal
     error, _ = _errors(fields, tested)
-    quiet = float(np.quantile(_sizes(tested), 0.05) * np.sqrt(len(tested.values)))
+    quiet = float(np.quantile(sizes(tested.values), 0.05) * np.sqrt(len(tested.values)))
     quiet /= float(np.linalg.norm(tested.values))
     for_quiet = TAIL * goal * quiet * np.sqrt(ROUNDING_SHARE)
     return float(min(np.sqrt(max(goal**2 - error**2, ROUNDING_SHARE * goal**2)), for_quiet))

@@ -21,20 +21,40 @@ Equations = tuple[Floats, Floats, Floats]
 MOST_POINTS_A_CONTROL = 6  # more add next to nothing
 # Variance of what training values have beyond the kernel's fields, of a kernel of variance 1: it holds
 # functions that hardly any point has seen.
-NOISE = 1e-5
+NOISE = 1e-6
+# Points that move less than this share of the rms count as moving so much: some hardly move at all.
+QUIET = 0.1
+# A point weighs as 1 over its motion to this power: 0 is for the mean over all, 1 for each point's own.
+EVENNESS = 0.5
 
 
 @dataclass(frozen=True)
 class Data:
-    """Training points on the stored surface: face (n,), barycentric (n, 3), values (n, columns)."""
+    """Training points on the stored surface.
+
+    Attributes
+    ----------
+    face, barycentric : (n,) and (n, 3), where they are
+    values : (n, columns)
+    weights : (n,) of their misfits in least squares
+    """
 
     face: Integers
     barycentric: Floats
     values: Floats
+    weights: Floats
+
+    @classmethod
+    def weighted(cls, face: Integers, barycentric: Floats, values: Floats) -> "Data":
+        """Points that move less than the rms weigh more, all together 1 in the mean square."""
+        size = sizes(values)
+        size /= size.max()
+        weights = np.minimum(size, np.sqrt(np.mean(size**2))) ** -EVENNESS
+        return cls(face, barycentric, values, weights / np.sqrt(np.mean(weights**2)))
 
     def part(self, chosen: Flags | Integers | slice) -> "Data":
         """Some of the points."""
-        return Data(self.face[chosen], self.barycentric[chosen], self.values[chosen])
+        return Data(self.face[chosen], self.barycentric[chosen], self.values[chosen], self.weights[chosen])
 
     def joined(self, other: "Data") -> "Data":
         """Both."""
@@ -42,7 +62,14 @@ class Data:
             np.concatenate([self.face, other.face]),
             np.concatenate([self.barycentric, other.barycentric]),
             np.concatenate([self.values, other.values]),
+            np.concatenate([self.weights, other.weights]),
         )
+
+
+def sizes(values: Floats) -> Floats:
+    """Norms of the values (n, columns) at each point (n,), those of quiet points as if not so quiet."""
+    size = np.linalg.norm(values, axis=1)
+    return np.maximum(size, max(QUIET * float(np.sqrt(np.mean(size**2))), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -75,10 +102,11 @@ def equations(basis: Basis, data: Data) -> Equations:
     for start in range(0, len(data.values), 2048):
         part = data.part(np.arange(start, min(start + 2048, len(data.values))))
         covariance = kernel.covariance(kernel.features(part.face, part.barycentric), centres)
+        covariance *= part.weights[:, None]
         # (covariance @ inverse)^T, at half of the work: the inverse is upper triangular.
         columns = dtrmm(1.0, inverse.T, covariance.T, lower=1, overwrite_b=1)
         normal = dsyrk(1.0, columns, beta=1.0, c=normal, overwrite_c=1)
-        right += columns @ part.values
+        right += columns @ (part.values * part.weights[:, None])
     return normal, right, NOISE * inverse.T @ kernel.covariance(centres, centres) @ inverse
 
 
