@@ -1,7 +1,7 @@
 """What a camera sees of the objects of a simulation, each drawn from its own Object File."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,12 +23,14 @@ from objectfolder.vision.studio import exposure
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
+Crop = tuple[int, int, int, int]  # (top, left, height, width), pixels
 # In the world: a key lamp on the left, a weaker one on the right, one above, metres; and their colours.
 LAMPS_M = ((-0.6, -0.8, 1.2), (0.9, -0.6, 0.7), (0.2, 0.4, 1.6))
 LAMP_COLOURS = ((1.0, 0.97, 0.92), (0.3, 0.32, 0.36), (0.3, 0.3, 0.3))
 TABLE_ALBEDO = (0.42, 0.36, 0.3)
 # Shadow rays begin this share of their way off the surface.
 OFF = 1e-3
+CENTRE = np.array([[0.5, 0.5]])  # of a pixel
 
 
 @dataclass(frozen=True)
@@ -49,10 +51,14 @@ class SceneImage:
 
 @dataclass(frozen=True)
 class _Layer:
-    """Premultiplied linear colour (h, w, 4) of one thing, and its depth (h, w)."""
+    """Premultiplied linear colour (h, w, 4) of one thing, its depth (h, w), and that by which it is sorted.
+
+    Where a pixel is covered but for its centre, it is as far away as its neighbours.
+    """
 
     rgba: Floats
     depth_m: Floats
+    order_m: Floats
 
 
 class LiveSight:
@@ -108,6 +114,7 @@ class LiveSight:
             self._table = real("table_m[0]", table_m[0], 1e-3, 1e3), real("table_m[1]", table_m[1], -1e3, 1e3)
         self._exposure = None if exposure_factor is None else real("exposure_factor", exposure_factor, 0, 1e9)
         self._balls = {name: _ball(file) for name, file in self._files.items()}
+        self._views: dict[tuple[bytes, tuple[int, int], float], tuple[_View, _Tabletop | None]] = {}
         for name in self._files:
             finite_pose(simulation, name)
 
@@ -122,7 +129,8 @@ class LiveSight:
         camera_to_world
             (4, 4) pose; the camera looks along -z, +y is up.
         resolution, field_of_view, sub_rays
-            As for `ObjectFile.render`.
+            As for `ObjectFile.render`; but 1 is a ray through the centre of each pixel and no more, for
+            images that move: edges are jagged.
 
         Raises
         ------
@@ -131,11 +139,11 @@ class LiveSight:
         """
         camera, size = real_array("camera_to_world", camera_to_world), image_size(resolution)
         poses = {name: finite_pose(self._simulation, name) for name in self._files}
-        view = _View(camera, size, float(field_of_view))
+        view, table = self._seen_from(camera, size, float(field_of_view))
         layers = [self._object(name, poses, view, sub_rays) for name in self._files]
-        if self._table:
-            layers.append(self._tabletop(*self._table, poses, view))
-        rgba, depths = _over(layers, size)
+        if table:
+            layers.append(table.layer(self._hidden(table.seen, poses), self._colours))
+        rgba, depths = _over(layers, size, len(self._files))
         if self._exposure is None:
             self._exposure = exposure(rgba[None])
         nearest = depths.argmin(axis=0) if layers else np.zeros(size, np.int64)
@@ -143,51 +151,42 @@ class LiveSight:
         body = np.where(np.isfinite(depth) & (nearest < len(self._files)), nearest, -1)
         return SceneImage(on_white(rgba * ([self._exposure] * 3 + [1.0])), depth, body)
 
+    def _seen_from(
+        self, camera: Floats, size: tuple[int, int], field_of_view: float
+    ) -> tuple["_View", "_Tabletop | None"]:
+        """Return what only the camera decides: of the last two cameras it is known."""
+        key = camera.tobytes(), size, field_of_view
+        if key not in self._views:
+            view = _View(camera, size, field_of_view)
+            table = None if self._table is None else _Tabletop.of(*self._table, self._lamps, view)
+            self._views = dict([*self._views.items(), (key, (view, table))][-2:])
+        return self._views[key]
+
     def _object(self, name: str, poses: Mapping[str, Floats], view: "_View", sub_rays: int | None) -> _Layer:
         file, pose = self._files[name], poses[name]
         rgba, depth = np.zeros((*view.size, 4)), np.full(view.size, np.inf)
         crop = view.crop(_apply(pose, self._balls[name][0]), self._balls[name][1])
         if crop is None:
-            return _Layer(rgba, depth)
+            return _Layer(rgba, depth, depth)
         part = np.s_[crop[0] : crop[0] + crop[2], crop[1] : crop[1] + crop[3]]
         camera, lamps = _inverse(pose) @ view.camera, _apply(_inverse(pose), self._lamps)
         # The file's lamps are as strong at one unit of its own frame as these are at a metre.
         colours = self._colours / file.frame.scale**2
+        draw = _cast if sub_rays == 1 else _rendered
 
-        def drawn(which: NDArray[np.bool_]) -> dict[str, np.ndarray]:
-            return file.render(
-                camera, lamps[which][None], view.size, view.field_of_view, True, sub_rays,
-                light_colour=colours[which], crop=crop, passes=("image", "depth"),
-            )  # fmt: skip
+        def drawn(which: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+            return draw(file, replace(view, camera=camera), crop, lamps[which], colours[which], sub_rays)
 
-        everything = drawn(np.full(len(lamps), True))
-        rgba[part], depth[part] = everything["image"][0], everything["depth"][0]
+        rgba[part], depth[part] = drawn(np.full(len(lamps), True))
+        order = depth.copy()
+        order[part] = _sorted_by(depth[part])
         # Light adds up: what a lamp gives is taken away where it is hidden.
-        for lamp, dark in enumerate(self._hidden(view.points(depth), poses, but=name)):
+        hidden = self._hidden(view.points(depth), poses, but=name) if self._shadows else ()
+        for lamp, dark in enumerate(hidden):
             if dark.any():
-                alone = drawn(np.arange(len(lamps)) == lamp)["image"][0]
+                alone = drawn(np.arange(len(lamps)) == lamp)[0]
                 rgba[(*part, np.s_[:3])] -= alone[..., :3] * dark[part][..., None]
-        return _Layer(np.maximum(rgba, 0.0), depth)
-
-    def _tabletop(self, side_m: float, height_m: float, poses: Mapping[str, Floats], view: "_View") -> _Layer:
-        point, depth = view.on_plane(height_m)
-        # Sides of the table cut a pixel as far as they lie from its middle, in its footprint.
-        inside, covered = side_m / 2 - abs(point[..., :2]), np.ones(view.size)
-        for axis in range(2):
-            footprint = sum(abs(slope) for slope in np.gradient(point[..., axis]))
-            covered *= np.clip(0.5 + inside[..., axis] / np.maximum(footprint, 1e-12), 0.0, 1.0)
-        covered = np.where(np.isfinite(depth), covered, 0.0)
-        depth = np.where(covered > 0, depth, np.inf)
-        hidden = self._hidden(np.where(np.isfinite(depth)[..., None], point, np.nan), poses)
-        rgba = np.zeros((*view.size, 4))
-        for lamp, colour, dark in zip(self._lamps, self._colours, hidden, strict=True):
-            away = lamp - point
-            squared = np.maximum((away**2).sum(axis=-1), 1e-12)
-            falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
-            rgba[..., :3] += np.where(dark, 0.0, falls)[..., None] * colour * TABLE_ALBEDO
-        rgba[..., 3] = 1.0
-        rgba *= covered[..., None]
-        return _Layer(np.nan_to_num(rgba, posinf=0.0), depth)
+        return _Layer(np.maximum(rgba, 0.0), depth, order)
 
     def _hidden(
         self, points: Floats, poses: Mapping[str, Floats], but: str | None = None
@@ -230,8 +229,7 @@ class _View:
     def rays(self) -> Floats:
         """Unit directions (h, w, 3) in the world through the centres of pixels."""
         pixels = np.arange(self.size[0] * self.size[1])
-        centre = np.array([[0.5, 0.5]])
-        _, along = pixel_rays(self.camera, pixels, centre, self.size, self.field_of_view)
+        _, along = pixel_rays(self.camera, pixels, CENTRE, self.size, self.field_of_view)
         return along.reshape(*self.size, 3)
 
     @cached_property
@@ -271,19 +269,94 @@ class _View:
         return top, left, height, width
 
 
-def _over(layers: list[_Layer], size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """Return colours (h, w, 4) of layers over one another, and the depths (layers, h, w)."""
+@dataclass(frozen=True)
+class _Tabletop:
+    """A matt square table as a camera sees it.
+
+    Parameters
+    ----------
+    seen : (h, w, 3) points at the centres of pixels, NaN where it is not
+    depth_m, order_m : as of `_Layer`
+    covered : (h, w) its share of each pixel
+    light : (k, h, w) what it reflects of each lamp of colour 1, unhindered, over its albedo
+    """
+
+    seen: Floats
+    depth_m: Floats
+    order_m: Floats
+    covered: Floats
+    light: Floats
+
+    @classmethod
+    def of(cls, side_m: float, height_m: float, lamps_m: Floats, view: _View) -> "_Tabletop":
+        """Return a table of some side and height under lamps (k, 3)."""
+        point, depth = view.on_plane(height_m)
+        # Sides of the table cut a pixel as far as they lie from its middle, in its footprint.
+        inside, covered = side_m / 2 - abs(point[..., :2]), np.ones(view.size)
+        for axis in range(2):
+            footprint = sum(abs(slope) for slope in np.gradient(point[..., axis]))
+            covered *= np.clip(0.5 + inside[..., axis] / np.maximum(footprint, 1e-12), 0.0, 1.0)
+        covered = np.where(np.isfinite(depth), covered, 0.0)
+        depth = np.where(covered > 0, depth, np.inf)
+        seen = np.where(np.isfinite(depth)[..., None], point, np.nan)
+        away = lamps_m[:, None, None] - point
+        squared = np.maximum((away**2).sum(axis=-1), 1e-12)
+        falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
+        return cls(seen, depth, _sorted_by(depth), covered, np.nan_to_num(falls, posinf=0.0))
+
+    def layer(self, hidden: NDArray[np.bool_], colours: Floats) -> _Layer:
+        """Return it under lamps of `colours` (k, 3), each hidden (k, h, w) somewhere."""
+        rgba = np.empty((*self.covered.shape, 4))
+        lit = np.where(hidden, 0.0, self.light).transpose(1, 2, 0) @ (colours * TABLE_ALBEDO)
+        rgba[..., :3], rgba[..., 3] = lit * self.covered[..., None], self.covered
+        return _Layer(rgba, self.depth_m, self.order_m)
+
+
+def _rendered(
+    file: ObjectFile, view: _View, crop: Crop, lamps: Floats, colours: Floats, sub_rays: int | None
+) -> tuple[Floats, Floats]:
+    """Return colour (h, w, 4) and depth (h, w) of a part of a view; all in the object's frame."""
+    drawn = file.render(
+        view.camera, lamps[None], view.size, view.field_of_view, True, sub_rays,
+        light_colour=colours, crop=crop, passes=("image", "depth"),
+    )  # fmt: skip
+    return drawn["image"][0], drawn["depth"][0]
+
+
+def _cast(
+    file: ObjectFile, view: _View, crop: Crop, lamps: Floats, colours: Floats, _: int | None
+) -> tuple[Floats, Floats]:
+    """Return as `_rendered` does what lies at the centres of pixels."""
+    depth = file.render(
+        view.camera, lamps[:1], view.size, view.field_of_view, crop=crop, passes=("depth",)
+    )["depth"][0]  # fmt: skip
+    rgba, (row, column) = np.zeros((*depth.shape, 4)), np.nonzero(np.isfinite(depth))
+    pixels = (row + crop[0]) * view.size[1] + column + crop[1]
+    starts, along = pixel_rays(view.camera, pixels, CENTRE, view.size, view.field_of_view)
+    rgba[row, column] = file.radiance(starts, along, lamps, light_colour=colours)
+    return rgba, depth
+
+
+def _sorted_by(depth: Floats) -> Floats:
+    return np.where(np.isfinite(depth), depth, minimum_filter(depth, size=3, mode="nearest"))
+
+
+def _over(layers: list[_Layer], size: tuple[int, int], objects: int) -> tuple[Floats, Floats]:
+    """Return colours (h, w, 4) of layers over one another, and the depths (layers, h, w).
+
+    The first layers are of objects, one behind them of the table: most pixels show that alone.
+    """
     if not layers:
         return np.zeros((*size, 4)), np.zeros((0, *size))
-    depths = np.stack([layer.depth_m for layer in layers])
-    # Where a pixel is covered but for its centre, it is as far away as its neighbours.
-    about = minimum_filter(depths, size=(1, 3, 3), mode="nearest")
-    order = np.where(np.isfinite(depths), depths, about).argsort(axis=0, kind="stable")
-    sorted_rgba = np.take_along_axis(np.stack([layer.rgba for layer in layers]), order[..., None], 0)
-    rgba = np.zeros((*size, 4))
-    for layer in sorted_rgba:
-        rgba += (1 - rgba[..., 3:]) * layer
-    return rgba, depths
+    rgba = layers[-1].rgba.copy()
+    which = np.any([layer.rgba[..., 3] > 0 for layer in layers[:objects]], axis=0)
+    order = np.stack([layer.order_m[which] for layer in layers]).argsort(axis=0, kind="stable")
+    found = np.take_along_axis(np.stack([layer.rgba[which] for layer in layers]), order[..., None], 0)
+    total = np.zeros(found.shape[1:])
+    for layer in found:
+        total += (1 - total[:, 3:]) * layer
+    rgba[which] = total
+    return rgba, np.stack([layer.depth_m for layer in layers])
 
 
 def _ball(file: ObjectFile) -> tuple[Floats, float]:
