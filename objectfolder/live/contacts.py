@@ -52,7 +52,14 @@ class Touching:
         return self.velocities_m_s[1] - self.velocities_m_s[0] + self.approach_m_s * self.normal
 
 
-class Simulation(Protocol):
+class Posed(Protocol):
+    """Bodies that are somewhere."""
+
+    def pose(self, body: str) -> Floats:
+        """Return the pose (4, 4) of a body at the beginning of the last step, object to world, metres."""
+
+
+class Simulation(Posed, Protocol):
     """An engine of rigid bodies with objects in it: `MujocoSimulation`, `PybulletSimulation`."""
 
     @property
@@ -65,9 +72,6 @@ class Simulation(Protocol):
 
     def step(self) -> None:
         """Move the world on by a time step."""
-
-    def pose(self, body: str) -> Floats:
-        """Return the pose (4, 4) of a body at the beginning of the last step, object to world, metres."""
 
     def mass_kg(self, body: str) -> float:
         """Return the mass of a body."""
@@ -82,7 +86,7 @@ class Simulation(Protocol):
         """
 
 
-def finite_pose(simulation: Simulation, body: str) -> Floats:
+def finite_pose(simulation: Posed, body: str) -> Floats:
     """Return the pose (4, 4) of a body.
 
     Raises

@@ -12,14 +12,40 @@ from objectfolder.touch.sensor.sensor import Sensor
 FINGERS = ("left", "right")
 BALL_M = 0.0325  # radius of a DIGIT's gel at its apex
 OPENING_M, HIGHEST_M = 0.004, 0.2  # between object and gel, on each side; that fingers are lifted
+# Controls: newtons with which left and right close, and metres a second at which they are lifted.
+MOTORS = "".join(f'<motor joint="{name}_close"/>' for name in FINGERS) + "".join(
+    f'<intvelocity joint="{name}_lift" kp="2000" actrange="0 {HIGHEST_M}"/>' for name in FINGERS
+)
+
+
+def fingers(place_m: tuple[float, float], starts_m: tuple[float, float], friction: float = 0.8) -> str:
+    """Return two DIGITs in MJCF, bodies `FINGERS` in the sensors' frames, which close along y and are lifted.
+
+    Parameters
+    ----------
+    place_m
+        Their x and z.
+    starts_m
+        Their y at first.
+    friction
+        Of gels and objects.
+    """
+    apex, _, middle = Sensor().gel_apex_m
+    return "".join(
+        f'<body name="{name}" pos="{place_m[0]} {y} {place_m[1]}" euler="0 0 {turn}" gravcomp="1">'
+        f'<joint name="{name}_close" type="slide" axis="1 0 0" damping="20"/>'
+        f'<joint name="{name}_lift" type="slide" axis="0 0 1" damping="20"/>'
+        f'<geom type="sphere" size="{BALL_M}" pos="{apex - BALL_M} 0 {middle}" mass=".1" condim="4"'
+        f' friction="{friction}" priority="1" solref="-9000 -150"/></body>'
+        for name, y, turn in zip(FINGERS, starts_m, (90, -90), strict=True)
+    )
 
 
 def gripper(file: ObjectFile, friction: float = 0.8, timestep_s: float = 0.002) -> Any:
     """Return a `mujoco.MjModel` of an object between two DIGITs.
 
     Bodies are ``object``, whose shape is its convex hull, and `FINGERS`, whose frames are their sensors'.
-    The fingers close along y beside the centre of mass. Controls are the forces with which left and right
-    close, newtons, and how fast they are lifted, metres a second.
+    The fingers close along y beside the centre of mass, by `MOTORS`.
 
     Parameters
     ----------
@@ -34,25 +60,14 @@ def gripper(file: ObjectFile, friction: float = 0.8, timestep_s: float = 0.002) 
     apex, _, middle = Sensor().gel_apex_m
     x, height = known["centre_of_mass_m"][0], (high[2] - low[2]) / 2 - middle
     starts = low[1] - OPENING_M - apex, high[1] + OPENING_M + apex
-    fingers = "".join(
-        f'<body name="{name}" pos="{x} {y} {height}" euler="0 0 {turn}" gravcomp="1">'
-        f'<joint name="{name}_close" type="slide" axis="1 0 0" damping="20"/>'
-        f'<joint name="{name}_lift" type="slide" axis="0 0 1" damping="20"/>'
-        f'<geom type="sphere" size="{BALL_M}" pos="{apex - BALL_M} 0 {middle}" mass=".1" condim="4"'
-        f' friction="{friction}" priority="1" solref="-9000 -150"/></body>'
-        for name, y, turn in zip(FINGERS, starts, (90, -90), strict=True)
-    )
-    motors = "".join(f'<motor joint="{name}_close"/>' for name in FINGERS)
-    motors += "".join(
-        f'<intvelocity joint="{name}_lift" kp="2000" actrange="0 {HIGHEST_M}"/>' for name in FINGERS
-    )
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{timestep_s}" cone="elliptic" impratio="10"/>'
         f'<asset><mesh name="hull" vertex="{_told(hull.ravel())}"/></asset><worldbody>'
-        f'<geom type="plane" size="1 1 .1"/>{fingers}<body name="object" pos="0 0 {-low[2]}"><freejoint/>'
+        f'<geom type="plane" size="1 1 .1"/>{fingers((x, height), starts, friction)}'
+        f'<body name="object" pos="0 0 {-low[2]}"><freejoint/>'
         f'<inertial pos="{_told(known["centre_of_mass_m"])}" mass="{known["mass_kg"]}"'
         f' fullinertia="{_told([a, b, c, d, e, f])}"/><geom type="mesh" mesh="hull"/></body></worldbody>'
-        f"<actuator>{motors}</actuator></mujoco>"
+        f"<actuator>{MOTORS}</actuator></mujoco>"
     )
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Touching
+from objectfolder.query_values import real_array
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +59,20 @@ class MujocoSimulation:
         bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
         if any(self._data.warning[kind].number for kind in bad):
             raise QueryError("simulation", "poses or speeds that are not finite", "Take a smaller time step.")
+
+    def strike(self, body: str, point_m: Floats, impulse_n_s: Floats) -> None:
+        """Change speeds at once by an impulse (3,) on a body at a point (3,) of the world.
+
+        Raises
+        ------
+        QueryError
+            No such body, values that are not finite.
+        """
+        point, impulse = real_array("point_m", point_m), real_array("impulse_n_s", impulse_n_s)
+        change = np.zeros((1, self._model.nv))
+        along = impulse @ self._jacobian(self._number(body), point)
+        self._engine.mj_solveM(self._model, self._data, change, along[None])
+        self._data.qvel += change[0]
 
     def pose(self, body: str) -> Floats:
         """Return the pose (4, 4) of a body, object to world, metres."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from objectfolder.errors import QueryError
-from objectfolder.live.contacts import Simulation, finite_pose
+from objectfolder.live.contacts import Posed, finite_pose
 from objectfolder.object_file import ObjectFile
 from objectfolder.query_values import real, real_array
 from objectfolder.vision.cameras import (
@@ -71,7 +71,7 @@ class LiveSight:
     Parameters
     ----------
     simulation
-        The engine, see `contacts.Simulation`.
+        The engine, or anything that tells where bodies are, see `contacts.Posed`.
     files
         Object Files by the names of their bodies.
     lamps_m, lamp_colours
@@ -92,7 +92,7 @@ class LiveSight:
 
     def __init__(
         self,
-        simulation: Simulation,
+        simulation: Posed,
         files: Mapping[str, ObjectFile],
         *,
         lamps_m: Floats | tuple[tuple[float, float, float], ...] = LAMPS_M,

@@ -14,7 +14,7 @@ from objectfolder.live.heard_body import HeardBody, Matter
 from objectfolder.live.lasting import LastingContact, LastingContacts
 from objectfolder.live.rubbing import GRAVITY_M_S2, Pushes, Rubbing
 from objectfolder.object_file import ObjectFile
-from objectfolder.query_values import generator, real, whole
+from objectfolder.query_values import generator, real, real_array, whole
 
 Floats = NDArray[np.float64]
 SAMPLE_RATE_HZ, BLOCK_SAMPLES = 44100.0, 512
@@ -147,6 +147,32 @@ class LiveSound:
         sounds = [body.stream.block(self._samples)[0] for body in self._bodies.values()]
         return np.sum(sounds, axis=0) if sounds else np.zeros(self._samples)
 
+    def strike(self, body: str, point_m: Floats, impulse_n_s: Floats) -> None:
+        """Let a body ring as a hammer of the `others` material strikes it now; the engine is told apart.
+
+        The contact lasts as long as a collision of the whole body with such a wall, by Hertz.
+
+        Parameters
+        ----------
+        body
+            One with an Object File.
+        point_m, impulse_n_s
+            (3,) in the world.
+
+        Raises
+        ------
+        QueryError
+            A body without an Object File, values that are not finite.
+        """
+        if body not in self._bodies:
+            raise QueryError("body", f"{body!r} has no Object File", f"Strike {' or '.join(self._bodies)}.")
+        struck, impulse = self._bodies[body], real_array("impulse_n_s", impulse_n_s)
+        speed_m_s = float(np.linalg.norm(impulse)) / ((1 + self._restitution) * struck.mass_kg)
+        if speed_m_s > 0:
+            duration_s = float(struck.matter.against(self._others, struck.mass_kg).duration_s(speed_m_s))
+            point, bodies = real_array("point_m", point_m), ("hammer", body)
+            self._sound(Impact(self._simulation.time_s, bodies, point, impulse, duration_s))
+
     def _body(self, name: str, file: ObjectFile, listener_m: Floats) -> HeardBody:
         mass_kg, pose = self._simulation.mass_kg(name), finite_pose(self._simulation, name)
         return HeardBody.of(name, file, mass_kg, self._rate, (listener_m - pose[:3, 3]) @ pose[:3, :3])
@@ -183,15 +209,18 @@ class LiveSound:
         contact = first.against(second, self._simulation.mass_at_kg(one))
         size = contact.impulse_n_s(one.approach_m_s, self._restitution)
         duration_s = float(contact.duration_s(one.approach_m_s))
-        impact = Impact(time_s, one.bodies, one.point_m, size * one.normal, duration_s)
+        self._sound(Impact(time_s, one.bodies, one.point_m, size * one.normal, duration_s))
+
+    def _sound(self, impact: Impact) -> None:
+        """Let both bodies ring."""
         self.impacts.append(impact)
-        for name, sign in zip(one.bodies, (-1.0, 1.0), strict=True):
+        for name, sign in zip(impact.bodies, (-1.0, 1.0), strict=True):
             if name in self._bodies:
-                body, pose = self._bodies[name], self._poses[name]
-                point = body.nearest((one.point_m - pose[:3, 3]) @ pose[:3, :3])
+                body, pose = self._bodies[name], finite_pose(self._simulation, name)
+                point = body.nearest((impact.point_m - pose[:3, 3]) @ pose[:3, :3])
                 force = sign * impact.impulse_n_s @ pose[:3, :3]
-                at = max((time_s - self._start_s) * self._rate, body.stream.now)  # but for rounding
-                body.stream.strike(point, force, at=at, pulse=duration_s)
+                at = max((impact.time_s - self._start_s) * self._rate, body.stream.now)  # but for rounding
+                body.stream.strike(point, force, at=at, pulse=impact.duration_s)
 
     def _rub(self, begin: int) -> None:
         """Let contacts that last drive and damp the bodies for a block, which begins at a sample."""

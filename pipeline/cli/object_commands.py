@@ -1,15 +1,13 @@
 """Commands for one object: build, info, sample, render, strike, press, modes, view."""
 
 import json as json_text
-import os
-import sys
 from typing import Annotated
 
 from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive
 
 from pipeline.cli.options import Fields, Json, MeshOrFile, ObjectFilePath, Output
-from pipeline.cli.printing import FAILED, FINE
+from pipeline.cli.printing import FAILED, FINE, end_at_once
 from pipeline.publish.queries.requests import ModesOfMesh, Pressing, Rendering, Striking
 from pipeline.run.single_build import Building
 
@@ -164,11 +162,7 @@ def view(*files: ObjectFilePath, port: int = 0, no_browser: bool = False) -> Non
     no_browser
         print the address, open nothing
     """
-    from pipeline.publish.viewer.live import serve_until_stopped
+    from pipeline.publish.viewer.live import view as viewed
 
-    serve_until_stopped(files, port, not no_browser)
-    # Code may still be compiled, or an image computed, in a thread that nothing can stop and that Python
-    # would wait for. No result is awaited any more, and no file is left to be written.
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
+    viewed(files, port, not no_browser)
+    end_at_once()

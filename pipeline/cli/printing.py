@@ -1,9 +1,11 @@
-"""Output that commands share: errors, and a status line on the terminal."""
+"""Output that commands share: errors, a status line on the terminal, and how a page ends."""
 
 import contextlib
+import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from typing import NoReturn
 
 FINE, FAILED = 0, 1
 Show = Callable[[str], None]
@@ -27,3 +29,14 @@ def status_line() -> Iterator[Show]:
 
     with Console(stderr=True).status("") as status:
         yield lambda line: status.update(Text(line))
+
+
+def end_at_once() -> NoReturn:
+    """End the command behind a page.
+
+    Code may still be compiled, or an image computed, in a thread that nothing can stop and that Python would
+    wait for. No result is awaited any more, and no file is left to be written.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)

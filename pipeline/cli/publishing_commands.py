@@ -8,7 +8,7 @@ from cyclopts.validators import Number
 
 from objectfolder.errors import InputError
 from pipeline.cli.options import AtLeastOne, Fields, Output, Remote, Root
-from pipeline.cli.printing import FAILED, FINE, print_error, status_line
+from pipeline.cli.printing import FAILED, FINE, end_at_once, print_error, status_line
 from pipeline.publish.queries.requests import Exporting
 
 MOST_TRIALS = 500
@@ -159,32 +159,45 @@ def play(
     scene: Path,
     /,
     *,
-    output: Output,
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
     seconds: Annotated[float, Number(gt=0, lte=60)] = 3.0,
     lift_m: Annotated[float, Number(gte=0, lte=2)] = 0.08,
     height: Annotated[int, Number(gte=16, lte=2160)] = 360,
     width: Annotated[int, Number(gte=16, lte=3840)] = 480,
     seed: int = 0,
+    port: int = 0,
+    no_browser: bool = False,
 ) -> None:
-    """Drop the objects of a scene, and write a video (.mp4) of what is seen and heard.
+    """Strike, carry, throw and squeeze the objects of a scene in the browser; or drop them in a video.
+
+    The page is served on 127.0.0.1 only.
 
     Parameters
     ----------
     scene
         MJCF with its assets beside it, as `objectfolder scene` writes it
     output
-        the video
+        the video (.mp4) of what is seen and heard as the objects drop; none: the page
     seconds
-        how long it is
+        how long the video is
     lift_m
         metres by which objects are lifted at first, each a little more and turned; 0: they stand
     height
-        of the image, pixels
+        of the video's image, pixels
     width
-        of the image, pixels
+        of the video's image, pixels
     seed
         of heights, turns and rough surfaces
+    port
+        of 127.0.0.1 for the page; 0 for any free one
+    no_browser
+        print the page's address, open nothing
     """
+    if output is None:
+        from pipeline.publish.viewer.play import play_in_browser
+
+        play_in_browser(scene, port, not no_browser)
+        end_at_once()
     from pipeline.publish.playing import play as played
 
     print(played(scene, output, seconds, lift_m, (height, width), seed))

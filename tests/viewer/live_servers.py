@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.publish.viewer.live import Server
+from pipeline.publish.viewer.live import Server, page_of_objects
 from pipeline.publish.viewer.live_queries import LiveObjects
 
 
 @contextmanager
 def served(*paths: Path) -> Iterator[Server]:
     """Serve Object Files while the context lasts."""
-    server = Server(LiveObjects(paths))
+    server = Server(page_of_objects(LiveObjects(paths)))
     loop, stopped = asyncio.new_event_loop(), asyncio.Event()
 
     def run() -> None:

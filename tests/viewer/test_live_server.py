@@ -19,7 +19,7 @@ import pytest
 import objectfolder
 from objectfolder.errors import InputError, QueryError
 from pipeline.cli import main
-from pipeline.publish.viewer.live import Server
+from pipeline.publish.viewer.live import Server, page_of_objects
 from pipeline.publish.viewer.live_queries import LiveObject, LiveObjects
 from tests.viewer.live_servers import served
 
@@ -215,7 +215,7 @@ def test_a_taken_port_is_named(small_file):
         other.listen()
         port = other.getsockname()[1]
         with pytest.raises(InputError, match=f"--port: {port}"):
-            Server(LiveObjects([small_file]), port)
+            Server(page_of_objects(LiveObjects([small_file])), port)
 
 
 def test_an_object_that_is_not_there_and_a_folder_without_any_are_named(server, tmp_path, capsys):

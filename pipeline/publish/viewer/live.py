@@ -1,4 +1,4 @@
-"""The page of Object Files, one at a time, served to the browser of this machine.
+"""A page and what answers it, served to the browser of this machine; and the page of Object Files.
 
 It listens on 127.0.0.1. Requests under any other name of host are refused, so that no page of the web
 reaches it through a name that points here, and so are those that another page's script sends.
@@ -11,8 +11,9 @@ import os
 import signal
 import threading
 import webbrowser
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,7 @@ ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
 IMAGE_THREADS = 4  # as many parts as the page asks for at once
 FILES_OF = "*.safetensors"  # a folder
-SCRIPTS = (*SHARED_SCRIPTS, "live_object.js", "live.js")
-FILES = {"/": "live.html", "/player.css": "player.css", "/live.css": "live.css"} | {
-    f"/{name}": name for name in SCRIPTS
-}
+STYLES = ("player.css", "live.css")
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 # The browser takes nothing from elsewhere, and keeps nothing.
 HEADERS = {
@@ -114,8 +112,40 @@ class Query(Guarded):
         self.finish(len(text).to_bytes(4, "little") + text + payload)
 
 
+Asked = tuple[Callable[[int, Any], Answer], ThreadPoolExecutor]
+
+
+@dataclass(frozen=True)
+class Page:
+    """What a server offers.
+
+    Parameters
+    ----------
+    html, scripts
+        Of the folder of pages; SCRIPTS in the page stands for them.
+    questions
+        What answers each, and in which threads.
+    warm
+        What is done first, and where.
+    """
+
+    html: str
+    scripts: Sequence[str]
+    questions: Mapping[str, Asked]
+    warm: Sequence[tuple[Callable[[], None], ThreadPoolExecutor]] = ()
+
+    def files(self) -> dict[str, tuple[str, bytes]]:
+        """Return name and content of each file by its path."""
+        names = {"/": self.html} | {f"/{name}": name for name in (*STYLES, *self.scripts)}
+        return {path: (name, self._content(name)) for path, name in names.items()}
+
+    def _content(self, name: str) -> bytes:
+        scripts = "".join(f'<script src="{script}" defer></script>\n' for script in self.scripts)
+        return (PAGE / name).read_text(encoding="utf-8").replace("SCRIPTS", scripts).encode()
+
+
 class Server:
-    """Live objects that listen at `address`; port 0 takes a free one.
+    """A page that listens at `address`; port 0 takes a free one.
 
     Raises
     ------
@@ -123,51 +153,54 @@ class Server:
         A port that is taken or may not be used.
     """
 
-    def __init__(self, live: LiveObjects, port: int = 0) -> None:
+    def __init__(self, page: Page, port: int = 0) -> None:
         try:
             self._sockets = bind_sockets(port, ADDRESS)
         except (OSError, OverflowError) as error:
             raise InputError("--port", f"{port}: {error}", "Name another one, or 0 for any.") from error
         self._port = self._sockets[0].getsockname()[1]
         self.address = f"http://{ADDRESS}:{self._port}/"
-        # A sound never waits for an image, whose parts the page asks for side by side.
-        images = min(IMAGE_THREADS, os.cpu_count() or 1)
-        self._images, self._contacts = ThreadPoolExecutor(images), ThreadPoolExecutor(1)
-        self._live = live
+        self._page = page
 
     async def serve(self, until: Awaitable[Any]) -> None:
         """Answer requests until something has happened."""
-        live = self._live
-        rules: list[Any] = [(path, PageFile) for path in FILES]
-        for name in ("render", "object", "strike", "partials", "press"):
-            threads = self._images if name == "render" else self._contacts
-            rules.append((f"/{name}", Query, {"answer": partial(live.answer, name), "threads": threads}))
+        page, files = self._page, self._page.files()
+        rules: list[Any] = [(path, PageFile) for path in files]
+        for name, (answer, threads) in page.questions.items():
+            rules.append((f"/{name}", Query, {"answer": answer, "threads": threads}))
         application = Application(
             rules,
             default_handler_class=Guarded,
             hosts={f"{name}:{self._port}" for name in (ADDRESS, "localhost")},
-            files={path: (name, _content(name)) for path, name in FILES.items()},
+            files=files,
             log_function=lambda _: None,
         )
         server = HTTPServer(application, max_body_size=LARGEST_REQUEST, max_buffer_size=2 * LARGEST_REQUEST)
         server.add_sockets(self._sockets)
-        self._images.submit(live[0].warm_images)
-        self._contacts.submit(live[0].warm_contacts)
+        for prepare, threads in page.warm:
+            threads.submit(prepare)
         try:
             await until
         finally:
             server.stop()
             await server.close_all_connections()
-            for threads in (self._images, self._contacts):
+            for _, threads in page.questions.values():
                 threads.shutdown(wait=False, cancel_futures=True)
 
 
-def _content(name: str) -> bytes:
-    scripts = "".join(f'<script src="{script}" defer></script>\n' for script in SCRIPTS)
-    return (PAGE / name).read_text(encoding="utf-8").replace("SCRIPTS", scripts).encode()
+def page_of_objects(live: LiveObjects) -> Page:
+    """Return the page of Object Files."""
+    # A sound never waits for an image, whose parts the page asks for side by side.
+    images, contacts = ThreadPoolExecutor(min(IMAGE_THREADS, os.cpu_count() or 1)), ThreadPoolExecutor(1)
+    questions = {
+        name: (partial(live.answer, name), images if name == "render" else contacts)
+        for name in ("render", "object", "strike", "partials", "press")
+    }
+    warm = ((live[0].warm_images, images), (live[0].warm_contacts, contacts))
+    return Page("live.html", (*SHARED_SCRIPTS, "asking.js", "live_object.js", "live.js"), questions, warm)
 
 
-def serve_until_stopped(paths: Sequence[Path], port: int, open_browser: bool) -> None:
+def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:
     """Serve Object Files, and those in folders, until Ctrl-C.
 
     Raises
@@ -182,18 +215,35 @@ def serve_until_stopped(paths: Sequence[Path], port: int, open_browser: bool) ->
     found = [file for path in paths for file in (sorted(path.glob(FILES_OF)) if path.is_dir() else [path])]
     if not found:
         raise InputError(" ".join(map(str, paths)) or "FILE", f"no Object File ({FILES_OF})", "Name one.")
-    # One core for each answer: what libraries compute here is small, and waiting threads would only delay it.
-    # Those that are not loaded yet read the variables.
+    one_thread_each()
+    serve_until_stopped(paths[0], page_of_objects(LiveObjects(found)), port, open_browser)
+
+
+def one_thread_each() -> None:
+    """Let libraries compute each answer on one core: it is small, and waiting threads would only delay it.
+
+    Those that are not loaded yet read the variables.
+    """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     threadpool_limits(1)
-    server = Server(LiveObjects(found), port)
+
+
+def serve_until_stopped(shown: Path, page: Page, port: int, open_browser: bool) -> None:
+    """Serve a page of something until Ctrl-C.
+
+    Raises
+    ------
+    InputError
+        A port that cannot be had.
+    """
+    server = Server(page, port)
 
     async def serve() -> None:
         stopped = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stopped.set)
-        print(f"{paths[0]}: {server.address} (Ctrl-C ends it)", flush=True)
+        print(f"{shown}: {server.address} (Ctrl-C ends it)", flush=True)
         if open_browser:
             # Some browsers return when they are closed: nothing waits for them.
             threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()

@@ -65,19 +65,19 @@ class LiveObject:
         first and their number; null for all. ``sub_rays`` may be null, too. The bytes are
         (rows, resolution, 3).
         """
-        resolution = int(_number(asked, "resolution", 1, MOST_PIXELS))
+        resolution = int(number_of(asked, "resolution", 1, MOST_PIXELS))
         sub_rays = asked.get("sub_rays")
-        rays = None if sub_rays is None else int(_number(asked, "sub_rays", 1, 1024))
+        rays = None if sub_rays is None else int(number_of(asked, "sub_rays", 1, 1024))
         crop = None
         if asked.get("rows") is not None:
-            first, count = (int(value) for value in _numbers(asked, "rows", (2,)))
+            first, count = (int(value) for value in numbers_of(asked, "rows", (2,)))
             crop = (first, 0, count, resolution)
-        camera = _numbers(asked, "camera_to_world", (4, 4))
+        camera = numbers_of(asked, "camera_to_world", (4, 4))
         if asked.get("light_position") is None:
             studio = str(asked.get("studio"))
             image = self.file.pictures(camera, resolution, studio=studio, sub_rays=rays, crop=crop)[0]
         else:
-            lamp = _numbers(asked, "light_position", (3,))
+            lamp = numbers_of(asked, "light_position", (3,))
             image = self.file.render(camera, lamp, resolution, sub_rays=rays, crop=crop)[0]
         return {"resolution": resolution}, image.tobytes()
 
@@ -87,10 +87,10 @@ class LiveObject:
         ``along`` may be null, for the direction into the surface; ``duration`` is in seconds, ``sample_rate``
         in hertz. The header says ``missed``, or point, normal and impulse; the bytes are float32 m/s.
         """
-        impulse = _number(asked, "impulse", 0, 1000)
-        duration = _number(asked, "duration", 1e-3, LONGEST_S)
-        rate = _number(asked, "sample_rate", *RATES_HZ)
-        along = None if asked.get("along") is None else _numbers(asked, "along", (3,))
+        impulse = number_of(asked, "impulse", 0, 1000)
+        duration = number_of(asked, "duration", 1e-3, LONGEST_S)
+        rate = number_of(asked, "sample_rate", *RATES_HZ)
+        along = None if asked.get("along") is None else numbers_of(asked, "along", (3,))
         met = self._met(asked)
         if met is None:
             return {"missed": True}, b""
@@ -106,7 +106,7 @@ class LiveObject:
 
         Apart from `strike`: what is heard does not wait for what is then drawn.
         """
-        point, impulse = _numbers(asked, "point", (3,)), _numbers(asked, "impulse", (3,))
+        point, impulse = numbers_of(asked, "point", (3,)), numbers_of(asked, "impulse", (3,))
         return {"amplitudes": self.file.mode_velocities(point, impulse)[0].tolist()}, b""
 
     def press(self, asked: Mapping[str, Any]) -> Answer:
@@ -115,7 +115,7 @@ class LiveObject:
         The header says ``missed``, or point, normal, size and labels; the bytes are RGB, then float32 metres
         of indentation.
         """
-        depth, tilt, azimuth = (float(_numbers(asked, name, ())) for name in ("depth", "tilt", "azimuth"))
+        depth, tilt, azimuth = (float(numbers_of(asked, name, ())) for name in ("depth", "tilt", "azimuth"))
         met = self._met(asked)
         if met is None:
             return {"missed": True}, b""
@@ -146,7 +146,7 @@ class LiveObject:
 
     def _met(self, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
         """Return where a ray meets the object, and the normal there on the side it comes from."""
-        origin, direction = _numbers(asked, "origin", (3,)), _numbers(asked, "direction", (3,))
+        origin, direction = numbers_of(asked, "origin", (3,)), numbers_of(asked, "direction", (3,))
         _length(direction, "direction")
         surface = self.file.surface
         hits = surface.ray_hits(origin[None], direction[None])
@@ -181,7 +181,8 @@ class LiveObjects:
         return header, payload
 
 
-def _numbers(asked: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
+def numbers_of(asked: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Return finite numbers of a question."""
     try:
         values = np.array(asked[name], dtype=np.float64)
     except (KeyError, TypeError, ValueError):
@@ -191,8 +192,9 @@ def _numbers(asked: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> np.
     return values
 
 
-def _number(asked: Mapping[str, Any], name: str, low: float, high: float) -> float:
-    value = float(_numbers(asked, name, ()))
+def number_of(asked: Mapping[str, Any], name: str, low: float, high: float) -> float:
+    """Return one number of a question, within `low` to `high`."""
+    value = float(numbers_of(asked, name, ()))
     if not low <= value <= high:
         raise QueryError(name, f"{value:g} is out of range", f"Give {low:g} to {high:g}.")
     return value

@@ -7,12 +7,15 @@
   const STILL = 5;
 
   // `actions`: turn(across, up) and lamp(across, up) in degrees, zoom(factor), rest(), act(x, y) with
-  // coordinates 0 to 1 from the top left.
+  // coordinates 0 to 1 from the top left. A page with things to move has grab(x, y), which says whether something
+  // is there; then what follows is pull(x, y) and drop() in place of turns.
   function gestures(surface, actions) {
     const pointers = new Map();
     let moved = 0;
     let lamp = false;
+    let carried = null; // whether the pointer that moves has grabbed something
     let spread = 0;
+    let began = [0, 0];
 
     const place = (event) => {
       const box = surface.getBoundingClientRect();
@@ -28,6 +31,7 @@
       surface.setPointerCapture(event.pointerId);
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
       if (pointers.size === 1) [moved, lamp] = [0, event.shiftKey || event.button === 2];
+      began = place(event);
       if (pointers.size === 2) [moved, spread] = [STILL, between()];
     });
     surface.addEventListener("pointermove", (event) => {
@@ -43,12 +47,19 @@
       }
       moved += Math.hypot(dx, dy);
       if (moved < STILL) return;
+      carried ??= actions.grab?.(...began) ?? false;
+      if (carried) {
+        actions.pull(...place(event));
+        return;
+      }
       const scale = DEGREES_A_WIDTH / surface.getBoundingClientRect().width;
       if (lamp) actions.lamp(dx * scale, -dy * scale);
       else actions.turn(-dx * scale, dy * scale);
     });
     const ended = (event) => {
       if (!pointers.delete(event.pointerId) || pointers.size) return;
+      if (carried) actions.drop();
+      carried = null;
       if (moved < STILL && event.type === "pointerup" && !lamp) actions.act(...place(event), event.timeStamp);
       else actions.rest();
     };

@@ -1,6 +1,7 @@
 // An object behind `objectfolder view`, as `panel.js` asks it: the Object File answers every question itself.
 "use strict";
 (function (viewer) {
+  const { ask } = viewer;
   const COARSE = { resolution: 128, sub_rays: 4 };
   const COARSEST = { resolution: 64, sub_rays: 4 };
   const SLOW_MS = 80;
@@ -12,20 +13,6 @@
 
   // Parts of an image that are asked for at the same time: browsers keep two more connections for sounds.
   const AT_ONCE = 4;
-
-  // A question: JSON there; a JSON header and bytes back.
-  async function ask(path, question) {
-    const response = await fetch(`${path}${location.search}`, {
-      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question),
-    }).catch(() => {
-      throw new Error("The program does not answer. Is objectfolder view still running?");
-    });
-    if (!response.ok) throw new Error((await response.json()).error);
-    const bytes = await response.arrayBuffer();
-    const length = new DataView(bytes).getUint32(0, true);
-    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, length)));
-    return { header, payload: bytes.slice(4 + length) };
-  }
 
   class LiveObject {
     static async open() {
@@ -89,15 +76,7 @@
       };
       await Promise.all(Array.from({ length: AT_ONCE }, fill));
       if (next < resolution) return;
-      const image = new ImageData(resolution, resolution);
-      for (let pixel = 0, at = 0; pixel < rgb.length; pixel += 3, at += 4) {
-        image.data[at] = rgb[pixel];
-        image.data[at + 1] = rgb[pixel + 1];
-        image.data[at + 2] = rgb[pixel + 2];
-        image.data[at + 3] = 255;
-      }
-      if (this.canvas.width !== resolution) [this.canvas.width, this.canvas.height] = [resolution, resolution];
-      this.context.putImageData(image, 0, 0);
+      viewer.paint(this.context, resolution, resolution, rgb);
       const took = performance.now() - start;
       if (resolution <= COARSE.resolution) this.coarse = took > SLOW_MS ? COARSEST : COARSE;
       this.canvas.dispatchEvent(new CustomEvent("player:drawn", { bubbles: true, detail: { resolution, sub_rays, took } }));

@@ -1,0 +1,92 @@
+"""A scene of MuJoCo with the Object Files beside it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder import load
+from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
+from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
+
+# From the middle of the objects towards the camera; what is seen beside the objects' own places.
+VIEWED_FROM, ROOM_M = np.array([0.15, -1.0, 0.65]), 0.13
+INSTALL = "pip install 'objectfolder-factory[video]'"
+
+
+@dataclass(frozen=True)
+class OpenedScene:
+    """A scene and the files of its bodies.
+
+    Parameters
+    ----------
+    spec, model
+        `mujoco.MjSpec` and the `mujoco.MjModel` that it makes.
+    files
+        By the names of the bodies.
+    """
+
+    spec: Any
+    model: Any
+    files: dict[str, ObjectFile]
+
+    @classmethod
+    def of(cls, scene: Path) -> "OpenedScene":
+        """Open MJCF as ``objectfolder scene`` writes it: body ``0_mug`` has its file in mug/mug.safetensors.
+
+        Raises
+        ------
+        InputError
+            No scene of MuJoCo, no object in it, an object without its file; MuJoCo is not installed.
+        """
+        try:
+            import mujoco
+        except ImportError as error:
+            raise InputError(str(scene), "MuJoCo is not installed", INSTALL) from error
+        try:
+            spec = mujoco.MjSpec.from_file(str(scene))
+            model = spec.compile()
+        except ValueError as error:
+            finding = f"no scene of MuJoCo: {' '.join(str(error).split())}"
+            raise InputError(str(scene), finding, "Make one: objectfolder scene.") from error
+        return cls(spec, model, _files(scene, model))
+
+    @property
+    def table_m(self) -> tuple[float, float] | None:
+        """Side and height of its table; None where no geometry has that name."""
+        names = [self.model.geom(number).name for number in range(self.model.ngeom)]
+        if "table" not in names:
+            return None
+        table = self.model.geom("table")
+        return 2 * float(table.size[0]), float(table.pos[2] + table.size[2])
+
+
+def surrounded(places: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the middle (3,) of objects at places (n, 3), and how far they and their room reach from it."""
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    return middle, float(np.linalg.norm(places - middle, axis=1).max()) + ROOM_M
+
+
+def camera_over(places: np.ndarray) -> np.ndarray:
+    """Return a pose from which objects at places (n, 3) are seen."""
+    middle, reach = surrounded(places)
+    away = reach / np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
+    pose: np.ndarray = look_at(middle + away * VIEWED_FROM / np.linalg.norm(VIEWED_FROM), middle)[0]
+    return pose
+
+
+def _files(scene: Path, model: Any) -> dict[str, ObjectFile]:
+    files = {}
+    for number in range(1, model.nbody):
+        body = model.body(number).name
+        name = body.partition("_")[2]
+        path = scene.parent / name / f"{name}.safetensors"
+        if not path.is_file():
+            remedy = f"Put its Object File there: {path}."
+            raise InputError(str(scene), f"body {body!r} has no Object File beside the scene", remedy)
+        files[body] = load(path)
+    if not files:
+        raise InputError(str(scene), "no object stands in it", "Make a scene: objectfolder scene mug bell.")
+    return files

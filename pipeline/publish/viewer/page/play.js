@@ -1,0 +1,263 @@
+// The page of `objectfolder play`: a table whose objects one strikes, carries and squeezes.
+"use strict";
+(async function (viewer) {
+  const { ask, paint, element, slider } = viewer;
+  const { dot, minus, plus, times } = viewer.algebra;
+  const MOVING = { resolution: 128, sub_rays: 1 };
+  // Shown one after the other while nothing moves; the last has the files' own number of rays.
+  const RESTING = [{ resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: null }];
+  const FELT_MS = 80;
+  const LIFTED_M = 0.1;
+  const THROWN_M_S = 1.5;
+  const LIFTING_M_S = 0.05;
+  const DECIBELS = { low: -40, high: 20, step: 1, value: -8 };
+
+  const place = document.getElementById("player");
+  const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  const gain = (decibels) => 10 ** (decibels / 20);
+
+  class Table {
+    constructor(facts) {
+      this.facts = facts;
+      this.orbit = new viewer.Orbit(facts.frame, 1);
+      Object.assign(this.orbit, { azimuth: -81, elevation: 33 });
+      this.sound = new viewer.SoundStream(facts.rate, gain(DECIBELS.value));
+      Object.assign(this, { stamp: -1, turned: 0, stage: 0, hand: false, carried: null, impulse: 0.05, force: 4 });
+      this.build();
+    }
+
+    build() {
+      const { bodies, gel } = this.facts;
+      this.canvas = element("canvas", {
+        class: "player-image", tabindex: 0, role: "application",
+        "aria-label": "The table. Arrow keys turn it, plus and minus zoom, Enter strikes what is in the middle.",
+      });
+      this.context = this.canvas.getContext("2d");
+      this.note = element("span", { class: "player-resolution" });
+      this.rings = [0, 1].map(() => element("div", { class: "player-ring", hidden: true }));
+      this.frame = element("div", { class: "player-frame" }, this.canvas, element("div", { class: "player-cross" }), ...this.rings, this.note);
+      this.chosen = element("select", {}, ...bodies.map(({ body, name }) => element("option", { value: body }, name)));
+      const button = (name, act) => element("button", { type: "button", onclick: () => this.try(act) }, name);
+      const body = () => ({ body: this.chosen.value });
+      this.said = element("p", { class: "player-said", role: "status" });
+      this.gels = ["Left finger", "Right finger"].map((name) => {
+        const canvas = element("canvas", { width: gel[1], height: gel[0], role: "img", "aria-label": `${name}: image of the gel` });
+        const caption = element("figcaption", {}, name);
+        return { name, canvas, caption, figure: element("figure", {}, canvas, caption) };
+      });
+      this.pair = element("div", { class: "player-touch", hidden: true }, ...this.gels.map(({ figure }) => figure));
+      const impulse = slider("Impulse", {
+        low: 5, high: 300, step: 5, value: 50, shown: (now) => `${now} mN s`, changed: (now) => (this.impulse = now / 1000),
+      });
+      const force = slider("Squeeze", {
+        low: 0.5, high: 10, step: 0.5, value: this.force, shown: (now) => `${now} N`,
+        changed: (now) => this.try(() => ((this.force = now), this.hand && this.grip(0))),
+      });
+      this.volume = slider("Volume", { ...DECIBELS, shown: (now) => `${now} dB`, changed: (now) => this.louder(now) });
+      place.replaceChildren(
+        element("div", { class: "player-stage" }, this.frame),
+        element(
+          "div", { class: "player-side" },
+          element("label", { class: "player-select" }, element("span", {}, "Object"), this.chosen),
+          element(
+            "div", { class: "player-saves" },
+            button("Strike", () => this.act("strike", { ...body(), impulse: this.impulse })),
+            button("Lift and drop", () => this.act("lift", { ...body(), height: LIFTED_M })),
+            button("Throw", () => this.throwAway(body())),
+          ),
+          element(
+            "div", { class: "player-saves" },
+            button("Squeeze", () => this.squeeze(body())),
+            button("Lift it", () => this.grip(LIFTING_M_S)),
+            button("Lower it", () => this.grip(-LIFTING_M_S)),
+            button("Let go", () => this.open()),
+          ),
+          element("div", { class: "player-controls" }, impulse.label, force.label, this.volume.label),
+          this.said, this.pair,
+        ),
+      );
+      for (const kind of ["pointerdown", "keydown"]) document.addEventListener(kind, () => this.sound.resume());
+      viewer.gestures(this.canvas, {
+        turn: (across, up) => this.look(() => this.orbit.turn(across, up)),
+        zoom: (factor) => this.look(() => this.orbit.zoom(factor)),
+        lamp: () => {},
+        rest: () => {},
+        act: (x, y) => this.try(() => this.strike(x, y)),
+        grab: (x, y) => this.grab(x, y),
+        pull: (x, y) => this.pull(x, y),
+        drop: () => this.drop(),
+      });
+    }
+
+    say(text) {
+      if (this.said.textContent !== text) this.said.textContent = text;
+    }
+
+    async try(act) {
+      try {
+        this.say("");
+        await act();
+      } catch (error) {
+        this.say(error.message);
+      }
+    }
+
+    louder(decibels) {
+      this.sound.volume.gain.value = gain(decibels);
+    }
+
+    async act(act, asked = {}) {
+      return (await ask("act", { act, ...asked })).header;
+    }
+
+    async strike(x, y) {
+      const { missed, body } = await this.act("strike", { ...this.orbit.ray(x, y), impulse: this.impulse });
+      if (missed) this.say("Nothing is there.");
+      else this.chosen.value = body;
+    }
+
+    throwAway(body) {
+      const { backward } = this.orbit.axes();
+      return this.act("throw", { ...body, velocity: [-backward[0] * 0.5, -backward[1] * 0.5, THROWN_M_S] });
+    }
+
+    // What is under a place is known from the last image; where exactly, from the world.
+    grab(x, y) {
+      const { bodies, side } = this;
+      if (!bodies || bodies[Math.floor(y * side) * side + Math.floor(x * side)] < 0) return false;
+      const { backward } = this.orbit.axes();
+      this.carried = { backward, busy: true };
+      this.try(async () => {
+        const { missed, body, point } = await this.act("grab", this.orbit.ray(x, y));
+        if (missed || !this.carried) return this.act("drop");
+        this.chosen.value = body;
+        Object.assign(this.carried, { point, busy: false });
+      });
+      return true;
+    }
+
+    // Carried in the plane through the point that was grabbed, facing the camera; only the newest place is asked.
+    pull(x, y) {
+      const { carried } = this;
+      if (!carried || carried.busy) return;
+      carried.busy = true;
+      const { origin, direction } = this.orbit.ray(x, y);
+      const along = dot(minus(carried.point, origin), carried.backward) / dot(direction, carried.backward);
+      this.try(() => this.act("pull", { target: plus(origin, times(direction, along)) }).finally(() => (carried.busy = false)));
+    }
+
+    drop() {
+      this.carried = null;
+      this.try(() => this.act("drop"));
+    }
+
+    async squeeze(body) {
+      await this.act("squeeze", { ...body, across: this.orbit.axes().right, force: this.force, lifting: 0 });
+      if (!this.hand) this.feel();
+    }
+
+    grip(lifting) {
+      return this.act("grip", { force: this.force, lifting });
+    }
+
+    open() {
+      this.hand = false;
+      return this.act("open");
+    }
+
+    // Shows both fingers while they are there.
+    async feel() {
+      this.hand = true;
+      this.pair.hidden = false;
+      while (this.hand) {
+        const { header, payload } = await ask("felt", {});
+        const size = payload.byteLength / 2;
+        header.forces.forEach(([normal, across], finger) => {
+          const { canvas, caption, name } = this.gels[finger];
+          paint(canvas.getContext("2d"), ...this.facts.gel, new Uint8Array(payload, finger * size, size));
+          caption.textContent = `${name}: ${normal.toFixed(1)} N pressed, ${across.toFixed(1)} N across`;
+        });
+        if (header.said) this.say(header.said);
+        await pause(FELT_MS);
+      }
+      this.pair.hidden = true;
+    }
+
+    show({ header, payload }, stage, turned) {
+      if (turned !== this.turned) return;
+      const side = header.resolution;
+      const rgb = new Uint8Array(payload, 0, 3 * side ** 2);
+      paint(this.context, side, side, rgb);
+      Object.assign(this, { stamp: header.stamp, stage, side, bodies: new Int8Array(payload, 3 * side ** 2) });
+      this.canvas.dataset.state = stage === RESTING.length ? "rest" : "moving";
+      this.note.textContent = `${side} × ${side}`;
+      this.rings.forEach((ring, finger) => {
+        const at = header.fingers[finger];
+        ring.hidden = !at;
+        if (at) [ring.style.left, ring.style.top] = this.orbit.project(at).map((share) => `${100 * share}%`);
+      });
+    }
+
+    seen(wanted, wait) {
+      return ask("seen", { ...wanted, camera_to_world: this.orbit.cameraToWorld(), stamp: this.stamp, wait });
+    }
+
+    // Shows the table from elsewhere at once, and nothing that was asked for before.
+    look(turn) {
+      turn();
+      this.turned += 1;
+      if (this.looking) return;
+      this.looking = true;
+      this.try(async () => {
+        let turned = -1;
+        while (turned !== this.turned) {
+          turned = this.turned;
+          this.show(await this.seen(MOVING, false), 0, turned);
+        }
+      }).finally(() => (this.looking = false));
+    }
+
+    // Small images while something moves, larger ones while nothing does.
+    async watch() {
+      for (;;) {
+        const { turned, stage } = this;
+        const answer = await this.seen(MOVING, true);
+        if (!answer.header.still) this.show(answer, 0, turned);
+        else if (stage < RESTING.length && !this.resting) this.rest(stage, turned);
+      }
+    }
+
+    async rest(stage, turned) {
+      this.resting = true;
+      await this.try(async () => {
+        const answer = await this.seen(RESTING[stage], false);
+        if (answer.header.stamp === this.stamp) this.show(answer, stage + 1, turned);
+      });
+      this.resting = false;
+    }
+
+    async listen() {
+      for (let since = 0; ; ) {
+        const { header, payload } = await ask("heard", { since });
+        since = header.next;
+        this.sound.push(new Float32Array(payload));
+        if (header.said) this.say(header.said);
+        if (this.sound.peak * this.sound.volume.gain.value > 1) {
+          const fits = Math.floor(-20 * Math.log10(this.sound.peak));
+          this.volume.set(fits);
+          this.louder(fits);
+        }
+      }
+    }
+  }
+
+  try {
+    const table = new Table((await ask("table", {})).header);
+    viewer.table = table;
+    const credits = table.facts.bodies.map(({ name, licence, attribution }) => [name, licence, attribution].filter(Boolean).join(", "));
+    document.getElementById("credit").textContent = credits.join(" · ");
+    await Promise.race([table.watch(), table.listen()]).catch((error) => table.say(error.message));
+  } catch (error) {
+    place.replaceChildren(element("p", { class: "player-wait", role: "alert" }, `The scene cannot be shown: ${error.message}`));
+  }
+})((window.objectfolderViewer ??= {}));

@@ -1,0 +1,288 @@
+"""A scene that runs in real time behind a page: what happens in it, what is heard, seen and felt of it.
+
+One thread owns the world, and the sound that it makes as it runs. Images are drawn in other threads, from the
+poses that were told last: they delay nothing. While nobody asks, the world stands still.
+"""
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from objectfolder.errors import ObjectFolderError, QueryError
+from objectfolder.live import Felt, Finger, LiveSight, LiveSound, LiveTouch
+from objectfolder.live.handling import FELT_BY, FRICTION, GREATEST_FORCE_N, Found, Handling
+from objectfolder.live.sound import BLOCK_SAMPLES, SAMPLE_RATE_HZ
+from pipeline.publish.opened_scene import OpenedScene, camera_over, surrounded
+from pipeline.publish.viewer.live_queries import Answer, number_of, numbers_of
+
+BLOCK_S = BLOCK_SAMPLES / SAMPLE_RATE_HZ
+KEPT_BLOCKS, LEAST_BLOCKS = 86, 2  # a second of sound; that an answer has
+FELT_EVERY = 2  # blocks
+LATE_S = 0.2  # that the world may lag; more is given up
+WAIT_S, ALONE_S = 0.25, 3.0  # that a question waits for news; without one the world stands still
+STILL_M = 2e-5  # that a point moves while nothing is drawn again
+FALLEN_M = -1.0  # below the table: it is put back
+MOST_PIXELS = 1024
+ACTS = ("strike", "throw", "grab", "pull", "drop", "lift", "squeeze", "grip", "open")
+
+
+class Poses:
+    """Where bodies are, as the world told last."""
+
+    def __init__(self) -> None:
+        self.stamp, self.known = 0, dict[str, np.ndarray]()
+
+    def pose(self, body: str) -> np.ndarray:
+        """Return the pose (4, 4) of a body."""
+        return self.known[body]
+
+    def tell(self, poses: dict[str, np.ndarray]) -> None:
+        """Take on other poses, if anything has moved."""
+        if any(np.abs(pose - self.known.get(name, 0.0)).max() > STILL_M for name, pose in poses.items()):
+            self.known = poses
+            self.stamp += 1
+
+
+class PlayedWorld:
+    """A scene that is played; its methods answer the page.
+
+    Lengths are in metres, impulses in N s, in the frame of the world. Every answer is a header and bytes; a
+    question that has none raises `QueryError`.
+
+    Raises
+    ------
+    QueryError
+        A scene that cannot be heard, seen or felt.
+    """
+
+    def __init__(self, opened: OpenedScene) -> None:
+        self._opened, self._files = opened, opened.files
+        self._world = Handling(opened.spec, self._files)
+        self._places = np.array([self._world.pose(name)[:3, 3] for name in self._files])
+        fingers = {name: Finger(friction=FRICTION) for name in FELT_BY}
+        self._touch = LiveTouch(self._world, self._files, fingers)
+        self._felt: dict[str, Felt] = {}
+        self._poses, self._said = Poses(), ""
+        self._grabbed: tuple[str, np.ndarray] | None = None
+        self._blocks: deque[np.ndarray] = deque(maxlen=KEPT_BLOCKS)
+        self._count, self._asked_s = 0, time.monotonic()
+        self._acts: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
+        self._news, self._stopped = threading.Condition(), threading.Event()
+        self._begin()
+        self._sight = LiveSight(self._poses, self._files, table_m=opened.table_m)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Run the world in a thread while the context lasts."""
+        thread = threading.Thread(target=self._run, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._stopped.set()
+            thread.join()
+
+    def table(self, _: Mapping[str, Any]) -> Answer:
+        """Return what the page needs before the first question."""
+        middle, reach = surrounded(self._places)
+        sensor = Finger().sensor
+        said = {name: file.description["object"] for name, file in self._files.items()}
+        return {
+            "bodies": [
+                {"body": name, "name": one.get("name") or name, "licence": one.get("licence"),
+                 "attribution": one.get("attribution")}
+                for name, one in said.items()
+            ],
+            "frame": {"centre": middle.tolist(), "scale": reach},
+            "rate": SAMPLE_RATE_HZ,
+            "gel": [sensor.image_height, sensor.image_width],
+        }, b""  # fmt: skip
+
+    def heard(self, asked: Mapping[str, Any]) -> Answer:
+        """Return the sound since block ``since``, float32 pascals; wait for some."""
+        since = int(number_of(asked, "since", 0, 2**53))
+        self._wait(lambda: self._count >= since + LEAST_BLOCKS or since > self._count)
+        with self._news:
+            count, blocks = self._count, list(self._blocks)
+        first = max(min(since, count), count - len(blocks))
+        sound = np.concatenate([np.zeros(0), *blocks[len(blocks) - (count - first) :]])
+        return {"first": first, "next": count, "said": self._said}, sound.astype("<f4").tobytes()
+
+    def seen(self, asked: Mapping[str, Any]) -> Answer:
+        """Return an image of ``resolution`` from ``camera_to_world``, by ``sub_rays`` (null: the file's own).
+
+        Where nothing has moved since ``stamp`` and ``wait`` is true, it waits for a while, and the header may
+        say ``still``. The bytes are (resolution, resolution, 3) sRGB, then int8: which body, -1 for none.
+        """
+        resolution = int(number_of(asked, "resolution", 1, MOST_PIXELS))
+        rays = asked.get("sub_rays")
+        rays = None if rays is None else int(number_of(asked, "sub_rays", 1, 1024))
+        camera, known = numbers_of(asked, "camera_to_world", (4, 4)), asked.get("stamp")
+        if asked.get("wait") and known == self._poses.stamp:
+            self._wait(lambda: known != self._poses.stamp)
+            if known == self._poses.stamp:
+                return {"still": True, "stamp": known}, b""
+        stamp = self._poses.stamp
+        image = self._sight.image(camera, resolution, sub_rays=rays)
+        header = {"stamp": stamp, "resolution": resolution, "fingers": self._apexes}
+        return header, image.rgb.tobytes() + image.body.astype(np.int8).tobytes()
+
+    def felt(self, _: Mapping[str, Any]) -> Answer:
+        """Return the images (height, width, 3) of both fingers, and the forces that they bear, newtons."""
+        felt = self._felt
+        forces = [[felt[name].normal_n, felt[name].tangential_n] for name in felt]
+        touched = [felt[name].touched for name in felt]
+        images = b"".join(felt[name].image.rgb.tobytes() for name in felt)
+        return {"forces": forces, "touched": touched, "said": self._said}, images
+
+    def act(self, asked: Mapping[str, Any]) -> Answer:
+        """Do what ``act`` names in the world; it is done when this answers."""
+        name = asked.get("act")
+        if name not in ACTS:
+            raise QueryError("act", "unknown", f"Ask for {', '.join(ACTS)}.")
+        done: Future[dict[str, Any]] = Future()
+        self._acts.put((partial(getattr(self, f"_{name}"), asked), done))
+        self._asked_s = time.monotonic()
+        return done.result(timeout=10.0), b""
+
+    def warm(self) -> None:
+        """Compile what images need, and set their exposure."""
+        self._sight.image(camera_over(self._places), 64)
+
+    def _begin(self) -> None:
+        """Start over, everything in its place."""
+        self._world.reset()
+        ears = tuple(camera_over(self._places)[:3, 3])
+        self._sound = LiveSound(self._world, self._files, listener_m=ears)
+        self._hand, self._grabbed = False, None
+        self._tell()
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stopped.is_set():
+            self._do_acts()
+            if time.monotonic() - self._asked_s > ALONE_S:
+                time.sleep(BLOCK_S)
+                due_s = time.monotonic()
+                continue
+            self._advance()
+            due_s += BLOCK_S
+            now_s = time.monotonic()
+            if now_s > due_s + LATE_S:
+                due_s = now_s
+            time.sleep(max(0.0, due_s - now_s))
+
+    def _do_acts(self) -> None:
+        while True:
+            try:
+                act, done = self._acts.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                done.set_result(act())
+            except ObjectFolderError as error:
+                done.set_exception(error)
+
+    def _advance(self) -> None:
+        """Run the world for a block of sound, and tell what became of it."""
+        try:
+            block = self._sound.block()
+            if self._hand and self._count % FELT_EVERY == 0:
+                self._felt, self._said = self._touch.feel(), ""
+        except QueryError as error:
+            self._said, block = str(error), np.zeros(BLOCK_SAMPLES)
+            if error.where == "simulation":
+                self._begin()
+        for name in self._files:
+            if self._world.pose(name)[2, 3] < FALLEN_M:
+                self._world.lift(name, 0.05)
+        with self._news:
+            self._blocks.append(block)
+            self._count += 1
+            self._tell()
+            self._news.notify_all()
+
+    def _tell(self) -> None:
+        self._poses.tell({name: self._world.pose(name) for name in self._files})
+        apex = np.array(Finger().sensor.gel_apex_m)
+        self._apexes = [self._world.where(name, apex).tolist() for name in FELT_BY] if self._hand else []
+
+    def _wait(self, until: Callable[[], bool]) -> None:
+        self._asked_s = time.monotonic()
+        with self._news:
+            self._news.wait_for(until, WAIT_S)
+
+    def _found(self, asked: Mapping[str, Any]) -> Found | None:
+        """Return what a ray meets (``origin``, ``direction``); or a ``body``, from above its middle."""
+        if asked.get("body") is None:
+            return self._world.under(numbers_of(asked, "origin", (3,)), numbers_of(asked, "direction", (3,)))
+        body = self._named(asked)
+        above = self._world.pose(body)[:3, 3] + [0.0, 0.0, 1.0]
+        return self._world.under(above, np.array([0.0, 0.0, -1.0]))
+
+    def _named(self, asked: Mapping[str, Any]) -> str:
+        if asked.get("body") not in self._files:
+            raise QueryError("body", "none of the scene's", f"Name {', '.join(self._files)}.")
+        return str(asked["body"])
+
+    def _strike(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        impulse, found = number_of(asked, "impulse", 0, 100), self._found(asked)
+        if found is None:
+            return {"missed": True}
+        point, force = self._world.where(found.body, found.local_m), -impulse * found.normal
+        self._world.strike(found.body, point, force)
+        self._sound.strike(found.body, point, force)
+        return {"body": found.body, "point": point.tolist()}
+
+    def _throw(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        body, speed = self._named(asked), numbers_of(asked, "velocity", (3,))
+        at = self._world.pose(body)[:3, 3]
+        self._world.strike(body, at, np.clip(speed, -5, 5) * self._world.mass_kg(body))
+        return {}
+
+    def _grab(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        found = self._found(asked)
+        if found is None:
+            return {"missed": True}
+        point = self._world.where(found.body, found.local_m)
+        self._grabbed = found.body, found.local_m
+        self._world.carry(*self._grabbed, point)
+        return {"body": found.body, "point": point.tolist()}
+
+    def _pull(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        target = numbers_of(asked, "target", (3,))
+        if self._grabbed:
+            self._world.carry(*self._grabbed, target)
+        return {}
+
+    def _drop(self, _: Mapping[str, Any]) -> dict[str, Any]:
+        self._grabbed = None
+        self._world.let_go()
+        return {}
+
+    def _lift(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        self._world.lift(self._named(asked), number_of(asked, "height", 0, 1))
+        return {}
+
+    def _squeeze(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        self._world.reach_round(self._named(asked), numbers_of(asked, "across", (3,)))
+        self._hand = True
+        return self._grip(asked)
+
+    def _grip(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        force = number_of(asked, "force", 0, GREATEST_FORCE_N)
+        self._world.grip(force, number_of(asked, "lifting", -0.1, 0.1))
+        return {}
+
+    def _open(self, _: Mapping[str, Any]) -> dict[str, Any]:
+        self._world.park()
+        self._hand, self._felt = False, {}
+        return {}
