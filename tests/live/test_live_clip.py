@@ -1,36 +1,21 @@
 """A scene that is played to a video: what is seen and heard in it, and the same bytes for the same seed."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import objectfolder
 from objectfolder.errors import QueryError
 from objectfolder.live.clip import SAMPLE_RATE_HZ, write_clip
 from pipeline.cli import main
+from tests.live.drop_scenes import drop_scene
 
 av = pytest.importorskip("av")
-SCENE = """
-<mujoco><option timestep="0.002"/><worldbody>
-  <geom name="table" type="box" pos="0 0 -0.02" size="0.3 0.3 0.02"/>
-  <body name="0_mug" pos="0 0 0.06"><freejoint/>
-    <inertial pos="0 0 0" mass="{}" diaginertia="4e-4 4e-4 4e-4"/>
-    <geom type="cylinder" size="0.04 0.05"/>
-  </body>
-</worldbody></mujoco>
-"""
 
 
 @pytest.fixture
 def scene(tmp_path):
-    mug = objectfolder.example("mug")
-    (tmp_path / "mug").mkdir()
-    shutil.copy(Path(objectfolder.__file__).parent / "examples" / "mug.safetensors", tmp_path / "mug")
-    path = tmp_path / "scene.xml"
-    path.write_text(SCENE.format(mug.description["body"]["mass_kg"]))
-    return path
+    return drop_scene(tmp_path, "mug")
 
 
 def read(path):

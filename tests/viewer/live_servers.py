@@ -3,17 +3,22 @@
 import asyncio
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from pipeline.publish.viewer.live import Server, page_of_objects
+from pipeline.publish.viewer.live import Page, Server, page_of_objects
 from pipeline.publish.viewer.live_queries import LiveObjects
 
 
-@contextmanager
-def served(*paths: Path) -> Iterator[Server]:
+def served(*paths: Path) -> AbstractContextManager[Server]:
     """Serve Object Files while the context lasts."""
-    server = Server(page_of_objects(LiveObjects(paths)))
+    return served_page(page_of_objects(LiveObjects(paths)))
+
+
+@contextmanager
+def served_page(page: Page) -> Iterator[Server]:
+    """Serve a page while the context lasts."""
+    server = Server(page)
     loop, stopped = asyncio.new_event_loop(), asyncio.Event()
 
     def run() -> None:

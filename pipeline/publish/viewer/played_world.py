@@ -28,7 +28,8 @@ KEPT_BLOCKS, LEAST_BLOCKS = 86, 2  # a second of sound; that an answer has
 FELT_EVERY = 2  # blocks
 LATE_S = 0.2  # that the world may lag; more is given up
 WAIT_S, ALONE_S = 0.25, 3.0  # that a question waits for news; without one the world stands still
-STILL_M = 2e-5  # that a point moves while nothing is drawn again
+# That poses may change while nothing is drawn again: some tenths of a pixel. Engines rock bodies at rest.
+STILL = np.array(3 * [[2e-3, 2e-3, 2e-3, 2e-4]] + [[1.0] * 4])
 FALLEN_M = -1.0  # below the table: it is put back
 MOST_PIXELS = 1024
 ACTS = ("strike", "throw", "grab", "pull", "drop", "lift", "squeeze", "grip", "open")
@@ -46,7 +47,7 @@ class Poses:
 
     def tell(self, poses: dict[str, np.ndarray]) -> None:
         """Take on other poses, if anything has moved."""
-        if any(np.abs(pose - self.known.get(name, 0.0)).max() > STILL_M for name, pose in poses.items()):
+        if any((np.abs(pose - self.known.get(name, 9.0)) > STILL).any() for name, pose in poses.items()):
             self.known = poses
             self.stamp += 1
 
