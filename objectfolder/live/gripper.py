@@ -52,22 +52,26 @@ def gripper(file: ObjectFile, friction: float = 0.8, timestep_s: float = 0.002) 
     friction
         Of fingers and object.
     """
+    (low, high), apex = file.surface.bounds, Sensor().gel_apex_m
+    place = file.description["body"]["centre_of_mass_m"][0], (high[2] - low[2]) / 2 - apex[2]
+    starts = low[1] - OPENING_M - apex[0], high[1] + OPENING_M + apex[0]
+    return standing(file, timestep_s, fingers(place, starts, friction), MOTORS)
+
+
+def standing(file: ObjectFile, timestep_s: float = 0.002, bodies: str = "", motors: str = "") -> Any:
+    """Return a `mujoco.MjModel` of an object, body ``object``, on the ground beside other bodies in MJCF."""
     import mujoco
 
-    (low, high), known = file.surface.bounds, file.description["body"]
+    (low, _), known = file.surface.bounds, file.description["body"]
     (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
     hull = file.surface.vertices[ConvexHull(file.surface.vertices).vertices]
-    apex, _, middle = Sensor().gel_apex_m
-    x, height = known["centre_of_mass_m"][0], (high[2] - low[2]) / 2 - middle
-    starts = low[1] - OPENING_M - apex, high[1] + OPENING_M + apex
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{timestep_s}" cone="elliptic" impratio="10"/>'
         f'<asset><mesh name="hull" vertex="{_told(hull.ravel())}"/></asset><worldbody>'
-        f'<geom type="plane" size="1 1 .1"/>{fingers((x, height), starts, friction)}'
-        f'<body name="object" pos="0 0 {-low[2]}"><freejoint/>'
+        f'<geom type="plane" size="1 1 .1"/>{bodies}<body name="object" pos="0 0 {-low[2]}"><freejoint/>'
         f'<inertial pos="{_told(known["centre_of_mass_m"])}" mass="{known["mass_kg"]}"'
         f' fullinertia="{_told([a, b, c, d, e, f])}"/><geom type="mesh" mesh="hull"/></body></worldbody>'
-        f"<actuator>{MOTORS}</actuator></mujoco>"
+        f"<actuator>{motors}</actuator></mujoco>"
     )
 
 

@@ -1,4 +1,4 @@
-"""The environment of a squeeze: gymnasium's own checker, seeds, what is observed, what is rewarded."""
+"""Environments of a squeeze and of strikes: gymnasium's checker, seeds, what is observed and rewarded."""
 
 import sys
 from importlib import import_module, reload
@@ -24,11 +24,17 @@ def squeezed(env, actions, seed=0):
     return first, *zip(*[env.step(np.array(action, np.float32))[:4] for action in actions], strict=True)
 
 
+@pytest.fixture(scope="module")
+def strike():
+    return gymnasium.make("objectfolder/Strike-v0", pixels=32, render_mode="rgb_array")
+
+
 @pytest.mark.slow
-def test_gymnasiums_checker_is_content(squeeze):
+@pytest.mark.parametrize("name", ["squeeze", "strike"])
+def test_gymnasiums_checker_is_content(name, request):
     from gymnasium.utils.env_checker import check_env
 
-    check_env(squeeze.unwrapped)
+    check_env(request.getfixturevalue(name).unwrapped)
 
 
 def test_equal_seeds_are_equal_to_the_bit_and_others_differ(squeeze):
@@ -62,6 +68,49 @@ def test_a_mug_that_is_held_too_softly_stays_and_earns_nothing(squeeze):
     *_, rewards, ended, _ = squeezed(squeeze, [(-0.9, 0.0)] * 20 + [(-0.9, 1.0)] * 13)
     assert abs(sum(rewards)) < 0.05
     assert not any(ended)
+
+
+def test_a_harder_strike_is_louder_and_the_reward_tells_how_far_from_the_wanted_level(strike):
+    levels = []
+    for hard in (-0.5, 0.0, 0.5):
+        seen, _ = strike.reset(seed=1)
+        wanted_db = float(seen["wanted"][0])
+        seen, reward, ended, _, told = strike.step(np.array([0.3, -0.5, hard], np.float32))
+        heard_db = 20 * np.log10(np.sqrt((seen["audio"].astype(float) ** 2).mean()) / 2e-5)
+        assert told["level_db"] == pytest.approx(heard_db, abs=0.01)
+        assert reward == pytest.approx(-abs(heard_db - wanted_db) / 20, abs=1e-3)
+        assert ended == (abs(heard_db - wanted_db) <= 1)
+        levels.append(heard_db)
+    # Ten times the impulse in two steps, and a shorter contact: 20 dB and more of brightness.
+    assert levels[2] - levels[0] > 19
+
+
+def test_a_strike_moves_the_object_as_its_impulse_says(strike):
+    strike.reset(seed=0)
+    world, mug = strike.unwrapped, objectfolder.example("mug")
+    world._strike(0.0, 0.0, 0.05)
+    (impact,) = world._sound.impacts
+    assert impact.bodies == ("hammer", "object")
+    assert np.linalg.norm(impact.impulse_n_s) == pytest.approx(0.05)
+    velocity = world._data.qvel[:3]
+    turned = world._data.qvel[3:6]
+    centre = np.array(mug.description["body"]["centre_of_mass_m"])
+    momentum = mug.description["body"]["mass_kg"] * (velocity + np.cross(turned, centre))
+    np.testing.assert_allclose(momentum, impact.impulse_n_s, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_strikes_side_by_side_are_those_one_by_one():
+    both = gymnasium.make_vec("objectfolder/Strike-v0", num_envs=2, vectorization_mode="sync", pixels=16)
+    both.reset(seed=[3, 4])
+    actions = np.array([[0.1, 0.0, 0.2], [0.6, -0.5, -0.4]], np.float32)
+    seen = both.step(actions)[0]
+    for number, seed in enumerate((3, 4)):
+        alone = gymnasium.make("objectfolder/Strike-v0", pixels=16)
+        alone.reset(seed=seed)
+        expected = alone.step(actions[number])[0]
+        for name, value in expected.items():
+            np.testing.assert_array_equal(seen[name][number], value)
 
 
 def test_no_environment_without_pixels_or_gymnasium(monkeypatch):
