@@ -18,6 +18,7 @@ GRAVITY_M_S2 = 9.81
 # That is heard; what passes more slowly than a share of it is not read.
 LOWEST_HZ, SLOWEST = 20.0, 0.1
 COLLISION_S = 0.03
+STEADY_M = 1e-4  # that a contact may move while its damping is that of the place where it was
 
 
 class Rubbing:
@@ -52,6 +53,7 @@ class Rubbing:
         self._width_m = 2 * float(hertz.patch_radius_m(self._weight_n))
         self._starts_m = starts_m
         self._driven: dict[str, tuple[Motion, Floats]] = {}
+        self._damped: dict[str, tuple[Floats, Floats]] = {}  # where, and what 1 N s/m adds to the decay there
 
     def force_n(self, times_s: Floats) -> Floats:
         """Return what roughness pushes (n,) along the way, newtons, at times (n,) evenly apart."""
@@ -106,8 +108,11 @@ class Rubbing:
     def damping_per_s(self, name: str, damping_n_s_m: float) -> Floats:
         """Return what the contact adds to the decay rates (modes,) of a body, in proportion to its force."""
         share = min(1.0, self.contact.forces_n[-1] / self._weight_n)
-        support = Support(self.contact.points_m[self.contact.bodies.index(name)], 0.0, share * damping_n_s_m)
-        return support.added(self.motion(name).shapes)[1]
+        at = self.contact.points_m[self.contact.bodies.index(name)]
+        known = self._damped.get(name)
+        if known is None or np.abs(at - known[0]).max() > STEADY_M:
+            known = self._damped[name] = at, Support(at, 0.0, 1.0).added(self.motion(name).shapes)[1]
+        return share * damping_n_s_m * known[1]
 
     def motion(self, name: str) -> Motion:
         """Return how a body's modes move at the contact."""

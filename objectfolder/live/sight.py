@@ -197,24 +197,49 @@ class LiveSight:
         if not self._shadows or not known.any():
             return hidden
         some = points[known]
-        for name, pose in poses.items():
-            if name == but:
-                continue
-            centre, radius = _apply(pose, self._balls[name][0]), self._balls[name][1]
-            for lamp, place in zip(hidden, self._lamps, strict=True):
-                way = place - some
-                along = np.clip(
-                    ((centre - some) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), 0, 1
-                )
-                near = np.linalg.norm(some + along[:, None] * way - centre, axis=1) < radius
+        for lamp, place in zip(hidden, self._lamps, strict=True):
+            ways, blocked = _Ways.of(some, place), np.zeros(len(some), dtype=bool)
+            for name, pose in poses.items():
+                if name == but:
+                    continue
+                near = ways.within(_apply(pose, self._balls[name][0]), self._balls[name][1]) & ~blocked
                 back = _inverse(pose)
-                blocked = np.zeros(len(some), dtype=bool)
                 blocked[near] = self._files[name].surface.occluded(
-                    _apply(back, some[near] + OFF * way[near]),
+                    _apply(back, some[near] + OFF * ways.way[near]),
                     np.broadcast_to(_apply(back, place), (int(near.sum()), 3)),
                 )
-                lamp[known] |= blocked
+            lamp[known] = blocked
         return hidden
+
+
+@dataclass(frozen=True)
+class _Ways:
+    """Ways (n, 3) from points (n, 3) to a lamp, with what is asked for each object in turn.
+
+    Parameters
+    ----------
+    squared, point_squared, along : (n,) of ways and of points, and the product of both
+    """
+
+    points: Floats
+    way: Floats
+    squared: Floats
+    point_squared: Floats
+    along: Floats
+
+    @classmethod
+    def of(cls, points: Floats, lamp: Floats) -> "_Ways":
+        """Return the ways to a lamp (3,)."""
+        way = lamp - points
+        products = (np.einsum("ij,ij->i", a, b) for a, b in ((way, way), (points, points), (points, way)))
+        return cls(points, way, *products)
+
+    def within(self, centre: Floats, radius: float) -> NDArray[np.bool_]:
+        """Return which (n,) pass a ball: how far its centre is from each way's nearest point."""
+        across = self.way @ centre - self.along
+        share = np.clip(across / np.maximum(self.squared, 1e-12), 0.0, 1.0)
+        away = self.point_squared - 2 * (self.points @ centre) + centre @ centre
+        return np.asarray(away + share * (share * self.squared - 2 * across) < radius**2)
 
 
 @dataclass(frozen=True)
@@ -239,8 +264,10 @@ class _View:
 
     def points(self, depth_m: Floats) -> Floats:
         """Return (h, w, 3) what is seen at the centres of pixels, NaN where nothing is."""
-        along = np.where(np.isfinite(depth_m), depth_m, np.nan) / self.facing
-        return np.asarray(self.camera[:3, 3] + along[..., None] * self.rays)
+        points, known = np.full((*self.size, 3), np.nan), np.isfinite(depth_m)
+        along = depth_m[known] / self.facing[known]
+        points[known] = self.camera[:3, 3] + along[:, None] * self.rays[known]
+        return points
 
     def on_plane(self, height_m: float) -> tuple[Floats, Floats]:
         """Return where (h, w, 3) rays meet a level plane, and the depth (h, w) there, infinite for none."""

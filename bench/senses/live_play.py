@@ -1,0 +1,149 @@
+"""How much faster than real time a scene is played: physics, sound, touch and sight together, on one core.
+
+    OMP_NUM_THREADS=1 python -m bench.senses.live_play
+
+Three objects of the package stand on a table in MuJoCo as their hulls. Two fingers grip the first, lift and
+lower it without end; the others are dropped from 10 cm every two seconds. Beside the sound, both tactile
+images are asked for 60 times a second, and a view of 128x128 with table and shadows 30 times. What takes the
+seconds is told apart. A listener with a buffer would run dry where the world falls behind by more than that:
+the largest lag is what the seconds of one core say.
+"""
+
+import os
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+import objectfolder
+from bench.record import Stopwatch, arguments, conclude, cpu_seconds, save, subplots
+from objectfolder.live import Finger, LiveSight, LiveSound, LiveTouch
+from objectfolder.live.handling import FELT_BY, FRICTION, Handling
+from objectfolder.object_file import ObjectFile
+from objectfolder.vision.cameras import look_at
+
+NAMES, STEP_S, RATE_HZ, BLOCK = ("mug", "bell", "mug"), 0.002, 44100.0, 512
+WARM_S, SECONDS, RUNS = 2.0, 60.0, 2
+TOUCHES_HZ, VIEWS_HZ, PIXELS = 60, 30, 128
+SQUEEZE_N, LIFTING_M_S, EVERY_S, DROP_M = 6.0, 0.05, 2.0, 0.1
+CAMERA = look_at(np.array([[0.25, -0.75, 0.5]]), np.array([0.25, 0.0, 0.05]))[0]
+COMPARED = (
+    "seconds of the scene over CPU seconds of one core, all parts together and apart; how far the world "
+    "falls behind at most, seconds, where nothing else runs on that core"
+)
+
+
+class Watched(Handling):
+    """A scene whose physics and contacts are timed."""
+
+    watch: Stopwatch | None = None
+
+    def step(self) -> None:
+        with self._timed("physics"):
+            super().step()
+
+    def touching(self) -> list[Any]:
+        with self._timed("contacts"):
+            return super().touching()
+
+    def _timed(self, name: str) -> AbstractContextManager[None]:
+        return self.watch.step(name) if self.watch else nullcontext()
+
+
+def scene() -> tuple[Any, dict[str, ObjectFile]]:
+    """A table with objects 25 cm apart, as a specification for MuJoCo, and their files."""
+    import mujoco
+
+    spec, files = mujoco.MjSpec(), {}
+    spec.option.timestep = STEP_S
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    for place, name in enumerate(NAMES):
+        body_name = f"{place}_{name}"
+        file = files[body_name] = objectfolder.example(name)
+        known, vertices = file.description["body"], file.surface.vertices
+        hull = vertices[ConvexHull(vertices).vertices]
+        spec.add_mesh(name=body_name, uservert=hull.ravel().tolist())
+        body = spec.worldbody.add_body(name=body_name, pos=[0.25 * place, 0, -vertices[:, 2].min()])
+        body.add_freejoint()
+        body.mass, body.ipos, body.explicitinertial = known["mass_kg"], known["centre_of_mass_m"], True
+        (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
+        body.fullinertia = [a, b, c, d, e, f]
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=body_name)
+    return spec, files
+
+
+def played(seconds: float) -> dict[str, Any]:
+    """What some seconds of it cost."""
+    spec, files = scene()
+    world, watch = Watched(spec, files), Stopwatch()
+    sound = LiveSound(world, files, listener_m=tuple(CAMERA[:3, 3]))
+    sight = LiveSight(world, files, table_m=(1.0, 0.0))
+    touch = LiveTouch(world, files, {name: Finger(friction=FRICTION) for name in FELT_BY})
+    world.reach_round("0_mug", np.array([0.0, 1.0, 0.0]))
+    world.watch = watch
+    due = {"touches": 0, "views": 0, "drops": 0}
+    lag_s = largest_s = now_s = 0.0
+    while now_s < seconds:
+        begun_s = cpu_seconds()
+        for name in files if now_s >= EVERY_S * due["drops"] else ():
+            if name != "0_mug":
+                world.lift(name, DROP_M)
+        world.grip(SQUEEZE_N, LIFTING_M_S if due["drops"] % 2 else -LIFTING_M_S)
+        due["drops"] += now_s >= EVERY_S * due["drops"]
+        with watch.step("physics, contacts, sound"):
+            sound.block()
+        if now_s >= due["touches"] / TOUCHES_HZ:
+            due["touches"] += 1
+            with watch.step("touches"):
+                touch.feel()
+        if now_s >= due["views"] / VIEWS_HZ:
+            due["views"] += 1
+            with watch.step("views"):
+                sight.image(CAMERA, PIXELS, sub_rays=1)
+        now_s += BLOCK / RATE_HZ
+        lag_s = max(0.0, lag_s + cpu_seconds() - begun_s - BLOCK / RATE_HZ)
+        largest_s = max(largest_s, lag_s)
+    spent = watch.cpu_s
+    sounding = spent.pop("physics, contacts, sound")
+    spent["sound"] = sounding - spent["physics"] - spent["contacts"]
+    return {
+        "seconds": now_s,
+        "collisions": len(sound.impacts),
+        "touches": due["touches"],
+        "views": due["views"],
+        "lifted_m": float(world.pose("0_mug")[2, 3]),
+        "real_time_factor": now_s / sum(spent.values()),
+        "cpu_s_per_second": {name: one / now_s for name, one in spent.items()},
+        "largest_lag_s": largest_s,
+    }
+
+
+def draw(figures: dict[str, Any]) -> None:
+    """Seconds of each part."""
+    figure, axes = subplots(figsize=(6, 2.2))
+    left = 0.0
+    for name, spent in figures["played"]["cpu_s_per_second"].items():
+        axes.barh(0, spent, left=left, label=name)
+        left += spent
+    axes.axvline(1.0, color="k", lw=1)
+    axes.set(xlabel="CPU seconds of one core for a second of the scene", yticks=[])
+    axes.legend(fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    save(figure, "live_play")
+
+
+def main() -> None:
+    arguments(__doc__).parse_args()
+    played(WARM_S)  # the first compiles kernels
+    runs = [played(SECONDS) for _ in range(RUNS)]
+    best = max(runs, key=lambda figures: float(figures["real_time_factor"]))
+    settings = {
+        "objects": NAMES, "step_s": STEP_S, "block": BLOCK, "rate_hz": RATE_HZ, "runs": RUNS,
+        "touches_hz": TOUCHES_HZ, "views_hz": VIEWS_HZ, "pixels": PIXELS,
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
+    }  # fmt: skip
+    conclude("live_play", {"played": best}, settings, COMPARED, draw)
+
+
+if __name__ == "__main__":
+    main()
