@@ -142,7 +142,7 @@ class LiveSight:
         view, table = self._seen_from(camera, size, float(field_of_view))
         layers = [self._object(name, poses, view, sub_rays) for name in self._files]
         if table:
-            layers.append(table.layer(self._hidden(table.seen, poses), self._colours))
+            layers.append(table.layer(self._hidden(table.lit, poses), self._colours))
         rgba, depths = _over(layers, size, len(self._files))
         if self._exposure is None:
             self._exposure = exposure(rgba[None])
@@ -181,34 +181,27 @@ class LiveSight:
         order = depth.copy()
         order[part] = _sorted_by(depth[part])
         # Light adds up: what a lamp gives is taken away where it is hidden.
-        hidden = self._hidden(view.points(depth), poses, but=name) if self._shadows else ()
-        for lamp, dark in enumerate(hidden):
+        lit = _Lit.of(view.points(depth), self._lamps if self._shadows else self._lamps[:0])
+        for lamp, dark in enumerate(self._hidden(lit, poses, but=name)):
             if dark.any():
                 alone = drawn(np.arange(len(lamps)) == lamp)[0]
                 rgba[(*part, np.s_[:3])] -= alone[..., :3] * dark[part][..., None]
         return _Layer(np.maximum(rgba, 0.0), depth, order)
 
-    def _hidden(
-        self, points: Floats, poses: Mapping[str, Floats], but: str | None = None
-    ) -> NDArray[np.bool_]:
-        """Return whether (k, h, w) points (h, w, 3), NaN for none, are hidden from lamps by other objects."""
-        hidden = np.zeros((len(self._lamps), *points.shape[:2]), dtype=bool)
-        known = np.isfinite(points[..., 0])
-        if not self._shadows or not known.any():
-            return hidden
-        some = points[known]
-        for lamp, place in zip(hidden, self._lamps, strict=True):
-            ways, blocked = _Ways.of(some, place), np.zeros(len(some), dtype=bool)
-            for name, pose in poses.items():
-                if name == but:
-                    continue
-                near = ways.within(_apply(pose, self._balls[name][0]), self._balls[name][1]) & ~blocked
-                back = _inverse(pose)
-                blocked[near] = self._files[name].surface.occluded(
-                    _apply(back, some[near] + OFF * ways.way[near]),
-                    np.broadcast_to(_apply(back, place), (int(near.sum()), 3)),
+    def _hidden(self, seen: "_Lit", poses: Mapping[str, Floats], but: str | None = None) -> NDArray[np.bool_]:
+        """Return whether (k, h, w) points are hidden from lamps by other objects."""
+        hidden = np.zeros((len(self._lamps), *seen.known.shape), dtype=bool)
+        others = [name for name in poses if name != but] if self._shadows and seen.known.any() else []
+        for name in others:
+            centre, radius = _apply(poses[name], self._balls[name][0]), self._balls[name][1]
+            back = _inverse(poses[name])
+            for lamp, place, ways in zip(hidden, self._lamps, seen.ways, strict=True):
+                near = np.flatnonzero(ways.within(centre, radius))
+                starts = _apply(back, ways.points[near] + OFF * ways.way[near])
+                ends = np.broadcast_to(_apply(back, place), (len(near), 3))
+                lamp[seen.known] |= _scattered(
+                    self._files[name].surface.occluded(starts, ends), near, len(ways.points)
                 )
-            lamp[known] = blocked
         return hidden
 
 
@@ -240,6 +233,20 @@ class _Ways:
         share = np.clip(across / np.maximum(self.squared, 1e-12), 0.0, 1.0)
         away = self.point_squared - 2 * (self.points @ centre) + centre @ centre
         return np.asarray(away + share * (share * self.squared - 2 * across) < radius**2)
+
+
+@dataclass(frozen=True)
+class _Lit:
+    """Points of pixels that lamps may light: which pixels (h, w) have one, and the ways to each lamp."""
+
+    known: NDArray[np.bool_]
+    ways: tuple[_Ways, ...]
+
+    @classmethod
+    def of(cls, points: Floats, lamps: Floats) -> "_Lit":
+        """Return points (h, w, 3), NaN for none, under lamps (k, 3)."""
+        known = np.isfinite(points[..., 0])
+        return cls(known, tuple(_Ways.of(points[known], lamp) for lamp in lamps))
 
 
 @dataclass(frozen=True)
@@ -302,13 +309,13 @@ class _Tabletop:
 
     Parameters
     ----------
-    seen : (h, w, 3) points at the centres of pixels, NaN where it is not
+    lit : its points at the centres of pixels
     depth_m, order_m : as of `_Layer`
     covered : (h, w) its share of each pixel
     light : (k, h, w) what it reflects of each lamp of colour 1, unhindered, over its albedo
     """
 
-    seen: Floats
+    lit: _Lit
     depth_m: Floats
     order_m: Floats
     covered: Floats
@@ -329,7 +336,9 @@ class _Tabletop:
         away = lamps_m[:, None, None] - point
         squared = np.maximum((away**2).sum(axis=-1), 1e-12)
         falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
-        return cls(seen, depth, _sorted_by(depth), covered, np.nan_to_num(falls, posinf=0.0))
+        return cls(
+            _Lit.of(seen, lamps_m), depth, _sorted_by(depth), covered, np.nan_to_num(falls, posinf=0.0)
+        )
 
     def layer(self, hidden: NDArray[np.bool_], colours: Floats) -> _Layer:
         """Return it under lamps of `colours` (k, 3), each hidden (k, h, w) somewhere."""
@@ -354,14 +363,21 @@ def _cast(
     file: ObjectFile, view: _View, crop: Crop, lamps: Floats, colours: Floats, _: int | None
 ) -> tuple[Floats, Floats]:
     """Return as `_rendered` does what lies at the centres of pixels."""
-    depth = file.render(
-        view.camera, lamps[:1], view.size, view.field_of_view, crop=crop, passes=("depth",)
-    )["depth"][0]  # fmt: skip
-    rgba, (row, column) = np.zeros((*depth.shape, 4)), np.nonzero(np.isfinite(depth))
-    pixels = (row + crop[0]) * view.size[1] + column + crop[1]
+    top, left, height, width = crop
+    pixels = (np.arange(top, top + height)[:, None] * view.size[1] + np.arange(left, left + width)).ravel()
     starts, along = pixel_rays(view.camera, pixels, CENTRE, view.size, view.field_of_view)
-    rgba[row, column] = file.radiance(starts, along, lamps, light_colour=colours)
-    return rgba, depth
+    depth = file.surface.ray_hits(starts, along).distance * -(along @ view.camera[:3, 2])
+    hit = np.isfinite(depth)
+    rgba = np.zeros((len(pixels), 4))
+    rgba[hit] = file.radiance(starts[hit], along[hit], lamps, light_colour=colours)
+    depth[rgba[:, 3] == 0] = np.inf  # in holes
+    return rgba.reshape(height, width, 4), depth.reshape(height, width)
+
+
+def _scattered(values: NDArray[np.bool_], places: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    found = np.zeros(count, dtype=bool)
+    found[places] = values
+    return found
 
 
 def _sorted_by(depth: Floats) -> Floats:
