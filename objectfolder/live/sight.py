@@ -1,7 +1,7 @@
 """What a camera sees of the objects of a simulation, each drawn from its own Object File."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,7 @@ LAMP_COLOURS = ((1.0, 0.97, 0.92), (0.3, 0.32, 0.36), (0.3, 0.3, 0.3))
 TABLE_ALBEDO = (0.42, 0.36, 0.3)
 # Shadow rays begin this share of their way off the surface.
 OFF = 1e-3
+STILL_PIXELS = 0.1  # that an object may move while a moving image shows it as it was
 CENTRE = np.array([[0.5, 0.5]])  # of a pixel
 
 
@@ -115,6 +116,7 @@ class LiveSight:
         self._exposure = None if exposure_factor is None else real("exposure_factor", exposure_factor, 0, 1e9)
         self._balls = {name: _ball(file) for name, file in self._files.items()}
         self._views: dict[tuple[bytes, tuple[int, int], float], tuple[_View, _Tabletop | None]] = {}
+        self._before: dict[str, _Drawn] = {}
         for name in self._files:
             finite_pose(simulation, name)
 
@@ -154,39 +156,44 @@ class LiveSight:
     def _seen_from(
         self, camera: Floats, size: tuple[int, int], field_of_view: float
     ) -> tuple["_View", "_Tabletop | None"]:
-        """Return what only the camera decides: of the last two cameras it is known."""
+        """Return what only the camera decides: of the last four cameras it is known."""
         key = camera.tobytes(), size, field_of_view
         if key not in self._views:
             view = _View(camera, size, field_of_view)
             table = None if self._table is None else _Tabletop.of(*self._table, self._lamps, view)
-            self._views = dict([*self._views.items(), (key, (view, table))][-2:])
+            self._views = dict([*self._views.items(), (key, (view, table))][-4:])
         return self._views[key]
 
     def _object(self, name: str, poses: Mapping[str, Floats], view: "_View", sub_rays: int | None) -> _Layer:
-        file, pose = self._files[name], poses[name]
-        rgba, depth = np.zeros((*view.size, 4)), np.full(view.size, np.inf)
-        crop = view.crop(_apply(pose, self._balls[name][0]), self._balls[name][1])
-        if crop is None:
-            return _Layer(rgba, depth, depth)
-        part = np.s_[crop[0] : crop[0] + crop[2], crop[1] : crop[1] + crop[3]]
-        camera, lamps = _inverse(pose) @ view.camera, _apply(_inverse(pose), self._lamps)
-        # The file's lamps are as strong at one unit of its own frame as these are at a metre.
-        colours = self._colours / file.frame.scale**2
-        draw = _cast if sub_rays == 1 else _rendered
-
-        def drawn(which: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-            return draw(file, replace(view, camera=camera), crop, lamps[which], colours[which], sub_rays)
-
-        rgba[part], depth[part] = drawn(np.full(len(lamps), True))
-        order = depth.copy()
-        order[part] = _sorted_by(depth[part])
+        drawn = self._drawn(name, poses[name], view, sub_rays)
+        rgba = drawn.layer.rgba
         # Light adds up: what a lamp gives is taken away where it is hidden.
-        lit = _Lit.of(view.points(depth), self._lamps if self._shadows else self._lamps[:0])
-        for lamp, dark in enumerate(self._hidden(lit, poses, but=name)):
+        for lamp, dark in enumerate(self._hidden(drawn.lit, poses, but=name)):
             if dark.any():
-                alone = drawn(np.arange(len(lamps)) == lamp)[0]
-                rgba[(*part, np.s_[:3])] -= alone[..., :3] * dark[part][..., None]
-        return _Layer(np.maximum(rgba, 0.0), depth, order)
+                rgba = rgba.copy() if rgba is drawn.layer.rgba else rgba
+                rgba[(*drawn.part, np.s_[:3])] -= drawn.alone(lamp)[..., :3] * dark[drawn.part][..., None]
+        return replace(drawn.layer, rgba=np.maximum(rgba, 0.0))
+
+    def _drawn(self, name: str, pose: Floats, view: "_View", sub_rays: int | None) -> "_Drawn":
+        """Return an object without shadows of others: as it was drawn last, where it has not moved since.
+
+        In images that move that is by a tenth of a pixel: engines leave bodies at rest in motion.
+        """
+        centre, radius = _apply(pose, self._balls[name][0]), self._balls[name][1]
+        before = self._before.get(name)
+        if before and before.view is view and before.sub_rays == sub_rays:
+            moved_m = np.abs(pose[:3, 3] - before.pose[:3, 3]).max()
+            moved_m += radius * np.abs(pose[:3, :3] - before.pose[:3, :3]).max()
+            if moved_m <= (STILL_PIXELS * view.pixel_m(centre) if sub_rays == 1 else 0.0):
+                return before
+        # The file's lamps are as strong at one unit of its own frame as these are at a metre.
+        colours = self._colours / self._files[name].frame.scale ** 2
+        lamps = _apply(_inverse(pose), self._lamps)
+        shaded = self._lamps if self._shadows else self._lamps[:0]
+        crop = view.crop(centre, radius)
+        drawn = _Drawn.of(self._files[name], pose, view, sub_rays, crop, lamps, colours, shaded)
+        self._before[name] = drawn
+        return drawn
 
     def _hidden(self, seen: "_Lit", poses: Mapping[str, Floats], but: str | None = None) -> NDArray[np.bool_]:
         """Return whether (k, h, w) points are hidden from lamps by other objects."""
@@ -284,6 +291,11 @@ class _View:
         point = self.camera[:3, 3] + np.where(np.isfinite(along), along, 1e6)[..., None] * self.rays
         return point, along * self.facing
 
+    def pixel_m(self, centre: Floats) -> float:
+        """Return how wide a pixel is where a point (3,) of the world lies."""
+        depth_m = abs(float(_apply(_inverse(self.camera), centre)[2]))
+        return depth_m / focal_length_px(self.size, self.field_of_view)
+
     def crop(self, centre: Floats, radius: float) -> tuple[int, int, int, int] | None:
         """Return the part of the image (top, left, height, width) that a ball may cover; None: no part."""
         x, y, z = _apply(_inverse(self.camera), centre)
@@ -301,6 +313,57 @@ class _View:
             return None
         (top, left), (height, width) = first.tolist(), (last - first).tolist()
         return top, left, height, width
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """An object as it was drawn without shadows of others.
+
+    Parameters
+    ----------
+    view, pose, sub_rays : of what it was drawn
+    layer : what is seen
+    lit : points of it, in the world
+    part : rows and columns in which it may show
+    draw : returns colour and depth there under some of the lamps
+    """
+
+    view: _View
+    pose: Floats
+    sub_rays: int | None
+    layer: _Layer
+    lit: _Lit
+    part: tuple[slice, slice]
+    draw: Callable[[list[int]], tuple[Floats, Floats]]
+    _alone: dict[int, Floats] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, file: ObjectFile, pose: Floats, view: _View, sub_rays: int | None, crop: Crop | None,
+        lamps: Floats, colours: Floats, shaded: Floats,
+    ) -> "_Drawn":  # fmt: skip
+        """Draw an object by `lamps` (k, 3) of its own frame; shadows fall of `shaded`, in the world."""
+        rgba, depth = np.zeros((*view.size, 4)), np.full(view.size, np.inf)
+        local = replace(view, camera=_inverse(pose) @ view.camera)
+        top, left, height, width = crop or (0, 0, 0, 0)
+        part = np.s_[top : top + height, left : left + width]
+
+        def draw(which: list[int]) -> tuple[Floats, Floats]:
+            way = _cast if sub_rays == 1 else _rendered
+            return way(file, local, (top, left, height, width), lamps[which], colours[which], sub_rays)
+
+        if crop is not None:
+            rgba[part], depth[part] = draw(list(range(len(lamps))))
+        order = depth.copy()
+        order[part] = _sorted_by(depth[part])
+        lit = _Lit.of(view.points(depth), shaded)
+        return cls(view, pose, sub_rays, _Layer(rgba, depth, order), lit, part, draw)
+
+    def alone(self, lamp: int) -> Floats:
+        """Return what one of the lamps gives (h, w, 4) in the part where it shows."""
+        if lamp not in self._alone:
+            self._alone[lamp] = self.draw([lamp])[0]
+        return self._alone[lamp]
 
 
 @dataclass(frozen=True)
