@@ -185,11 +185,11 @@ class LiveSound:
         touching = [
             one for one in self._simulation.touching() if not self._bodies.keys().isdisjoint(one.bodies)
         ]
-        names = {name for one in touching for name in one.bodies}
-        self._poses |= {name: finite_pose(self._simulation, name) for name in names}
         self._collide(time_s, touching)
         self._steps += 1
         if self._steps % self._between == 0:
+            names = {name for one in touching for name in one.bodies}
+            self._poses |= {name: finite_pose(self._simulation, name) for name in names}
             self._lasting.look(time_s, touching, self._poses)
 
     def _collide(self, time_s: float, touching: list[Touching]) -> None:
