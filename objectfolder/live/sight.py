@@ -117,6 +117,8 @@ class LiveSight:
         self._balls = {name: _ball(file) for name, file in self._files.items()}
         self._views: dict[tuple[bytes, tuple[int, int], float], tuple[_View, _Tabletop | None]] = {}
         self._before: dict[str, _Drawn] = {}
+        # By what shadows fall on (None: the table) and who throws them.
+        self._thrown: dict[tuple[str | None, str], tuple[_Lit, _Drawn, NDArray[np.bool_]]] = {}
         for name in self._files:
             finite_pose(simulation, name)
 
@@ -142,9 +144,10 @@ class LiveSight:
         camera, size = real_array("camera_to_world", camera_to_world), image_size(resolution)
         poses = {name: finite_pose(self._simulation, name) for name in self._files}
         view, table = self._seen_from(camera, size, float(field_of_view))
-        layers = [self._object(name, poses, view, sub_rays) for name in self._files]
+        drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}
+        layers = [self._shaded(name, drawn) for name in drawn]
         if table:
-            layers.append(table.layer(self._hidden(table.lit, poses), self._colours))
+            layers.append(table.layer(self._hidden(table.lit, drawn), self._colours))
         rgba, depths = _over(layers, size, len(self._files))
         if self._exposure is None:
             self._exposure = exposure(rgba[None])
@@ -164,15 +167,15 @@ class LiveSight:
             self._views = dict([*self._views.items(), (key, (view, table))][-4:])
         return self._views[key]
 
-    def _object(self, name: str, poses: Mapping[str, Floats], view: "_View", sub_rays: int | None) -> _Layer:
-        drawn = self._drawn(name, poses[name], view, sub_rays)
-        rgba = drawn.layer.rgba
+    def _shaded(self, name: str, drawn: Mapping[str, "_Drawn"]) -> _Layer:
+        one = drawn[name]
+        rgba = one.layer.rgba
         # Light adds up: what a lamp gives is taken away where it is hidden.
-        for lamp, dark in enumerate(self._hidden(drawn.lit, poses, but=name)):
+        for lamp, dark in enumerate(self._hidden(one.lit, drawn, name)):
             if dark.any():
-                rgba = rgba.copy() if rgba is drawn.layer.rgba else rgba
-                rgba[(*drawn.part, np.s_[:3])] -= drawn.alone(lamp)[..., :3] * dark[drawn.part][..., None]
-        return replace(drawn.layer, rgba=np.maximum(rgba, 0.0))
+                rgba = rgba.copy() if rgba is one.layer.rgba else rgba
+                rgba[(*one.part, np.s_[:3])] -= one.alone(lamp)[..., :3] * dark[one.part][..., None]
+        return replace(one.layer, rgba=np.maximum(rgba, 0.0))
 
     def _drawn(self, name: str, pose: Floats, view: "_View", sub_rays: int | None) -> "_Drawn":
         """Return an object without shadows of others: as it was drawn last, where it has not moved since.
@@ -195,21 +198,30 @@ class LiveSight:
         self._before[name] = drawn
         return drawn
 
-    def _hidden(self, seen: "_Lit", poses: Mapping[str, Floats], but: str | None = None) -> NDArray[np.bool_]:
-        """Return whether (k, h, w) points are hidden from lamps by other objects."""
+    def _hidden(
+        self, seen: "_Lit", drawn: Mapping[str, "_Drawn"], but: str | None = None
+    ) -> NDArray[np.bool_]:
+        """Return whether (k, h, w) points are hidden from lamps by other objects, as these were drawn."""
         hidden = np.zeros((len(self._lamps), *seen.known.shape), dtype=bool)
-        others = [name for name in poses if name != but] if self._shadows and seen.known.any() else []
-        for name in others:
-            centre, radius = _apply(poses[name], self._balls[name][0]), self._balls[name][1]
-            back = _inverse(poses[name])
-            for lamp, place, ways in zip(hidden, self._lamps, seen.ways, strict=True):
-                near = np.flatnonzero(ways.within(centre, radius))
-                starts = _apply(back, ways.points[near] + OFF * ways.way[near])
-                ends = np.broadcast_to(_apply(back, place), (len(near), 3))
-                lamp[seen.known] |= _scattered(
-                    self._files[name].surface.occluded(starts, ends), near, len(ways.points)
-                )
+        for name, one in drawn.items() if self._shadows and seen.known.any() else ():
+            if name == but:
+                continue
+            before = self._thrown.get((but, name))
+            if before is None or before[0] is not seen or before[1] is not one:
+                before = self._thrown[but, name] = seen, one, self._thrown_by(name, one.pose, seen)
+            hidden[:, seen.known] |= before[2]
         return hidden
+
+    def _thrown_by(self, name: str, pose: Floats, seen: "_Lit") -> NDArray[np.bool_]:
+        """Return which (k, n) points an object hides from each lamp."""
+        centre, radius = _apply(pose, self._balls[name][0]), self._balls[name][1]
+        back, found = _inverse(pose), np.zeros((len(self._lamps), int(seen.known.sum())), dtype=bool)
+        for dark, lamp, ways in zip(found, self._lamps, seen.ways, strict=True):
+            near = np.flatnonzero(ways.within(centre, radius))
+            starts = _apply(back, ways.points[near] + OFF * ways.way[near])
+            ends = np.broadcast_to(_apply(back, lamp), (len(near), 3))
+            dark[near] = self._files[name].surface.occluded(starts, ends)
+        return found
 
 
 @dataclass(frozen=True)
@@ -435,12 +447,6 @@ def _cast(
     rgba[hit] = file.radiance(starts[hit], along[hit], lamps, light_colour=colours)
     depth[rgba[:, 3] == 0] = np.inf  # in holes
     return rgba.reshape(height, width, 4), depth.reshape(height, width)
-
-
-def _scattered(values: NDArray[np.bool_], places: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    found = np.zeros(count, dtype=bool)
-    found[places] = values
-    return found
 
 
 def _sorted_by(depth: Floats) -> Floats:
