@@ -153,3 +153,58 @@ def test_a_body_that_is_not_there_or_flies_off_is_named(files, still):
     lost = Still({"cup": np.full((4, 4), np.nan)})
     with pytest.raises(QueryError, match=r"cup.*not finite"):
         LiveSight(lost, {"cup": files["cup"]}).image(CAMERA)
+
+
+def test_one_ray_a_pixel_is_the_radiance_at_its_centre(files, still):
+    lamp, pose = np.array([[0.4, -0.6, 0.8]]), still.pose("cup")
+    sight = LiveSight(
+        still,
+        {"cup": files["cup"]},
+        lamps_m=lamp,
+        lamp_colours=np.ones((1, 3)),
+        table_m=None,
+        exposure_factor=1.0,
+    )
+    seen = sight.image(CAMERA, SIZE, sub_rays=1)
+    origins, directions = centres()
+    back = pose[:3, :3]
+    expected = files["cup"].radiance(
+        (origins - pose[:3, 3]) @ back, directions @ back, (lamp - pose[:3, 3]) @ back,
+        light_colour=1 / files["cup"].frame.scale ** 2 * np.ones(3),
+    )  # fmt: skip
+    np.testing.assert_array_equal(seen.rgb.reshape(-1, 3), on_white(expected))
+    assert np.array_equal(seen.body.ravel() >= 0, expected[:, 3] > 0)
+    fine = sight.image(CAMERA, SIZE)
+    np.testing.assert_allclose(seen.depth_m, fine.depth_m, atol=1e-6)
+    assert abs(seen.rgb.astype(float) - fine.rgb).mean() < 3, "but for edges"
+
+
+@pytest.mark.parametrize("sub_rays", [1, 4])
+def test_what_is_kept_of_images_before_changes_none(files, still, sub_rays):
+    poses = {name: still.pose(name).copy() for name in files}
+    moving = Still(poses)
+    settings = {"exposure_factor": 2.0}
+    sight = LiveSight(moving, files, **settings)
+    for turn, camera in ((0.0, CAMERA), (0.0, CAMERA), (0.7, CAMERA), (0.7, look_at(CAMERA[:3, 3] * 1.1)[0])):
+        poses["bell"] = placed(files["bell"], -0.07, 0.06, turn)
+        fresh = LiveSight(moving, files, **settings).image(camera, SIZE, sub_rays=sub_rays)
+        seen = sight.image(camera, SIZE, sub_rays=sub_rays)
+        np.testing.assert_array_equal(seen.rgb, fresh.rgb)
+        np.testing.assert_array_equal(seen.depth_m, fresh.depth_m)
+        np.testing.assert_array_equal(seen.body, fresh.body)
+
+
+def test_a_moving_image_shows_what_moved_by_a_tenth_of_a_pixel(files):
+    poses = {"cup": placed(files["cup"], 0.0, 0.0, 0.0)}
+    sight = LiveSight(Still(poses), {"cup": files["cup"]}, exposure_factor=1.0)
+    pixel_m = 0.57 / (SIZE[1] / 2 / np.tan(np.deg2rad(39.6 / 2)))
+    for sub_rays, moved_m, same in (
+        (1, 0.05 * pixel_m, True),
+        (1, pixel_m, False),
+        (4, 0.05 * pixel_m, False),
+    ):
+        poses["cup"] = placed(files["cup"], 0.0, 0.0, 0.0)
+        before = sight.image(CAMERA, SIZE, sub_rays=sub_rays)
+        poses["cup"] = placed(files["cup"], moved_m, 0.0, 0.0)
+        after = sight.image(CAMERA, SIZE, sub_rays=sub_rays)
+        assert np.array_equal(before.depth_m, after.depth_m) == same
