@@ -42,6 +42,7 @@ objectfolder fetch ycb:025_mug gso:ACE_Coffee_Mug_Kristen_16_oz_cup
 objectfolder export mug --format nerf -o mug-nerf
 objectfolder export mug --format mjcf -o mug-mujoco
 objectfolder scene mug bell fork -o table/scene.xml
+objectfolder play table/scene.xml
 objectfolder play table/scene.xml -o table/clip.mp4
 objectfolder plan --count 1000 --workers 2 64
 ```
