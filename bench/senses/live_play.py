@@ -26,7 +26,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
 
 NAMES, STEP_S, RATE_HZ, BLOCK = ("mug", "bell", "mug"), 0.002, 44100.0, 512
-WARM_S, SECONDS, RUNS = 2.0, 60.0, 2
+WARM_S, SECONDS, RUNS = 2.0, 60.0, 1
 TOUCHES_HZ, VIEWS_HZ, PIXELS = 60, 30, 128
 SQUEEZE_N, LIFTING_M_S, EVERY_S, DROP_M = 6.0, 0.05, 2.0, 0.1
 QUERIES = 30
