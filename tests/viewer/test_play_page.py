@@ -80,9 +80,9 @@ def test_what_is_dragged_is_carried_and_thrown(played):
     page.mouse.move(x, y)
     page.mouse.down()
     for step in range(1, 20):
-        page.mouse.move(x - 4 * step, y - 6 * step)
+        page.mouse.move(x - 4 * step, y - 9 * step)
         page.wait_for_timeout(30)
-    waits(lambda: world._world.pose("1_bell")[2, 3] > 0.12)
+    waits(lambda: world._world.pose("1_bell")[2, 3] > 0.1)
     page.mouse.up()
     waits(lambda: world._world.pose("1_bell")[2, 3] < 0.07)
     azimuth = page.evaluate(f"() => {TABLE}.orbit.azimuth")

@@ -7,6 +7,7 @@
   // Shown one after the other while nothing moves; the last has the files' own number of rays.
   const RESTING = [{ resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: null }];
   const FELT_MS = 80;
+  const CARRIED_MS = 15;
   const LIFTED_M = 0.1;
   const THROWN_M_S = 1.5;
   const LIFTING_M_S = 0.05;
@@ -125,30 +126,33 @@
     grab(x, y) {
       const { bodies, side } = this;
       if (!bodies || bodies[Math.floor(y * side) * side + Math.floor(x * side)] < 0) return false;
-      const { backward } = this.orbit.axes();
-      this.carried = { backward, busy: true };
+      const carried = { backward: this.orbit.axes().backward };
+      this.carried = carried;
       this.try(async () => {
         const { missed, body, point } = await this.act("grab", this.orbit.ray(x, y));
-        if (missed || !this.carried) return this.act("drop");
-        this.chosen.value = body;
-        Object.assign(this.carried, { point, busy: false });
+        if (!missed) this.chosen.value = body;
+        while (!missed && this.carried === carried) await this.follow(carried, point);
+        await this.act("drop");
       });
       return true;
     }
 
-    // Carried in the plane through the point that was grabbed, facing the camera; only the newest place is asked.
+    // Carried in the plane through the point that was grabbed, facing the camera, to the newest place of the pointer.
+    async follow(carried, point) {
+      const { at } = carried;
+      carried.at = null;
+      if (!at) return pause(CARRIED_MS);
+      const { origin, direction } = this.orbit.ray(...at);
+      const along = dot(minus(point, origin), carried.backward) / dot(direction, carried.backward);
+      return this.act("pull", { target: plus(origin, times(direction, along)) });
+    }
+
     pull(x, y) {
-      const { carried } = this;
-      if (!carried || carried.busy) return;
-      carried.busy = true;
-      const { origin, direction } = this.orbit.ray(x, y);
-      const along = dot(minus(carried.point, origin), carried.backward) / dot(direction, carried.backward);
-      this.try(() => this.act("pull", { target: plus(origin, times(direction, along)) }).finally(() => (carried.busy = false)));
+      if (this.carried) this.carried.at = [x, y];
     }
 
     drop() {
       this.carried = null;
-      this.try(() => this.act("drop"));
     }
 
     async squeeze(body) {
