@@ -1,6 +1,6 @@
 """Contacts followed while they last: how hard two bodies press, and how far the contact has run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -92,10 +92,14 @@ class LastingContacts:
         The longest side of each object, by name; every contact followed is of one of them.
     interval_s
         Between two looks.
+    held_m_s
+        Speed up to which roughness holds two bodies by each other, and a contact does not run.
     """
 
-    def __init__(self, sizes_m: Mapping[str, float], interval_s: float) -> None:
-        self._sizes_m, self._interval_s = sizes_m, interval_s
+    def __init__(
+        self, sizes_m: Mapping[str, float], interval_s: float, held_m_s: Callable[[tuple[str, str]], float]
+    ) -> None:
+        self._sizes_m, self._interval_s, self._held_m_s = sizes_m, interval_s, held_m_s
         self._places: dict[tuple[str, str], Floats] = {}
         self.contacts: list[LastingContact] = []
 
@@ -118,7 +122,8 @@ class LastingContacts:
             points = np.stack([(one.point_m - frame[:3, 3]) @ frame[:3, :3] for frame in frames])
             normals = np.stack([one.normal @ frame[:3, :3] for frame in frames])
             contact = self._nearest(one.bodies, points) or self._begin(one.bodies, points, time_s)
-            contact.run(points, normals, self._interval_s, FASTEST * moved[one.bodies])
+            held = moved[one.bodies] <= self._held_m_s(one.bodies) * self._interval_s
+            contact.run(points, normals, self._interval_s, 0.0 if held else FASTEST * moved[one.bodies])
             steps = np.sqrt((contact.way_m_s**2).sum(axis=1)) * self._interval_s
             contact.add(until_s, one.force_n, contact.paths_m[-1] + steps)
         for contact in self.contacts:

@@ -1,5 +1,6 @@
 """What is heard of objects that collide, roll and scrape in a running simulation, block by block."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -121,7 +122,7 @@ class LiveSound:
         self._bodies = {name: self._body(name, file, ears) for name, file in files.items()}
         self._steps, self._between = 0, max(1, round(LOOK_S / simulation.timestep_s))
         sizes_m = {name: body.size_m for name, body in self._bodies.items()}
-        self._lasting = LastingContacts(sizes_m, self._between * simulation.timestep_s)
+        self._lasting = LastingContacts(sizes_m, self._between * simulation.timestep_s, self._held_m_s)
         self._rubbing: dict[LastingContact, Rubbing] = {}
         self._closing: set[frozenset[str]] = set()
         self.culling = Culling([body.stream for body in self._bodies.values()]) if audible_only else None
@@ -179,6 +180,11 @@ class LiveSound:
 
     def _matter(self, name: str) -> Matter:
         return self._bodies[name].matter if name in self._bodies else self._others
+
+    def _held_m_s(self, bodies: tuple[str, str]) -> float:
+        """Return the speed of bodies that do not climb each other's roughness: v^2 / 2 < g h."""
+        height_m = math.hypot(*(self._matter(name).roughness_m for name in bodies))
+        return math.sqrt(2 * GRAVITY_M_S2 * height_m)
 
     def _hear(self, time_s: float) -> None:
         """Take on the contacts of a step."""
