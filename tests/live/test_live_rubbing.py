@@ -147,3 +147,9 @@ def test_a_pose_that_is_not_finite_is_refused(mug):
     simulation._speed_m_s = np.nan
     with pytest.raises(QueryError, match="the pose of 'mug' is not finite"):
         sounding.block()
+
+
+def test_a_body_that_does_not_climb_its_roughness_rests(mug):
+    # Two surfaces of a micrometre: 2 g h = (5.3 mm/s)^2.
+    assert not heard(mug, scripted(mug, speed_m_s=0.005), blocks=20).any()
+    assert heard(mug, scripted(mug, speed_m_s=0.006), blocks=20).any()
