@@ -156,7 +156,8 @@ def test_the_image_at_rest_is_the_files_own(world):
     assert world.seen(waiting)[0]["still"]
 
 
-def test_an_unstable_world_starts_again_and_says_so(world):
+def test_an_unstable_world_starts_again_and_says_so(world, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log where it is
     world._world._data.qvel[:] = np.nan
     world._advance()
     header, sound = world.heard({"since": 0})
