@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 
 from learning import recognition, reconstruction, retrieval, stand_in
+from learning.grasping import stability
 from learning.page import write_page
 from learning.runs import Objects
 from learning.settings import read_settings
@@ -18,6 +19,7 @@ TASKS = {
     "retrieval": retrieval.evaluate,
     "reconstruction": reconstruction.evaluate,
     "stand_in": stand_in.evaluate,
+    "grasping": stability.evaluate,
 }
 
 

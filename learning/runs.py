@@ -19,7 +19,7 @@ RUNS = Path("learning/runs")
 SAID = ("sense", "senses", "protocol", "seed")  # of a unit that was made
 LOGS = RUNS / "logs"  # for TensorBoard
 # What trains and draws: with other code nothing that was kept is read.
-CODE = ("encoders", "networks", "occupancy", "samples", "shapes")
+CODE = ("encoders", "networks", "occupancy", "samples", "shapes", "grasping/world", "grasping/stability")
 FEWEST = 4  # two to train on, two that are unseen
 
 
@@ -72,7 +72,7 @@ def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -
     key
         All that the arrays depend on beside the code, as JSON has it; digests of Object Files stand for them.
     """
-    code = [_digest(Path(__file__).with_name(f"{name}.py")) for name in CODE]
+    code = [_digest(Path(__file__).parent / f"{name}.py") for name in CODE]
     text = json.dumps([code, key], sort_keys=True)
     path = RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
     if path.exists():

@@ -53,6 +53,14 @@ class Reconstruction(_Strict):
     folds: int = Field(ge=0, le=5)
 
 
+class Grasping(_Strict):
+    """Grasps of each object, and how many a network is trained on."""
+
+    grasps: PositiveInt
+    sizes: tuple[PositiveInt, ...] = Field(min_length=1)
+    folds: int = Field(ge=2, le=20)
+
+
 class Settings(_Strict):
     """All parameters."""
 
@@ -62,6 +70,7 @@ class Settings(_Strict):
     encoder: Encoder
     retrieval: Retrieval
     reconstruction: Reconstruction
+    grasping: Grasping
 
 
 def read_settings(path: Path) -> Settings:

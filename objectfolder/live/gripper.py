@@ -1,12 +1,13 @@
 """Two tactile fingers round an object that stands on the ground, as a model of MuJoCo."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from objectfolder.object_file import ObjectFile
+from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 
 FINGERS = ("left", "right")
@@ -41,37 +42,60 @@ def fingers(place_m: tuple[float, float], starts_m: tuple[float, float], frictio
     )
 
 
-def gripper(file: ObjectFile, friction: float = 0.8, timestep_s: float = 0.002) -> Any:
+def gripper(
+    file: ObjectFile, friction: float = 0.8, timestep_s: float = 0.002, hulls: Sequence[Surface] = ()
+) -> Any:
     """Return a `mujoco.MjModel` of an object between two DIGITs.
 
-    Bodies are ``object``, whose shape is its convex hull, and `FINGERS`, whose frames are their sensors'.
-    The fingers close along y beside the centre of mass, by `MOTORS`.
+    Bodies are ``object`` and `FINGERS`, whose frames are their sensors'. The fingers close along y beside the
+    centre of mass, by `MOTORS`, and pass through the ground, so that they reach what is flat.
 
     Parameters
     ----------
     friction
         Of fingers and object.
+    hulls
+        The object's convex parts, object frame; its convex hull by default.
     """
     (low, high), apex = file.surface.bounds, Sensor().gel_apex_m
     place = file.description["body"]["centre_of_mass_m"][0], (high[2] - low[2]) / 2 - apex[2]
     starts = low[1] - OPENING_M - apex[0], high[1] + OPENING_M + apex[0]
-    return standing(file, timestep_s, fingers(place, starts, friction), MOTORS)
+    return standing(file, timestep_s, fingers(place, starts, friction), MOTORS, hulls, through=FINGERS)
 
 
-def standing(file: ObjectFile, timestep_s: float = 0.002, bodies: str = "", motors: str = "") -> Any:
-    """Return a `mujoco.MjModel` of an object, body ``object``, on the ground beside other bodies in MJCF."""
+def standing(
+    file: ObjectFile,
+    timestep_s: float = 0.002,
+    bodies: str = "",
+    motors: str = "",
+    hulls: Sequence[Surface] = (),
+    through: Sequence[str] = (),
+) -> Any:
+    """Return a `mujoco.MjModel` of an object, body ``object``, on the ground beside other bodies in MJCF.
+
+    Parameters
+    ----------
+    hulls
+        Its convex parts, object frame; its convex hull by default.
+    through
+        Bodies that pass through the ground.
+    """
     import mujoco
 
     (low, _), known = file.surface.bounds, file.description["body"]
     (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
-    hull = file.surface.vertices[ConvexHull(file.surface.vertices).vertices]
+    whole = file.surface.vertices
+    parts = [hull.vertices for hull in hulls] or [whole[ConvexHull(whole).vertices]]
+    meshes = "".join(f'<mesh name="{i}" vertex="{_told(part.ravel())}"/>' for i, part in enumerate(parts))
+    shapes = "".join(f'<geom type="mesh" mesh="{i}"/>' for i in range(len(parts)))
+    passing = "".join(f'<exclude body1="world" body2="{name}"/>' for name in through)
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{timestep_s}" cone="elliptic" impratio="10"/>'
-        f'<asset><mesh name="hull" vertex="{_told(hull.ravel())}"/></asset><worldbody>'
+        f"<asset>{meshes}</asset><worldbody>"
         f'<geom type="plane" size="1 1 .1"/>{bodies}<body name="object" pos="0 0 {-low[2]}"><freejoint/>'
         f'<inertial pos="{_told(known["centre_of_mass_m"])}" mass="{known["mass_kg"]}"'
-        f' fullinertia="{_told([a, b, c, d, e, f])}"/><geom type="mesh" mesh="hull"/></body></worldbody>'
-        f"<actuator>{motors}</actuator></mujoco>"
+        f' fullinertia="{_told([a, b, c, d, e, f])}"/>{shapes}</body></worldbody>'
+        f"<contact>{passing}</contact><actuator>{motors}</actuator></mujoco>"
     )
 
 

@@ -1,0 +1,1 @@
+"""Grasping with two tactile fingers in MuJoCo: will the object be held?"""

@@ -1,0 +1,240 @@
+"""Grasps of an object that stands on a table, by two DIGITs: what they see and feel, and whether they hold.
+
+The object is turned and moved instead of the gripper, which is the same. Images of the gels are taken when
+the fingers have closed and before they lift: how deep the object lies in them, and how their markers have
+moved, are the force's doing.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import astuple, dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from objectfolder.errors import InputError, QueryError
+from objectfolder.live import Finger, LiveTouch, MujocoSimulation
+from objectfolder.live.gripper import BALL_M, FINGERS, HIGHEST_M, gripper
+from objectfolder.object_file import ObjectFile
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.vision.cameras import look_at
+
+Floats = NDArray[np.float64]
+FRICTION, GRAVITY_M_S2 = 0.8, 9.81
+FALLING_S, MOST_CLOSING_S, SETTLING_S, STEP_S = 2.0, 3.0, 0.2, 0.02
+AWAY_M = 0.3  # of the fingers, as the object falls
+LIFT_M, LIFTING_M_S = 0.18, 0.3
+HELD_SHARE = 0.8  # of the lift, that a held object has risen
+# Of the least force that holds the weight of a block between the fingers.
+FORCE_SHARES, WEAKEST_N = (0.5, 5.0), 0.4
+SURFACE_POINTS, NEAREST_POINTS, MOST_TRIES = 4000, 100, 4
+YAW_RAD, OFFSET_M, HEIGHT_SHARE = 0.5, 0.02, 0.3
+VIEW = np.array([1.6, -1.6, 1.2])  # of the camera from the object, in lengths of half its longest side
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """Where and how hard the fingers close.
+
+    Attributes
+    ----------
+    yaw_rad
+        Of the object, from where it is narrowest between the fingers.
+    offset_m
+        Of the fingers from the centre of mass, across their way.
+    height_share
+        Of the fingers over the middle of the object's height between them, in halves of it.
+    force_n
+        Of each finger.
+    """
+
+    yaw_rad: float
+    offset_m: float
+    height_share: float
+    force_n: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a grasp showed, and what came of it.
+
+    Attributes
+    ----------
+    image
+        (pixels, pixels, 3) uint8 of the object from where the camera stands, before the fingers close.
+    touch
+        (2, 160, 120, 3) uint8 of both gels with their markers, after they have closed.
+    risen_share
+        How far the object has risen, over how far the fingers have.
+    """
+
+    image: NDArray[np.uint8]
+    touch: NDArray[np.uint8]
+    risen_share: float
+
+    @property
+    def held(self) -> bool:
+        """Whether the object came along."""
+        return self.risen_share >= HELD_SHARE
+
+
+def least_force_n(file: ObjectFile) -> float:
+    """Return the force of each finger whose friction bears the weight, `WEAKEST_N` at least."""
+    return max(WEAKEST_N, float(file.description["body"]["mass_kg"]) * GRAVITY_M_S2 / (2 * FRICTION))
+
+
+def drawn_grasps(file: ObjectFile, seed: int) -> Iterator[Grasp]:
+    """Yield grasps without end, askew and off the middle, with forces about what the weight asks for."""
+    random = np.random.default_rng(seed)
+    least, (low, high) = least_force_n(file), np.log(FORCE_SHARES)
+    while True:
+        yield Grasp(
+            yaw_rad=random.uniform(-YAW_RAD, YAW_RAD) + random.choice([0.0, np.pi]),
+            offset_m=random.uniform(-OFFSET_M, OFFSET_M),
+            height_share=random.uniform(-HEIGHT_SHARE, HEIGHT_SHARE),
+            force_n=least * np.exp(random.uniform(low, high)),
+        )
+
+
+class World:
+    """An object on a table between two fingers.
+
+    Parameters
+    ----------
+    file
+        The object.
+    hulls
+        Its convex parts, object frame.
+    """
+
+    def __init__(self, file: ObjectFile, hulls: Sequence[Surface]) -> None:
+        self._file = file
+        self._model = gripper(file, FRICTION, hulls=hulls)
+        self._data = mujoco.MjData(self._model)
+        self._simulation = MujocoSimulation(self._model, self._data)
+        fingers = {name: Finger(friction=FRICTION) for name in FINGERS}
+        self._touch = LiveTouch(self._simulation, {"object": file}, fingers)
+        self._apex_m = self._simulation.pose(FINGERS[0])[:3, 3] + [0, 0, Sensor().gel_apex_m[2]]
+        self._model.actuator_actrange[:, 0] = -HIGHEST_M  # also below where they start
+        body = self._data.body("object").id
+        self._first = int(self._model.jnt_qposadr[self._model.body_jntadr[body]])
+        self._rest = self._settled()
+        points, _ = file.sample_contacts(SURFACE_POINTS, seed=0)
+        self._points = points @ self._rest[:3, :3].T + self._rest[:3, 3]
+        self._centre = self._rest @ [*file.description["body"]["centre_of_mass_m"], 1.0]
+        angles = np.linspace(0.0, np.pi, 180, endpoint=False)
+        across = self._points[:, :2] @ [np.sin(angles), np.cos(angles)]
+        self._narrow_rad = float(angles[np.ptp(across, axis=0).argmin()])
+        self._camera = look_at(self._centre[:3] + VIEW * file.frame.scale, self._centre[:3])[0]
+
+    def _settled(self) -> Floats:
+        """Let the object stand or fall on the table, and return its pose."""
+        for name in FINGERS:
+            self._data.joint(f"{name}_close").qpos[0] = -AWAY_M
+        self._run(FALLING_S, 0.0, 0.0)
+        return self._simulation.pose("object")
+
+    def attempt(self, grasp: Grasp, pixels: int) -> Outcome:
+        """Close the fingers, look at what they feel, and lift by `LIFT_M`.
+
+        Raises
+        ------
+        QueryError
+            The gels cannot show it: pressed in deeper than they give way, or by a collision part that stands
+            off the surface.
+        """
+        self._place(grasp)
+        start, image = self._height_m(), self._image(pixels)
+        self._close(grasp.force_n)
+        felt = self._touch.feel()
+        touch = np.stack([felt[name].markers().drawn_on(felt[name].image.rgb) for name in FINGERS])
+        self._run(LIFT_M / LIFTING_M_S, grasp.force_n, LIFTING_M_S)
+        self._run(SETTLING_S, grasp.force_n, 0.0)
+        return Outcome(image, touch, (self._height_m() - start) / LIFT_M)
+
+    def _place(self, grasp: Grasp) -> None:
+        """Stand the object before the fingers, which are open as far as it is wide between them."""
+        model, data = self._model, self._data
+        mujoco.mj_resetData(model, data)
+        turn = Rotation.from_rotvec([0, 0, self._narrow_rad + grasp.yaw_rad]).as_matrix()
+        place = np.array([self._apex_m[0] + grasp.offset_m, 0, 0]) - turn @ self._centre[:3] * [1, 1, 0]
+        data.qpos[self._first : self._first + 3] = turn @ self._rest[:3, 3] + place
+        quaternion = Rotation.from_matrix(turn @ self._rest[:3, :3]).as_quat(scalar_first=True)
+        data.qpos[self._first + 3 : self._first + 7] = quaternion
+        x, y, z = turn @ self._points.T + place[:, None]
+        near = z[np.argsort(np.abs(x - self._apex_m[0]))[:NEAREST_POINTS]]
+        height = (near.max() + near.min()) / 2 + np.ptp(near) / 2 * grasp.height_share
+        away = np.hypot(x - self._apex_m[0], z - height)
+        before = away < BALL_M
+        recedes = BALL_M - np.sqrt(BALL_M**2 - away[before] ** 2)
+        low, high = self._file.surface.bounds[:, 1]
+        data.joint("left_close").qpos[0] = (y[before] + recedes).min() - low
+        data.joint("right_close").qpos[0] = high - (y[before] - recedes).max()
+        for number, name in enumerate(FINGERS):
+            data.joint(f"{name}_lift").qpos[0] = data.act[number] = height - self._apex_m[2]
+        mujoco.mj_forward(model, data)
+
+    def _close(self, force_n: float) -> None:
+        """Close the fingers until both have touched, and let them settle."""
+        for _ in range(round(MOST_CLOSING_S / STEP_S)):
+            self._run(STEP_S, force_n, 0.0)
+            touched = {name for one in self._simulation.touching() for name in one.bodies}
+            if touched.issuperset(FINGERS):
+                break
+        self._run(SETTLING_S, force_n, 0.0)
+
+    def _run(self, time_s: float, force_n: float, lifting_m_s: float) -> None:
+        self._data.ctrl[:] = [force_n, force_n, lifting_m_s, lifting_m_s]
+        for _ in range(round(time_s / self._simulation.timestep_s)):
+            self._simulation.step()
+
+    def _height_m(self) -> float:
+        return float(self._simulation.pose("object")[2, 3])
+
+    def _image(self, pixels: int) -> NDArray[np.uint8]:
+        camera = np.linalg.inv(self._simulation.pose("object")) @ self._camera
+        lamp = camera[:3, 3] / 2 + camera[:3, 1] * self._file.frame.scale / 2
+        return np.asarray(self._file.render(camera, lamp, pixels, sub_rays=4)[0])
+
+
+def attempts(world: World, file: ObjectFile, count: int, seed: int, pixels: int) -> dict[str, NDArray[Any]]:
+    """Try grasps until `count` were seen and felt.
+
+    Returns
+    -------
+    image, touch
+        (n, ...) uint8, see `Outcome`.
+    grasp
+        (n, 4) float64, the fields of `Grasp`.
+    held
+        (n,) bool.
+    unseen
+        () how many grasps were left out, as the gels could not show them.
+
+    Raises
+    ------
+    InputError
+        Most grasps cannot be shown.
+    """
+    found: list[tuple[Outcome, Grasp]] = []
+    for tried, grasp in enumerate(drawn_grasps(file, seed)):
+        with suppress(QueryError):
+            found.append((world.attempt(grasp, pixels), grasp))
+        if len(found) == count:
+            break
+        if tried > MOST_TRIES * count:
+            name = file.description["object"]["name"]
+            remedy = "Leave it out: its collision parts stand off its surface"
+            raise InputError(name, f"the gels show {len(found)} of {tried} grasps", remedy)
+    outcomes, grasps = zip(*found, strict=True)
+    return {
+        "image": np.stack([one.image for one in outcomes]),
+        "touch": np.stack([one.touch for one in outcomes]),
+        "grasp": np.array([astuple(one) for one in grasps]),
+        "held": np.array([one.held for one in outcomes]),
+        "unseen": np.array(tried + 1 - count),
+    }

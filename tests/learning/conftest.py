@@ -1,0 +1,33 @@
+"""A data set of twins, small enough for every task of learning."""
+
+from pathlib import Path
+
+import pytest
+
+from learning.settings import read_settings
+
+PARAMETERS = Path(__file__).parents[2] / "learning" / "params.yaml"
+
+
+@pytest.fixture(scope="session")
+def tiny(small_file, tmp_path_factory):
+    """Four names of one object: nobody can tell them apart."""
+    root = tmp_path_factory.mktemp("twins")
+    (root / "data" / "object_files").mkdir(parents=True)
+    for name in "abcd":
+        (root / "data" / "object_files" / f"{name}.safetensors").symlink_to(small_file)
+    settings = read_settings(PARAMETERS)
+    return settings.model_copy(
+        update={
+            "seeds": (0,),
+            "data": settings.data.model_copy(
+                update={"root": str(root), "training": 6, "validation": 4, "test": 6, "resolution": 16}
+            ),
+            "encoder": settings.encoder.model_copy(update={"width": 2, "epochs": 1}),
+            "retrieval": settings.retrieval.model_copy(update={"epochs": 1, "dimensions": 4}),
+            "reconstruction": settings.reconstruction.model_copy(
+                update={"steps": 5, "points": 32, "width": 8, "grid": 16, "tests": 1, "surface_points": 200}
+            ),
+            "grasping": settings.grasping.model_copy(update={"grasps": 8, "sizes": (16,), "folds": 2}),
+        }
+    )
