@@ -18,7 +18,13 @@ import numpy as np
 
 from objectfolder.child_process import end_with
 from objectfolder.errors import SimulationError
-from objectfolder.vision.truth.render_request import FACES_WITH_HOLES, Scene, Shots, load_request
+from objectfolder.vision.truth.render_request import (
+    FACES_WITH_HOLES,
+    NOISE_THRESHOLD,
+    Scene,
+    Shots,
+    load_request,
+)
 
 
 @contextlib.contextmanager
@@ -91,7 +97,10 @@ def _set_up_render(shots: Shots, path: str) -> None:
     cycles.samples = shots.samples
     cycles.pixel_filter_type = "BOX"
     cycles.sampling_pattern = "TABULATED_SOBOL"
-    cycles.use_adaptive_sampling = False
+    cycles.use_adaptive_sampling = shots.most_samples is not None
+    if shots.most_samples is not None:
+        cycles.samples, cycles.adaptive_min_samples = shots.most_samples, shots.samples
+        cycles.adaptive_threshold = NOISE_THRESHOLD
     cycles.use_denoising = False
     cycles.use_auto_tile = False
     cycles.light_sampling_threshold = 0.0

@@ -19,6 +19,8 @@ LIGHT_POWER_W = 12.0
 BOUNCES = 3
 # Faces that a path may pass through by their holes; the next one stops it.
 FACES_WITH_HOLES = 64
+# Cycles' estimate of a pixel's error over the root of its radiance below which adaptive sampling ends it.
+NOISE_THRESHOLD = 0.003
 # Fields of a scene that hold something for some of its textures.
 BY_TEXTURE = ("alpha_cutoffs", "roughness_maps", "metallic_maps", "normal_maps")
 
@@ -108,6 +110,8 @@ class Shots:
         Render threads; the image does not depend on it.
     environment
         (h, w, 3) radiance from all round, as of `environment.py`, in place of the point light; or None.
+    most_samples
+        Paths of a pixel that is still noisy after `samples` (`NOISE_THRESHOLD`); None asks no pixel for more.
     """
 
     camera_to_world: np.ndarray
@@ -121,6 +125,7 @@ class Shots:
     bounces: int = BOUNCES
     threads: int = 1
     environment: np.ndarray | None = None
+    most_samples: int | None = None
 
 
 def save_request(path: Path, scene: Scene, shots: Shots) -> None:

@@ -1,5 +1,6 @@
 """The ground truth of sight: path-traced views of an object under a moving point light."""
 
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -20,12 +21,15 @@ from objectfolder.vision.cameras import (
     uniform_on_sphere,
 )
 from objectfolder.vision.compositing import composite_on_white
+from objectfolder.vision.truth.coverage import with_cast_coverage
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.passes import Passes, cast_passes
 from objectfolder.vision.truth.render_request import BOUNCES, LIGHT_POWER_W, Scene, Shots, unit_scene
 
 # Held-out views rendered a second time to measure the noise in them.
 NOISE_VIEWS = 2
+# Held-out pixels get this share of their samples at least, and this multiple where noise remains.
+LEAST_SHARE, MOST_SHARE = 0.5, 8
 # Seeds are below 2^30; this bit makes the seed of a repeat.
 REPEAT = 1 << 30
 NOISE_FLOOR = (
@@ -67,7 +71,8 @@ def simulate_views(
     resolution, field_of_view_deg
         Pixels a side, or (height, width); and the angle over the longer side.
     training_views, held_out_views, training_samples, held_out_samples
-        How many views of each kind, the held-out ones last; and paths a pixel.
+        How many views of each kind, the held-out ones last; and paths a pixel. A held-out pixel gets half of
+        these to eight times as many, as noisy as it is; exactly these in scenes with holes.
     camera_radius, light_power_w
         Distance of the cameras from the origin, and radiant power of the point light for distances, in the
         unit frame.
@@ -134,10 +139,25 @@ def _rendered(
     """Return the images of training and held-out views, and the noise attributes; `how` ends `Shots`."""
     # The repeats that measure the noise ride with the held-out views: same sample count, same process.
     repeated = (held_out[0][:NOISE_VIEWS], held_out[1][:NOISE_VIEWS], held_out[2][:NOISE_VIEWS] ^ REPEAT)
-    noisy = render_in_children(scene, Shots(*_joined(held_out, repeated), samples[1], *how))
+    noisy = _held_out_images(scene, _joined(held_out, repeated), samples[1], how)
     trained = render_in_children(scene, Shots(*training, samples[0], *how))
     count = len(held_out[0])
     return np.concatenate([trained, noisy[:count]]), noise_floor(noisy[:NOISE_VIEWS], noisy[count:])
+
+
+def _held_out_images(scene: Scene, drawn: Drawn, samples: int, how: tuple[Any, ...]) -> np.ndarray:
+    """Return images with little noise: more paths where a pixel is noisy, and outlines cast.
+
+    Cycles ends a pixel by the noise of its colour and knows nothing of that of its alpha.
+    """
+    if scene.has_holes:
+        return render_in_children(scene, Shots(*drawn, samples, *how))
+    least, most = max(1, int(LEAST_SHARE * samples)), MOST_SHARE * samples
+    shots = replace(Shots(*drawn, least, *how), most_samples=most)
+    cameras, _, seeds = drawn
+    return with_cast_coverage(
+        scene, render_in_children(scene, shots), cameras, seeds, shots.field_of_view_deg
+    )
 
 
 def _arrays(rgba: np.ndarray, drawn: Drawn, kept: np.ndarray, samples: np.ndarray) -> dict[str, Array]:
@@ -150,7 +170,12 @@ def _arrays(rgba: np.ndarray, drawn: Drawn, kept: np.ndarray, samples: np.ndarra
         "camera_to_world": Array(cameras, ("view", "row", "column"), "1", pose),
         "light_position": Array(lights, ("view", "axis"), "1", "point light in the unit frame"),
         "held_out": Array(kept, ("view",), "1", "kept from training"),
-        "samples": Array(samples, ("view",), "1", "paths a pixel"),
+        "samples": Array(
+            samples,
+            ("view",),
+            "1",
+            "paths a pixel; held-out views, without holes: half of them to eight times",
+        ),
         "seed": Array(seeds, ("view",), "1", "seed of the path sampler"),
     }
 
