@@ -15,7 +15,13 @@ from objectfolder.vision.compositing import composite_on_white, srgb_encode
 from objectfolder.vision.network.incidence import Incidence, UnitSurface
 from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, highlight
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
-from objectfolder.vision.visionnet.fitting import MOST_RAYS, fit_visionnet, rays_to_average
+from objectfolder.vision.visionnet.fitting import (
+    FEW_RAYS,
+    MOST_RAYS,
+    fit_visionnet,
+    rays_to_average,
+    rays_to_resolve,
+)
 from objectfolder.vision.visionnet.training import (
     LEAST_ALPHA,
     display_loss,
@@ -344,3 +350,8 @@ def test_few_pixels_are_given_more_rays_at_equal_cost():
     assert rays_to_average(600_000, rays) == 4
     assert rays_to_average(47_000, rays) == 20
     assert rays_to_average(1, rays) == rays_to_average(0, rays) == MOST_RAYS
+
+
+def test_thin_parts_are_given_more_rays_and_solid_bodies_none():
+    assert rays_to_resolve(0.0) == rays_to_resolve(0.08) == FEW_RAYS
+    assert FEW_RAYS < rays_to_resolve(0.3) < rays_to_resolve(0.53) < rays_to_resolve(1.0) <= 100

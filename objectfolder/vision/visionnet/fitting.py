@@ -22,6 +22,8 @@ FILLED_RAYS = 4000
 ENOUGH_LOOKS = 5
 # Rays through a training pixel, at least and at most.
 FEW_RAYS, MOST_RAYS = 4, 24
+# Of thin objects: rays for each share of covered pixels that are outline, above what a solid body has.
+RAYS_OF_OUTLINE, OUTLINE_OF_SOLID = 100, 0.1
 
 
 def fit_visionnet(
@@ -45,8 +47,8 @@ def fit_visionnet(
         Steps of Adam, pixels a step (of 4 rays; fewer pixels of more rays), and its rate.
     training_sub_rays, training_pixels
         Rays through each training pixel, and how many pixels (of 4 rays, as above) to choose from all
-        training views at most. If None 4 rays, more where the pixels are few (`rays_to_average`) or
-        highlights narrow (`rays_to_meet`).
+        training views at most. If None 4 rays, more where the pixels are few (`rays_to_average`),
+        highlights narrow (`rays_to_meet`) or parts thin (`rays_to_resolve`).
     grid_corners, grid_resolution
         At most this many corners at the finest level, and at most this many cells a side (a multiple of 8).
     mirrors
@@ -68,9 +70,13 @@ def fit_visionnet(
     appearance = Appearance(**views.attributes["appearance"])
     mirrors = shows_itself(appearance, surface) if mirrors is None else mirrors
     if training_sub_rays is None:
-        covered = int(np.count_nonzero(views["rgba"][~views["held_out"]][..., 3]))
-        averaging = rays_to_average(covered, steps * batch_pixels * FEW_RAYS)
-        training_sub_rays = max(averaging, rays_to_meet(appearance, mirrors))
+        alpha = views["rgba"][~views["held_out"]][..., 3]
+        covered, partly = int(np.count_nonzero(alpha)), int(np.count_nonzero((alpha > 0) & (alpha < 1)))
+        training_sub_rays = max(
+            rays_to_average(covered, steps * batch_pixels * FEW_RAYS),
+            rays_to_meet(appearance, mirrors),
+            rays_to_resolve(partly / max(covered, 1)),
+        )
     # More rays a pixel cost fewer pixels: memory and time stay.
     share = min(1.0, FEW_RAYS / training_sub_rays)
     shown = UnitSurface(surface, frame, maps)
@@ -132,3 +138,17 @@ def rays_to_average(pixels: int, rays: int) -> int:
     at equal cost: a pair of scissors gains 6 dB by 12 or 24 rays in place of 4.
     """
     return int(np.clip(rays // (ENOUGH_LOOKS * max(pixels, 1)), FEW_RAYS, MOST_RAYS))
+
+
+def rays_to_resolve(outline: float) -> int:
+    """Return how many rays through a training pixel thin parts ask for.
+
+    They turn, end and are lit in part within a pixel. At equal cost a chain (`outline` .53) gains 2.8 dB of
+    other views by 64 rays in place of 24, a wire rack (.51) 3.4 dB by 40 in place of 8.
+
+    Parameters
+    ----------
+    outline
+        Share of the pixels that show the object which it covers in part, 0 to 1.
+    """
+    return max(FEW_RAYS, round(RAYS_OF_OUTLINE * (outline - OUTLINE_OF_SOLID)))
