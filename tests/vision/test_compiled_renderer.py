@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from compiled_cases import SHAPES, network
+from compiled_cases import SHAPES, joined, network
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from small_visionnets import drawn_visionnet
+from vision_shapes import sphere
 
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
@@ -202,3 +204,23 @@ def test_no_sub_rays_and_foreign_weights_are_refused():
     ):
         with pytest.raises(FormatError, match=r"vision\.(albedo\.weight|extra)"):
             CompiledRenderer(surface, grid, changed, 1.0)
+
+
+def test_highlights_smaller_than_a_pixel_are_met(monkeypatch):
+    """Balls of two pixels each; the mean over many rays is what a pixel should hold."""
+    ball = sphere(0.04, (0, 0, 0), 2).surface
+    places = [(0.2 * i, 0.2 * j, 0.13 * (i - j)) for i in range(4) for j in range(4)]
+    net = drawn_visionnet(joined([(ball.vertices + place, ball.faces) for place in places]))
+    net._weights["log_alpha"] = np.float16(np.log(0.08))
+    net._weights["direct.4.bias"] = np.float16([0, 0, 0, 3, 3, 3])
+    pose, light = look_at(np.array([[0.0, -2.5, 0.3]]))[0], np.array([0.4, -0.9, 0.6])
+    pixels = np.arange(24 * 24)
+    origins, directions = pixel_rays(pose, pixels, sub_ray_offsets(1024), 24, 39.6)
+    expected = net.radiance(origins, directions, light).reshape(24, 24, 1024, 4).mean(axis=2)
+
+    def error() -> float:
+        return float(np.mean((net.render(pose, light, 24, 39.6)[0] - expected) ** 2))
+
+    fine = error()
+    monkeypatch.setattr("objectfolder.vision.compiled.renderer.SHARP", np.inf)
+    assert fine < 0.5 * error()

@@ -23,7 +23,7 @@ from objectfolder.vision.network.sparse_grid import SparseGrid
 # Radiance of one unit as it is commonly shown: contrast is judged as the eye would, without asking a scale.
 SHOWN = 0.3
 # Where in the box around a group the points that stand for it should lie: [k - 1] for k of them.
-MOST_SHADED = 16
+MOST_SHADED = 64
 TARGETS = np.zeros((MOST_SHADED, MOST_SHADED, 2), dtype=np.float32)
 for _count in range(1, MOST_SHADED + 1):
     TARGETS[_count - 1, :_count] = sub_ray_offsets(_count)
@@ -31,6 +31,9 @@ for _count in range(1, MOST_SHADED + 1):
 MANY = 32
 # At `MORE` points where normals turn in a pixel: 1 - length of their mean, in squared widths of the lobe.
 CURVED, MORE = 0.03, 4
+# The same, and the difference to a neighbour in sRGB, from which on `Effort.shaded_uneven` points meet a
+# highlight by chance.
+TURNED, SHARP = 0.7, 0.2
 # Directions of a highlight in an environment for a point of an even pixel (else 1), and of one mirrored.
 HIGHLIGHT_SAMPLES, MIRROR_SAMPLES = 2, 4
 # What arrives from all round is averaged over pixels this far to either side. Of weight 1 / e are those whose
@@ -52,6 +55,8 @@ class Effort:
         Colours a smooth piece of surface in a pixel.
     shaded_uneven
         The same where colour changes fast.
+    shaded_curved
+        The same where normals turn within the pixel by much of the highlight's width, too (`TURNED`).
     shadow_rays
         Sub-samples that are asked for a pixel in which a shadow ends.
     contrast
@@ -62,6 +67,7 @@ class Effort:
     samples_uneven: int
     shaded: int
     shaded_uneven: int
+    shaded_curved: int
     shadow_rays: int
     contrast: float
 
@@ -77,12 +83,12 @@ class Effort:
         if sub_rays < 1:
             raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 4, 16 or 64.")
         if sub_rays >= 64:
-            return cls(16, 4 * sub_rays, 4, 16, 64, 0.03)
+            return cls(16, 4 * sub_rays, 4, 16, 64, 64, 0.03)
         if sub_rays >= 16:
-            return cls(16, 256, 1, 4, 16, 0.02)
+            return cls(16, 256, 1, 4, 4, 16, 0.02)
         if sub_rays >= 4:
-            return cls(16, 64, 1, 3, 16, 0.05)
-        return cls(16, 64, 1, 1, 8, 2.0)
+            return cls(16, 64, 1, 3, 3, 16, 0.05)
+        return cls(16, 64, 1, 1, 1, 8, 2.0)
 
 
 @dataclass(frozen=True)
@@ -191,8 +197,9 @@ class CompiledRenderer:
                 if effort.shaded > 1:
                     chosen = self._chosen(view, labels, np.full(len(colour), effort.shaded))
                 seen = self._seen(chosen.points)
+                curved = self._curved(chosen, len(colour))
                 for light, factor in lights:
-                    colour += factor * self._lit(view, probes, chosen, seen, light, effort)
+                    colour += factor * self._lit(view, probes, chosen, seen, light, effort, curved)
         return _image(view, colour * self._scale[:3], crop or (0, 0, *size))
 
     def surrounded(
@@ -378,15 +385,17 @@ class CompiledRenderer:
         return colour
 
     def _lit(
-        self, view: View, probes: _Chosen, chosen: _Chosen, seen: _Seen, light: np.ndarray, effort: Effort
-    ) -> np.ndarray:
+        self, view: View, probes: _Chosen, chosen: _Chosen, seen: _Seen, light: np.ndarray, effort: Effort,
+        curved: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """Return the colour (p, 3) of the pixels under one light of colour 1.
 
-        `chosen` and what is `seen` there serve each light, but for pixels in which its shadow ends.
+        `chosen` and what is `seen` there serve each light, but for pixels in which its shadow ends, and
+        in which colour changes fast: the more so in those that are `curved` (p,).
         """
         labels, state, split = self._shadows(view, probes, light, effort.shadow_rays)
 
-        def again(pixels: np.ndarray, shaded: int) -> None:
+        def again(pixels: np.ndarray, shaded: np.ndarray | int) -> None:
             some = self._chosen(view, labels, np.where(pixels, shaded, 0))
             colour[pixels] = self._shaded(some, self._seen(some.points), state, light)[pixels]
 
@@ -394,8 +403,20 @@ class CompiledRenderer:
         again(split, effort.shaded)
         if effort.shaded_uneven > effort.shaded:
             shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
-            again(contrasting(view.edges, shade, effort.contrast), effort.shaded_uneven)
+            sharp = curved & contrasting(view.edges, shade, SHARP)
+            finest = np.where(sharp, effort.shaded_curved, effort.shaded_uneven)
+            again(contrasting(view.edges, shade, effort.contrast), finest)
         return colour
+
+    def _curved(self, chosen: _Chosen, count: int) -> np.ndarray:
+        """Return in which (count,) pixels a smooth piece of surface turns by much of a highlight's width."""
+        first = np.flatnonzero(np.diff(chosen.pixel * GROUPS + chosen.group, prepend=-1))
+        mean = np.add.reduceat(chosen.weight[:, None] * chosen.points.normal, first)
+        mean /= np.add.reduceat(chosen.weight, first)[:, None]
+        turned = 1 - np.linalg.norm(mean, axis=1) > TURNED * self._network.alpha2
+        curved = np.zeros(count, dtype=bool)
+        curved[chosen.pixel[first[turned]]] = True
+        return curved
 
     def _shadows(
         self, view: View, probes: _Chosen, light: np.ndarray, rays: int
