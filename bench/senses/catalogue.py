@@ -6,12 +6,11 @@ from pathlib import Path
 
 from bench.record import REPOSITORY, arguments
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.audio.modes.modes import modes_of_solid
+from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.products.store import Product, read_product, write_product
-from objectfolder.solid.filling import fill
 from objectfolder.surface.surface import Surface
 
 FOLDER = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))
@@ -75,10 +74,9 @@ class Scans:
         return Surface(surface.vertices, surface.faces[surface.face_areas > 0])
 
     def modes(self, name: str, surface: Surface, path: Path, **asked: int) -> Product:
-        """Return the modes of an object, solved and kept in a file; `asked` as for `modes_of_solid`."""
+        """Return the modes of an object, solved and kept in a file; `asked` as for `simulate_modes`."""
         if not path.exists():
-            solid = fill(surface, name=name)
-            modes = modes_of_solid(surface, solid, self.material(name), max_frequency_hz=20_000.0, **asked)
+            modes = simulate_modes(surface, self.material(name), name=name, **asked)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_product(path, modes)
         return read_product(path)

@@ -36,7 +36,8 @@ from bench.rivals.audio.voxels import voxel_modes
 from bench.senses.catalogue import FOLDER, MATERIALS, Scans
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.modes.modes import modes_of_solid
+from objectfolder.audio.modes.modes import modes_of_solid, waves_of
+from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface
@@ -112,7 +113,7 @@ def case_of(name: str, scans: Path) -> Case:
         catalogue = Scans(scans / "catalogue.csv")
         material, surface = catalogue.material(name), catalogue.surface(name)
         with watch.step("reference"):
-            solid = fill(surface, Filling(**FINEST_FILLING), name=name)
+            solid = fill(surface, Filling(**FINEST_FILLING), waves=audible_waves(material), name=name)
             finest = ours(solid, surface, material, accuracy_cents=FINEST_CENTS)
         found = finest.frequencies_hz
         said = {"by": "this project's finest answer, not independent", **finest.notes}
@@ -123,6 +124,11 @@ def case_of(name: str, scans: Path) -> Case:
         "cpu_s": watch.cpu_s["reference"],
     }
     return Case(name, surface, material, found, said)
+
+
+def audible_waves(material: Material) -> BendingWaves:
+    """Waves that any caller's solid has to carry."""
+    return waves_of(material, MAX_FREQUENCY_HZ, MAX_MODES)
 
 
 def ours(solid: Solid, surface: Surface, material: Material, **accuracy: float) -> Outcome:
@@ -168,7 +174,8 @@ class Ways:
 
     def __init__(self, case: Case) -> None:
         self._case = case
-        self.our_mesh = cache(partial(self._mesh, partial(fill, case.surface, name=case.name)))
+        filled = partial(fill, case.surface, waves=audible_waves(case.material), name=case.name)
+        self.our_mesh = cache(partial(self._mesh, filled))
         self.tetwild_mesh = cache(partial(self._mesh, partial(tetwild, case.surface)))
 
     def parts(self) -> Iterator[tuple[str, Callable[[], Outcome]]]:

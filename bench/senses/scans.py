@@ -18,7 +18,7 @@ import numpy as np
 from bench.record import conclude, cpu_seconds, kept, save, subplots
 from bench.senses.audionet import HELD_OUT_POINTS, OBJECTS, TRAINING_POINTS
 from bench.senses.catalogue import Scans, scan_arguments
-from objectfolder.audio.modes.modes import modes_of_solid
+from objectfolder.audio.modes.modes import modes_of_solid, waves_of
 from objectfolder.errors import ObjectFolderError
 from objectfolder.products.store import write_product
 from objectfolder.solid.filling import fill
@@ -65,7 +65,7 @@ def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     forget_peak_memory()
     start = cpu_seconds()
     try:
-        solid = fill(surface, name=name)
+        solid = fill(surface, waves=waves_of(material, MAX_FREQUENCY_HZ, MAX_MODES), name=name)
         filled = cpu_seconds()
         modes = modes_of_solid(
             surface,

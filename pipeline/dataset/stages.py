@@ -51,6 +51,7 @@ STAGES = {
             fields=("material", "walls", "senses"),
             packages=(
                 "embreex",
+                "manifold3d",
                 "mkl",
                 "numba",
                 "numpy",

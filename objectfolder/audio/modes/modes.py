@@ -17,6 +17,7 @@ from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
+from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
@@ -30,6 +31,8 @@ HELD_OUT = 1_000_003
 # it 95 % of the modes of bars, plates and bodies of revolution have no larger error than is stated.
 OFF_SURFACE = 0.08
 NO_TRANSFER, MULTIPOLE = "none", "multipole"
+# Of the band, unless others are asked for.
+MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 256
 OPEN_SHARE = 0.05  # of a solid's outside, from which on openings of its surface are warned of
 
 
@@ -91,11 +94,21 @@ def simulate_modes(
     """
     started = _cpu_seconds()
     surface = Surface(surface.vertices, surface.faces)  # normals of a source are made to be seen by
-    solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, name=name)
+    band = options.get("max_frequency_hz", MAX_FREQUENCY_HZ), options.get("max_modes", MAX_MODES)
+    waves = waves_of(material, *band)
+    solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, waves=waves, name=name)
     seconds = options.get("seconds")
     if seconds is not None:
         seconds["fill"] = _cpu_seconds() - started
     return modes_of_solid(surface, solid, material, **options)
+
+
+def waves_of(
+    material: Material, max_frequency_hz: float = MAX_FREQUENCY_HZ, max_modes: int = MAX_MODES
+) -> BendingWaves:
+    """Bending waves that a solid of a material has to carry in a band."""
+    plate_speed_m_s = material.shear_speed_m_s * float(np.sqrt(2 / (1 - material.poisson_ratio)))
+    return BendingWaves.up_to(max_frequency_hz, plate_speed_m_s, max_modes)
 
 
 def modes_of_solid(
@@ -103,8 +116,8 @@ def modes_of_solid(
     solid: Solid,
     material: Material,
     *,
-    max_frequency_hz: float = 20000.0,
-    max_modes: int = 256,
+    max_frequency_hz: float = MAX_FREQUENCY_HZ,
+    max_modes: int = MAX_MODES,
     training_points: int,
     held_out_points: int,
     seed: int,
