@@ -107,8 +107,9 @@ def as_given(shape: Callable[[], Surface]) -> Product:
 @pytest.mark.parametrize(
     ("shape", "change"),
     [
-        *((bar_surface, change) for change in (turned, mirrored, subdivided, noisy)),
-        *((small_cup, change) for change in (turned, mirrored, noisy)),
+        (shape, change)
+        for shape in (bar_surface, small_cup)
+        for change in (turned, mirrored, subdivided, noisy)
     ],
     ids=lambda one: one.__name__,
 )
@@ -118,12 +119,7 @@ def test_another_description_of_a_body_moves_no_mode_by_more_than_is_stated(
     before, after = as_given(shape), modes_of(change(shape()))
     moved = 600 * np.log2(after["eigenvalues"] / before["eigenvalues"])
     stated = np.maximum(*(stated_cents(product) for product in (before, after)))
-    within = np.abs(moved) <= stated + 0.02
-    if change is noisy:  # other elements: one of 18 modes of the bar moves by .28 cents, stated are .08
-        assert np.mean(within) >= 0.94
-        assert np.abs(moved).max() < 0.5
-    else:
-        assert within.all(), (moved, stated)
+    assert np.all(np.abs(moved) <= stated + 0.02), (moved, stated)
 
 
 def stated_cents(product: Product) -> np.ndarray:
