@@ -61,7 +61,8 @@ class Filling:
     ----------
     edge_length : of the elements; up to twice that for a bulky solid, where `bulk_elements` equal tetrahedra
         fill the volume
-    edge_per_wave : of the elements at most, over the shortest bending wave
+    edge_per_wave : of the elements at most, over the shortest bending wave; not where a surface is simplified
+        to 1.8 times `target_faces` or more, as it then has as many elements as order 4 is solved for
     bulk_elements : see `edge_length`
     epsilon_per_wall : envelope of fTetWild over the wall thickness
     simplification_per_wall : rms distance that simplification may move the surface, likewise
@@ -284,6 +285,7 @@ def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, 
             continue
         done = {
             "epsilon_m": envelope.epsilon * scale,
+            "edge_m": float(raw["edge"]) * scale,
             "simplified_faces": int(raw["faces"]),
             "simplification_moved_rms_m": float(raw["moved"]) * scale,
         }
@@ -294,13 +296,15 @@ def _envelopes(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Env
     """What fTetWild gets on each way, best first."""
     epsilon = float(np.clip(measured.wall * filling.epsilon_per_wall, 1e-4, 2e-3))
     edge = _edge(measured, filling)
+    carrying = min(edge, filling.edge_per_wave * measured.wave)
     first = Envelope(
         epsilon,
         float(np.clip(measured.wall * filling.simplification_per_wall, epsilon, 2e-3)),
         edge,
+        carrying,
         filling.target_faces,
         filling.most_faces,
-        filling.stop_energy * _flat_energy(measured.wall / min(filling.edge_length, edge)),
+        filling.stop_energy * _flat_energy(measured.wall / min(filling.edge_length, carrying)),
         0.6 * filling.time_limit_s,
         1e9 * filling.memory_limit_gb,
     )
@@ -318,14 +322,9 @@ def _envelopes(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Env
 
 
 def _edge(measured: _Measured, filling: Filling) -> float:
-    """Longest edge: 8.5 volumes of a regular tetrahedron are the cube of its edge.
-
-    fTetWild leaves single edges up to 1.7 times as long. Where such an element is longer than a bending wave
-    no order up to 5 carries it: a steel dish of 2 mm had modes 77 cents too high.
-    """
+    """Longest edge: 8.5 volumes of a regular tetrahedron are the cube of its edge."""
     bulk = (8.5 * max(measured.volume, 0.0) / filling.bulk_elements) ** (1 / 3)
-    edge = float(np.clip(bulk, filling.edge_length, 2 * filling.edge_length))
-    return min(edge, filling.edge_per_wave * measured.wave)
+    return float(np.clip(bulk, filling.edge_length, 2 * filling.edge_length))
 
 
 def _flat_energy(flatness: float) -> float:
@@ -410,7 +409,6 @@ def _finished(
         **done,
         "wall_thin_m": measured.thin * scale,
         "wall_median_m": measured.median * scale,
-        "edge_m": _edge(measured, filling) * scale,
         "volume_error": solid.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
         "volume_uncertainty": measured.volume_uncertainty / measured.volume if measured.volume > 0 else None,
         "wall_median_ratio": _wall_ratio(measured, solid),

@@ -22,11 +22,17 @@ class CutOffError(SimulationError):
 
 @dataclass(frozen=True)
 class Envelope:
-    """What one run of fTetWild gets: dimensionless lengths, see `filling.Filling`; bytes."""
+    """What one run of fTetWild gets: dimensionless lengths, see `filling.Filling`; bytes.
+
+    `wave_edge` is the edge that carries bending waves. fTetWild leaves single edges longer than asked, 1.7
+    times on vessels. Where such an element is longer than a wave no order up to 5 carries it: a steel dish of
+    2 mm had modes 77 cents too high.
+    """
 
     epsilon: float
     allowed: float
     edge_length: float
+    wave_edge: float
     target_faces: int
     most_faces: int
     stop_energy: float
@@ -40,7 +46,8 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
     Returns
     -------
     dict or str
-        `vertices` (v, 3), `tetrahedra` (t, 4), `faces` the surface was simplified to, rms distance `moved`.
+        `vertices` (v, 3), `tetrahedra` (t, 4), `faces` the surface was simplified to, rms distance `moved`,
+        `edge` that was asked for.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 A process of its own because the filling is native code without a way to stop it. IN and OUT are .npz files:
 IN holds `vertices`, `faces` and the numbers of `tetwild.Envelope`; OUT holds `vertices`, `tetrahedra`, the
-faces the surface was simplified to and by how much it moved.
+faces the surface was simplified to, by how much it moved, and the edge that was asked for.
 """
 
 import os
@@ -21,6 +21,8 @@ from objectfolder.solid.seeded_random_device import seed_random_device
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
+# Faces over those aimed at, from which on elements are as many as order 4 is solved for: longer ones will do.
+MANY_FACES = 1.8
 
 
 def simplify(surface: Surface, target_faces: int, most_faces: int, allowed: float) -> tuple[Surface, float]:
@@ -66,16 +68,20 @@ def main(source: str, target: str) -> None:
     simple, moved = simplify(
         surface, int(given["target_faces"]), int(given["most_faces"]), float(given["allowed"])
     )
+    many = len(simple.faces) >= MANY_FACES * int(given["target_faces"])
+    edge = float(given["edge_length" if many else "wave_edge"])
     vertices, tetrahedra = pytetwild.tetrahedralize(
         simple.vertices,
         simple.faces.astype(np.int32),
-        edge_length_fac=float(given["edge_length"]) / diagonal,
+        edge_length_fac=edge / diagonal,
         epsilon=float(given["epsilon"]) / diagonal,
         stop_energy=float(given["stop_energy"]),
         num_threads=1,
         quiet=True,
     )
-    np.savez(target, vertices=vertices, tetrahedra=tetrahedra, faces=len(simple.faces), moved=moved)
+    np.savez(
+        target, vertices=vertices, tetrahedra=tetrahedra, faces=len(simple.faces), moved=moved, edge=edge
+    )
 
 
 if __name__ == "__main__":

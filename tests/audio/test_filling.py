@@ -295,7 +295,7 @@ def test_what_takes_too_much_memory_is_said() -> None:
     """Three hundred triangles at random reach the limit within seconds."""
     triangles = Surface(np.random.default_rng(0).random((900, 3)) / 2, np.arange(900).reshape(-1, 3))
     with pytest.raises(CutOffError, match=r"fTetWild: needs more than 0\.3 GB"):
-        run_tetwild(triangles, Envelope(1e-3, 1e-3, 0.2, 800, 1600, 40.0, 20.0, 3e8))
+        run_tetwild(triangles, Envelope(1e-3, 1e-3, 0.2, 0.2, 800, 1600, 40.0, 20.0, 3e8))
 
 
 @pytest.mark.slow
