@@ -195,8 +195,9 @@ def test_conductors_show_themselves_where_they_are_smooth_or_face_themselves(sub
         (0.5, 1.0, False, False, 6),
         (0.7, 0.0, False, False, 4),
         (0.5, 0.0, False, False, 6),
-        (0.2, 0.0, False, False, 10),
-        (0.1, 0.0, False, False, 20),
+        (0.3, 0.0, False, False, 7),
+        (0.2, 0.0, False, False, 24),
+        (0.1, 0.0, False, False, 24),
     ]:
         with subtests.test(roughness=roughness):
             appearance = Appearance(roughness=roughness, metallic=metallic)
