@@ -41,8 +41,10 @@ def drawn(objects: Objects, settings: Settings, sense: str, seed: int) -> dict[s
                 if stored_split == "held_out":
                     parts["test"].append(inputs)
                 else:
-                    parts["training"].append(inputs[: data.training])
-                    parts["validation"].append(inputs[data.training :])
+                    # A data set may hold fewer views or touches than are asked for.
+                    learnt = len(inputs) * data.training // (data.training + data.validation)
+                    parts["training"].append(inputs[:learnt])
+                    parts["validation"].append(inputs[learnt:])
         result[source] = {
             split: Labelled(
                 torch.cat(inputs),
