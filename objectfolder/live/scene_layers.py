@@ -1,0 +1,178 @@
+"""What is seen of a scene, thing by thing: drawn objects and a table, put over one another by depth."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+
+from objectfolder.live.lamp_ways import LitPoints
+from objectfolder.live.scene_view import CENTRE, Crop, View, inverse_pose
+from objectfolder.object_file import ObjectFile
+from objectfolder.vision.cameras import pixel_rays
+from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+
+Floats = NDArray[np.float64]
+TABLE_ALBEDO = (0.42, 0.36, 0.3)
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Premultiplied linear colour (h, w, 4) of one thing, its depth (h, w), and that by which it is sorted.
+
+    Where a pixel is covered but for its centre, it is as far away as its neighbours.
+    """
+
+    rgba: Floats
+    depth_m: Floats
+    order_m: Floats
+
+
+@dataclass(frozen=True)
+class DrawnObject:
+    """An object as it was drawn without shadows of others.
+
+    Parameters
+    ----------
+    view, pose, sub_rays : of what it was drawn
+    layer : what is seen
+    lit : points of it, in the world
+    part : rows and columns in which it may show
+    draw : returns colour and depth there under some of the lamps
+    """
+
+    view: View
+    pose: Floats
+    sub_rays: int | None
+    layer: Layer
+    lit: LitPoints
+    part: tuple[slice, slice]
+    draw: Callable[[list[int]], tuple[Floats, Floats]]
+    _alone: dict[int, Floats] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, file: ObjectFile, pose: Floats, view: View, sub_rays: int | None, crop: Crop | None,
+        lamps: Floats, colours: Floats, shaded: Floats,
+    ) -> "DrawnObject":  # fmt: skip
+        """Draw an object by `lamps` (k, 3) of its own frame; shadows fall of `shaded`, in the world."""
+        rgba, depth = np.zeros((*view.size, 4)), np.full(view.size, np.inf)
+        local = replace(view, camera=inverse_pose(pose) @ view.camera)
+        top, left, height, width = crop or (0, 0, 0, 0)
+        part = np.s_[top : top + height, left : left + width]
+
+        def draw(which: list[int]) -> tuple[Floats, Floats]:
+            way = _cast if sub_rays == 1 else _rendered
+            return way(file, local, (top, left, height, width), lamps[which], colours[which], sub_rays)
+
+        if crop is not None:
+            rgba[part], depth[part] = draw(list(range(len(lamps))))
+        order = depth.copy()
+        order[part] = sorting_depth(depth[part])
+        lit = LitPoints.of(view.points(depth), shaded)
+        return cls(view, pose, sub_rays, Layer(rgba, depth, order), lit, part, draw)
+
+    def alone(self, lamp: int) -> Floats:
+        """Return what one of the lamps gives (h, w, 4) in the part where it shows."""
+        if lamp not in self._alone:
+            self._alone[lamp] = self.draw([lamp])[0]
+        return self._alone[lamp]
+
+
+@dataclass(frozen=True)
+class Tabletop:
+    """A matt square table as a camera sees it.
+
+    Parameters
+    ----------
+    lit : its points at the centres of pixels
+    depth_m, order_m : as of `Layer`
+    covered : (h, w) its share of each pixel
+    light : (k, h, w) what it reflects of each lamp of colour 1, unhindered, over its albedo
+    """
+
+    lit: LitPoints
+    depth_m: Floats
+    order_m: Floats
+    covered: Floats
+    light: Floats
+
+    @classmethod
+    def of(cls, side_m: float, height_m: float, lamps_m: Floats, view: View) -> "Tabletop":
+        """Return a table of some side and height under lamps (k, 3)."""
+        point, depth = view.on_plane(height_m)
+        # Sides of the table cut a pixel as far as they lie from its middle, in its footprint.
+        inside, covered = side_m / 2 - abs(point[..., :2]), np.ones(view.size)
+        for axis in range(2):
+            footprint = sum(abs(slope) for slope in np.gradient(point[..., axis]))
+            covered *= np.clip(0.5 + inside[..., axis] / np.maximum(footprint, 1e-12), 0.0, 1.0)
+        covered = np.where(np.isfinite(depth), covered, 0.0)
+        depth = np.where(covered > 0, depth, np.inf)
+        seen = np.where(np.isfinite(depth)[..., None], point, np.nan)
+        away = lamps_m[:, None, None] - point
+        squared = np.maximum((away**2).sum(axis=-1), 1e-12)
+        falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
+        return cls(
+            LitPoints.of(seen, lamps_m),
+            depth,
+            sorting_depth(depth),
+            covered,
+            np.nan_to_num(falls, posinf=0.0),
+        )
+
+    def layer(self, hidden: NDArray[np.bool_], colours: Floats) -> Layer:
+        """Return it under lamps of `colours` (k, 3), each hidden (k, h, w) somewhere."""
+        rgba = np.empty((*self.covered.shape, 4))
+        lit = np.where(hidden, 0.0, self.light).transpose(1, 2, 0) @ (colours * TABLE_ALBEDO)
+        rgba[..., :3], rgba[..., 3] = lit * self.covered[..., None], self.covered
+        return Layer(rgba, self.depth_m, self.order_m)
+
+
+def _rendered(
+    file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floats, sub_rays: int | None
+) -> tuple[Floats, Floats]:
+    """Return colour (h, w, 4) and depth (h, w) of a part of a view; all in the object's frame."""
+    drawn = file.render(
+        view.camera, lamps[None], view.size, view.field_of_view, True, sub_rays,
+        light_colour=colours, crop=crop, passes=("image", "depth"),
+    )  # fmt: skip
+    return drawn["image"][0], drawn["depth"][0]
+
+
+def _cast(
+    file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floats, _: int | None
+) -> tuple[Floats, Floats]:
+    """Return as `_rendered` does what lies at the centres of pixels."""
+    top, left, height, width = crop
+    pixels = (np.arange(top, top + height)[:, None] * view.size[1] + np.arange(left, left + width)).ravel()
+    starts, along = pixel_rays(view.camera, pixels, CENTRE, view.size, view.field_of_view)
+    depth = file.surface.ray_hits(starts, along).distance * -(along @ view.camera[:3, 2])
+    hit = np.isfinite(depth)
+    rgba = np.zeros((len(pixels), 4))
+    rgba[hit] = file.radiance(starts[hit], along[hit], lamps, light_colour=colours)
+    depth[rgba[:, 3] == 0] = np.inf  # in holes
+    return rgba.reshape(height, width, 4), depth.reshape(height, width)
+
+
+def sorting_depth(depth: Floats) -> Floats:
+    """Return depths (h, w), where nothing is those of the nearest neighbour."""
+    return np.where(np.isfinite(depth), depth, minimum_filter(depth, size=3, mode="nearest"))
+
+
+def composited(layers: list[Layer], size: tuple[int, int], objects: int) -> tuple[Floats, Floats]:
+    """Return colours (h, w, 4) of layers over one another, and the depths (layers, h, w).
+
+    The first layers are of objects, one behind them of the table: most pixels show that alone.
+    """
+    if not layers:
+        return np.zeros((*size, 4)), np.zeros((0, *size))
+    rgba = layers[-1].rgba.copy()
+    which = np.any([layer.rgba[..., 3] > 0 for layer in layers[:objects]], axis=0)
+    order = np.stack([layer.order_m[which] for layer in layers]).argsort(axis=0, kind="stable")
+    found = np.take_along_axis(np.stack([layer.rgba[which] for layer in layers]), order[..., None], 0)
+    total = np.zeros(found.shape[1:])
+    for layer in found:
+        total += (1 - total[:, 3:]) * layer
+    rgba[which] = total
+    return rgba, np.stack([layer.depth_m for layer in layers])
