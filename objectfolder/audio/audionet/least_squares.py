@@ -22,7 +22,7 @@ MOST_POINTS_A_CONTROL = 6  # more add next to nothing
 # Variance of what training values have beyond the kernel's fields, of a kernel of variance 1: it holds
 # functions that hardly any point has seen.
 NOISE = 1e-6
-# Points that move less than this share of the rms count as moving so much: some hardly move at all.
+# Points that move less than this share of the rms count as if they moved by it: some hardly move at all.
 QUIET = 0.1
 # A point weighs as 1 over its motion to this power: 0 is for the mean over all, 1 for each point's own.
 EVENNESS = 0.5
