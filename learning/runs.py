@@ -19,7 +19,7 @@ RUNS = Path("learning/runs")
 SAID = ("sense", "senses", "protocol", "seed")  # of a unit that was made
 LOGS = RUNS / "logs"  # for TensorBoard
 # What trains and draws: with other code nothing that was kept is read.
-CODE = ("encoders", "networks", "occupancy", "samples", "shapes", "grasping/world", "grasping/stability")
+CODE = ("encoders", "networks", "occupancy", "samples", "shapes")
 FEWEST = 4  # two to train on, two that are unseen
 
 
@@ -52,14 +52,15 @@ class Objects:
         if len(self.files) < FEWEST:
             finding = f"{len(self.files)} objects with a sound, fewer than {FEWEST}"
             raise InputError(str(folder), finding, "`make dataset` makes six")
-        self.digests = {name: _digest(paths[name]) for name in self.files}
+        self.digests = {name: digest(paths[name]) for name in self.files}
         self.ids = tuple(self.files)
 
     def __len__(self) -> int:
         return len(self.ids)
 
 
-def _digest(path: Path) -> str:
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -70,9 +71,9 @@ def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -
     Parameters
     ----------
     key
-        All that the arrays depend on beside the code, as JSON has it; digests of Object Files stand for them.
+        All that the arrays depend on beside `CODE`, as JSON has it; digests of files stand for them.
     """
-    code = [_digest(Path(__file__).parent / f"{name}.py") for name in CODE]
+    code = [digest(Path(__file__).with_name(f"{name}.py")) for name in CODE]
     text = json.dumps([code, key], sort_keys=True)
     path = RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
     if path.exists():

@@ -5,6 +5,8 @@ sense: the commoner answer, that of each object, and boosted trees that know for
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +19,12 @@ from sklearn.model_selection import StratifiedKFold
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from learning.grasping.world import World, attempts
+from learning.grasping import world
 from learning.networks import Labelled, answers, fit_classifier
-from learning.runs import Objects, kept
+from learning.runs import Objects, digest, kept
 from learning.samples import pictures
 from learning.settings import Settings
+from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
 from objectfolder.simulators.collision import convex_parts
 
@@ -41,15 +44,22 @@ def grasps_of(objects: Objects, settings: Settings) -> Grasps:
         seed = seed_from(settings.seeds[0], "grasps", object_id)
         key = {
             "unit": "grasps", "object": object_id, "seed": seed, "count": asked.grasps, "parts": PARTS,
-            "resolution": settings.data.resolution, "files": objects.digests[object_id],
+            "resolution": settings.data.resolution, "files": objects.digests[object_id], "code": _code(),
         }  # fmt: skip
-
-        def attempt() -> Grasps:
-            world = World(file, convex_parts(file.surface, most_parts=PARTS, name=object_id).hulls)  # noqa: B023
-            return attempts(world, file, asked.grasps, seed, settings.data.resolution)  # noqa: B023
-
+        attempt = partial(_attempted, file, asked.grasps, seed, settings.data.resolution)
         made.append({**kept(key, attempt), "object": np.full(asked.grasps, label)})
     return {name: np.concatenate([np.atleast_1d(one[name]) for one in made]) for name in made[0]}
+
+
+def _attempted(file: ObjectFile, count: int, seed: int, pixels: int) -> Grasps:
+    name = file.description["object"]["name"]
+    hulls = convex_parts(file.surface, most_parts=PARTS, name=name).hulls
+    return world.attempts(world.World(file, hulls), file, count, seed, pixels)
+
+
+def _code() -> list[str]:
+    """Return digests of the code that grasps and predicts."""
+    return [digest(Path(module)) for module in (world.__file__, __file__)]
 
 
 def inputs_of(grasps: Grasps, resolution: int) -> dict[str, torch.Tensor]:
@@ -75,7 +85,7 @@ class Predictor:
         self._key = {
             "unit": "stability", "files": objects.digests, "seed": settings.seeds[0], "parts": PARTS,
             "resolution": settings.data.resolution, "encoder": settings.encoder.model_dump(),
-            "count": settings.grasping.grasps,
+            "count": settings.grasping.grasps, "code": _code(),
         }  # fmt: skip
 
     def of(self, training: Rows, test: Rows) -> dict[str, NDArray[np.bool_]]:
@@ -149,10 +159,10 @@ def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
     return {
         "grasps": len(held),
         "held_percent": {
-            name: 100 * float(held[grasps["object"] == label].mean())
-            for label, name in enumerate(objects.ids)
+            objects.ids[label]: 100 * float(held[grasps["object"] == label].mean())
+            for label in np.unique(grasps["object"])
         },
-        "left_out_unseen": {name: int(grasps["unseen"][label]) for label, name in enumerate(objects.ids)},
+        "left_out_unseen": int(grasps["unseen"].sum()),
         "accuracy_percent": {size: _over(row, np.mean) for size, row in curve.items()},
         "sd_percent": {
             size: _over(row, lambda shares: np.std(shares, ddof=1)) for size, row in curve.items()
