@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from objectfolder.live.lamp_ways import LitPoints
+from objectfolder.live.scene_light import SceneLight
 from objectfolder.live.scene_view import CENTRE, Crop, View, inverse_pose
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import pixel_rays
@@ -39,7 +40,7 @@ class DrawnObject:
     layer : what is seen
     lit : points of it, in the world
     part : rows and columns in which it may show
-    draw : returns colour and depth there under some of the lamps
+    draw : returns colour and depth there under some of the lamps alone
     """
 
     view: View
@@ -54,20 +55,26 @@ class DrawnObject:
     @classmethod
     def of(
         cls, file: ObjectFile, pose: Floats, view: View, sub_rays: int | None, crop: Crop | None,
-        lamps: Floats, colours: Floats, shaded: Floats,
+        light: SceneLight, shaded: Floats,
     ) -> "DrawnObject":  # fmt: skip
-        """Draw an object by `lamps` (k, 3) of its own frame; shadows fall of `shaded`, in the world."""
+        """Draw an object by the light of its own frame; shadows fall of `shaded` (k, 3), in the world."""
         rgba, depth = np.zeros((*view.size, 4)), np.full(view.size, np.inf)
         local = replace(view, camera=inverse_pose(pose) @ view.camera)
         top, left, height, width = crop or (0, 0, 0, 0)
         part = np.s_[top : top + height, left : left + width]
 
         def draw(which: list[int]) -> tuple[Floats, Floats]:
-            way = _cast if sub_rays == 1 else _rendered
-            return way(file, local, (top, left, height, width), lamps[which], colours[which], sub_rays)
+            some = light.lamps_m[which], light.colours[which]
+            if sub_rays == 1 and light.radiance is None:
+                return _cast(file, local, (top, left, height, width), *some)
+            return _rendered(file, local, (top, left, height, width), sub_rays, *some)
 
-        if crop is not None:
-            rgba[part], depth[part] = draw(list(range(len(lamps))))
+        if crop is not None and len(light.lamps_m):
+            rgba[part], depth[part] = draw(list(range(len(light.lamps_m))))
+        if crop is not None and light.radiance is not None:
+            even, depth[part] = _rendered(file, local, crop, sub_rays, around=light.radiance)
+            # Light adds up; what is covered is that of either image, to the bit.
+            rgba[part] = np.concatenate([rgba[part][..., :3] + even[..., :3], even[..., 3:]], axis=-1)
         order = depth.copy()
         order[part] = sorting_depth(depth[part])
         lit = LitPoints.of(view.points(depth), shaded)
@@ -121,28 +128,28 @@ class Tabletop:
             np.nan_to_num(falls, posinf=0.0),
         )
 
-    def layer(self, hidden: NDArray[np.bool_], colours: Floats) -> Layer:
-        """Return it under lamps of `colours` (k, 3), each hidden (k, h, w) somewhere."""
+    def layer(self, hidden: NDArray[np.bool_], light: SceneLight) -> Layer:
+        """Return it under a light, whose lamps are each hidden (k, h, w) somewhere."""
         rgba = np.empty((*self.covered.shape, 4))
-        lit = np.where(hidden, 0.0, self.light).transpose(1, 2, 0) @ (colours * TABLE_ALBEDO)
-        rgba[..., :3], rgba[..., 3] = lit * self.covered[..., None], self.covered
+        lit = np.where(hidden, 0.0, self.light).transpose(1, 2, 0) @ (light.colours * TABLE_ALBEDO)
+        rgba[..., :3] = (lit + light.above * TABLE_ALBEDO) * self.covered[..., None]
+        rgba[..., 3] = self.covered
         return Layer(rgba, self.depth_m, self.order_m)
 
 
 def _rendered(
-    file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floats, sub_rays: int | None
-) -> tuple[Floats, Floats]:
+    file: ObjectFile, view: View, crop: Crop, sub_rays: int | None, lamps: Floats | None = None,
+    colours: Floats | None = None, around: Floats | None = None,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Return colour (h, w, 4) and depth (h, w) of a part of a view; all in the object's frame."""
     drawn = file.render(
-        view.camera, lamps[None], view.size, view.field_of_view, True, sub_rays,
-        light_colour=colours, crop=crop, passes=("image", "depth"),
+        view.camera, None if lamps is None else lamps[None], view.size, view.field_of_view, True, sub_rays,
+        light=around, light_colour=colours, crop=crop, passes=("image", "depth"),
     )  # fmt: skip
     return drawn["image"][0], drawn["depth"][0]
 
 
-def _cast(
-    file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floats, _: int | None
-) -> tuple[Floats, Floats]:
+def _cast(file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floats) -> tuple[Floats, Floats]:
     """Return as `_rendered` does what lies at the centres of pixels."""
     top, left, height, width = crop
     pixels = (np.arange(top, top + height)[:, None] * view.size[1] + np.arange(left, left + width)).ravel()

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Posed, finite_pose
 from objectfolder.live.lamp_ways import LitPoints
 from objectfolder.live.scene_layers import DrawnObject, Layer, Tabletop, composited
+from objectfolder.live.scene_light import SceneLight
 from objectfolder.live.scene_view import View, inverse_pose, moved_by
 from objectfolder.object_file import ObjectFile
 from objectfolder.query_values import real, real_array
@@ -18,9 +18,6 @@ from objectfolder.vision.compositing import on_white
 from objectfolder.vision.studio import exposure
 
 Floats = NDArray[np.float64]
-# In the world: a key lamp on the left, a weaker one on the right, one above, metres; and their colours.
-LAMPS_M = ((-0.6, -0.8, 1.2), (0.9, -0.6, 0.7), (0.2, 0.4, 1.6))
-LAMP_COLOURS = ((1.0, 0.97, 0.92), (0.3, 0.32, 0.36), (0.3, 0.3, 0.3))
 # Shadow rays begin this share of their way off the surface.
 OFF = 1e-3
 STILL_PIXELS = 0.1  # that an object may move while a moving image shows it as it was
@@ -46,8 +43,8 @@ class LiveSight:
     """Images of a simulation's objects together: the nearer one hides the other, and shadows fall.
 
     Each object is its Object File's own image: highlights, texture, and the light that its own parts throw
-    on each other. Shadows of other objects have hard edges, taken at the pixels' centres; objects throw no
-    light on one another and mirror nothing of one another.
+    on each other. Shadows that lamps throw of other objects have hard edges, taken at the pixels' centres.
+    Objects throw no light on one another, mirror nothing of one another, and hide no environment.
 
     Parameters
     ----------
@@ -57,7 +54,9 @@ class LiveSight:
         Object Files by the names of their bodies.
     lamps_m, lamp_colours
         (k, 3) point lamps in the world, and linear factors (k, 3) of the light that a data set's lamp gives
-        at one metre.
+        at one metre. None: three lamps; none beside an environment.
+    environment
+        Light from all round, as `light` of `ObjectFile.render`, in the frame of the world; or None.
     table_m
         Side and height in metres of a matt square table about the z axis; None: there is none.
     shadows
@@ -68,7 +67,8 @@ class LiveSight:
     Raises
     ------
     QueryError
-        A body that the simulation lacks, lamps or colours of other shapes, values out of range.
+        A body that the simulation lacks, lamps or colours of other shapes, another environment, values out of
+        range.
     """
 
     def __init__(
@@ -76,20 +76,15 @@ class LiveSight:
         simulation: Posed,
         files: Mapping[str, ObjectFile],
         *,
-        lamps_m: Floats | tuple[tuple[float, float, float], ...] = LAMPS_M,
-        lamp_colours: Floats | tuple[tuple[float, float, float], ...] = LAMP_COLOURS,
+        lamps_m: Floats | None = None,
+        lamp_colours: Floats | None = None,
+        environment: str | Floats | None = None,
         table_m: tuple[float, float] | None = (1.0, 0.0),
         shadows: bool = True,
         exposure_factor: float | None = None,
     ) -> None:
         self._simulation, self._files, self._shadows = simulation, dict(files), shadows
-        self._lamps, self._colours = (
-            real_array(name, values)
-            for name, values in (("lamps_m", lamps_m), ("lamp_colours", lamp_colours))
-        )
-        if self._lamps.ndim != 2 or self._lamps.shape[1:] != (3,) or self._colours.shape != self._lamps.shape:
-            finding = f"{self._lamps.shape} and {self._colours.shape}"
-            raise QueryError("lamps_m, lamp_colours", finding, "Give a place and a colour (3,) of each.")
+        self._light = SceneLight.of(lamps_m, lamp_colours, environment)
         self._table = None
         if table_m is not None:
             self._table = real("table_m[0]", table_m[0], 1e-3, 1e3), real("table_m[1]", table_m[1], -1e3, 1e3)
@@ -127,7 +122,7 @@ class LiveSight:
         drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}
         layers = [self._shaded(name, drawn) for name in drawn]
         if table:
-            layers.append(table.layer(self._hidden(table.lit, drawn), self._colours))
+            layers.append(table.layer(self._hidden(table.lit, drawn), self._light))
         rgba, depths = composited(layers, size, len(self._files))
         if self._exposure is None:
             self._exposure = exposure(rgba[None])
@@ -143,7 +138,7 @@ class LiveSight:
         key = camera.tobytes(), size, field_of_view
         if key not in self._views:
             view = View(camera, size, field_of_view)
-            table = None if self._table is None else Tabletop.of(*self._table, self._lamps, view)
+            table = None if self._table is None else Tabletop.of(*self._table, self._light.lamps_m, view)
             self._views = dict([*self._views.items(), (key, (view, table))][-4:])
         return self._views[key]
 
@@ -169,12 +164,10 @@ class LiveSight:
             moved_m += radius * np.abs(pose[:3, :3] - before.pose[:3, :3]).max()
             if moved_m <= (STILL_PIXELS * view.pixel_m(centre) if sub_rays == 1 else 0.0):
                 return before
-        # The file's lamps are as strong at one unit of its own frame as these are at a metre.
-        colours = self._colours / self._files[name].frame.scale ** 2
-        lamps = moved_by(inverse_pose(pose), self._lamps)
-        shaded = self._lamps if self._shadows else self._lamps[:0]
+        light = self._light.seen_by(pose, self._files[name].frame.scale)
+        shaded = self._light.lamps_m if self._shadows else self._light.lamps_m[:0]
         crop = view.crop(centre, radius)
-        drawn = DrawnObject.of(self._files[name], pose, view, sub_rays, crop, lamps, colours, shaded)
+        drawn = DrawnObject.of(self._files[name], pose, view, sub_rays, crop, light, shaded)
         self._before[name] = drawn
         return drawn
 
@@ -182,7 +175,7 @@ class LiveSight:
         self, seen: LitPoints, drawn: Mapping[str, DrawnObject], but: str | None = None
     ) -> NDArray[np.bool_]:
         """Return whether (k, h, w) points are hidden from lamps by other objects, as these were drawn."""
-        hidden = np.zeros((len(self._lamps), *seen.known.shape), dtype=bool)
+        hidden = np.zeros((len(self._light.lamps_m), *seen.known.shape), dtype=bool)
         for name, one in drawn.items() if self._shadows and seen.known.any() else ():
             if name == but:
                 continue
@@ -195,8 +188,9 @@ class LiveSight:
     def _thrown_by(self, name: str, pose: Floats, seen: LitPoints) -> NDArray[np.bool_]:
         """Return which (k, n) points an object hides from each lamp."""
         centre, radius = moved_by(pose, self._balls[name][0]), self._balls[name][1]
-        back, found = inverse_pose(pose), np.zeros((len(self._lamps), int(seen.known.sum())), dtype=bool)
-        for dark, lamp, ways in zip(found, self._lamps, seen.ways, strict=True):
+        back, lamps = inverse_pose(pose), self._light.lamps_m
+        found = np.zeros((len(lamps), int(seen.known.sum())), dtype=bool)
+        for dark, lamp, ways in zip(found, lamps, seen.ways, strict=True):
             near = np.flatnonzero(ways.within(centre, radius))
             starts = moved_by(back, ways.points[near] + OFF * ways.way[near])
             ends = np.broadcast_to(moved_by(back, lamp), (len(near), 3))

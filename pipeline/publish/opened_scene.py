@@ -8,11 +8,15 @@ import numpy as np
 
 from objectfolder import load
 from objectfolder.errors import InputError
+from objectfolder.live.contacts import Posed
+from objectfolder.live.sight import LiveSight
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 
 # From the middle of the objects towards the camera; what is seen beside the objects' own places.
 VIEWED_FROM, ROOM_M = np.array([0.15, -1.0, 0.65]), 0.13
+# Names in a scene's MJCF: its lamps' begin with that; the text that names its environment.
+LAMP, ENVIRONMENT = "lamp", "environment"
 INSTALL = "pip install 'objectfolder-factory[video]'"
 
 
@@ -52,6 +56,26 @@ class OpenedScene:
             finding = f"no scene of MuJoCo: {' '.join(str(error).split())}"
             raise InputError(str(scene), finding, "Make one: objectfolder scene.") from error
         return cls(spec, model, _files(scene, model))
+
+    def sight(self, simulation: Posed) -> LiveSight:
+        """Return what is seen of it, under the lights that it says.
+
+        Raises
+        ------
+        QueryError
+            Another environment than `ObjectFile.render` knows.
+        """
+        lights = [self.model.light(number) for number in range(self.model.nlight)]
+        lamps = [one for one in lights if one.name.startswith(LAMP)]
+        said = {self.model.text(number).name: number for number in range(self.model.ntext)}
+        place = self.model.text_adr[said[ENVIRONMENT]] if ENVIRONMENT in said else None
+        name = None if place is None else bytes(self.model.text_data[place:]).split(b"\0")[0].decode()
+        return LiveSight(
+            simulation, self.files,
+            lamps_m=np.array([one.pos for one in lamps]) if lamps else None,
+            lamp_colours=np.array([one.diffuse for one in lamps], np.float64) if lamps else None,
+            environment=name, table_m=self.table_m,
+        )  # fmt: skip
 
     @property
     def table_m(self) -> tuple[float, float] | None:

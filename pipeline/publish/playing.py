@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.audio.synthesis.wav import listening_gain
-from objectfolder.live import LiveSight, LiveSound, MujocoSimulation
+from objectfolder.live import LiveSound, MujocoSimulation
 from objectfolder.live.clip import FRAMES_PER_S, SAMPLE_RATE_HZ, recorded, write_clip
 from pipeline.publish.opened_scene import OpenedScene, camera_over
 
@@ -47,8 +47,7 @@ def play(
         seed=seed,
         block_samples=SAMPLE_RATE_HZ // FRAMES_PER_S,
     )
-    sight = LiveSight(simulation, files, table_m=opened.table_m)
-    shown = recorded(sound, sight, camera, seconds, resolution)
+    shown = recorded(sound, opened.sight(simulation), camera, seconds, resolution)
     peak_pa = write_clip(output, shown, resolution)
     gain = listening_gain(peak_pa)
     return f"{output}: {len(sound.impacts)} collisions, peak {peak_pa:.3g} Pa at the camera, times {gain:.3g}"

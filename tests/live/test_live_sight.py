@@ -6,8 +6,10 @@ import pytest
 import objectfolder
 from objectfolder.errors import QueryError
 from objectfolder.live import LiveSight
+from objectfolder.live.scene_layers import TABLE_ALBEDO
 from objectfolder.vision.cameras import look_at, pixel_rays
-from objectfolder.vision.compositing import on_white, srgb_encode
+from objectfolder.vision.compositing import on_white, srgb_decode, srgb_encode
+from objectfolder.vision.environment import named_map
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 CAMERA = look_at(np.array([[0.1, -0.45, 0.35]]), np.array([[0.0, 0.0, 0.03]]))[0]
@@ -138,6 +140,8 @@ def test_a_body_at_the_camera_or_behind_it_is_no_failure(files):
     [
         ({"lamps_m": [[0, 0, 1]]}, "lamp_colours"),
         ({"lamps_m": [[np.nan, 0, 1]], "lamp_colours": [[1, 1, 1]]}, "lamps_m"),
+        ({"lamp_colours": [[1, 1, 1]]}, "lamps_m"),
+        ({"environment": "disco"}, "light"),
         ({"table_m": (0.0, 0.0)}, "table_m"),
         ({"exposure_factor": -1.0}, "exposure_factor"),
     ],
@@ -208,3 +212,64 @@ def test_a_moving_image_shows_what_moved_by_a_tenth_of_a_pixel(files):
         poses["cup"] = placed(files["cup"], moved_m, 0.0, 0.0)
         after = sight.image(CAMERA, SIZE, sub_rays=sub_rays)
         assert np.array_equal(before.depth_m, after.depth_m) == same
+
+
+@pytest.mark.parametrize("sub_rays", [1, 4])
+def test_one_object_in_an_environment_is_its_own_image(files, still, sub_rays):
+    """The cup stands unturned but moved in the world: maps look the same from everywhere."""
+    moved = Still({"cup": placed(files["cup"], -0.05, -0.03, 0.0)})
+    seen = LiveSight(
+        moved, {"cup": files["cup"]}, environment="window", table_m=None, exposure_factor=1.0
+    ).image(CAMERA, SIZE, sub_rays=sub_rays)
+    alone = files["cup"].render(
+        np.linalg.inv(moved.pose("cup")) @ CAMERA, None, SIZE, sub_rays=sub_rays, light="window"
+    )
+    np.testing.assert_array_equal(seen.rgb, alone[0])
+    assert (seen.rgb < 250).any()
+
+
+def test_an_environment_stays_in_the_world_where_an_object_turns(files):
+    """A quarter turn of the object is one of the map the other way: an eighth of its columns, twice."""
+    quarter = Still({"cup": placed(files["cup"], 0.0, 0.0, np.pi / 2)})
+    sky = named_map("sky")
+    seen = LiveSight(
+        quarter, {"cup": files["cup"]}, environment="sky", table_m=None, exposure_factor=1.0
+    ).image(CAMERA, SIZE)
+    turned = np.roll(sky, len(sky) // 2, axis=1)  # columns run clockwise, seen from above
+    alone = files["cup"].render(
+        np.linalg.inv(quarter.pose("cup")) @ CAMERA, None, SIZE, sub_rays=4, light=turned
+    )[0]
+    assert np.quantile(abs(seen.rgb.astype(float) - alone), 0.99) <= 1
+    fixed = LiveSight(
+        Still({"cup": placed(files["cup"], 0.0, 0.0, 0.0)}), {"cup": files["cup"]}, environment="sky",
+        table_m=None, exposure_factor=1.0,
+    ).image(CAMERA, SIZE)  # fmt: skip
+    assert abs(seen.rgb.astype(float) - fixed.rgb)[seen.body == 0].mean() > 1
+
+
+def test_lamps_and_environments_add_up_and_so_do_colours(files, still):
+    lamps = {"lamps_m": np.array([[0.4, -0.6, 0.8], [-0.5, -0.3, 0.35]])}
+    settings = {"exposure_factor": 0.5}
+
+    def linear(**light):
+        sight = LiveSight(still, files, **light, **settings)
+        return srgb_decode(sight.image(CAMERA, SIZE).rgb / 255.0)
+
+    red = {"lamp_colours": np.array([[1.0, 0, 0], [0.5, 0, 0]])} | lamps
+    green = {"lamp_colours": np.array([[0, 0.5, 0], [0, 1.0, 0]])} | lamps
+    both = {"lamp_colours": red["lamp_colours"] + green["lamp_colours"]} | lamps
+    grey = np.full((8, 16, 3), 0.1)
+    inside = linear(**both)[..., 0] < 0.98  # not the white behind the table
+    total = linear(**both, environment=grey)
+    parts = linear(**red) + linear(**green) + linear(environment=grey)
+    step = 0.012  # of three images in whole steps of sRGB
+    close = abs(total - parts)[inside] < step
+    assert close.mean() > 0.99, "but at edges, on white"
+    assert linear(**red)[inside][:, 1:2].max() < linear(**both)[inside][:, 1:2].max()
+
+
+def test_a_table_in_a_white_furnace_shows_its_albedo(files, still):
+    seen = LiveSight(still, files, environment=np.ones((8, 16, 3)), exposure_factor=1.0).image(CAMERA, SIZE)
+    shown = seen.rgb[(seen.body < 0) & np.isfinite(seen.depth_m)]
+    middle = np.median(shown, axis=0)
+    np.testing.assert_allclose(middle / 255, srgb_encode(np.array(TABLE_ALBEDO)), atol=0.003)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import ObjectFolderError, QueryError
-from objectfolder.live import Felt, Finger, LiveSight, LiveSound, LiveTouch
+from objectfolder.live import Felt, Finger, LiveSound, LiveTouch
 from objectfolder.live.handling import FELT_BY, FRICTION, GREATEST_FORCE_N, Found, Handling
 from objectfolder.live.sound import BLOCK_SAMPLES, SAMPLE_RATE_HZ
 from pipeline.publish.opened_scene import OpenedScene, camera_over, surrounded
@@ -78,7 +78,7 @@ class PlayedWorld:
         self._acts: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
         self._news, self._stopped = threading.Condition(), threading.Event()
         self._begin()
-        self._sight = LiveSight(self._poses, self._files, table_m=opened.table_m)
+        self._sight = opened.sight(self._poses)
 
     @contextmanager
     def running(self) -> Iterator[None]:
