@@ -9,12 +9,12 @@ import numpy as np
 from objectfolder import load
 from objectfolder.errors import InputError
 from objectfolder.live.contacts import Posed
+from objectfolder.live.scene_view import moved_by
 from objectfolder.live.sight import LiveSight
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 
-# From the middle of the objects towards the camera; what is seen beside the objects' own places.
-VIEWED_FROM, ROOM_M = np.array([0.15, -1.0, 0.65]), 0.13
+VIEWED_FROM = np.array([0.15, -1.0, 0.65])  # from the middle of the objects towards the camera
 # Names in a scene's MJCF: its lamps' begin with that; the text that names its environment.
 LAMP, ENVIRONMENT = "lamp", "environment"
 INSTALL = "pip install 'objectfolder-factory[video]'"
@@ -57,6 +57,12 @@ class OpenedScene:
             raise InputError(str(scene), finding, "Make one: objectfolder scene.") from error
         return cls(spec, model, _files(scene, model))
 
+    def points(self, simulation: Posed) -> np.ndarray:
+        """Return the vertices (n, 3) of all objects as they are now."""
+        return np.concatenate(
+            [moved_by(simulation.pose(name), file.surface.vertices) for name, file in self.files.items()]
+        )
+
     def sight(self, simulation: Posed) -> LiveSight:
         """Return what is seen of it, under the lights that it says.
 
@@ -67,14 +73,12 @@ class OpenedScene:
         """
         lights = [self.model.light(number) for number in range(self.model.nlight)]
         lamps = [one for one in lights if one.name.startswith(LAMP)]
-        said = {self.model.text(number).name: number for number in range(self.model.ntext)}
-        place = self.model.text_adr[said[ENVIRONMENT]] if ENVIRONMENT in said else None
-        name = None if place is None else bytes(self.model.text_data[place:]).split(b"\0")[0].decode()
         return LiveSight(
             simulation, self.files,
             lamps_m=np.array([one.pos for one in lamps]) if lamps else None,
             lamp_colours=np.array([one.diffuse for one in lamps], np.float64) if lamps else None,
-            environment=name, table_m=self.table_m,
+            environment={one.name: one.data for one in self.spec.texts}.get(ENVIRONMENT),
+            table_m=self.table_m,
         )  # fmt: skip
 
     @property
@@ -87,16 +91,16 @@ class OpenedScene:
         return 2 * float(table.size[0]), float(table.pos[2] + table.size[2])
 
 
-def surrounded(places: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the middle (3,) of objects at places (n, 3), and how far they and their room reach from it."""
-    middle = (places.min(axis=0) + places.max(axis=0)) / 2
-    return middle, float(np.linalg.norm(places - middle, axis=1).max()) + ROOM_M
+def surrounded(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the centre (3,) and the radius of a ball round points (n, 3)."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return middle, float(np.linalg.norm(points - middle, axis=1).max())
 
 
-def camera_over(places: np.ndarray) -> np.ndarray:
-    """Return a pose from which objects at places (n, 3) are seen."""
-    middle, reach = surrounded(places)
-    away = reach / np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
+def camera_over(points: np.ndarray) -> np.ndarray:
+    """Return a pose from which points (n, 3) are seen: the ball round them fills the image."""
+    middle, radius = surrounded(points)
+    away = radius / np.sin(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
     pose: np.ndarray = look_at(middle + away * VIEWED_FROM / np.linalg.norm(VIEWED_FROM), middle)[0]
     return pose
 

@@ -39,7 +39,8 @@ def play(
     data = mujoco.MjData(model)
     _lift(model, data, lift_m, np.random.default_rng(seed))
     simulation = MujocoSimulation(model, data)
-    camera = camera_over(np.array([simulation.pose(name)[:3, 3] for name in files]))
+    standing = opened.points(MujocoSimulation(model, mujoco.MjData(model)))
+    camera = camera_over(np.concatenate([standing, opened.points(simulation)]))
     sound = LiveSound(
         simulation,
         files,

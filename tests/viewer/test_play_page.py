@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import QueryError
+from objectfolder.live import LiveSight
+from objectfolder.live.scene_view import View
+from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from pipeline.cli import main
 from pipeline.publish.opened_scene import OpenedScene, camera_over
 from pipeline.publish.viewer.play import page_of_world
@@ -71,6 +74,8 @@ def test_a_click_strikes_what_is_seen_and_heard(played):
         "(before) => document.querySelector('.player-image').toDataURL() !== before", arg=before
     )
     assert page.evaluate(f"() => {TABLE}.sound.next > 0"), "it was played"
+    page.evaluate(f"() => ({TABLE}.sound.next = 1e-3)")  # as if the last block had ended long ago
+    page.locator(".player-resolution", has_text="gap in the sound").wait_for()
 
 
 @pytest.mark.slow
@@ -147,13 +152,40 @@ def test_every_block_is_heard_once_in_order(world):
 
 
 def test_the_image_at_rest_is_the_files_own(world):
-    camera = camera_over(world._places)
+    camera = camera_over(world._points)
     header, shown = world.seen({"camera_to_world": camera.tolist(), "resolution": 48, "sub_rays": None})
     expected = world._sight.image(camera, 48, sub_rays=None)
     assert shown[: 3 * 48**2] == expected.rgb.tobytes()
     assert np.array_equal(np.frombuffer(shown[3 * 48**2 :], np.int8), expected.body.ravel())
     waiting = {"camera_to_world": camera.tolist(), "resolution": 48, "stamp": header["stamp"], "wait": True}
     assert world.seen(waiting)[0]["still"]
+
+
+def test_the_camera_holds_all_objects_and_is_no_farther_than_that(world):
+    view = View(camera_over(world._points), (100, 100), FIELD_OF_VIEW_DEG)
+    image = (world._points - view.camera[:3, 3]) @ view.camera[:3, :3]
+    share = np.abs(image[:, :2] / image[:, 2:]) / np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
+    assert 0.7 < share.max() <= 1.0
+
+
+def test_a_scene_says_its_lamps_and_its_environment(scene, world):
+    said = scene.read_text().replace(
+        "<worldbody>",
+        '<custom><text name="environment" data="sky"/></custom><worldbody>'
+        '<light name="lamp_red" pos="0 -1 1" diffuse="1 .1 .1"/><light pos="0 0 9" diffuse="9 9 9"/>',
+    )
+    other = scene.with_name("lit.xml")
+    other.write_text(said)
+    opened, posed = OpenedScene.of(other), world._poses
+    seen = opened.sight(posed).image(camera_over(world._points), 32)
+    lamps = {"lamps_m": np.array([[0.0, -1.0, 1.0]]), "lamp_colours": np.array([[1.0, 0.1, 0.1]])}
+    expected = LiveSight(posed, opened.files, table_m=opened.table_m, environment="sky", **lamps).image(
+        camera_over(world._points), 32
+    )
+    assert abs(seen.rgb.astype(int) - expected.rgb).max() <= 1, "colours are float32 in the engine"
+    other.write_text(said.replace("sky", "disco"))
+    with pytest.raises(QueryError, match="disco"):
+        OpenedScene.of(other).sight(posed)
 
 
 def test_an_unstable_world_starts_again_and_says_so(world, monkeypatch, tmp_path):

@@ -67,7 +67,7 @@ class PlayedWorld:
     def __init__(self, opened: OpenedScene) -> None:
         self._opened, self._files = opened, opened.files
         self._world = Handling(opened.spec, self._files)
-        self._places = np.array([self._world.pose(name)[:3, 3] for name in self._files])
+        self._points = opened.points(self._world)
         fingers = {name: Finger(friction=FRICTION) for name in FELT_BY}
         self._touch = LiveTouch(self._world, self._files, fingers)
         self._felt: dict[str, Felt] = {}
@@ -93,7 +93,7 @@ class PlayedWorld:
 
     def table(self, _: Mapping[str, Any]) -> Answer:
         """Return what the page needs before the first question."""
-        middle, reach = surrounded(self._places)
+        middle, reach = surrounded(self._points)
         sensor = Finger().sensor
         said = {name: file.description["object"] for name, file in self._files.items()}
         return {
@@ -156,12 +156,12 @@ class PlayedWorld:
 
     def warm(self) -> None:
         """Compile what images need, and set their exposure."""
-        self._sight.image(camera_over(self._places), 64)
+        self._sight.image(camera_over(self._points), 64)
 
     def _begin(self) -> None:
         """Start over, everything in its place."""
         self._world.reset()
-        ears = tuple(camera_over(self._places)[:3, 3])
+        ears = tuple(camera_over(self._points)[:3, 3])
         self._sound = LiveSound(self._world, self._files, listener_m=ears)
         self._hand, self._grabbed = False, None
         self._tell()

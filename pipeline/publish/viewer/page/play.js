@@ -90,6 +90,13 @@
       });
     }
 
+    // The image's size, and how often sound came too late so far.
+    tell() {
+      const { side, sound: { underruns } } = this;
+      const gaps = underruns ? ` · ${underruns} gap${underruns > 1 ? "s" : ""} in the sound` : "";
+      this.note.textContent = `${side} × ${side}${gaps}`;
+    }
+
     say(text) {
       if (this.said.textContent !== text) this.said.textContent = text;
     }
@@ -192,9 +199,10 @@
       const side = header.resolution;
       const rgb = new Uint8Array(payload, 0, 3 * side ** 2);
       paint(this.context, side, side, rgb);
-      Object.assign(this, { stamp: header.stamp, stage, side, bodies: new Int8Array(payload, 3 * side ** 2) });
+      Object.assign(this, { stamp: header.stamp, stage, bodies: new Int8Array(payload, 3 * side ** 2) });
       this.canvas.dataset.state = stage === RESTING.length ? "rest" : "moving";
-      this.note.textContent = `${side} × ${side}`;
+      this.side = side;
+      this.tell();
       this.rings.forEach((ring, finger) => {
         const at = header.fingers[finger];
         ring.hidden = !at;
@@ -244,7 +252,9 @@
       for (let since = 0; ; ) {
         const { header, payload } = await ask("heard", { since });
         since = header.next;
+        const before = this.sound.underruns;
         this.sound.push(new Float32Array(payload));
+        if (this.sound.underruns > before) this.tell();
         if (header.said) this.say(header.said);
         if (this.sound.peak * this.sound.volume.gain.value > 1) {
           const fits = Math.floor(-20 * Math.log10(this.sound.peak));

@@ -1,0 +1,106 @@
+"""Whether the sound of a played scene runs dry: a minute of the page in a headless Chromium.
+
+    OMP_NUM_THREADS=1 python -m bench.senses.live_page
+
+`objectfolder play` serves a table with two mugs and a bell on one core; Chromium has the others. A mug is
+squeezed, the other objects are dropped in turn every second. The page counts how often a block of sound came
+after the one before had ended. What comes first, while files unpack what they need, is not counted.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+import objectfolder
+from bench.factory.viewer import ARGUMENTS, announced
+from bench.record import arguments, conclude, save, subplots
+
+NAMES, WARM_S, SECONDS = ("mug", "bell", "mug"), 10, 60
+SOUND = "objectfolderViewer.table.sound"
+DROP = """(body) => { const { table } = objectfolderViewer;
+  return table.try(() => table.act('lift', { body, height: 0.1 })); }"""
+COUNT = (
+    f"() => {{ const {{ next, underruns, context }} = {SOUND}; return [next, underruns, context.state]; }}"
+)
+COMPARED = (
+    "gaps in the sound of a page, counted by its player, in wall seconds; CPU seconds of the server on the "
+    "one core that it has; load average of the machine at the beginning and the end"
+)
+
+
+def played(scene: Path) -> dict[str, Any]:
+    """A minute of a scene's page."""
+    from playwright.sync_api import sync_playwright
+
+    cores = sorted(os.sched_getaffinity(0))
+    command = [sys.executable, "-m", "pipeline.cli", "play", str(scene), "--no-browser"]
+    os.sched_setaffinity(0, cores[:1])  # the child's, too
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    os.sched_setaffinity(0, cores[1:] or cores)
+    try:
+        with sync_playwright() as driver:
+            browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
+            page = browser.new_page(viewport={"width": 1100, "height": 900})
+            page.set_default_timeout(120_000)
+            page.goto(announced(server))
+            page.wait_for_selector(".player-image[data-state]")
+            page.get_by_role("button", name="Squeeze").click()
+            watched(page, WARM_S)
+            page.evaluate(f"() => ({SOUND}.underruns = 0)")
+            process, load = psutil.Process(server.pid), os.getloadavg()[0]
+            before_s = sum(process.cpu_times()[:2])
+            watched(page, SECONDS)
+            ends_s, gaps, state = page.evaluate(COUNT)
+            spent_s = sum(process.cpu_times()[:2]) - before_s
+            browser.close()
+    finally:
+        server.terminate()
+        server.wait()
+        os.sched_setaffinity(0, cores)
+    return {
+        "seconds": SECONDS,
+        "gaps": gaps,
+        "device": state,
+        "played_until_s": ends_s,
+        "server_cpu_s_per_second": spent_s / SECONDS,
+        "load_average": [load, os.getloadavg()[0]],
+    }
+
+
+def watched(page: Any, seconds: int) -> None:
+    """Drop the objects beside the first in turn, one a second."""
+    bodies = [f"{place}_{name}" for place, name in enumerate(NAMES)][1:]
+    for second in range(seconds):
+        page.evaluate(DROP, bodies[second % len(bodies)])
+        page.wait_for_timeout(1000)
+
+
+def draw(figures: dict[str, Any]) -> None:
+    """Gaps and CPU seconds."""
+    figure, axes = subplots(figsize=(6, 1.6))
+    axes.barh(0, figures["server_cpu_s_per_second"])
+    axes.axvline(1.0, color="k", lw=1)
+    axes.set(xlabel=f"CPU seconds a second; {figures['gaps']} gaps in {figures['seconds']} s", yticks=[])
+    save(figure, "live_page")
+
+
+def main() -> None:
+    arguments(__doc__).parse_args()
+    examples = Path(objectfolder.__file__).parent / "examples"
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.xml"
+        files = [str(examples / f"{name}.safetensors") for name in NAMES]
+        subprocess.run([sys.executable, "-m", "pipeline.cli", "scene", *files, "-o", str(scene)], check=True)
+        figures = played(scene)
+    settings = {"objects": NAMES, "warm_s": WARM_S, "threads": os.environ.get("OMP_NUM_THREADS", "all")}
+    conclude("live_page", figures, settings, COMPARED, draw)
+
+
+if __name__ == "__main__":
+    main()
