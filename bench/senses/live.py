@@ -3,9 +3,9 @@
     OMP_NUM_THREADS=1 python -m bench.senses.live
 
 A mug and a bell of the package fall onto a plane, roll and come to rest in MuJoCo, as cylinders of their
-masses; a mug rolls without end. Then many bodies ring at once, each struck once a second: mugs, and bodies of
-100 modes with the mug's shapes over and over, sounded in full or without what nobody hears. What takes the
-seconds is told apart.
+masses; a mug rolls without end. Hulls fall in four ways, and what sounds after their last collision is timed.
+Then many bodies ring at once, each struck once a second: mugs, and bodies of 100 modes with the mug's shapes
+over and over, sounded in full or without what nobody hears. What takes the seconds is told apart.
 """
 
 import os
@@ -17,8 +17,10 @@ import numpy as np
 import objectfolder
 from bench.record import Stopwatch, arguments, conclude, save, subplots
 from objectfolder.audio.audionet.audionet import AudioNet
+from objectfolder.audio.synthesis.audibility import REFERENCE_PA, quiet_threshold_db
 from objectfolder.live import LiveSound, MujocoSimulation
 from objectfolder.live.culling import Culling
+from objectfolder.live.gripper import standing
 from objectfolder.live.heard_body import HeardBody
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.integer_coding import pack_integers, zigzag
@@ -26,6 +28,7 @@ from objectfolder.products.integer_coding import pack_integers, zigzag
 SECONDS, STEP_S, RATE_HZ, BLOCK = 4.0, 0.002, 44100.0, 512
 BODIES, MODES, RUNS = (5, 10, 20, 40), 100, 3
 ROLLING_M_S = 0.4
+WAYS = ((1.0, 0.0, 0.0, 0.0), (0.98, 0.17, 0.1, 0.0), (0.7, 0.7, 0.1, 0.0), (0.5, -0.3, 0.8, 0.1))
 LISTENER_M = (0.0, -0.5, 0.5)
 COMPARED = (
     "seconds of sound over CPU seconds of one core; physics, finding contacts and sound together or alone; "
@@ -116,6 +119,38 @@ def simulated(model: Any, beginning: Callable[[], Any], files: dict[str, ObjectF
     }
 
 
+def coming_to_rest(name: str, way: tuple[float, ...]) -> dict[str, Any]:
+    """What sounds of an object's hull after its last collision, dropped by 10 cm as a quaternion turns it.
+
+    The last time that a mode above the threshold in quiet grew, and the last that one was above it; how far
+    above it was the loudest at that collision; and how long the slowest mode takes to fall by 60 dB.
+    """
+    import mujoco
+
+    file = objectfolder.example(name)
+    model = standing(file, STEP_S)
+    data = mujoco.MjData(model)
+    data.qpos[2], data.qpos[3:7] = data.qpos[2] + 0.1, way
+    live = LiveSound(MujocoSimulation(model, data), {"object": file}, listener_m=LISTENER_M)
+    stream = live._bodies["object"].stream
+    quiet_pa = np.sqrt(2) * REFERENCE_PA * 10 ** (quiet_threshold_db(stream.loudness()[0]) / 20)
+    louder = []
+    for _ in range(round(SECONDS * RATE_HZ / BLOCK)):
+        live.block()
+        louder.append(stream.loudness()[1] / quiet_pa)
+    times_s, over = (1 + np.arange(len(louder))) * BLOCK / RATE_HZ, np.array(louder)
+    grew = (over[1:] > np.maximum(1.0, (1 + 1e-6) * over[:-1])).any(axis=1)
+    last_s = live.impacts[-1].time_s
+    return {
+        "object": name,
+        "way": way,
+        "excited_s": float(times_s[1:][grew][-1] - last_s),
+        "heard_s": float(times_s[(over > 1).any(axis=1)][-1] - last_s),
+        "over_threshold_db": float(20 * np.log10(over[times_s > last_s][0].max())),
+        "slowest_60_db_s": float(np.log(1e3) / file.modes.dampings_per_s.min()),
+    }
+
+
 def quickest(run: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """Figures of the quickest of some runs: others were disturbed, and the first compiles kernels."""
     return max((run() for _ in range(RUNS)), key=lambda figures: float(figures["real_time_factor"]))
@@ -200,6 +235,7 @@ def main() -> None:
     figures = {
         "falling": [falling(names) for names in (("mug",), ("mug", "bell"))],
         "rolling": rolling(),
+        "coming_to_rest": [coming_to_rest(name, way) for name in ("mug", "bell") for way in WAYS],
         "ringing": [quickest(lambda n=n: ringing(mug, n)[0]) for n in BODIES],
         "hundred_modes": culled(with_modes(MODES), 20),
     }
