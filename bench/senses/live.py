@@ -23,7 +23,7 @@ from objectfolder.live.culling import Culling
 from objectfolder.live.gripper import standing
 from objectfolder.live.heard_body import HeardBody
 from objectfolder.object_file import ObjectFile
-from objectfolder.products.integer_coding import pack_integers, zigzag
+from objectfolder.products.matrix_coding import pack_matrix
 
 SECONDS, STEP_S, RATE_HZ, BLOCK = 4.0, 0.002, 44100.0, 512
 BODIES, MODES, RUNS = (5, 10, 20, 40), 100, 3
@@ -169,7 +169,7 @@ def with_modes(modes: int) -> ObjectFile:
         "audio.dampings_per_s": (material["rayleigh_alpha_per_s"] + material["rayleigh_beta_s"] * angular**2)
         / 2,
         "audio.radiation_weights": net.radiation_weights[which],
-        "audio.coefficients": pack_integers(zigzag(shapes.reshape(-1))),
+        "audio.coefficients": pack_matrix(shapes.reshape(len(shapes), -1)),
     }
     file.modes = AudioNet.from_tensors(tensors, net.metadata() | {"modes": modes}, file.surface)
     return file
