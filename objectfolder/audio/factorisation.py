@@ -42,7 +42,7 @@ class Factorisation:
         solver: str = SOLVER,
         most_bytes: float = float("inf"),
     ) -> None:
-        """Factorise (n, n); without interchanges when `definite`.
+        """Factorise (n, n), whole or its upper triangle; without interchanges when `definite`.
 
         `most_bytes` limits the memory of the factors, which PARDISO knows before it makes them and SuperLU
         does not.
@@ -58,10 +58,9 @@ class Factorisation:
         self._upper = _upper_triangle(matrix)
         try:
             if solver == "PARDISO":
-                del matrix  # its memory, before the factors
                 self._pardiso(POSITIVE_DEFINITE if definite else INDEFINITE)
             else:
-                self._super_lu(matrix, definite)
+                self._super_lu(definite)
         except (RuntimeError, ArithmeticError) as error:
             raise SimulationError(
                 "factorisation", f"{solver} of {self._upper.shape[0]} unknowns: {error}", "Check the mesh."
@@ -101,9 +100,10 @@ class Factorisation:
                 "Simplify the surface, or state a larger memory_limit_gb",
             )
 
-    def _super_lu(self, matrix: sparse.csr_matrix, definite: bool) -> None:
+    def _super_lu(self, definite: bool) -> None:
+        upper = self._upper
         self._factors = splu(
-            matrix.tocsc(),
+            (upper + upper.T - sparse.diags(upper.diagonal())).tocsc(),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
@@ -165,7 +165,7 @@ class Factorisation:
 
 
 def shifted(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.csr_matrix:
-    """K - value M, (3 n, 3 n)."""
+    """Upper triangle of K - value M, (3 n, 3 n): the other half would take memory beside the factors."""
     rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
     # Where the blocks of K are those of M: the first entry of the first row of each, and the next row's.
     width = 3 * np.diff(mass.indptr)[rows]
@@ -177,11 +177,12 @@ def shifted(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float)
         and np.array_equal(stiffness.indices[place], 3 * mass.indices)
     )
     if not alike:
-        return (stiffness - value * sparse.kron(mass, sparse.identity(3), format="csr")).tocsr()
+        whole = stiffness - value * sparse.kron(mass, sparse.identity(3), format="csr")
+        return _upper_triangle(whole.tocsr())
     result = stiffness.copy()
     for axis in range(3):
         result.data[place + axis * (width + 1)] -= value * mass.data
-    return result
+    return _upper_triangle(result)
 
 
 def _upper_triangle(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
@@ -191,6 +192,8 @@ def _upper_triangle(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
     size = matrix.shape[0]
     rows = np.repeat(np.arange(size, dtype=matrix.indices.dtype), np.diff(matrix.indptr))
     upper = matrix.indices >= rows
+    if upper.all():
+        return matrix
     starts = np.concatenate([[0], np.cumsum(upper)])[matrix.indptr]
     return sparse.csr_matrix((matrix.data[upper], matrix.indices[upper], starts), shape=(size, size))
 

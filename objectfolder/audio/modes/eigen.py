@@ -20,8 +20,6 @@ from objectfolder.errors import UnsolvableError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-# Vectors (3 n, k) and M times them
-Block = tuple[Floats, Floats]
 BLOCK, MOST_BLOCKS = 16, 400
 # Random starts of the iteration, where its blocks become dependent.
 MOST_STARTS = 2
@@ -334,7 +332,7 @@ def refine(
 
     Each round solves once for all vectors. The first takes the best of the images, further ones the best of
     both blocks. Directions of earlier rounds, as in locally optimal conjugate gradients, would cost more than
-    they save: a round alone takes off more than nine tenths of the error. Four blocks as large as the vectors
+    they save: a round alone takes off more than nine tenths of the error. Two blocks as large as the vectors
     are in memory.
 
     Parameters
@@ -357,62 +355,89 @@ def refine(
         Largest relative change of eigenvalues below the limit by the last round: a bound on what is still
         wrong where a round takes off at least half of the error. Infinite after one round.
     """
-    block, _ = _unit(pencil, start)
+    vectors = _unit(pencil, start)
     values = np.zeros(0)
     change = np.inf
     for turn in range(rounds):
         pencil.limits.check_time()
-        image, size = _unit(pencil, factors.solve(block[1]))
-        found, block = _best_of_both(shift, values, block, image, size)
+        image = _Image.of(pencil, factors, vectors)
+        found, vectors = _best_of_both(shift, values, vectors, image)
+        del image  # its memory, before the next one
         if turn > 0:
             shared = np.flatnonzero(found[: len(values)] < below)
             change = float(np.abs(values[shared] / found[shared] - 1).max(initial=0.0))
         values = found
         if change <= tolerance:
             break
-    return Eigenpairs(values, block[0]), change
+    return Eigenpairs(values, vectors), change
 
 
-def _unit(pencil: Pencil, vectors: Floats) -> tuple[Block, Floats]:
-    """Vectors (3 n, k) without rigid motions and of unit mass, M times them, and the factors (k,) applied.
-
-    In place of the vectors given.
-    """
+def _unit(pencil: Pencil, vectors: Floats) -> Floats:
+    """Vectors (3 n, k) without rigid motions and of unit mass, in place."""
     vectors = pencil.without_rigid(vectors)
-    weighed = weigh(pencil.mass, vectors)
-    size = 1 / np.sqrt(np.einsum("ij,ij->j", vectors, weighed))
-    vectors *= size
-    weighed *= size
-    return (vectors, weighed), size
+    for columns in _parts(vectors.shape[1], AT_ONCE):
+        part = np.ascontiguousarray(vectors[:, columns])
+        vectors[:, columns] = part / np.sqrt(np.einsum("ij,ij->j", part, weigh(pencil.mass, part)))
+    return vectors
 
 
-def _best_of_both(
-    shift: float, values: Floats, block: Block, image: Block, size: Floats
-) -> tuple[Floats, Block]:
-    """Ritz values and block of vectors and their images, of the images alone where no values are known yet.
+@dataclass(frozen=True)
+class _Image:
+    """Images of vectors V (3 n, k) under (K - shift M)^-1 M, of unit mass and without rigid motions.
 
-    K is never multiplied by: K image = shift M image + M vectors, each column scaled by `size` (k,). The
-    result is written over one of the blocks.
+    M times vectors is made for a few columns at a time: it would take as much memory as they.
+
+    Attributes
+    ----------
+    vectors : (3 n, k) the images W
+    gram : (k, k) W^T M W
+    across : (k, k) V^T M W
+    size : (k,) factors that made them of unit mass
     """
-    gram = image[0].T @ image[1]
-    across = block[0].T @ image[1]
-    stiff = shift * gram + across.T * size
+
+    vectors: Floats
+    gram: Floats
+    across: Floats
+    size: Floats
+
+    @classmethod
+    def of(cls, pencil: Pencil, factors: Factorisation, vectors: Floats) -> "_Image":
+        """The images of vectors."""
+        image, count = np.empty(vectors.shape), vectors.shape[1]
+        for columns in _parts(count, AT_ONCE):
+            image[:, columns] = factors.solve(weigh(pencil.mass, np.ascontiguousarray(vectors[:, columns])))
+        pencil.without_rigid(image)
+        gram, across = np.empty((count, count)), np.empty((count, count))
+        for columns in _parts(count, AT_ONCE):
+            weighed = weigh(pencil.mass, np.ascontiguousarray(image[:, columns]))
+            gram[:, columns], across[:, columns] = image.T @ weighed, vectors.T @ weighed
+        size = 1 / np.sqrt(np.diag(gram))
+        image *= size
+        return cls(image, gram * size * size[:, None], across * size, size)
+
+
+def _best_of_both(shift: float, values: Floats, vectors: Floats, image: _Image) -> tuple[Floats, Floats]:
+    """Ritz values and vectors of vectors and their images, of the images alone where no values are known yet.
+
+    K is never multiplied by: K image = shift M image + M vectors, each column scaled by `size`. The result is
+    written over `vectors`.
+    """
+    stiff = shift * image.gram + image.across.T * image.size
     count = len(values)
     if count == 0:
-        found, weights = _ritz(gram, stiff)
-        return found, (_combined((image[0], weights)), _combined((image[1], weights)))
-    corner = shift * across + size * np.eye(count)
-    both = np.block([[np.eye(count), across], [across.T, gram]])
+        found, weights = _ritz(image.gram, stiff)
+        return found, _combined(vectors, (image.vectors, weights))
+    corner = shift * image.across + image.size * np.eye(count)
+    both = np.block([[np.eye(count), image.across], [image.across.T, image.gram]])
     stiff_both = np.block([[np.diag(values), corner], [corner.T, stiff]])
     found, weights = _ritz(both, stiff_both)
     one, other = weights[:count, :count], weights[count:, :count]
-    vectors, weighed = (_combined((old, one), (new, other)) for old, new in zip(block, image, strict=True))
-    return found[:count], (vectors, weighed)
+    return found[:count], _combined(vectors, (vectors, one), (image.vectors, other))
 
 
-def _combined(*terms: tuple[Floats, Floats]) -> Floats:
-    """Sum of blocks (n, a) times weights (a, k), k <= a, written over the first of the blocks."""
-    into = terms[0][0][:, : terms[0][1].shape[1]]
+def _combined(into: Floats, *terms: tuple[Floats, Floats]) -> Floats:
+    """Sum of blocks (n, a) times weights (a, k), k <= a, written over the first columns of a block."""
+    into = into[:, : terms[0][1].shape[1]]
     for rows in _parts(len(into), ROWS):
         into[rows] = sum(block[rows] @ weights for block, weights in terms)
     return into
