@@ -1,9 +1,9 @@
-"""Sight of the hundred scans that had the lowest foreground, by today's code; and of others, whether they fell.
+"""Sight of those of a hundred scans that had the lowest foreground, by today's code, and of controls.
 
     python -m bench.factory.lowest_scans --folder FOLDER [--objects CATALOGUE.csv]
 
-A whole run of `bench.factory.hundred` takes hours. This makes views and VisionNet alone, of the `LOWEST` scans
-with the lowest foreground in ``bench/results/hundred_per_object.csv`` and of `CONTROLS` drawn from its middle
+A whole run of `bench.factory.hundred` takes hours. This makes views and VisionNet alone, of the `LOWEST`
+scans with the lowest foreground in ``bench/results/hundred_per_object.csv`` and of `CONTROLS` drawn from its middle
 half, with that run's parameters and seeds. Rows are kept in FOLDER and not measured again.
 """
 
@@ -31,8 +31,8 @@ from pipeline.dataset.parameters import read_parameters
 
 LOWEST, CONTROLS, CONTROL_SEED = 14, 4, 0
 COMPARED = (
-    "PSNR of 8-bit sRGB on white over the foreground (pixels covered by half), held-out cameras and lights, of "
-    "the scans that were lowest in the table of a hundred and of controls; all others count as in that table"
+    "PSNR of 8-bit sRGB on white over the foreground (pixels covered by half), held-out cameras and lights, "
+    "of the scans that were lowest in the table of a hundred and of controls; all others count as in that table"
 )
 
 

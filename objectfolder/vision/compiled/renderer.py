@@ -249,11 +249,11 @@ class CompiledRenderer:
             total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(view.rows))
             return total
 
-        def shaded(wanted: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        def shaded(wanted: np.ndarray, samples: int) -> np.ndarray:
             chosen = self._chosen(view, labels, wanted)
             of = probe[chosen.pixel, chosen.group]
-            matt, gloss = around.shown(chosen.points, gathered.of(of), _cast(view, chosen), samples, alpha2)
-            return summed(chosen, matt + mirrored[of]), summed(chosen, gloss)
+            matt, *gloss = around.shown(chosen.points, gathered.of(of), _cast(view, chosen), samples, alpha2)
+            return np.stack([summed(chosen, part) for part in (matt + mirrored[of], *gloss)])
 
         chosen = self._chosen(view, labels, np.full(len(view.rows), effort.shaded))
         outline = around.outlined(chosen.points, gathered.of(probe[chosen.pixel, chosen.group]))
@@ -262,7 +262,8 @@ class CompiledRenderer:
         uneven = contrasting(view.edges, shade, effort.contrast)
         coarse = shaded(np.where(uneven, 0, effort.shaded), HIGHLIGHT_SAMPLES)
         fine = shaded(np.where(uneven, effort.shaded_uneven, 0), 1)
-        return coarse[0] + fine[0] + smooth(SMOOTH_LOBE * float(alpha2), coarse[1] + fine[1], even)
+        matt, gloss, even = coarse + fine
+        return matt + smooth(SMOOTH_LOBE * float(alpha2), gloss, even)
 
     def radiance(
         self,

@@ -84,6 +84,15 @@ class Gathered:
         return np.divide(self.arriving, self.unhindered, out=everything, where=self.unhindered > 0)
 
 
+@dataclass(frozen=True)
+class Highlit:
+    """Points (n,) whose highlights are asked for, the network's features and the matt radiance (n, 3) there."""
+
+    points: Points
+    features: np.ndarray
+    matt: np.ndarray
+
+
 class Surroundings:
     """An environment round a surface.
 
@@ -149,8 +158,10 @@ class Surroundings:
 
     def shown(
         self, points: Points, gathered: Gathered, cast: Cast, samples: int, alpha2: np.float32
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return pi times the radiance of points, (n, 3) matt and (n, 3) highlight.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return pi times the radiance of points, (n, 3) matt and (n, 3) highlight, and about the latter.
+
+        The last is the highlight as of `outlined`.
 
         Parameters
         ----------
@@ -162,21 +173,23 @@ class Surroundings:
             Square of the highlight's GGX width.
         """
         features, albedo = self._network.features(points)
-        colour = albedo * (self._plane(points) * gathered.share + gathered.bounced)
+        plane = self._plane(points)
+        colour = albedo * (plane * gathered.share + gathered.bounced)
+        lit = Highlit(points, features, colour / np.pi)
         everywhere = np.arange(len(albedo))
-        gloss = self._highlight(points, features, cast, everywhere, np.arange(samples), alpha2)
+        gloss = self._highlight(lit, cast, everywhere, np.arange(samples), alpha2)
         # Not by what the first directions show: to go on where these are bright would darken the mean.
-        strong = np.flatnonzero(self._strength(points, features, alpha2).max(axis=1) > STRONG)
-        more = self._highlight(points, features, cast, strong, np.arange(samples, 4 * samples), alpha2)
+        strength = self._strength(points, features, alpha2)
+        strong = np.flatnonzero(strength.max(axis=1) > STRONG)
+        more = self._highlight(lit, cast, strong, np.arange(samples, 4 * samples), alpha2)
         gloss[strong] = (gloss[strong] + 3 * more) / 4
-        return colour, np.pi * gloss
+        return colour, np.pi * gloss, plane * strength
 
     def _highlight(
-        self, points: Points, features: np.ndarray, cast: Cast, row: np.ndarray, samples: np.ndarray,
-        alpha2: np.float32,
-    ) -> np.ndarray:  # fmt: skip
+        self, lit: Highlit, cast: Cast, row: np.ndarray, samples: np.ndarray, alpha2: np.float32
+    ) -> np.ndarray:
         """Return radiance (m, 3) of the highlights of points `row` (m,) along their directions `samples`."""
-        around, count = self._environment, len(samples)
+        around, count, points = self._environment, len(samples), lit.points
         light = np.zeros((len(row), 3))
         facet = self._surface.facets[points.face[row]] * points.side[row, None]
         start = points.position[row] + SELF_OFFSET * facet
@@ -191,7 +204,7 @@ class Surroundings:
             )
             sent = density > 0
             _, gloss = self._network.reflected(
-                points, features, row[sent], np.ascontiguousarray(direction[sent]), alpha2
+                points, lit.features, row[sent], np.ascontiguousarray(direction[sent]), alpha2
             )
             cosine = np.einsum("ij,ij->i", direction[sent], points.normal[row[sent]])
             weight = gloss * (cosine / (np.pi * density[sent]))[:, None]
@@ -199,7 +212,8 @@ class Surroundings:
             sparse = 1.0 / (seeing[sent] * density[sent])
             level = 0.5 * np.log2(sparse / texel) - SHARPER
             seen = looked_up(around.texels, around.heights, direction[sent], level)
-            light[sent] += weight * clear[:, None] * seen / count
+            # What hides the map is the object itself, as bright as the point in the mean.
+            light[sent] += weight * np.where(clear[:, None], seen, lit.matt[row[sent]]) / count
         return light
 
     def in_mirrors(self, points: Points, cast: Cast, samples: int) -> np.ndarray:
@@ -208,7 +222,7 @@ class Surroundings:
         if self._network.mirrors:
             row, met = self._surface.mirrored(points)
             gathered = self.gathered(met, cast.of(row), bounces=False)
-            matt, gloss = self.shown(met, gathered, cast.of(row), samples, self._network.mirror_alpha2)
+            matt, gloss, _ = self.shown(met, gathered, cast.of(row), samples, self._network.mirror_alpha2)
             answer[row] = self._network.fresnel(points.of(row)) * (matt + gloss)
         return answer
 
