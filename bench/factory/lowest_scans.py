@@ -3,8 +3,8 @@
     python -m bench.factory.lowest_scans --folder FOLDER [--objects CATALOGUE.csv]
 
 A whole run of `bench.factory.hundred` takes hours. This makes views and VisionNet alone, of the `LOWEST`
-scans with the lowest foreground in ``bench/results/hundred_per_object.csv`` and of `CONTROLS` drawn from its middle
-half, with that run's parameters and seeds. Rows are kept in FOLDER and not measured again.
+scans with the lowest foreground in ``bench/results/hundred_per_object.csv`` and of `CONTROLS` drawn from
+its middle half, with that run's parameters and seeds. Rows are kept in FOLDER and not measured again.
 """
 
 import csv
@@ -32,7 +32,7 @@ from pipeline.dataset.parameters import read_parameters
 LOWEST, CONTROLS, CONTROL_SEED = 14, 4, 0
 COMPARED = (
     "PSNR of 8-bit sRGB on white over the foreground (pixels covered by half), held-out cameras and lights, "
-    "of the scans that were lowest in the table of a hundred and of controls; all others count as in that table"
+    "of the scans that were lowest in the table of a hundred and of controls; all others count as there"
 )
 
 

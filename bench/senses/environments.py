@@ -1,16 +1,18 @@
 """Object Files in environments against Cycles in the same: a finished data set and three scans.
 
 Run as ``python -m bench.senses.environments --folder FOLDER [--data FOLDER] [--objects CATALOGUE.csv]``.
-FOLDER keeps the truth, and is that of `bench.senses.vision_objects`, whose networks the scans take.
+FOLDER keeps truth and rows, and is that of `bench.senses.vision_objects`, whose networks the scans take.
 """
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import objectfolder
-from bench.record import REPOSITORY, conclude, cpu_seconds, save, subplots
+from bench.record import REPOSITORY, conclude, cpu_seconds, kept, save, subplots
 from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.vision_objects import NETWORKS, RESOLUTION, Subject, means
 from objectfolder.mesh.mesh import textured_mesh_of
@@ -64,6 +66,25 @@ def measured(path: Path, net: VisionNet, scene: Scene, views: Product) -> dict[s
     return found
 
 
+def of_data_set(data: Path, name: str, path: Path) -> dict[str, Any]:
+    """Return the row of an object of a finished data set."""
+    file, views = (
+        objectfolder.load(data / "object_files" / f"{name}.safetensors"),
+        read_product(data / "views" / f"{name}.zarr.zip"),
+    )
+    mesh = textured_mesh_of(read_product(data / "objects" / f"{name}.zarr.zip"))
+    scene = unit_scene(mesh, Appearance(**views.attributes["appearance"]), file.frame)
+    return measured(path, file.vision, scene, views)
+
+
+def of_scan(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
+    """Return the row of a scan, by a network that is fitted where the folder has none."""
+    at = Subject(scans, name, folder)
+    scene = unit_scene(at.mesh, NETWORKS["within_120"].appearance(at.material), at.frame)
+    net, views = at.network("within_120")[0], at.views("within_120")[0]
+    return measured(folder / "environments" / name, net, scene, views)
+
+
 def many_lamps(net: VisionNet, camera: np.ndarray) -> dict[str, float]:
     """Return how many times one lamp's CPU seconds `LAMPS` take, and how near they are to their sum."""
     lamps = uniform_on_sphere(LAMPS, 1.0, np.random.default_rng(0))
@@ -105,18 +126,13 @@ def main() -> None:
     parser = scan_arguments(__doc__, "truth and networks")
     parser.add_argument("--data", type=Path, default=REPOSITORY / "data", help="of a finished data set")
     given = parser.parse_args()
-    rows: dict[str, Any] = {}
-    for path in sorted((given.data / "object_files").glob("*.safetensors")):
-        file, views = objectfolder.load(path), read_product(given.data / "views" / f"{path.stem}.zarr.zip")
-        mesh = textured_mesh_of(read_product(given.data / "objects" / f"{path.stem}.zarr.zip"))
-        scene = unit_scene(mesh, Appearance(**views.attributes["appearance"]), file.frame)
-        rows[path.stem] = measured(given.folder / "environments" / path.stem, file.vision, scene, views)
-    scans = Scans(given.objects)
-    for name in SCANS:
-        at = Subject(scans, name, given.folder)
-        scene = unit_scene(at.mesh, NETWORKS["within_120"].appearance(at.material), at.frame)
-        net, views = at.network("within_120")[0], at.views("within_120")[0]
-        rows[f"scan {name}"] = measured(given.folder / "environments" / name, net, scene, views)
+    scans, at = Scans(given.objects), given.folder / "environments"
+    tasks: dict[str, Callable[[], dict[str, Any]]] = {
+        path.stem: partial(of_data_set, given.data, path.stem, at / path.stem)
+        for path in sorted((given.data / "object_files").glob("*.safetensors"))
+    }
+    tasks |= {f"scan {name}": partial(of_scan, scans, name, given.folder) for name in SCANS}
+    rows = {name: kept(at / f"{name}.json", task) for name, task in tasks.items()}
     cells = [found[name] for found in rows.values() for name in NAMES]
     foreground = [cell["psnr_foreground_db"] for cell in cells]
     summary: dict[str, Any] = {

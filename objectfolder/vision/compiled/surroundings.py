@@ -86,7 +86,7 @@ class Gathered:
 
 @dataclass(frozen=True)
 class Highlit:
-    """Points (n,) whose highlights are asked for, the network's features and the matt radiance (n, 3) there."""
+    """Points (n,) whose highlights are asked for; the network's features and matt radiance (n, 3) there."""
 
     points: Points
     features: np.ndarray
