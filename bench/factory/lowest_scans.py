@@ -1,10 +1,11 @@
 """Sight of those of a hundred scans that had the lowest foreground, by today's code, and of controls.
 
-    python -m bench.factory.lowest_scans --folder FOLDER [--objects CATALOGUE.csv]
+    python -m bench.factory.lowest_scans --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
 
 A whole run of `bench.factory.hundred` takes hours. This makes views and VisionNet alone, of the `LOWEST`
 scans with the lowest foreground in ``bench/results/hundred_per_object.csv`` and of `CONTROLS` drawn from
-its middle half, with that run's parameters and seeds. Rows are kept in FOLDER and not measured again.
+its middle half, with that run's parameters and seeds. Rows are kept in
+FOLDER and not measured again; the result is of the rows at hand.
 """
 
 import csv
@@ -86,22 +87,24 @@ def draw(figures: dict[str, Any]) -> None:
 
 def main() -> None:
     """Measure the lowest scans and the controls."""
-    parser = scan_arguments(__doc__, "rows")
-    given = parser.parse_args()
-    scans, old, parameters = Scans(given.objects), before(), read_parameters(REPOSITORY / "params.yaml")
+    old, parameters = before(), read_parameters(REPOSITORY / "params.yaml")
     names = list(old)
     middle = names[len(names) // 4 : len(names) * 3 // 4]
     controls = sorted(np.random.default_rng(CONTROL_SEED).choice(middle, CONTROLS, replace=False).tolist())
+    chosen = (*names[:LOWEST], *controls)
+    parser = scan_arguments(__doc__, "rows")
+    parser.add_argument("--only", nargs="*", default=chosen, choices=chosen, metavar="ID")
+    given = parser.parse_args()
+    scans = Scans(given.objects)
+    for name in given.only:
+        kept(given.folder / f"{name}.json", partial(measured, scans, name, parameters))
     found = {
-        name: {
-            "before_db": old[name],
-            **kept(given.folder / f"{name}.json", partial(measured, scans, name, parameters)),
-        }
-        for name in (*names[:LOWEST], *controls)
+        name: {"before_db": old[name], **kept(path, dict)}
+        for name in chosen
+        if (path := given.folder / f"{name}.json").exists()
     }
     now = old | {name: row["psnr_foreground_db"] for name, row in found.items()}
     worst = sorted(now, key=now.__getitem__)
-    change = [found[name]["psnr_foreground_db"] - old[name] for name in controls]
     summary = {
         "foreground_db": {
             "mean": float(np.mean(list(now.values()))),
@@ -109,9 +112,11 @@ def main() -> None:
             "worst": now[worst[0]],
             "worst_object": worst[0],
         },
-        "of": f"the {LOWEST} lowest and {CONTROLS} controls measured again, the others as before",
-        "controls": controls,
-        "controls_change_db": change,
+        "of": "the scans below measured again, the others as before",
+        "controls_change_db": {
+            name: row["psnr_foreground_db"] - old[name] for name, row in found.items() if name in controls
+        },
+        "missing": [name for name in chosen if name not in found],
     }
     settings = {"size": parameters.size, "seed": parameters.seed, "control_seed": CONTROL_SEED}
     conclude("lowest_scans", {"summary": summary, "scans": found}, settings, COMPARED, draw)

@@ -1,5 +1,7 @@
 """Environments: maps and their sums, furnaces, suns, crops, and Cycles under the same sky."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +14,7 @@ from objectfolder.errors import QueryError
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
-from objectfolder.vision.compiled.surroundings import lobe_directions, looked_up
+from objectfolder.vision.compiled.surroundings import Cast, Surroundings, lobe_directions, looked_up
 from objectfolder.vision.environment import NAMES, Environment, named_map, pixel_directions
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.render_request import Shots, unit_scene
@@ -122,6 +124,25 @@ def test_a_turned_sky_turns_the_light(net: VisionNet) -> None:
     toward_x, beside_x, beside_y, toward_y = (image[..., :3].mean() for image in lit)
     assert toward_x > 2 * beside_x
     assert toward_y > 2 * beside_y
+
+
+def test_a_highlight_shows_the_object_where_that_hides_a_white_furnace(net: VisionNet) -> None:
+    renderer = net._rendering()
+    surface, network, count = renderer._surface, renderer._network, len(renderer._surface.facets)
+    points = surface.points(np.arange(count), np.full((count, 3), 1 / 3), -surface.facets)
+    at = np.arange(count)
+    cast = Cast(at, at, np.zeros_like(at), np.ones_like(at))
+    around = Surroundings(surface, network, Environment.of(np.ones((16, 32, 3))))
+    gathered, matt, gloss = around.gathered(points, cast), [], []
+    for hidden in (False, True):
+        volumes = SimpleNamespace(occluded=lambda start, *_, all_of=hidden: np.full(len(start), all_of))
+        around._surface = SimpleNamespace(facets=surface.facets, volumes=volumes)
+        found = around.shown(points, gathered, cast, 4, network.alpha2)
+        matt.append(found[0])
+        gloss.append(found[1])
+        np.testing.assert_array_equal(found[2], around.outlined(points, gathered)[1])
+    assert (gloss[0] > 0).any()
+    np.testing.assert_allclose(gloss[1], gloss[0] * matt[0] / np.pi, rtol=1e-6)
 
 
 def test_what_is_no_light_is_refused(net: VisionNet, subtests: pytest.Subtests) -> None:
