@@ -15,6 +15,7 @@ Complexes = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 FOUR_PI = 4 * math.pi
 IN_PLANE = 1e-9  # edges from a triangle's plane below which a point is in it
+TILE = 32  # rows and columns of a tile of a matrix
 
 
 @kernel
@@ -170,7 +171,7 @@ def fill_far(
 
     Across the patch of a vertex a wave from far away is a plane one of wave vector q. The integral of its hat
     function is then as of a Gaussian of its second moments C, exp(-q . C q / 2), about its centre, and that
-    of the hat function along the normals N + i D q in place of N.
+    of the hat function along the normals N + i D q in place of N. Two patches see each other by one wave.
 
     Parameters
     ----------
@@ -178,6 +179,8 @@ def fill_far(
         See `objectfolder.audio.air.patches.Patches`.
     flows
         (n, m) and (n, 3, m) moments of order 0 and 1 of the velocities.
+    slots
+        (n, n), symmetric in what is near.
     double, bending
         (n, n) of K and W.
     loads
@@ -186,42 +189,68 @@ def fill_far(
     areas, centres, spreads, vectors, tilts = patches
     flow, uneven = flows
     count, modes = flow.shape
-    for i in range(count):
-        for j in range(count):
-            if slots[i, j] >= 0:
-                double[i, j] = 0.0
-                bending[i, j] = 0.0
-                continue
-            e0 = centres[j, 0] - centres[i, 0]
-            e1 = centres[j, 1] - centres[i, 1]
-            e2 = centres[j, 2] - centres[i, 2]
-            inverse2 = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2)
-            inverse = math.sqrt(inverse2)
-            phase = wavenumber / inverse
-            q0, q1, q2 = wavenumber * inverse * e0, wavenumber * inverse * e1, wavenumber * inverse * e2
-            faded = q0 * q0 * (spreads[i, 0] + spreads[j, 0]) + q1 * q1 * (spreads[i, 1] + spreads[j, 1])
-            faded += q2 * q2 * (spreads[i, 2] + spreads[j, 2])
-            faded += 2 * q0 * q1 * (spreads[i, 3] + spreads[j, 3])
-            faded += 2 * q0 * q2 * (spreads[i, 4] + spreads[j, 4])
-            faded += 2 * q1 * q2 * (spreads[i, 5] + spreads[j, 5])
-            g = complex(math.cos(phase), math.sin(phase)) * (math.exp(-0.5 * faded) * inverse / FOUR_PI)
-            slope = g * complex(-1.0, phase) * inverse2
-            bend = g * complex(3.0 - phase * phase, -3.0 * phase) * (inverse2 * inverse2)
-            n0 = complex(vectors[i, 0], -(tilts[i, 0, 0] * q0 + tilts[i, 0, 1] * q1 + tilts[i, 0, 2] * q2))
-            n1 = complex(vectors[i, 1], -(tilts[i, 1, 0] * q0 + tilts[i, 1, 1] * q1 + tilts[i, 1, 2] * q2))
-            n2 = complex(vectors[i, 2], -(tilts[i, 2, 0] * q0 + tilts[i, 2, 1] * q1 + tilts[i, 2, 2] * q2))
-            s0 = complex(vectors[j, 0], tilts[j, 0, 0] * q0 + tilts[j, 0, 1] * q1 + tilts[j, 0, 2] * q2)
-            s1 = complex(vectors[j, 1], tilts[j, 1, 0] * q0 + tilts[j, 1, 1] * q1 + tilts[j, 1, 2] * q2)
-            s2 = complex(vectors[j, 2], tilts[j, 2, 0] * q0 + tilts[j, 2, 1] * q1 + tilts[j, 2, 2] * q2)
-            of_i = n0 * e0 + n1 * e1 + n2 * e2
-            of_j = s0 * e0 + s1 * e1 + s2 * e2
-            double[i, j] = slope * (areas[i] * of_j)
-            bending[i, j] = bend * (of_i * of_j) + slope * (n0 * s0 + n1 * s1 + n2 * s2)
-            for m in range(modes):
-                turned = uneven[j, 0, m] * q0 + uneven[j, 1, m] * q1 + uneven[j, 2, m] * q2
-                source = complex(flow[j, m], turned)
-                loads[0, i, m] += areas[i] * g * source
-                loads[1, i, m] -= slope * of_i * source
+    # In tiles, for the entries across the diagonal to lie close to one another in memory.
+    for tile_i in range(0, count, TILE):
+        for tile_j in range(0, tile_i + 1, TILE):
+            for i in range(tile_i, min(tile_i + TILE, count)):
+                for j in range(tile_j, min(tile_j + TILE, i + 1)):
+                    if slots[i, j] >= 0:
+                        double[i, j] = double[j, i] = 0.0
+                        bending[i, j] = bending[j, i] = 0.0
+                        continue
+                    e0 = centres[j, 0] - centres[i, 0]
+                    e1 = centres[j, 1] - centres[i, 1]
+                    e2 = centres[j, 2] - centres[i, 2]
+                    inverse2 = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2)
+                    inverse = math.sqrt(inverse2)
+                    phase = wavenumber / inverse
+                    q0 = wavenumber * inverse * e0
+                    q1 = wavenumber * inverse * e1
+                    q2 = wavenumber * inverse * e2
+                    faded = q0 * q0 * (spreads[i, 0] + spreads[j, 0])
+                    faded += q1 * q1 * (spreads[i, 1] + spreads[j, 1])
+                    faded += q2 * q2 * (spreads[i, 2] + spreads[j, 2])
+                    faded += 2 * q0 * q1 * (spreads[i, 3] + spreads[j, 3])
+                    faded += 2 * q0 * q2 * (spreads[i, 4] + spreads[j, 4])
+                    faded += 2 * q1 * q2 * (spreads[i, 5] + spreads[j, 5])
+                    g = complex(math.cos(phase), math.sin(phase)) * (
+                        math.exp(-0.5 * faded) * inverse / FOUR_PI
+                    )
+                    slope = g * complex(-1.0, phase) * inverse2
+                    bend = g * complex(3.0 - phase * phase, -3.0 * phase) * (inverse2 * inverse2)
+                    n0 = complex(
+                        vectors[i, 0], -(tilts[i, 0, 0] * q0 + tilts[i, 0, 1] * q1 + tilts[i, 0, 2] * q2)
+                    )
+                    n1 = complex(
+                        vectors[i, 1], -(tilts[i, 1, 0] * q0 + tilts[i, 1, 1] * q1 + tilts[i, 1, 2] * q2)
+                    )
+                    n2 = complex(
+                        vectors[i, 2], -(tilts[i, 2, 0] * q0 + tilts[i, 2, 1] * q1 + tilts[i, 2, 2] * q2)
+                    )
+                    s0 = complex(
+                        vectors[j, 0], tilts[j, 0, 0] * q0 + tilts[j, 0, 1] * q1 + tilts[j, 0, 2] * q2
+                    )
+                    s1 = complex(
+                        vectors[j, 1], tilts[j, 1, 0] * q0 + tilts[j, 1, 1] * q1 + tilts[j, 1, 2] * q2
+                    )
+                    s2 = complex(
+                        vectors[j, 2], tilts[j, 2, 0] * q0 + tilts[j, 2, 1] * q1 + tilts[j, 2, 2] * q2
+                    )
+                    of_i = n0 * e0 + n1 * e1 + n2 * e2
+                    of_j = s0 * e0 + s1 * e1 + s2 * e2
+                    double[i, j] = slope * (areas[i] * of_j)
+                    double[j, i] = -slope * (areas[j] * of_i)
+                    bent = bend * (of_i * of_j) + slope * (n0 * s0 + n1 * s1 + n2 * s2)
+                    bending[i, j] = bending[j, i] = bent
+                    for m in range(modes):
+                        turned = uneven[j, 0, m] * q0 + uneven[j, 1, m] * q1 + uneven[j, 2, m] * q2
+                        source = complex(flow[j, m], turned)
+                        loads[0, i, m] += areas[i] * g * source
+                        loads[1, i, m] -= slope * of_i * source
+                        turned = uneven[i, 0, m] * q0 + uneven[i, 1, m] * q1 + uneven[i, 2, m] * q2
+                        source = complex(flow[i, m], -turned)
+                        loads[0, j, m] += areas[j] * g * source
+                        loads[1, j, m] += slope * of_j * source
 
 
 @kernel
@@ -252,46 +281,60 @@ def add_waves(
     bending: NDArray[np.complex64],
     loads: Complexes,
 ) -> None:
-    """Add what the waves differ from static fields by, at pairs of triangles, to near entries.
+    """Add what the waves differ from static fields by, between pairs of triangles, to near entries.
 
-    `points` (t, 3, 3) are those of the three-point rule in each triangle; for the rest see
-    `add_static_pairs` and `fill_far`.
+    `pairs` (p, 2) have each two triangles once, a triangle and itself too. `points` (t, 3, 3) are those of
+    the three-point rule in each triangle; for the rest see `add_static_pairs` and `fill_far`.
     """
-    slopes, waves = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
-    k_block, s_block = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
+    waves, s_block = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
+    # Of the second triangle felt at the first, and of the first at the second, as [first, second] too.
+    slopes, back = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
+    k_block, k_back = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
     modes = velocity.shape[2]
     for pair in range(len(pairs)):
-        felt, source = pairs[pair]
-        weight = areas[felt] * areas[source] / (9 * FOUR_PI)
+        first, second = pairs[pair]
+        weight = areas[first] * areas[second] / (9 * FOUR_PI)
         for p in range(3):
             for q in range(3):
-                e0 = points[source, q, 0] - points[felt, p, 0]
-                e1 = points[source, q, 1] - points[felt, p, 1]
-                e2 = points[source, q, 2] - points[felt, p, 2]
+                e0 = points[second, q, 0] - points[first, p, 0]
+                e1 = points[second, q, 1] - points[first, p, 1]
+                e2 = points[second, q, 2] - points[first, p, 2]
                 r = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
                 phase = wavenumber * r
                 if phase < 1e-3:
                     waves[p, q] = complex(-0.5 * wavenumber * phase, wavenumber) * weight
-                    slopes[p, q] = complex(-0.5, -phase / 3.0) * (wavenumber**2 * weight / max(r, 1e-300))
+                    slope = complex(-0.5, -phase / 3.0) * (wavenumber**2 * weight / max(r, 1e-300))
                 else:
                     wave = complex(math.cos(phase), math.sin(phase))
                     waves[p, q] = (wave - 1.0) * (weight / r)
-                    slopes[p, q] = (wave * complex(-1.0, phase) + 1.0) * (weight / (r * r * r))
-                slopes[p, q] *= normals[source, 0] * e0 + normals[source, 1] * e1 + normals[source, 2] * e2
+                    slope = (wave * complex(-1.0, phase) + 1.0) * (weight / (r * r * r))
+                slopes[p, q] = slope * (
+                    normals[second, 0] * e0 + normals[second, 1] * e1 + normals[second, 2] * e2
+                )
+                back[p, q] = -slope * (normals[first, 0] * e0 + normals[first, 1] * e1 + normals[first, 2] * e2)
         whole = waves.sum()
         weighted(slopes, k_block)
+        weighted(back, k_back)
         weighted(waves, s_block)
-        facing = dot(normals[felt], normals[source])
+        facing = dot(normals[first], normals[second])
         for a in range(3):
-            i = triangles[felt, a]
+            i = triangles[first, a]
             for b in range(3):
-                j = triangles[source, b]
+                j = triangles[second, b]
                 if slots[i, j] < 0:
                     continue
-                curls = facing * dot(gradients[felt, a], gradients[source, b])
-                curls -= dot(normals[felt], gradients[source, b]) * dot(gradients[felt, a], normals[source])
+                curls = facing * dot(gradients[first, a], gradients[second, b])
+                curls -= dot(normals[first], gradients[second, b]) * dot(gradients[first, a], normals[second])
+                bent = curls * whole - wavenumber**2 * facing * s_block[a, b]
                 double[i, j] += k_block[a, b]
-                bending[i, j] += curls * whole - wavenumber**2 * facing * s_block[a, b]
+                bending[i, j] += bent
                 for m in range(modes):
-                    loads[0, i, m] += s_block[a, b] * velocity[source, b, m]
-                    loads[1, j, m] += k_block[a, b] * velocity[felt, a, m]
+                    loads[0, i, m] += s_block[a, b] * velocity[second, b, m]
+                    loads[1, j, m] += k_block[a, b] * velocity[first, a, m]
+                if first == second:
+                    continue
+                double[j, i] += k_back[a, b]
+                bending[j, i] += bent
+                for m in range(modes):
+                    loads[0, j, m] += s_block[a, b] * velocity[first, a, m]
+                    loads[1, i, m] += k_back[a, b] * velocity[second, b, m]

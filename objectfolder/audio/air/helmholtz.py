@@ -194,7 +194,9 @@ class Elements:
 
     @cached_property
     def _inner_pairs(self) -> Integers:
-        return self._pairs(self._inner)
+        """Pairs of triangles, each two once, where the waves are."""
+        pairs = self._pairs(self._inner)
+        return pairs[pairs[:, 0] <= pairs[:, 1]]
 
     def _entries(self, reach: float) -> tuple[NDArray[np.int32], Integers, Integers]:
         vertices, faces = self.surface.vertices, self.surface.faces
