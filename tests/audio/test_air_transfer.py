@@ -106,19 +106,45 @@ def test_spheres_and_a_piston_are_heard_as_their_closed_forms(wavenumber_radius)
                 assert np.linalg.norm(heard[:, mode] - true) < 0.06 * np.linalg.norm(true)
 
 
-def test_a_quick_sphere_is_right_and_says_how_right():
+@pytest.mark.slow
+@pytest.mark.parametrize("wavenumber_radius", [0.5, 2.0, 6.0])
+def test_a_stated_error_is_no_less_than_the_true_one(wavenumber_radius):
+    """Of what is solved, before a file rounds it: orders 0, 1 and 4 and a piston, in 200 directions."""
+    ball = sphere(5)
+
+    def shapes(face, barycentric):
+        outward = ball.points_at(face, barycentric)
+        outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        return np.concatenate(
+            [
+                radial(ball)(face, barycentric),
+                outward[:, :, None] * eval_legendre(4, outward[:, 2])[:, None, None],
+            ],
+            axis=2,
+        )
+
+    found = radiate(ball, shapes, np.full(4, hertz(wavenumber_radius)))
+    places = np.random.default_rng(1).normal(size=(200, 3))
+    places /= np.linalg.norm(places, axis=1, keepdims=True)
+    order, k = order_for(wavenumber_radius), wavenumber_radius / RADIUS_M
+    heard = outgoing(order, k, places).T @ found.multipoles[:, : count_of(order)].T
+    for mode, coefficients in enumerate(([1.0], [0.0, 1.0], piston(90), np.eye(5)[4])):
+        true = spherical_wave(np.array(coefficients), k, places)
+        off = np.linalg.norm(heard[:, mode] - true) / np.linalg.norm(true)
+        assert off <= found.residuals[mode] < 10 * off + 0.01
+
+
+def test_a_quick_sphere_is_right():
     ball = sphere(3)
     corners = ball.vertices[ball.faces] / RADIUS_M
     elements = Elements(
         ball, np.stack([np.ones(corners.shape[:2]), corners[:, :, 2]], axis=2), *NO_MULTIPOLES
     )
-    pressures, left = elements.solve(2.0 / RADIUS_M, slice(None))
+    pressures = elements.solve(2.0 / RADIUS_M, slice(None))
     true = spherical_wave(np.array([1.0]), 20.0, ball.vertices) / (1j * RHO_C * 20.0)
     dipole = spherical_wave(np.array([0.0, 1.0]), 20.0, ball.vertices) / (1j * RHO_C * 20.0)
     assert np.linalg.norm(pressures[:, 0] - true) < 0.015 * np.linalg.norm(true)
     assert np.linalg.norm(pressures[:, 1] - dipole) < 0.015 * np.linalg.norm(dipole)
-    assert (left > 1e-4).all()
-    assert (left < 0.01).all()
 
 
 def test_four_elements_a_wavelength_are_enough_for_two_percent():
@@ -129,13 +155,12 @@ def test_four_elements_a_wavelength_are_enough_for_two_percent():
     along = ball.vertices[ball.faces][:, :, 2] / RADIUS_M
     k, order = 10 / RADIUS_M, order_for(10.0)
     elements = Elements(ball, np.stack([np.ones(along.shape), along], axis=2), np.zeros(3), order)
-    pressures, left = elements.solve(k, slice(None))
+    pressures = elements.solve(k, slice(None))
     strengths = elements.multipoles(order, k, pressures, slice(None))
     heard = 1j * RHO_C * k * (outgoing(order, k, DIRECTIONS).T @ strengths)
     for mode, coefficients in enumerate(([1.0], [0.0, 1.0])):
         true = spherical_wave(np.array(coefficients), k, DIRECTIONS)
         assert np.linalg.norm(heard[:, mode] - true) < 0.02 * np.linalg.norm(true)
-    assert (left < 0.02).all()
 
 
 def test_moments_of_hat_functions_are_their_integrals():
@@ -170,7 +195,7 @@ def test_nothing_fails_where_the_inside_resonates(order):
     ball = sphere(3)
     elements = Elements(ball, np.ones((len(ball.faces), 3, 1)), *NO_MULTIPOLES)
     wavenumber = {1: np.pi, 2: 4.493409}[order] / RADIUS_M
-    pressures, _ = elements.solve(wavenumber, slice(None))
+    pressures = elements.solve(wavenumber, slice(None))
     true = spherical_wave(np.array([1.0]), wavenumber, ball.vertices) / (1j * RHO_C * wavenumber)
     assert np.linalg.norm(pressures[:, 0] - true) < 0.025 * np.linalg.norm(true)
 
@@ -193,7 +218,7 @@ def test_a_source_inside_a_box_is_heard_as_from_there():
     q = np.einsum("tck,tk->tc", slope, surface.face_normals)
     order = order_for(k * 0.07)
     elements = Elements(surface, np.stack([q.real, q.imag], axis=2), np.zeros(3), order)
-    pressures, _ = elements.solve(k, slice(None))
+    pressures = elements.solve(k, slice(None))
     found = elements.multipoles(order, k, pressures, slice(None)) @ [1, 1j]
     heard = outgoing(order, k, 0.5 * DIRECTIONS).T @ found
     true = wave(0.5 * DIRECTIONS, k)

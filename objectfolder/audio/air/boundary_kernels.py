@@ -311,7 +311,9 @@ def add_waves(
                 slopes[p, q] = slope * (
                     normals[second, 0] * e0 + normals[second, 1] * e1 + normals[second, 2] * e2
                 )
-                back[p, q] = -slope * (normals[first, 0] * e0 + normals[first, 1] * e1 + normals[first, 2] * e2)
+                back[p, q] = -slope * (
+                    normals[first, 0] * e0 + normals[first, 1] * e1 + normals[first, 2] * e2
+                )
         whole = waves.sum()
         weighted(slopes, k_block)
         weighted(back, k_back)

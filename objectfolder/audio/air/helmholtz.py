@@ -56,8 +56,8 @@ class Elements:
     centre_m: Floats
     highest_order: int
 
-    def solve(self, wavenumber: float, motions: NDArray[Any] | slice) -> tuple[Singles, Floats]:
-        """Pressures at vertices and what they leave of the velocity.
+    def solve(self, wavenumber: float, motions: NDArray[Any] | slice) -> Singles:
+        """Pressures at vertices.
 
         Parameters
         ----------
@@ -71,9 +71,6 @@ class Elements:
         pressures : ndarray
             (n, k) complex64, for a normal derivative of the pressure equal to the normal velocity: times
             i omega rho it is the pressure.
-        residuals : ndarray
-            (k,) rms over the surface of the normal derivative within, where the field of exact pressures is
-            nil: by so much the derivative outside differs from the velocity.
         """
         velocity = np.ascontiguousarray(self.velocity[:, :, motions])
         double, bending, loads = self._waves(wavenumber, velocity)
@@ -89,9 +86,8 @@ class Elements:
             share = self._massed(np.broadcast_to(hat[:, None], (len(faces), 3, 1)))[:, :, 0] / 2
             np.add.at(matrix, (faces, faces[:, [a]]), share)
         factors = lu_factor(matrix, overwrite_a=True)
-        pressures = lu_solve(factors, (-loads[0] - coupling * loads[1]).astype(np.complex64))
-        left = bending @ pressures + loads[1]
-        return pressures, np.sqrt((np.abs(left) ** 2 / self._areas[:, None]).sum(axis=0) / self.surface.area)
+        loaded = (-loads[0] - coupling * loads[1]).astype(np.complex64)
+        return np.asarray(lu_solve(factors, loaded))
 
     def _waves(self, wavenumber: float, velocity: Floats) -> tuple[Singles, Singles, Complexes]:
         """K and W (n, n), static near entries left out, and likewise S and K' of velocities (2, n, k)."""

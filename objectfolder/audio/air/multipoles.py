@@ -35,7 +35,8 @@ class Radiation:
     wavenumbers : (modes,) of the air, radians a metre, at which each was solved; 0: it does not ring
     multipoles : (modes, multipoles) complex128, Pa for a unit of modal velocity (m/s kg^1/2); beyond a
         mode's own order 0
-    residuals : (modes,) relative error (rms) of the normal velocity on the surface
+    residuals : (modes,) estimated relative error of the far field, rms over all directions: 1.5 times what
+        elements 1.4 times as long answer differently
     """
 
     centre_m: Floats
@@ -57,7 +58,7 @@ def radiation_arrays(radiation: Radiation) -> dict[str, Array]:
             radiation.residuals,
             ("mode",),
             "1",
-            "relative rms error of the normal velocity in the air's solution",
+            "estimated relative error of the far field, rms over directions",
         ),
     }
 

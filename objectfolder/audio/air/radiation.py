@@ -21,6 +21,9 @@ PER_WAVELENGTH = 9.0  # least elements
 MOST_VERTICES = 2500  # of the finest elements
 AREA_PER_VERTEX = 1.8  # edges^2 over the area of a vertex: 1.15 were all triangles of that edge
 COARSER = 1.6  # edges of one level over those of the next finer
+COMPARED = 1.4  # edges of the elements that a solution is compared with over its own
+CAUTION = 1.5  # stated error over the difference of the two, chosen on a sphere and a bell
+GOOD = 0.05  # stated error above which a mode has finer elements, where there are
 MISFIT = 0.06  # of velocities on elements, before they are mended, up to which a mode has them
 MENDED = 4  # times the means of velocities over patches
 TOGETHER = 0.04  # of wavenumbers solved at once times the object's radius, from least to largest
@@ -56,7 +59,7 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
     wavenumbers = 2 * np.pi * np.array(frequencies_hz, dtype=np.float64) / SOUND_SPEED_M_S
     highest = order_for(wavenumbers.max(initial=0.0) * radius)
     multipoles = np.zeros((len(wavenumbers), count_of(highest)), dtype=np.complex128)
-    found = Radiation(centre, radius, wavenumbers, multipoles, np.zeros(len(wavenumbers)))
+    found = Radiation(centre, radius, wavenumbers.copy(), multipoles, np.zeros(len(wavenumbers)))
     points = surface.vertices[surface.faces].mean(axis=1)
     middles = np.arange(len(points)), np.full((len(points), 3), 1 / 3)
     true = _normal_velocity(surface, shapes, middles, surface.face_normals)
@@ -66,24 +69,34 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
         if len(tried) == 0:
             continue
         mesh = remeshed(surface, edge_m)
-        velocity, before, misfit = _on_elements(mesh, surface, shapes, points, true, tried)
-        good = (before <= MISFIT) | finest
-        modes, misfit = tried[good], misfit[good]
-        rms = np.sqrt(surface.face_areas @ true[:, modes] ** 2 / surface.area)
-        _solve(found, Elements(mesh, velocity[:, :, good], centre, highest), modes, misfit, rms)
-        waiting[modes] = False
+        velocity, misfit = _on_elements(mesh, surface, shapes, points, true, tried)
+        good = (misfit <= MISFIT) | finest
+        modes = tried[good]
+        if len(modes) == 0:
+            continue
+        coarse = remeshed(surface, COMPARED * edge_m)
+        coarsely = _on_elements(coarse, surface, shapes, points, true, modes)[0]
+        elements = (
+            Elements(mesh, velocity[:, :, good], centre, highest),
+            Elements(coarse, coarsely, centre, highest),
+        )
+        _solve(found, elements, modes, wavenumbers[modes])
+        waiting[modes] = (found.residuals[modes] > GOOD) & (not finest)
     return found
 
 
-def _solve(found: Radiation, elements: Elements, modes: Integers, misfit: Floats, rms: Floats) -> None:
-    """Write what modes on elements radiate: their misfit and rms velocities are (modes,)."""
-    for group in together(found.wavenumbers[modes] * found.radius_m):
-        those, k = modes[group], float(found.wavenumbers[modes[group]].mean())
-        pressures, left = elements.solve(k, group)
+def _solve(
+    found: Radiation, elements: tuple[Elements, Elements], modes: Integers, wavenumbers: Floats
+) -> None:
+    """Write what modes of wavenumbers radiate by the finer elements, and how far the coarser are from it."""
+    for group in together(wavenumbers * found.radius_m):
+        those, k = modes[group], float(wavenumbers[group].mean())
         order = order_for(k * found.radius_m)
-        strengths = elements.multipoles(order, k, pressures, group)
-        found.multipoles[those, : len(strengths)] = 1j * k * SOUND_SPEED_M_S * DENSITY_KG_M3 * strengths.T
-        found.residuals[those] = np.hypot(misfit[group], left / np.maximum(rms[group], 1e-300))
+        fine, coarse = (one.multipoles(order, k, one.solve(k, group), group) for one in elements)
+        found.multipoles[those, : len(fine)] = 1j * k * SOUND_SPEED_M_S * DENSITY_KG_M3 * fine.T
+        # The far field over all directions has the norm of its multipoles.
+        size = np.maximum(np.linalg.norm(fine, axis=0), 1e-300)
+        found.residuals[those] = CAUTION * np.linalg.norm(fine - coarse, axis=0) / size
         found.wavenumbers[those] = k
 
 
@@ -132,12 +145,12 @@ def _nearest(surface: Surface, points: Floats) -> tuple[Integers, Floats]:
 
 def _on_elements(
     mesh: Surface, surface: Surface, shapes: Shapes, points: Floats, every: Floats, modes: Integers
-) -> tuple[Floats, Floats, Floats]:
-    """Velocities (t, 3, m) at corners of elements, and how far off the true ones, relative, twice (m,).
+) -> tuple[Floats, Floats]:
+    """Velocities (t, 3, m) at corners of elements, and how far off the true ones they were, relative (m,).
 
     `every` (faces, modes) is that of the surface in its `points`. Three points of each element give its
-    linear part. What means over the patches of vertices are short of is added, time and again; the errors are
-    those before and after. Then the net flow is the true one: what little a slow mode radiates would drown in
+    linear part, whose means over the patches of vertices are off by the error. What they are short of is
+    added, time and again. Then the net flow is the true one: what little a slow mode radiates would drown in
     one that it has not.
     """
     true = every[:, modes]
@@ -148,12 +161,12 @@ def _on_elements(
     means = _PatchMeans(mesh, surface.face_areas, *_nearest(mesh, points))
     size = np.sqrt(np.maximum(surface.face_areas @ true**2, 1e-300))
     missing = means.missing(true, velocity)
-    before = means.norm(missing) / size
+    misfit = means.norm(missing) / size
     for _ in range(MENDED):
         velocity = velocity + missing[mesh.faces]
         missing = means.missing(true, velocity)
     flow = np.einsum("t,tcm->m", mesh.face_areas / 3, velocity)
-    return velocity + (surface.face_areas @ true - flow) / mesh.area, before, means.norm(missing) / size
+    return velocity + (surface.face_areas @ true - flow) / mesh.area, misfit
 
 
 class _PatchMeans:

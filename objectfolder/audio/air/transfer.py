@@ -50,7 +50,7 @@ class AirTransfer:
     orders : (modes,) highest order of each mode's multipoles
     steps : (modes, 2) what far and near fields are rounded to
     whole : (2 n,) multipoles of one mode after the other in steps, real and imaginary part
-    residuals : (modes,) relative error of the normal velocity in the solution, rms over the surface
+    residuals : (modes,) estimated relative error of the far field that was solved, rms over directions
     """
 
     centre_m: Floats
