@@ -19,7 +19,7 @@ import trimesh
 from learning.encoders import Encoder, encoded, folds_of
 from learning.occupancy import Shape, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
-from learning.runs import Objects, kept
+from learning.runs import Objects, code_digests, kept
 from learning.settings import Reconstruction, Settings
 from learning.shapes import Likeness, likeness, volume_points
 
@@ -92,7 +92,8 @@ class Trial:
         key = {
             "unit": "reconstruction", "senses": self.senses, "known": self.known, "tested": self.tested,
             "unseen": self.unseen, "seed": self.seed, "files": self.objects.digests,
-            "settings": self.settings.model_dump(exclude={"retrieval", "seeds"}),
+            "settings": self.settings.model_dump(exclude={"retrieval", "seeds", "grasping"}),
+            "code": code_digests(("occupancy", "reconstruction", "shapes")),
         }  # fmt: skip
         return kept(key, self._predict)
 

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,8 @@ from objectfolder.object_file import ObjectFile
 RUNS = Path("learning/runs")
 SAID = ("sense", "senses", "protocol", "seed")  # of a unit that was made
 LOGS = RUNS / "logs"  # for TensorBoard
-# What trains and draws: with other code nothing that was kept is read.
-CODE = ("encoders", "networks", "occupancy", "samples", "shapes")
+# What every task draws and trains with: with other code nothing that was kept is read.
+CODE = ("encoders", "networks", "samples")
 FEWEST = 4  # two to train on, two that are unseen
 
 
@@ -65,16 +65,21 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def code_digests(modules: Sequence[str]) -> list[str]:
+    """Return the SHA-256 of modules of this package."""
+    return [digest(Path(__file__).with_name(f"{name}.py")) for name in modules]
+
+
 def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return arrays by what they depend on, from disk where they were made before.
 
     Parameters
     ----------
     key
-        All that the arrays depend on beside `CODE`, as JSON has it; digests of files stand for them.
+        All that the arrays depend on beside `CODE`, as JSON has it; digests stand for files and for a task's
+        own modules.
     """
-    code = [digest(Path(__file__).with_name(f"{name}.py")) for name in CODE]
-    text = json.dumps([code, key], sort_keys=True)
+    text = json.dumps([code_digests(CODE), key], sort_keys=True)
     path = RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
     if path.exists():
         with np.load(path) as stored:

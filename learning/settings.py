@@ -47,7 +47,7 @@ class Reconstruction(_Strict):
     steps: PositiveInt
     points: PositiveInt
     width: PositiveInt
-    grid: int = Field(ge=16, le=256)
+    grid: int = Field(ge=16, le=256, multiple_of=4)
     tests: PositiveInt
     surface_points: PositiveInt
     folds: int = Field(ge=0, le=5)

@@ -7,7 +7,6 @@ is the truth.
 
 from functools import partial
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from learning.metrics import binomial_interval, mean_average_precision
 from learning.networks import Labelled, answers, fit_classifier
 from learning.recognition import LETTERS
 from learning.retrieval import both_ways, fit_common_space
-from learning.runs import Objects, digest, kept
+from learning.runs import Objects, code_digests, kept
 from learning.samples import SENSES, stored
 from learning.settings import Settings
 from objectfolder.dataset import ObjectFolderDataset
@@ -120,7 +119,7 @@ def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
         (sense, seed): kept(
             {
                 "unit": "stand-in", "sense": sense, "seed": seed, "files": objects.digests,
-                "code": digest(Path(__file__)),
+                "code": code_digests(("stand_in",)),
                 "data": settings.data.model_dump(exclude={"root", "objects"}),
                 "encoder": settings.encoder.model_dump(),
             },

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 
+from learning.occupancy import predicted
 from learning.shapes import (
     HALF_SIDE,
     grid_points,
@@ -57,6 +59,28 @@ def test_the_surface_of_a_grid_bounds_its_volume():
     full = surface_of(np.full(33**3, 1, np.float32), 32)
     assert full is not None
     assert full.volume == pytest.approx((2 * HALF_SIDE) ** 3, rel=0.15)
+
+
+class Bowl(torch.nn.Module):
+    """An occupancy network that knows one shape: half a shell, a fiftieth of its length thick."""
+
+    asked = 0
+
+    def forward(self, features, points):
+        self.asked += points.shape[1]
+        wall = 0.01 - (points.norm(dim=2) - 0.4).abs()
+        return 200 * torch.minimum(wall, -points[..., 2])
+
+
+def test_a_thin_wall_is_found_by_asking_few_points():
+    bowl = Bowl()
+    found = predicted(bowl, torch.zeros(1), cells=128)
+    everywhere = grid_points(128)
+    dense = surface_of(bowl(None, torch.from_numpy(everywhere)[None])[0].numpy(), 128)
+    assert found.is_watertight
+    assert found.volume == pytest.approx(dense.volume, rel=1e-3)
+    assert found.volume == pytest.approx(2 / 3 * np.pi * (0.41**3 - 0.39**3), rel=0.05)
+    assert bowl.asked - len(everywhere) < len(everywhere) / 5
 
 
 def test_points_near_a_thin_sheet_find_its_inside():
