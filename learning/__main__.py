@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 
 from learning import recognition, reconstruction, retrieval, stand_in
-from learning.grasping import stability
+from learning.grasping import stability, touch_policy
 from learning.page import write_page
 from learning.runs import Objects
 from learning.settings import read_settings
@@ -20,6 +20,7 @@ TASKS = {
     "reconstruction": reconstruction.evaluate,
     "stand_in": stand_in.evaluate,
     "grasping": stability.evaluate,
+    "regrasping": touch_policy.evaluate,
 }
 
 

@@ -70,6 +70,12 @@ def code_digests(modules: Sequence[str]) -> list[str]:
     return [digest(Path(__file__).with_name(f"{name}.py")) for name in modules]
 
 
+def kept_path(key: Mapping[str, Any], suffix: str) -> Path:
+    """Return where a file is kept by what it depends on, as `kept`."""
+    text = json.dumps([code_digests(CODE), key], sort_keys=True)
+    return RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}{suffix}"
+
+
 def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return arrays by what they depend on, from disk where they were made before.
 
@@ -79,8 +85,7 @@ def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -
         All that the arrays depend on beside `CODE`, as JSON has it; digests stand for files and for a task's
         own modules.
     """
-    text = json.dumps([code_digests(CODE), key], sort_keys=True)
-    path = RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
+    path = kept_path(key, ".npz")
     if path.exists():
         with np.load(path) as stored:
             return dict(stored)

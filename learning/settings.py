@@ -61,6 +61,20 @@ class Grasping(_Strict):
     folds: int = Field(ge=2, le=20)
 
 
+class Regrasping(_Strict):
+    """Grasps by touch, and how a policy learns them."""
+
+    seeds: tuple[int, ...] = Field(min_length=1)
+    force_share: PositiveFloat
+    spread_m: PositiveFloat
+    regrasps: PositiveInt
+    charge: float = Field(ge=0, lt=1)
+    rollouts: PositiveInt
+    rollout_steps: PositiveInt
+    fixed_episodes: PositiveInt
+    episodes: PositiveInt
+
+
 class Settings(_Strict):
     """All parameters."""
 
@@ -71,6 +85,7 @@ class Settings(_Strict):
     retrieval: Retrieval
     reconstruction: Reconstruction
     grasping: Grasping
+    regrasping: Regrasping
 
 
 def read_settings(path: Path) -> Settings:

@@ -26,9 +26,7 @@ from learning.samples import pictures
 from learning.settings import Settings
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
-from objectfolder.simulators.collision import convex_parts
 
-PARTS = 64  # that the gels' contacts follow the surface to a millimetre
 VALIDATION_SHARE = 0.15
 FUSION_STRENGTH = 0.01  # of the linear layer that joins the senses, inverse of its penalty
 Rows = NDArray[np.int64]
@@ -43,7 +41,7 @@ def grasps_of(objects: Objects, settings: Settings) -> Grasps:
             continue
         seed = seed_from(settings.seeds[0], "grasps", object_id)
         key = {
-            "unit": "grasps", "object": object_id, "seed": seed, "count": asked.grasps, "parts": PARTS,
+            "unit": "grasps", "object": object_id, "seed": seed, "count": asked.grasps, "parts": world.PARTS,
             "resolution": settings.data.resolution, "files": objects.digests[object_id], "code": _code(),
         }  # fmt: skip
         attempt = partial(_attempted, file, asked.grasps, seed, settings.data.resolution)
@@ -52,9 +50,7 @@ def grasps_of(objects: Objects, settings: Settings) -> Grasps:
 
 
 def _attempted(file: ObjectFile, count: int, seed: int, pixels: int) -> Grasps:
-    name = file.description["object"]["name"]
-    hulls = convex_parts(file.surface, most_parts=PARTS, name=name).hulls
-    return world.attempts(world.World(file, hulls), file, count, seed, pixels)
+    return world.attempts(world.world_of(file), file, count, seed, pixels)
 
 
 def _code() -> list[str]:
@@ -83,7 +79,7 @@ class Predictor:
         self._held, self._settings = grasps["held"], settings
         self._inputs = inputs_of(grasps, settings.data.resolution)
         self._key = {
-            "unit": "stability", "files": objects.digests, "seed": settings.seeds[0], "parts": PARTS,
+            "unit": "stability", "files": objects.digests, "seed": settings.seeds[0], "parts": world.PARTS,
             "resolution": settings.data.resolution, "encoder": settings.encoder.model_dump(),
             "count": settings.grasping.grasps, "code": _code(),
         }  # fmt: skip

@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from objectfolder.errors import InputError, QueryError
-from objectfolder.live import Finger, LiveTouch, MujocoSimulation
+from objectfolder.live import Felt, Finger, LiveTouch, MujocoSimulation
 from objectfolder.live.gripper import BALL_M, FINGERS, HIGHEST_M, gripper
 from objectfolder.object_file import ObjectFile
+from objectfolder.simulators.collision import convex_parts
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.cameras import look_at
 
 Floats = NDArray[np.float64]
+PARTS = 64  # that the gels' contacts follow the surface to a millimetre
 FRICTION, GRAVITY_M_S2 = 0.8, 9.81
 FALLING_S, MOST_CLOSING_S, SETTLING_S, STEP_S = 2.0, 3.0, 0.2, 0.02
 AWAY_M = 0.3  # of the fingers, as the object falls
@@ -69,7 +71,7 @@ class Outcome:
     touch
         (2, 160, 120, 3) uint8 of both gels with their markers, after they have closed.
     risen_share
-        How far the object has risen, over how far the fingers have.
+        How far the object's centre of mass has risen, over how far the fingers have.
     """
 
     image: NDArray[np.uint8]
@@ -125,7 +127,8 @@ class World:
         self._rest = self._settled()
         points, _ = file.sample_contacts(SURFACE_POINTS, seed=0)
         self._points = points @ self._rest[:3, :3].T + self._rest[:3, 3]
-        self._centre = self._rest @ [*file.description["body"]["centre_of_mass_m"], 1.0]
+        self._inertial = np.array([*file.description["body"]["centre_of_mass_m"], 1.0])
+        self._centre = self._rest @ self._inertial
         angles = np.linspace(0.0, np.pi, 180, endpoint=False)
         across = self._points[:, :2] @ [np.sin(angles), np.cos(angles)]
         self._narrow_rad = float(angles[np.ptp(across, axis=0).argmin()])
@@ -148,13 +151,38 @@ class World:
             off the surface.
         """
         self._place(grasp)
-        start, image = self._height_m(), self._image(pixels)
+        image = self._image(pixels)
         self._close(grasp.force_n)
-        felt = self._touch.feel()
+        felt = self.feel()
         touch = np.stack([felt[name].markers().drawn_on(felt[name].image.rgb) for name in FINGERS])
-        self._run(LIFT_M / LIFTING_M_S, grasp.force_n, LIFTING_M_S)
-        self._run(SETTLING_S, grasp.force_n, 0.0)
-        return Outcome(image, touch, (self._height_m() - start) / LIFT_M)
+        return Outcome(image, touch, self.lift(grasp.force_n))
+
+    def close(self, grasp: Grasp) -> None:
+        """Stand the object where the grasp says, and close the fingers."""
+        self._place(grasp)
+        self._close(grasp.force_n)
+
+    def feel(self) -> dict[str, Felt]:
+        """Return what each of `FINGERS` feels.
+
+        Raises
+        ------
+        QueryError
+            The object lies deeper in a gel than that gives way.
+        """
+        return self._touch.feel()
+
+    @property
+    def opening_m(self) -> float:
+        """Distance of the gels' apices."""
+        left, right = (self._simulation.pose(name) for name in FINGERS)
+        return float(abs(left[1, 3] - right[1, 3]) - 2 * Sensor().gel_apex_m[0])
+
+    def lift(self, force_n: float) -> float:
+        """Lift the closed fingers by `LIFT_M`, and return how far the centre of mass has risen, over that."""
+        self._run(LIFT_M / LIFTING_M_S, force_n, LIFTING_M_S)
+        self._run(SETTLING_S, force_n, 0.0)
+        return float((self._simulation.pose("object") @ self._inertial)[2] - self._centre[2]) / LIFT_M
 
     def _place(self, grasp: Grasp) -> None:
         """Stand the object before the fingers, which are open as far as it is wide between them."""
@@ -170,6 +198,8 @@ class World:
         height = (near.max() + near.min()) / 2 + np.ptp(near) / 2 * grasp.height_share
         away = np.hypot(x - self._apex_m[0], z - height)
         before = away < BALL_M
+        if not before.any():  # they will close on nothing, from beside the object
+            before, away = np.ones(len(y), dtype=bool), np.zeros(len(y))
         recedes = BALL_M - np.sqrt(BALL_M**2 - away[before] ** 2)
         low, high = self._file.surface.bounds[:, 1]
         data.joint("left_close").qpos[0] = (y[before] + recedes).min() - low
@@ -192,13 +222,16 @@ class World:
         for _ in range(round(time_s / self._simulation.timestep_s)):
             self._simulation.step()
 
-    def _height_m(self) -> float:
-        return float(self._simulation.pose("object")[2, 3])
-
     def _image(self, pixels: int) -> NDArray[np.uint8]:
         camera = np.linalg.inv(self._simulation.pose("object")) @ self._camera
         lamp = camera[:3, 3] / 2 + camera[:3, 1] * self._file.frame.scale / 2
         return np.asarray(self._file.render(camera, lamp, pixels, sub_rays=4)[0])
+
+
+def world_of(file: ObjectFile) -> World:
+    """Return the world of an object by `PARTS` convex parts."""
+    name = file.description["object"]["name"]
+    return World(file, convex_parts(file.surface, most_parts=PARTS, name=name).hulls)
 
 
 def attempts(world: World, file: ObjectFile, count: int, seed: int, pixels: int) -> dict[str, NDArray[Any]]:

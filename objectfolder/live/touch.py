@@ -110,10 +110,10 @@ class Felt:
         return across > 0 and across >= SLIDING_SHARE * self.finger.friction * self.normal_n
 
     @cached_property
-    def sheared(self) -> tuple[Contact, Shear]:
-        """Pressure, traction and displacement of the gel, as an elastic layer under the engine's forces.
+    def pressed(self) -> Contact:
+        """Pressure and displacement of the gel, as an elastic layer under the engine's normal force.
 
-        On cells of `CELL_M` over the gel, see `solve_contact` and `solve_shear`.
+        On cells of `CELL_M` over the gel, see `solve_contact`.
 
         Raises
         ------
@@ -123,17 +123,33 @@ class Felt:
         sensor, normal_n = self.finger.sensor, self.normal_n
         shape = round(sensor.gel_height_m / CELL_M), round(sensor.gel_width_m / CELL_M)
         pitch = sensor.gel_height_m / shape[0], sensor.gel_width_m / shape[1]
-        gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
         seen = gap_field(self._patches, sensor, self.sensor_to_object, shape)
         gap = np.zeros(shape) if normal_n == 0 else seen  # where nothing presses there may be no object
         if gap.min() > APART_M:
             finding = f"bears {normal_n:.3g} N of an object that is not at its gel"
             raise QueryError(self.name, finding, "Let collision shapes follow the object's surface.")
-        contact = solve_contact(gap, pitch, gel, force_n=normal_n, tolerance=TOLERANCE)
+        contact = solve_contact(gap, pitch, self._gel, force_n=normal_n, tolerance=TOLERANCE)
         if normal_n > 0 and contact.indentation_m - gap.min() > greatest_depth_m(sensor):
             raise QueryError(self.name, f"bears {normal_n:.3g} N, more than its gel", "Press less.")
+        return contact
+
+    @cached_property
+    def sheared(self) -> tuple[Contact, Shear]:
+        """What `pressed` is, and the traction and displacement along the gel; see `solve_shear`.
+
+        Raises
+        ------
+        QueryError
+            As `pressed`.
+        """
+        contact = self.pressed
         across = -self.force_n[:0:-1]  # rows descend in z and columns in y
-        return contact, solve_shear(contact, gel, self.finger.friction, across, tolerance=TOLERANCE)
+        return contact, solve_shear(contact, self._gel, self.finger.friction, across, tolerance=TOLERANCE)
+
+    @property
+    def _gel(self) -> Elastomer:
+        sensor = self.finger.sensor
+        return Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
 
     def markers(self, grid: tuple[int, int] = (9, 7)) -> Markers:
         """Return markers on the gel, see `moved_markers`.

@@ -1,0 +1,136 @@
+"""An environment of Gymnasium: close on an object that is not seen, feel it, and grasp again or lift.
+
+The object is put back before it is grasped again, so that what an attempt comes to hangs on where the fingers
+close alone. The force is the same throughout: nothing is won by squeezing.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from skimage.transform import resize_local_mean
+
+from learning.grasping.world import HEIGHT_SHARE, HELD_SHARE, YAW_RAD, Grasp, World
+from objectfolder.errors import QueryError
+from objectfolder.live import Felt
+
+Floats = NDArray[np.float32]
+POOLED = 8, 6  # rows and columns that an image of a gel's depth is averaged to
+GEL = POOLED[0] * POOLED[1] + 3  # numbers that a gel shows
+OBSERVED = 2 * GEL + 1 + 3 + 1
+# A move by 1 of an action: along the fingers' breadth, of the object's yaw, of the height.
+MOVE = np.array([0.04, 0.25, 0.3])  # metres, radians, halves of the object's height between the fingers
+DEPTH_M, FORCE_N, OPENING_M = 1e-4, 5.0, 0.1  # what an observation counts as 1
+FARTHEST = np.array([0.1, 0.75, 0.8])  # from the centre of mass, as `MOVE`
+
+
+class Regrasping(gymnasium.Env[Floats, Floats]):
+    """Grasps of one of several objects, drawn by episode.
+
+    An observation (`OBSERVED`,) is what both gels show: `POOLED` mean depths and the force (3,) on each, in
+    its sensor's frame. Then: how far the gels are apart, what has been moved since the first grasp, the share
+    of the regrasps that is left. An action (4,) in [-1, 1] is a move, see `MOVE`. Above 0 in its last place
+    the fingers lift instead. After the last regrasp they lift in any case. Only lifting ends an episode. It
+    is rewarded by 1 where the object is held; each regrasp is charged for.
+
+    A gel whose press cannot be solved shows nothing, as where a collision part stands off the surface.
+    ``unseen`` of what is said beside an observation counts these in the episode.
+
+    Parameters
+    ----------
+    worlds
+        By the names of objects.
+    forces_n
+        Of each finger, by the same names.
+    spread_m
+        First grasps are off the centre of mass by as much at most.
+    regrasps
+        At most, in an episode.
+    charge
+        Of a regrasp.
+
+    Attributes
+    ----------
+    ids
+        Of the objects, in order.
+    place
+        (3,) of the fingers from the centre of mass, as `MOVE`.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  (gymnasium declares it so)
+
+    def __init__(
+        self,
+        worlds: Mapping[str, World],
+        forces_n: Mapping[str, float],
+        spread_m: float,
+        regrasps: int,
+        charge: float,
+    ) -> None:
+        self._worlds, self._forces_n, self.ids = dict(worlds), dict(forces_n), sorted(worlds)
+        self._spread_m, self._most, self._charge = spread_m, regrasps, charge
+        self.observation_space = Box(-np.inf, np.inf, (OBSERVED,), np.float32)
+        self.action_space = Box(-1.0, 1.0, (4,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Draw an object and where it is grasped first, and close the fingers there."""
+        super().reset(seed=seed)
+        self._object_id = str(self.np_random.choice(self.ids))
+        self._back_rad = self.np_random.choice([0.0, np.pi])
+        spread = np.array([self._spread_m, YAW_RAD, HEIGHT_SHARE])
+        self._first = self.place = self.np_random.uniform(-spread, spread)
+        self._regrasps = self._unseen = 0
+        self._close()
+        return self._observed(), self._said()
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Grasp again elsewhere, or lift."""
+        charged, lifts = 0.0, bool(action[3] > 0)
+        if not lifts:
+            self.place = np.clip(self.place + MOVE * action[:3], -FARTHEST, FARTHEST)
+            self._regrasps += 1
+            self._close()
+            charged, lifts = self._charge, self._regrasps == self._most
+        observed = self._observed()
+        if not lifts:
+            return observed, -charged, False, False, self._said()
+        held = self._worlds[self._object_id].lift(self._force_n) >= HELD_SHARE
+        return observed, float(held) - charged, True, False, self._said() | {"is_success": held}
+
+    @property
+    def _force_n(self) -> float:
+        return self._forces_n[self._object_id]
+
+    def _close(self) -> None:
+        offset_m, yaw_rad, height_share = self.place
+        grasp = Grasp(yaw_rad + self._back_rad, offset_m, height_share, self._force_n)
+        self._worlds[self._object_id].close(grasp)
+
+    def _said(self) -> dict[str, Any]:
+        return {
+            "object": self._object_id,
+            "place": self.place.copy(),
+            "regrasps": self._regrasps,
+            "unseen": self._unseen,
+        }
+
+    def _observed(self) -> Floats:
+        world = self._worlds[self._object_id]
+        moved = (self.place - self._first) / MOVE
+        left = 1 - self._regrasps / self._most
+        gels = [self._shown(felt) for felt in world.feel().values()]
+        return np.hstack([*gels, world.opening_m / OPENING_M, moved, left]).astype(np.float32)
+
+    def _shown(self, felt: Felt) -> Floats:
+        """Return how deep a gel is pressed in, and the force on it, as numbers about 1."""
+        try:
+            depth_m = resize_local_mean(felt.pressed.displacement_m, POOLED)
+        except QueryError:
+            self._unseen += 1
+            return np.zeros(GEL)
+        return np.hstack([depth_m.ravel() / DEPTH_M, felt.force_n / FORCE_N])

@@ -1,0 +1,109 @@
+"""Grasping again by touch: what the environment promises, and how a policy is learnt and kept."""
+
+import json
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from learning import runs
+from learning.grasping import touch_policy
+from learning.grasping.regrasping import FARTHEST, GEL, MOVE, OBSERVED, Regrasping
+from learning.grasping.touch_policy import LIFT, TEST, play
+from learning.grasping.world import least_force_n, world_of
+from learning.runs import Objects
+from objectfolder import example
+
+STAY = np.array([0.0, 0.0, 0.0, -1.0], dtype=np.float32)
+
+
+@pytest.fixture(scope="module")
+def held():
+    """A mug, and the force of thrice its weight's."""
+    file = example("mug")
+    return {"mug": world_of(file)}, {"mug": 3 * least_force_n(file)}
+
+
+def _environment(held, spread_m=0.045, charge=0.02):
+    return Regrasping(*held, spread_m, regrasps=3, charge=charge)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # observations have no bounds
+def test_gymnasium_finds_nothing_wrong(held):
+    check_env(_environment(held), skip_render_check=True)
+
+
+def test_an_episode_is_that_of_its_seed_whatever_was_done_before(held):
+    environment = _environment(held)
+    first = environment.reset(seed=5)[0]
+    once = [environment.step(action) for action in (STAY, LIFT)]
+    environment.reset(seed=6)
+    environment.step(np.array([1.0, 1.0, 1.0, -1.0], dtype=np.float32))
+    np.testing.assert_array_equal(environment.reset(seed=5)[0], first)
+    for (seen, rewarded, *_), action in zip(once, (STAY, LIFT), strict=True):
+        again, reward, *_ = environment.step(action)
+        np.testing.assert_array_equal(again, seen)
+        assert reward == rewarded
+
+
+def test_a_grasp_that_would_hold_ends_nothing_until_it_is_lifted(held):
+    environment = _environment(held, spread_m=0.001)
+    environment.reset(seed=0)
+    found = [environment.step(STAY)[1:3] for _ in range(3)]
+    assert found == [(-0.02, False), (-0.02, False), (pytest.approx(0.98), True)]
+    environment.reset(seed=0)
+    assert environment.step(LIFT)[1:3] == (1.0, True)
+
+
+def test_who_knows_the_centre_holds_nearly_all_and_who_does_not_half(held):
+    environment = _environment(held)
+
+    def centred(observed, regrasps):
+        away = np.abs(environment.place / MOVE).max() > 1e-6
+        return np.append(np.clip(-environment.place / MOVE, -1, 1), -1) if away else LIFT
+
+    seeds = range(TEST, TEST + 40)
+    assert play(environment, lambda observed, regrasps: LIFT, seeds)["held"].mean() < 0.7
+    assert play(environment, centred, seeds)["held"].mean() > 0.95
+
+
+def test_moves_stay_within_reach_and_beyond_the_object_nothing_is_felt(held):
+    environment = _environment(held)
+    environment.reset(seed=1)
+    away = np.array([1.0, 1.0, 1.0, -1.0], dtype=np.float32)
+    environment.step(away)
+    environment.step(away)
+    observed, reward, over, _, said = environment.step(away)
+    assert np.all(said["place"] <= FARTHEST)
+    assert not observed[: 2 * GEL].any()
+    assert over
+    assert reward == -0.02
+
+
+@pytest.mark.slow
+def test_a_policy_that_was_stopped_becomes_what_it_would_have(tiny, tmp_path, monkeypatch):
+    whole = _learnt(tiny, tmp_path / "whole", monkeypatch, 2)
+    _learnt(tiny, tmp_path / "parts", monkeypatch, 1)
+    parts = _learnt(tiny, tmp_path / "parts", monkeypatch, 2)
+    observed = np.linspace(0, 1, OBSERVED, dtype=np.float32)
+    np.testing.assert_array_equal(whole.predict(observed, True)[0], parts.predict(observed, True)[0])
+    start = _learnt(tiny, tmp_path / "start", monkeypatch, 1)
+    assert np.any(start.predict(observed, deterministic=True)[0] != parts.predict(observed, True)[0])
+
+
+def _learnt(settings, folder, monkeypatch, rollouts):
+    monkeypatch.setattr(runs, "RUNS", folder)
+    asked = settings.regrasping.model_copy(update={"rollouts": rollouts})
+    settings = settings.model_copy(update={"regrasping": asked})
+    return touch_policy.Grasps(Objects(settings), settings).learnt(0)
+
+
+@pytest.mark.slow
+def test_all_that_stands_beside_the_policy_is_figured(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "RUNS", tmp_path)
+    found = touch_policy.evaluate(Objects(tiny), tiny)
+    json.dumps(found)
+    assert set(found["held"]) == {"first grasp", "random", "fixed move", "hardest, centred", "touch, seed 0"}
+    for one in found["held"].values():
+        low, high = one["interval_percent"]
+        assert 0 <= low <= one["percent"] <= high <= 100
