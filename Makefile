@@ -13,7 +13,7 @@ EXAMPLE := --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder 
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
 
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset hundred learn examples test lint docs stages lock
+.PHONY: help environment dataset hundred learn metaworld examples test lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -35,6 +35,13 @@ hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the 
 
 learn: $(STAMP) ## Evaluate the learning tasks on the data set: reports/learning.html
 	dvc repro learning/dvc.yaml
+
+# Meta-World pins a MuJoCo that is older than ours.
+metaworld: $(STAMP) ## Do Meta-World's tasks with the objects of the data set, in .venv-metaworld
+	uv venv --quiet --allow-existing --python 3.11 .venv-metaworld
+	uv pip sync --quiet --python .venv-metaworld learning/metaworld/requirements.txt
+	objectfolder export --format mjcf --overwrite -o .objectfolder/assets
+	.venv-metaworld/bin/python -W ignore -m learning.metaworld .objectfolder/assets
 
 examples: $(STAMP) ## Make the Object Files inside the package again
 	objectfolder starter
@@ -62,3 +69,5 @@ stages: $(STAMP) ## Write into dvc.yaml what the stages declare
 lock: $(STAMP) ## Write requirements.lock: what stands in it stays as far as pyproject.toml allows
 	UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --all-extras --no-annotate \
 		--python-version 3.11 --output-file requirements.lock pyproject.toml
+	UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-annotate --python-version 3.11 \
+		--output-file learning/metaworld/requirements.txt learning/metaworld/requirements.in
