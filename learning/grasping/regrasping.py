@@ -132,5 +132,5 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
             depth_m = resize_local_mean(felt.pressed.displacement_m, POOLED)
         except QueryError:
             self._unseen += 1
-            return np.zeros(GEL)
-        return np.hstack([depth_m.ravel() / DEPTH_M, felt.force_n / FORCE_N])
+            return np.zeros(GEL, dtype=np.float32)
+        return np.hstack([depth_m.ravel() / DEPTH_M, felt.force_n / FORCE_N]).astype(np.float32)

@@ -67,7 +67,9 @@ def _vertices(path: Path) -> np.ndarray:
 def environment(task: str, asset: Path, seed: int) -> Any:
     """Return Meta-World's environment of a task with an object swapped in, its goals shown."""
 
-    class Swapped(TASKS[task][0]):
+    base: Any = TASKS[task][0]
+
+    class Swapped(base):
         def _initialize_simulation(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
             model = swapped(Path(self.fullpath), asset)
             return model, mujoco.MjData(model)
