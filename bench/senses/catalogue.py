@@ -73,6 +73,10 @@ class Scans:
         surface = self.mesh(name, with_textures=False).surface
         return Surface(surface.vertices, surface.faces[surface.face_areas > 0])
 
+    def body(self, name: str) -> tuple[Surface, Material]:
+        """Return the cleaned surface and the material of an object."""
+        return self.surface(name), self.material(name)
+
     def modes(self, name: str, surface: Surface, path: Path, **asked: int) -> Product:
         """Return the modes of an object, solved and kept in a file; `asked` as for `simulate_modes`."""
         if not path.exists():

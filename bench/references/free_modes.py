@@ -1,0 +1,59 @@
+"""Modes of a free body by the project's solver, to be read anywhere on its boundary."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.materials import Material
+from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
+from objectfolder.audio.modes.boundary import Boundary
+from objectfolder.audio.modes.canonical import canonical_rotation
+from objectfolder.audio.modes.modes import waves_of
+from objectfolder.audio.modes.spectrum import space_on
+from objectfolder.solid.filling import fill
+from objectfolder.surface.surface import Surface
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+SIGNED_AT = 2000  # points that decide the signs of modes and the bases of repeated ones
+LIMIT_HZ, MOST_MODES, ACCURACY_CENTS, MOST_UNKNOWNS = 20_000.0, 128, 5.0, 180_000
+
+
+@dataclass(frozen=True)
+class FreeModes:
+    """Modes below 20 kHz.
+
+    Attributes
+    ----------
+    boundary : of the elements
+    vectors : (functions, 3, modes) coefficients, of unit modal mass for a body of unit density and length
+    frequencies_hz : (modes,) without damping
+    """
+
+    boundary: Boundary
+    vectors: Floats
+    frequencies_hz: Floats
+
+    @classmethod
+    def of(cls, surface: Surface, material: Material) -> "FreeModes":
+        """Fill a surface (metres) and solve, as products of modes are."""
+        solid = fill(surface, waves=waves_of(material, LIMIT_HZ, MOST_MODES))
+        length = float(np.ptp(solid.vertices, axis=0).max())
+        radians_per_s = material.shear_speed_m_s / length
+        space, _ = space_on(solid, 5, length, bend=True)
+        below = (2 * np.pi * LIMIT_HZ / radians_per_s) ** 2
+        wanted = Wanted(below, ACCURACY_CENTS, MOST_MODES, MOST_UNKNOWNS, 0)
+        found = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
+        frequencies = np.sqrt(found.eta_squared) * radians_per_s / (2 * np.pi)
+        boundary = Boundary(solid, found.space, length)
+        places = boundary.surface.sample(SIGNED_AT, 0)
+        shapes = boundary.at(found.vectors, places.face, places.barycentric)
+        turned = found.vectors @ canonical_rotation(found.eta_squared, shapes, places.points)
+        return cls(boundary, turned, frequencies)
+
+    def normal_velocity(self, mesh: Surface, modes: list[int]) -> Floats:
+        """Normal component (faces, modes) in the middles of a mesh's faces, at the nearest places."""
+        near = self.boundary.surface.closest_points(mesh.vertices[mesh.faces].mean(axis=1))
+        moved = self.boundary.at(self.vectors[:, :, modes], near.face, near.barycentric)
+        return np.asarray(np.einsum("tk,tkm->tm", mesh.face_normals, moved))
