@@ -49,7 +49,7 @@ BELL_EDGE_M, REFERENCE_EDGE_M = 0.002, 0.0055
 # at least.
 OWN = (((0, 1), 0.0075), ((2, 3), 0.0065), ((8, 9), 0.0055))
 QUIET_DB = 15.0
-STARTER = ("fork", "bell")
+STARTER = ("fork", "bell", "mug")
 SCANS = ("005_tomato_soup_can", "042_adjustable_wrench")
 
 
