@@ -13,14 +13,13 @@ from learning.grasping.world import (
     FRICTION,
     GRAVITY_M_S2,
     Grasp,
-    World,
     attempts,
     drawn_grasps,
     least_force_n,
+    world_of,
 )
 from learning.runs import Objects
 from objectfolder import example
-from objectfolder.simulators.collision import convex_parts
 
 PIXELS, EXAMPLES = 16, Path(objectfolder.__file__).parent / "examples"
 
@@ -32,7 +31,7 @@ def file():
 
 @pytest.fixture(scope="module")
 def world(file):
-    return World(file, convex_parts(file.surface, most_parts=stability.PARTS).hulls)
+    return world_of(file)
 
 
 @pytest.mark.parametrize(("share", "holds"), [(0.6, False), (0.85, False), (1.3, True), (3.0, True)])

@@ -1,19 +1,22 @@
 """Grasping again by touch: what the environment promises, and how a policy is learnt and kept."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import objectfolder
 from learning import runs
-from learning.grasping import touch_policy
+from learning.grasping import touch_policy, world
 from learning.grasping.regrasping import FARTHEST, GEL, MOVE, OBSERVED, Regrasping
 from learning.grasping.touch_policy import LIFT, TEST, play
 from learning.grasping.world import least_force_n, world_of
 from learning.runs import Objects
 from objectfolder import example
 
+EXAMPLES = Path(objectfolder.__file__).parent / "examples"
 STAY = np.array([0.0, 0.0, 0.0, -1.0], dtype=np.float32)
 
 
@@ -22,6 +25,17 @@ def held():
     """A mug, and the force of thrice its weight's."""
     file = example("mug")
     return {"mug": world_of(file)}, {"mug": 3 * least_force_n(file)}
+
+
+@pytest.fixture
+def mugs(tiny, held, tmp_path, monkeypatch):
+    """Settings of a data set of one mug by four names, whose parts are computed once."""
+    monkeypatch.setattr(world, "world_of", lambda file: held[0]["mug"])
+    folder = tmp_path / "data" / "object_files"
+    folder.mkdir(parents=True)
+    for name in "abcd":
+        (folder / f"{name}.safetensors").symlink_to(EXAMPLES / "mug.safetensors")
+    return tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})
 
 
 def _environment(held, spread_m=0.045, charge=0.02):
@@ -81,14 +95,14 @@ def test_moves_stay_within_reach_and_beyond_the_object_nothing_is_felt(held):
 
 
 @pytest.mark.slow
-def test_a_policy_that_was_stopped_becomes_what_it_would_have(tiny, tmp_path, monkeypatch):
-    whole = _learnt(tiny, tmp_path / "whole", monkeypatch, 2)
-    _learnt(tiny, tmp_path / "parts", monkeypatch, 1)
-    parts = _learnt(tiny, tmp_path / "parts", monkeypatch, 2)
-    observed = np.linspace(0, 1, OBSERVED, dtype=np.float32)
-    np.testing.assert_array_equal(whole.predict(observed, True)[0], parts.predict(observed, True)[0])
-    start = _learnt(tiny, tmp_path / "start", monkeypatch, 1)
-    assert np.any(start.predict(observed, deterministic=True)[0] != parts.predict(observed, True)[0])
+def test_a_policy_that_was_stopped_becomes_what_it_would_have(mugs, tmp_path, monkeypatch):
+    def answer(folder, rollouts):
+        policy = _learnt(mugs, tmp_path / folder, monkeypatch, rollouts)
+        return policy.predict(np.linspace(0, 1, OBSERVED, dtype=np.float32), deterministic=True)[0]
+
+    whole, start, parts = answer("whole", 2), answer("parts", 1), answer("parts", 2)
+    np.testing.assert_array_equal(whole, parts)
+    assert np.any(start != parts)
 
 
 def _learnt(settings, folder, monkeypatch, rollouts):
@@ -99,9 +113,9 @@ def _learnt(settings, folder, monkeypatch, rollouts):
 
 
 @pytest.mark.slow
-def test_all_that_stands_beside_the_policy_is_figured(tiny, tmp_path, monkeypatch):
+def test_all_that_stands_beside_the_policy_is_figured(mugs, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
-    found = touch_policy.evaluate(Objects(tiny), tiny)
+    found = touch_policy.evaluate(Objects(mugs), mugs)
     json.dumps(found)
     assert set(found["held"]) == {"first grasp", "random", "fixed move", "hardest, centred", "touch, seed 0"}
     for one in found["held"].values():
