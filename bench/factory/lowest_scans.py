@@ -4,8 +4,8 @@
 
 A whole run of `bench.factory.hundred` takes hours. This makes views and VisionNet alone, of the `LOWEST`
 scans with the lowest foreground in ``bench/results/hundred_per_object.csv`` and of `CONTROLS` drawn from
-its middle half, with that run's parameters and seeds. Rows are kept in
-FOLDER and not measured again; the result is of the rows at hand.
+its middle half, with that run's parameters and seeds. Rows are kept in FOLDER and not measured again; the
+result is of the rows at hand.
 """
 
 import csv
