@@ -7,8 +7,9 @@ import pytest
 from structured_solids import box, filled_ball
 
 from bench.references.bodies import BODIES
-from objectfolder.audio.elements.curving import _unfold, curve
+from objectfolder.audio.elements.curving import LEAST_JACOBIAN, _unfold, curve, least_jacobian
 from objectfolder.audio.elements.elasticity import chunks, element_integrals
+from objectfolder.audio.elements.hierarchic import differentiate, quadrature
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import read_materials
 from objectfolder.audio.modes.boundary import Boundary
@@ -107,6 +108,22 @@ def test_a_short_edge_that_folds_its_element_leaves_the_long_ones_bent() -> None
     assert kept[long]
     assert not kept[short]
     assert volume(space.shaped(unfolded)) > 0  # and raises if it is folded
+
+
+def test_a_wildly_bent_body_has_no_folded_element(solid: Solid) -> None:
+    """Straightening one element may fold its neighbour, and so on through the body."""
+    space = Space.on(solid.vertices, solid.tetrahedra, 2)
+    geometry = space.geometry.copy()
+    bends = np.random.default_rng(0).normal(size=(space.size - space.vertex_count, 3))
+    geometry[space.vertex_count :] = 2 * bends
+    unfolded, _, kept = _unfold(space, geometry)
+    np.testing.assert_array_equal(unfolded[kept], geometry[kept])
+    shape = unfolded[space.numbers]
+    slopes = differentiate(quadrature(11)[0], 2)
+    edges = np.einsum("qik,tid->tqkd", slopes[:, :, 1:] - slopes[:, :, :1], shape)
+    jacobian = np.linalg.det(edges) / np.linalg.det(shape[:, 1:4] - shape[:, :1])[:, None]
+    assert np.all(jacobian.min(axis=1) >= least_jacobian(shape) - 1e-12)
+    assert jacobian.min() >= LEAST_JACOBIAN
 
 
 def test_order_one_cannot_be_bent(solid: Solid) -> None:
