@@ -5,11 +5,13 @@ Tasks work on its features. A protocol says what it is trained and tested on:
 - ``sample``: other draws of the same objects, as published;
 - ``region``: test places lie in regions without a training place;
 - ``one lamp``: as ``sample``, but images have one lamp anywhere, as the published views;
-- ``unseen``: networks are trained on other objects than those that are tested.
+- ``unseen``: networks are trained on other objects than those that are tested. All folds share the draws of
+  ``sample`` with the first seed: only who is trained on differs.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -77,6 +79,7 @@ def encoded(
     """
     key = {
         "unit": "encoder", "sense": sense, "protocol": protocol, "seed": seed, "unseen": list(unseen),
+        "shared_draws": settings.seeds[0] if unseen else None,
         "data": settings.data.model_dump(exclude={"root", "objects"}),
         "encoder": settings.encoder.model_dump(), "files": objects.digests,
     }  # fmt: skip
@@ -87,14 +90,16 @@ def encoded(
 def _train(
     objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int]
 ) -> Arrays:
-    samples, nearest = drawn(objects, settings, sense, protocol, seed)
-    if unseen:
+    if protocol == "unseen":
+        samples, nearest = drawn(objects, settings, sense, "sample", settings.seeds[0])
         out = torch.tensor(list(unseen))
         samples = {
             split: Labelled(part.inputs[chosen], part.labels[chosen])
             for split, part in samples.items()
             for chosen in [torch.isin(part.labels, out) == (split == "test")]
         }
+    else:
+        samples, nearest = drawn(objects, settings, sense, protocol, seed)
     with SummaryWriter(LOGS / f"{sense} {protocol} {seed}") as log:
         network = fit_classifier(
             samples["training"], samples["validation"], len(objects), settings.encoder, seed, log
@@ -120,6 +125,7 @@ def _unpacked(arrays: Arrays) -> Encoder:
     return Encoder(splits, float(arrays["nearest"]))
 
 
+@lru_cache(maxsize=1)
 def drawn(
     objects: Objects, settings: Settings, sense: str, protocol: str, seed: int
 ) -> tuple[dict[str, Labelled], float]:

@@ -11,6 +11,7 @@ from torch.utils.tensorboard import SummaryWriter
 from learning.settings import Encoder
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+CHANNELS_LAST = torch.channels_last  # convolutions of few channels take three quarters of the time
 
 
 class _Block(nn.Module):
@@ -83,6 +84,9 @@ def fit_classifier(
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
     network = ResNet18(training.inputs.shape[1], classes, asked.width).to(DEVICE)
+    for weights in network.parameters():
+        if weights.ndim == 4:
+            weights.data = weights.data.contiguous(memory_format=CHANNELS_LAST)
     optimiser = torch.optim.AdamW(network.parameters(), asked.learning_rate, weight_decay=1e-2)
     steps = asked.epochs * max(1, -(-len(training.labels) // asked.batch))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, asked.learning_rate, total_steps=steps)
@@ -91,7 +95,7 @@ def fit_classifier(
         network.train()
         losses = []
         for rows in batches(len(training.labels), asked.batch, random):
-            logits = network(training.inputs[rows].to(DEVICE))
+            logits = network(_on_device(training.inputs[rows]))
             loss = cross_entropy(logits, training.labels[rows].to(DEVICE), label_smoothing=0.05)
             optimiser.zero_grad()
             loss.backward()
@@ -108,9 +112,13 @@ def fit_classifier(
     return network
 
 
+def _on_device(inputs: torch.Tensor) -> torch.Tensor:
+    return inputs.to(DEVICE).contiguous(memory_format=CHANNELS_LAST)
+
+
 @torch.no_grad()
 def answers(network: ResNet18, inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return features (n, 8 width) and log probabilities (n, classes), on the CPU."""
     network.eval()
-    features = torch.cat([network.features(part.to(DEVICE)) for part in inputs.split(128)])
+    features = torch.cat([network.features(_on_device(part)) for part in inputs.split(128)])
     return features.cpu(), torch.log_softmax(network.head(features), dim=1).cpu()

@@ -212,10 +212,12 @@ def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
         for seed in settings.seeds
     ]
     folds = folds_of(len(objects), settings)
-    unseen = [
-        ({sense: encoded(objects, settings, sense, "unseen", fold, out) for sense in SENSES}, fold)
-        for fold, out in enumerate(folds)
-    ]
+    # All folds of a sense share their draws.
+    of_folds = {
+        sense: [encoded(objects, settings, sense, "unseen", fold, out) for fold, out in enumerate(folds)]
+        for sense in SENSES
+    }
+    unseen = [({sense: of_folds[sense][fold] for sense in SENSES}, fold) for fold in range(len(folds))]
     return {
         "objects": len(objects),
         "seen": _table(seen, len(objects), settings.retrieval),
