@@ -1,99 +1,63 @@
-"""Modes of every scan of a catalogue: seconds, estimated errors, and what failed and why.
+"""Modes of every scan of a data set: seconds, memory, stated errors, and what failed and why.
 
-    python -m bench.senses.scans --folder FOLDER [--objects CATALOGUE.csv] [--part 1/2]
+    python -m bench.senses.scans ROOT
 
-Each object's row is kept in FOLDER and not measured again,
-so that a run can be stopped, taken up and shared between processes with `--part`; the process that finds all
-rows there writes the result. Solved modes are kept as ``modes/ID.zarr.zip`` for the objects of
-`bench.senses.audionet`.
+ROOT is a data set whose stage ``modes`` was made. Seconds and memory are those of the tasks that made it: on
+a busy machine CPU seconds are too many.
 """
 
-import os
-import traceback
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, cpu_seconds, kept, save, subplots
-from bench.senses.audionet import HELD_OUT_POINTS, OBJECTS, TRAINING_POINTS
-from bench.senses.catalogue import Scans, scan_arguments
-from objectfolder.audio.modes.modes import modes_of_solid, waves_of
-from objectfolder.errors import ObjectFolderError
-from objectfolder.products.store import write_product
-from objectfolder.solid.filling import fill
+from bench.record import arguments, conclude, save, subplots
+from objectfolder.products.store import read_product
+from pipeline.dataset.failures import read_failures
+from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.stages import STAGES
+from pipeline.run.costs import known_costs
+from pipeline.run.forecast.estimates import Estimate, last_costs
 
-MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 128
-
-
-def main() -> None:
-    parser = scan_arguments("modes of every scan of a catalogue", "rows and modes")
-    parser.add_argument("--part", default="1/1", help="which share of the objects, as 1/2")
-    given = parser.parse_args()
-    scans = Scans(given.objects)
-    # Those that another comparison reads come first.
-    names = sorted(scans.ids, key=lambda name: (name not in OBJECTS, name))
-    paths = {name: given.folder / f"{name}.json" for name in names}
-    share, shares = map(int, given.part.split("/"))
-    for name in names[share - 1 :: shares]:
-        print(name, kept(paths[name], lambda at=name: measure(scans, at, given.folder)), flush=True)
-    if all(path.exists() for path in paths.values()):
-        table = {name: kept(path, dict) for name, path in paths.items()}
-        conclude("scans", figures(table), settings(), COMPARED, draw)
-
-
+STAGE = "modes"
 COMPARED = (
-    "Estimated error of the first 50 audible modes of each object (objectfolder/audio/modes/adaptive.py) and "
-    "CPU seconds of filling and solving, mode shapes at points included; defaults of simulate_modes"
+    "Stated error of the first 50 audible modes of each object (objectfolder/audio/modes/adaptive.py), and "
+    "CPU seconds and largest memory of its task: filling, solving, mode shapes at points, writing"
 )
 
 
-def settings() -> dict[str, Any]:
-    return {
-        "max_frequency_hz": MAX_FREQUENCY_HZ,
-        "max_modes": MAX_MODES,
-        "points": f"4000 and 400, {TRAINING_POINTS} and {HELD_OUT_POINTS} for those of bench.senses.audionet",
-        "threads": os.environ.get("OPENBLAS_NUM_THREADS", "all"),
-        "times": "CPU seconds, child processes included",
+def main() -> None:
+    parser = arguments("modes of every scan of a data set")
+    parser.add_argument("root", type=Path, help="a data set with its modes")
+    root = parser.parse_args().root
+    parameters = read_parameters(root / "params.yaml")
+
+    def path_of(name: str) -> Path:
+        return STAGES[STAGE].targets(root, name)[0]
+
+    rows = {
+        name: row(path_of(name), cost)
+        for (name, stage), cost in sorted(last_costs(known_costs(root)).items())
+        if stage == STAGE and path_of(name).exists()
     }
+    failures = {one.object: f"{one.error} {one.remedy}" for one in read_failures(root) if one.stage == STAGE}
+    settings = {"size": parameters.size, "seed": parameters.seed, "threads": 1}
+    conclude("scans", figures(rows, failures), settings, COMPARED, draw)
 
 
-def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
-    """One object's row."""
-    surface, material = scans.surface(name), scans.material(name)
-    many = name in OBJECTS
-    forget_peak_memory()
-    start = cpu_seconds()
-    try:
-        solid = fill(surface, waves=waves_of(material, MAX_FREQUENCY_HZ, MAX_MODES), name=name)
-        filled = cpu_seconds()
-        modes = modes_of_solid(
-            surface,
-            solid,
-            material,
-            max_frequency_hz=MAX_FREQUENCY_HZ,
-            max_modes=MAX_MODES,
-            training_points=TRAINING_POINTS if many else 4000,
-            held_out_points=HELD_OUT_POINTS if many else 400,
-            seed=0,
-        )
-    except ObjectFolderError as error:
-        return {"failure": str(error), "cpu_s": cpu_seconds() - start}
-    except Exception:
-        return {"failure": traceback.format_exc(limit=1), "cpu_s": cpu_seconds() - start}
-    done = cpu_seconds()
-    if many:
-        (folder / "modes").mkdir(exist_ok=True)
-        write_product(folder / "modes" / f"{name}.zarr.zip", modes)
+def row(path: Path, cost: Estimate) -> dict[str, Any]:
+    """Return one object's figures."""
+    modes = read_product(path)
+    attributes = modes.attributes
+    spent = {"cpu_s": cost.cpu_s, "peak_memory_mb": cost.memory_bytes / 1e6}
+    if "absent" in attributes:
+        return {"modes": 0, "silent_because": attributes["absent"], **spent}
     errors = modes["error_estimates_cents"]
     errors = errors[np.isfinite(errors)]
-    attributes = modes.attributes
     what = attributes["discretisation"]
     return {
-        "failure": None,
         "modes": len(modes["eigenvalues"]),
         "certificate_holds": attributes["count_certificate"]["holds"],
-        "error_cents": errors.tolist(),
         "error_median_cents": float(np.median(errors)) if len(errors) else None,
         "error_worst_cents": float(errors.max()) if len(errors) else None,
         "unknowns": what["unknowns"],
@@ -102,46 +66,29 @@ def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
         "volume_error": what.get("volume_error"),
         "surface_error_rms_m": what.get("surface_error_rms_m"),
         "transfer_distance_max_m": attributes["transfer_distance_max_m"],
-        "fill_cpu_s": filled - start,
-        "solve_cpu_s": done - filled,
-        "cpu_s": done - start,
-        "peak_memory_mb": peak_memory_mb(),
+        **spent,
     }
 
 
-def forget_peak_memory() -> None:
-    """Begin the largest memory of this process anew (Linux, proc(5): clear_refs)."""
-    Path("/proc/self/clear_refs").write_text("5")
-
-
-def peak_memory_mb() -> float:
-    """Return the largest resident memory since `forget_peak_memory`, in MB of 10^6 bytes."""
-    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in line)
-    return int(line.split()[1]) * 1024 / 1e6
-
-
-def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    solved = [row for row in table.values() if row["failure"] is None]
-    audible = [row for row in solved if row["modes"]]
-    pooled = np.concatenate([row["error_cents"] for row in audible])
-    seconds = [row["cpu_s"] for row in table.values()]
+def figures(rows: dict[str, dict[str, Any]], failures: dict[str, str]) -> dict[str, Any]:
+    audible = [one for one in rows.values() if one["modes"]]
+    seconds = [one["cpu_s"] for one in rows.values()]
+    memory = {name: one["peak_memory_mb"] for name, one in rows.items()}
     return {
-        "objects": {
-            name: {k: v for k, v in row.items() if k != "error_cents"} for name, row in table.items()
-        },
-        "answered": len(solved),
-        "failed": {name: row["failure"] for name, row in table.items() if row["failure"]},
-        "without_an_audible_mode": len(solved) - len(audible),
+        "objects": rows,
+        "answered": len(rows),
+        "failed": failures,
+        "refused": {name: one["silent_because"] for name, one in rows.items() if "silent_because" in one},
+        "with_an_audible_mode": len(audible),
         "error_cents": {
-            "median_over_all_modes": float(np.median(pooled)),
             "median_over_objects_of_their_median": median(audible, "error_median_cents"),
             "median_over_objects_of_their_worst": median(audible, "error_worst_cents"),
-            "share_of_modes_within_10": float(np.mean(pooled <= 10)),
         },
         "cpu_s": {"median": float(np.median(seconds)), "largest": max(seconds), "sum": sum(seconds)},
         "peak_memory_mb": {
-            "median": median(solved, "peak_memory_mb"),
-            "largest": max(row["peak_memory_mb"] for row in solved),
+            "median": float(np.median(list(memory.values()))),
+            "largest": max(memory.values()),
+            "above_3_gb": {name: one for name, one in memory.items() if one > 3000},
         },
     }
 
@@ -151,17 +98,15 @@ def median(rows: list[dict[str, Any]], key: str) -> float:
 
 
 def draw(figures: dict[str, Any]) -> None:
-    shown = [row for row in figures["objects"].values() if row["failure"] is None and row["modes"]]
+    shown = [row for row in figures["objects"].values() if row["modes"]]
     picture, axes = subplots(figsize=(7, 4.5))
     seconds = [row["cpu_s"] for row in shown]
     axes.scatter(seconds, [row["error_median_cents"] for row in shown], s=18, label="median of its modes")
     axes.scatter(seconds, [row["error_worst_cents"] for row in shown], s=18, marker="x", label="worst mode")
     axes.axhline(10, color="grey", linewidth=0.8)
-    axes.set(
-        xscale="log", yscale="log", xlabel="CPU seconds, filling and solving", ylabel="estimated error, cents"
-    )
+    axes.set(xscale="log", yscale="log", xlabel="CPU seconds of the task", ylabel="stated error, cents")
     axes.legend()
-    axes.set_title("Scans: estimated error of the first 50 audible modes")
+    axes.set_title("Scans: stated error of the first 50 audible modes")
     save(picture, "scans")
 
 
