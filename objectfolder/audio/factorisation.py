@@ -27,7 +27,7 @@ POSITIVE_DEFINITE, INDEFINITE = 2, -2
 MOST_BACKWARD_ERROR = 1e-11
 SEQUENTIAL = 1
 # Right-hand sides solved for at a time: PARDISO takes memory for each.
-AT_ONCE = 64
+AT_ONCE = 32
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 
 
@@ -121,12 +121,10 @@ class Factorisation:
             return np.asarray(self._factors.solve(right))
         # Not its `solve`, which compares the whole matrix with the one factorised each time.
         self._factors.set_phase(SOLVE)
-        result = np.empty(right.shape)
-        for first in range(0, right.shape[1], AT_ONCE):
-            columns = slice(first, first + AT_ONCE)
-            some = np.asfortranarray(right[:, columns])
-            result[:, columns] = self._factors._call_pardiso(self._upper, some)
-        return result
+        if right.shape[1] <= AT_ONCE:
+            return np.asarray(self._factors._call_pardiso(self._upper, np.asfortranarray(right)))
+        parts = (slice(first, first + AT_ONCE) for first in range(0, right.shape[1], AT_ONCE))
+        return np.concatenate([self.solve(right[:, columns]) for columns in parts], axis=1)
 
     def backward_error(self) -> float:
         """|A x - b| / (|A| |x| + |b|) of a random b, |A| in the maximum norm (J. L. Rigal and J. Gaches)."""
@@ -164,25 +162,18 @@ class Factorisation:
         return count
 
 
-def shifted(stiffness: sparse.csr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.csr_matrix:
-    """Upper triangle of K - value M, (3 n, 3 n): the other half would take memory beside the factors."""
+def shifted(stiffness: sparse.bsr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.csr_matrix:
+    """Upper triangle of K - value M, (3 n, 3 n), for blocks of K where M has entries.
+
+    The other half would take memory beside the factors.
+    """
     rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
-    # Where the blocks of K are those of M: the first entry of the first row of each, and the next row's.
-    width = 3 * np.diff(mass.indptr)[rows]
-    start = 9 * mass.indptr[rows].astype(np.int64)
-    place = start + 3 * (np.arange(mass.nnz) - mass.indptr[rows])
-    alike = (
-        stiffness.nnz == 9 * mass.nnz
-        and np.array_equal(stiffness.indptr[::3], 9 * mass.indptr)
-        and np.array_equal(stiffness.indices[place], 3 * mass.indices)
-    )
-    if not alike:
-        whole = stiffness - value * sparse.kron(mass, sparse.identity(3), format="csr")
-        return _upper_triangle(whole.tocsr())
-    result = stiffness.copy()
-    for axis in range(3):
-        result.data[place + axis * (width + 1)] -= value * mass.data
-    return _upper_triangle(result)
+    upper = mass.indices >= rows
+    blocks = stiffness.data[upper]
+    blocks[:, range(3), range(3)] -= value * mass.data[upper, None]
+    starts = np.concatenate([[0], np.cumsum(upper)])[mass.indptr]
+    half = sparse.bsr_matrix((blocks, mass.indices[upper], starts), shape=stiffness.shape)
+    return _upper_triangle(half.tocsr())
 
 
 def _upper_triangle(matrix: sparse.csr_matrix) -> sparse.csr_matrix:

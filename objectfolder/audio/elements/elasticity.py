@@ -135,8 +135,9 @@ def assemble(
     poisson_ratio: float,
     chosen: NDArray[np.bool_] | None = None,
     matrices: ElementMatrices | None = None,
-) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """Stiffness (3 n, 3 n), unknown 3 function + axis, and mass of one axis (n, n), float64 CSR.
+) -> tuple[sparse.bsr_matrix, sparse.csr_matrix]:
+    """Stiffness (3 n, 3 n), unknown 3 function + axis, float64 BSR, and mass of one axis (n, n), CSR with
+    an entry for each block.
 
     The spatial unit of `space.geometry` is L. The mass matrix is consistent, so that a body of density 1
     weighs its volume. With `chosen` (function,) only those functions, in their order. `matrices` are those of
@@ -163,9 +164,7 @@ def assemble(
         )
         blocks[touched] += np.asarray(gather @ local)
         mass[touched] += gather @ weights.ravel()[inside]
-    stiffness: sparse.csr_matrix = sparse.bsr_matrix(
-        (blocks.reshape(-1, 3, 3), indices, indptr), shape=(3 * size, 3 * size)
-    ).tocsr()
+    stiffness = sparse.bsr_matrix((blocks.reshape(-1, 3, 3), indices, indptr), shape=(3 * size, 3 * size))
     single = sparse.csr_matrix((mass, indices, indptr), shape=(size, size))
     return stiffness, single
 

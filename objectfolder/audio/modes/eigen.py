@@ -44,13 +44,13 @@ class Pencil:
 
     Attributes
     ----------
-    stiffness : (3 n, 3 n), unknown 3 function + axis
-    mass : (n, n) of one axis
+    stiffness : (3 n, 3 n), unknown 3 function + axis, in blocks of 3
+    mass : (n, n) of one axis, an entry for each block
     rigid : (3 n, r) M-orthonormal rigid motions
     limits : of its solution
     """
 
-    stiffness: sparse.csr_matrix
+    stiffness: sparse.bsr_matrix
     mass: sparse.csr_matrix
     rigid: Floats
     limits: Limits = NO_LIMITS
