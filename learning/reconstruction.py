@@ -21,7 +21,7 @@ from learning.occupancy import Shape, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
 from learning.runs import Objects, code_digests, kept
 from learning.settings import Reconstruction, Settings
-from learning.shapes import Likeness, likeness, volume_points
+from learning.shapes import Likeness, inside, likeness, overlap, volume_points
 
 VARIANTS = (("vision",), ("audio",), ("vision", "audio"))
 OTHERS = 10  # meshes that the average takes of other objects
@@ -34,17 +34,25 @@ class Measures:
     def __init__(self, shapes: dict[int, Shape], asked: Reconstruction) -> None:
         self.shapes, self._asked = shapes, asked
         self._points = volume_points(seed=1)
+        self._volumes = {label: inside(shape.mesh, self._points) for label, shape in shapes.items()}
         self._pairs: dict[tuple[int, int], Likeness] = {}
 
-    def of(self, mesh: trimesh.Trimesh | None, label: int, seed: int = 0) -> Likeness:
+    def of(self, mesh: trimesh.Trimesh | None, label: int) -> Likeness:
         """Compare a mesh with that of an object."""
-        return likeness(mesh, self.shapes[label].mesh, self._points, self._asked.surface_points, seed)
+        iou = overlap(inside(mesh, self._points), self._volumes[label])
+        return likeness(mesh, self.shapes[label].mesh, iou, self._asked.surface_points, seed=0)
 
     def of_object(self, answer: int, label: int) -> Likeness:
         """Compare the mesh of an object with that of another, or with itself: the floor of the measure."""
         if (answer, label) not in self._pairs:
-            self._pairs[answer, label] = self.of(self.shapes[answer].mesh, label)
+            first, second = (self.shapes[one].mesh for one in (answer, label))
+            iou = overlap(self._volumes[answer], self._volumes[label])
+            self._pairs[answer, label] = likeness(first, second, iou, self._asked.surface_points, seed=0)
         return self._pairs[answer, label]
+
+    def nearest(self, known: Sequence[int], label: int) -> int:
+        """Return which of the known objects has the largest IoU with an object."""
+        return max(known, key=lambda one: overlap(self._volumes[one], self._volumes[label]))
 
 
 def _mean(found: Sequence[Likeness]) -> dict[str, float]:
@@ -123,8 +131,7 @@ class Trial:
         """Return what was reached, and what looking up the mesh of a known object reaches."""
         named = [(answer, label) for label in self.tested for answer in self._named(label)]
         nearest = [
-            max((self.measures.of_object(one, label) for one in self.known), key=lambda like: like.iou)
-            for label in self.tested
+            self.measures.of_object(self.measures.nearest(self.known, label), label) for label in self.tested
         ]
         lengths_m = [file.frame.scale for file in self.objects.files.values()]
         return {

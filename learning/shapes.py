@@ -58,8 +58,14 @@ def inside(mesh: trimesh.Trimesh | None, points: Floats) -> NDArray[np.bool_]:
     return np.zeros(len(points), dtype=bool) if mesh is None else mesh.contains(points)
 
 
+def overlap(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
+    """Return the intersection over the union of two volumes, by which points (n,) they hold."""
+    either = np.count_nonzero(first | second)
+    return np.count_nonzero(first & second) / either if either else 0.0
+
+
 def likeness(
-    predicted: trimesh.Trimesh | None, true: trimesh.Trimesh, points: Floats, count: int, seed: int
+    predicted: trimesh.Trimesh | None, true: trimesh.Trimesh, iou: float, count: int, seed: int
 ) -> Likeness:
     """Compare two shapes.
 
@@ -67,16 +73,13 @@ def likeness(
     ----------
     predicted
         None if nothing was predicted.
-    points
-        (n, 3) where volumes are compared.
+    iou
+        Their `overlap`.
     count
         Points of each surface.
     """
     if predicted is None or not len(predicted.faces):
         return Likeness(0.0, float(EMPTY_DISTANCE), 0.0)
-    volumes = inside(predicted, points), inside(true, points)
-    either = np.count_nonzero(volumes[0] | volumes[1])
-    iou = np.count_nonzero(volumes[0] & volumes[1]) / either if either else 0.0
     (here, faces_here), (there, faces_there) = (
         trimesh.sample.sample_surface(mesh, count, seed=seed + side)
         for side, mesh in enumerate((predicted, true))

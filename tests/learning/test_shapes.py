@@ -8,10 +8,12 @@ import trimesh
 from learning.occupancy import predicted
 from learning.shapes import (
     HALF_SIDE,
+    Likeness,
     grid_points,
     inside,
     likeness,
     near_surface,
+    overlap,
     surface_of,
     volume_points,
 )
@@ -22,15 +24,20 @@ def sphere(radius: float, centre: tuple[float, float, float] = (0, 0, 0)) -> tri
     return ball.apply_translation(centre)
 
 
+def compared(first: trimesh.Trimesh, second: trimesh.Trimesh, count: int) -> Likeness:
+    points = volume_points(0)
+    return likeness(first, second, overlap(inside(first, points), inside(second, points)), count, seed=0)
+
+
 def test_concentric_spheres():
-    found = likeness(sphere(0.3), sphere(0.4), volume_points(0), 20_000, seed=0)
+    found = compared(sphere(0.3), sphere(0.4), 20_000)
     assert found.iou == pytest.approx((0.3 / 0.4) ** 3, abs=0.01)
     assert found.chamfer == pytest.approx(0.1, abs=2e-3)
     assert found.normal_consistency > 0.99
 
 
 def test_moved_sphere():
-    moved = likeness(sphere(0.2, (0.1, 0, 0)), sphere(0.2), volume_points(0), 5000, seed=0)
+    moved = compared(sphere(0.2, (0.1, 0, 0)), sphere(0.2), 5000)
     half_way = 0.05
     both = 2 * np.pi / 3 * (0.2 - half_way) ** 2 * (2 * 0.2 + half_way)  # two caps
     assert moved.iou == pytest.approx(both / (2 * 4 / 3 * np.pi * 0.2**3 - both), abs=0.03)
@@ -39,12 +46,11 @@ def test_moved_sphere():
 def test_turned_inside_out_loses_nothing():
     ball = sphere(0.3)
     turned = trimesh.Trimesh(ball.vertices, ball.faces[:, ::-1])
-    points = volume_points(0, 2000)
-    assert likeness(turned, ball, points, 5000, 0).normal_consistency > 0.99
+    assert likeness(turned, ball, 1.0, 5000, 0).normal_consistency > 0.99
 
 
 def test_nothing_predicted_is_the_worst_answer():
-    worst = likeness(None, sphere(0.3), volume_points(0, 1000), 100, 0)
+    worst = likeness(None, sphere(0.3), 0.0, 100, 0)
     assert (worst.iou, worst.normal_consistency) == (0, 0)
     assert worst.chamfer == pytest.approx(np.sqrt(3))
 
