@@ -13,7 +13,7 @@ EXAMPLE := --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder 
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
 
 .DEFAULT_GOAL := help
-.PHONY: help environment dataset hundred learn metaworld examples test lint docs stages lock
+.PHONY: help environment dataset hundred learn learn-small metaworld examples test lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -35,6 +35,10 @@ hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the 
 
 learn: $(STAMP) ## Evaluate the learning tasks on the data set: reports/learning.html
 	dvc repro learning/dvc.yaml
+
+learn-small: $(STAMP) ## Evaluate all learning tasks on 20 objects, smaller: reports/learning_small/learning.html
+	python -m learning all --objects 20 --params learning/small.yaml --results reports/learning_small \
+		--page reports/learning_small/learning.html
 
 # Meta-World pins a MuJoCo that is older than ours.
 metaworld: $(STAMP) ## Do Meta-World's tasks with the objects of the data set, in .venv-metaworld

@@ -9,9 +9,9 @@ import torch
 
 from learning import recognition, reconstruction, retrieval, stand_in
 from learning.grasping import stability, touch_policy
-from learning.page import write_page
+from learning.page import PAGE, write_page
 from learning.runs import Objects
-from learning.settings import read_settings
+from learning.settings import Settings, read_settings
 
 FOLDER = Path("learning")
 TASKS = {
@@ -25,29 +25,37 @@ TASKS = {
 
 
 def main() -> None:
-    """Run one task."""
+    """Run one task, or all of them and the page."""
     parser = argparse.ArgumentParser(prog="python -m learning", description=__doc__)
-    parser.add_argument("task", choices=[*TASKS, "page"])
+    parser.add_argument("task", choices=[*TASKS, "page", "all"])
     parser.add_argument("--objects", type=int, metavar="N", help="take the first N objects alone")
     parser.add_argument("--params", type=Path, default=FOLDER / "params.yaml")
+    parser.add_argument("--results", type=Path, default=FOLDER / "results", metavar="FOLDER")
+    parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
     asked = parser.parse_args()
     # The networks are small: beside other work, threads that wait for one another take five times as long.
     torch.set_num_threads(1)
     settings = read_settings(asked.params)
     objects = Objects(settings, asked.objects)
-    if asked.task == "page":
-        write_page(objects, settings, FOLDER / "results")
-        return
+    for task in TASKS if asked.task == "all" else [asked.task]:
+        if task != "page":
+            _evaluate(task, objects, settings, asked.results)
+    if asked.task in ("page", "all"):
+        write_page(objects, settings, asked.results, asked.page)
+
+
+def _evaluate(task: str, objects: Objects, settings: Settings, results: Path) -> None:
     began, spent = time.perf_counter(), time.process_time()
-    figures = TASKS[asked.task](objects, settings)
+    figures = TASKS[task](objects, settings)
     print(
-        f"{asked.task}: {len(objects)} objects, {time.perf_counter() - began:.0f} s, "
-        f"{time.process_time() - spent:.0f} CPU-s"
+        f"{task}: {len(objects)} objects, {time.perf_counter() - began:.0f} s, "
+        f"{time.process_time() - spent:.0f} CPU-s",
+        flush=True,
     )
-    path = FOLDER / "results" / f"{asked.task}.json"
-    path.parent.mkdir(exist_ok=True)
+    results.mkdir(parents=True, exist_ok=True)
     content = {"objects": list(objects.ids), "settings": settings.model_dump(), **figures}
-    path.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    text = json.dumps(content, indent=1, sort_keys=True) + "\n"
+    (results / f"{task}.json").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
