@@ -1,0 +1,63 @@
+"""The learning tasks on a large data set: their headline figures beside the published ones.
+
+    python -m bench.factory.learning FOLDER
+
+FOLDER has the results of ``python -m learning TASK --results FOLDER``. Tables of who is confused with whom
+are left out: a hundred objects have tens of thousands of entries.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from bench.record import arguments, conclude, save, subplots
+
+# Gao et al. (CVPR 2023), top-1 percent of a hundred objects.
+PUBLISHED = {"V": 94.8, "A": 98.3, "T": 72.4, "VA": 99.5, "VT": 97.2, "AT": 99.0, "VAT": 99.8}
+COMPARED = (
+    "Tasks of learning/ on the Object Files of one data set, beside ResNet-18 of full width on the Object "
+    "Files of ObjectFolder 2.0 as published; objects, samples and networks differ"
+)
+
+
+def main() -> None:
+    parser = arguments("headline figures of the learning tasks")
+    parser.add_argument("folder", type=Path, help="with recognition.json and others")
+    folder = parser.parse_args().folder
+    results = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
+    if "recognition" not in results:
+        parser.error(f"{folder} has no recognition.json: `python -m learning recognition --results {folder}`")
+    settings = results["recognition"]["settings"]
+    objects = results["recognition"]["objects"]
+    figures = {
+        task: trimmed({key: value for key, value in found.items() if key not in ("settings", "objects")})
+        for task, found in results.items()
+    }
+    conclude("learning", {"objects": objects, **figures}, settings, COMPARED, draw)
+
+
+def trimmed(figures: Any) -> Any:
+    """Return figures without tables of confusion."""
+    if not isinstance(figures, dict):
+        return figures
+    return {key: trimmed(value) for key, value in figures.items() if key != "confusion"}
+
+
+def draw(figures: dict[str, Any]) -> None:
+    recognition = figures["recognition"]
+    picture, axes = subplots(figsize=(7, 4))
+    names = list(PUBLISHED)
+    rows = {"published": [PUBLISHED[name] for name in names]}
+    for protocol in ("sample", "region"):
+        if protocol in recognition:
+            rows[f"split by {protocol}"] = [recognition[protocol][name]["accuracy_percent"] for name in names]
+    for index, (label, values) in enumerate(rows.items()):
+        axes.bar([place + 0.27 * index for place in range(len(names))], values, 0.25, label=label)
+    axes.set_xticks([place + 0.27 for place in range(len(names))], names)
+    axes.set(ylabel="named rightly, %", title=f"Recognition among {len(figures['objects'])} objects")
+    axes.legend(loc="lower right")
+    save(picture, "learning")
+
+
+if __name__ == "__main__":
+    main()
