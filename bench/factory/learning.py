@@ -28,6 +28,7 @@ def main() -> None:
     if "recognition" not in results:
         parser.error(f"{folder} has no recognition.json: `python -m learning recognition --results {folder}`")
     settings = results["recognition"]["settings"]
+    settings["data"].pop("root")
     objects = results["recognition"]["objects"]
     figures = {
         task: trimmed({key: value for key, value in found.items() if key not in ("settings", "objects")})
