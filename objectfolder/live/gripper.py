@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from objectfolder.live.matt_body import MattBody
 from objectfolder.object_file import ObjectFile
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 
 FINGERS = ("left", "right")
@@ -40,6 +42,26 @@ def fingers(place_m: tuple[float, float], starts_m: tuple[float, float], frictio
         f' friction="{friction}" priority="1" solref="-9000 -150"/></body>'
         for name, y, turn in zip(FINGERS, starts_m, (90, -90), strict=True)
     )
+
+
+def shown_finger() -> MattBody:
+    """Return what is seen of a DIGIT: the hull of its housing and its gel, in the sensor's frame.
+
+    Its contacts are those of a ball with the gel's curvature, see `fingers`.
+    """
+    sensor = Sensor()
+    across = np.linspace(-0.5, 0.5, 9)
+    y, z = np.meshgrid(across * sensor.gel_width_m, sensor.gel_apex_m[2] + across * sensor.gel_height_m)
+    gel = np.stack([gel_surface(sensor, y, z), y, z], axis=-1).reshape(-1, 3)
+    box = np.stack(
+        np.meshgrid(*zip(sensor.housing_low_m, sensor.housing_high_m, strict=True)), axis=-1
+    ).reshape(-1, 3)
+    hull = ConvexHull(np.concatenate([gel, box]))
+    corners = hull.points[hull.simplices]
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (sides * hull.equations[:, :3]).sum(axis=1) < 0
+    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    return MattBody(Surface(hull.points, faces))
 
 
 def gripper(

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from objectfolder.live.lamp_ways import LitPoints
+from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_light import SceneLight
 from objectfolder.live.scene_view import CENTRE, Crop, View, inverse_pose
 from objectfolder.object_file import ObjectFile
-from objectfolder.vision.cameras import pixel_rays
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,7 @@ class DrawnObject:
 
     @classmethod
     def of(
-        cls, file: ObjectFile, pose: Floats, view: View, sub_rays: int | None, crop: Crop | None,
+        cls, file: ObjectFile | MattBody, pose: Floats, view: View, sub_rays: int | None, crop: Crop | None,
         light: SceneLight, shaded: Floats,
     ) -> "DrawnObject":  # fmt: skip
         """Draw an object by the light of its own frame; shadows fall of `shaded` (k, 3), in the world."""
@@ -65,13 +65,15 @@ class DrawnObject:
 
         def draw(which: list[int]) -> tuple[Floats, Floats]:
             some = light.lamps_m[which], light.colours[which]
+            if isinstance(file, MattBody):
+                return file.seen(local, (top, left, height, width), *some, smooth=sub_rays != 1)
             if sub_rays == 1 and light.radiance is None:
                 return _cast(file, local, (top, left, height, width), *some)
             return _rendered(file, local, (top, left, height, width), sub_rays, *some)
 
         if crop is not None and len(light.lamps_m):
             rgba[part], depth[part] = draw(list(range(len(light.lamps_m))))
-        if crop is not None and light.radiance is not None:
+        if crop is not None and light.radiance is not None and not isinstance(file, MattBody):
             even, depth[part] = _rendered(file, local, crop, sub_rays, around=light.radiance)
             # Light adds up; what is covered is that of either image, to the bit.
             rgba[part] = np.concatenate([rgba[part][..., :3] + even[..., :3], even[..., 3:]], axis=-1)
@@ -151,15 +153,13 @@ def _rendered(
 
 def _cast(file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floats) -> tuple[Floats, Floats]:
     """Return as `_rendered` does what lies at the centres of pixels."""
-    top, left, height, width = crop
-    pixels = (np.arange(top, top + height)[:, None] * view.size[1] + np.arange(left, left + width)).ravel()
-    starts, along = pixel_rays(view.camera, pixels, CENTRE, view.size, view.field_of_view)
+    starts, along = view.rays_in(crop, CENTRE)
     depth = file.surface.ray_hits(starts, along).distance * -(along @ view.camera[:3, 2])
     hit = np.isfinite(depth)
-    rgba = np.zeros((len(pixels), 4))
+    rgba = np.zeros((len(along), 4))
     rgba[hit] = file.radiance(starts[hit], along[hit], lamps, light_colour=colours)
     depth[rgba[:, 3] == 0] = np.inf  # in holes
-    return rgba.reshape(height, width, 4), depth.reshape(height, width)
+    return rgba.reshape(*crop[2:], 4), depth.reshape(crop[2:])
 
 
 def sorting_depth(depth: Floats) -> Floats:

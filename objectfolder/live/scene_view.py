@@ -33,6 +33,12 @@ class View:
         """Depth (h, w) that is gained along a unit of each ray."""
         return np.asarray(-(self.rays @ self.camera[:3, 2]))
 
+    def rays_in(self, crop: Crop, offsets: Floats) -> tuple[Floats, Floats]:
+        """Return the rays of a part of the image, as `pixel_rays` through offsets (k, 2)."""
+        top, left, height, width = crop
+        pixels = np.arange(top, top + height)[:, None] * self.size[1] + np.arange(left, left + width)
+        return pixel_rays(self.camera, pixels.ravel(), offsets, self.size, self.field_of_view)
+
     def points(self, depth_m: Floats) -> Floats:
         """Return (h, w, 3) what is seen at the centres of pixels, NaN where nothing is."""
         points, known = np.full((*self.size, 3), np.nan), np.isfinite(depth_m)

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Posed, finite_pose
 from objectfolder.live.lamp_ways import LitPoints
+from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_layers import DrawnObject, Layer, Tabletop, composited
 from objectfolder.live.scene_light import SceneLight
 from objectfolder.live.scene_view import View, inverse_pose, moved_by
@@ -31,7 +33,7 @@ class SceneImage:
     ----------
     rgb : (h, w, 3) uint8, sRGB, on white
     depth_m : (h, w) along the camera's -z axis at the pixels' centres, infinity where nothing is
-    body : (h, w) which of the files is seen there, -1 for the table and for nothing
+    body : (h, w) which of the files is seen there, -1 for matt bodies, the table and nothing
     """
 
     rgb: NDArray[np.uint8]
@@ -52,6 +54,8 @@ class LiveSight:
         The engine, or anything that tells where bodies are, see `contacts.Posed`.
     files
         Object Files by the names of their bodies.
+    matt
+        Bodies without a file, by name. No environment lights them.
     lamps_m, lamp_colours
         (k, 3) point lamps in the world, and linear factors (k, 3) of the light that a data set's lamp gives
         at one metre. None: three lamps; none beside an environment.
@@ -67,8 +71,8 @@ class LiveSight:
     Raises
     ------
     QueryError
-        A body that the simulation lacks, lamps or colours of other shapes, another environment, values out of
-        range.
+        A body that the simulation lacks, lamps or colours of other shapes, another environment, matt bodies
+        in one, values out of range.
     """
 
     def __init__(
@@ -76,6 +80,7 @@ class LiveSight:
         simulation: Posed,
         files: Mapping[str, ObjectFile],
         *,
+        matt: Mapping[str, MattBody] | None = None,
         lamps_m: Floats | None = None,
         lamp_colours: Floats | None = None,
         environment: str | Floats | None = None,
@@ -84,17 +89,20 @@ class LiveSight:
         exposure_factor: float | None = None,
     ) -> None:
         self._simulation, self._files, self._shadows = simulation, dict(files), shadows
+        self._drawable: dict[str, ObjectFile | MattBody] = {**files, **(matt or {})}
         self._light = SceneLight.of(lamps_m, lamp_colours, environment)
+        if matt and environment is not None:
+            raise QueryError("matt", "an environment does not light such bodies", "Give lamps alone.")
         self._table = None
         if table_m is not None:
             self._table = real("table_m[0]", table_m[0], 1e-3, 1e3), real("table_m[1]", table_m[1], -1e3, 1e3)
         self._exposure = None if exposure_factor is None else real("exposure_factor", exposure_factor, 0, 1e9)
-        self._balls = {name: _ball(file) for name, file in self._files.items()}
+        self._balls = {name: _ball(file) for name, file in self._drawable.items()}
         self._views: dict[tuple[bytes, tuple[int, int], float], tuple[View, Tabletop | None]] = {}
         self._before: dict[str, DrawnObject] = {}
         # By what shadows fall on (None: the table) and who throws them.
         self._thrown: dict[tuple[str | None, str], tuple[LitPoints, DrawnObject, NDArray[np.bool_]]] = {}
-        for name in self._files:
+        for name in self._drawable:
             finite_pose(simulation, name)
 
     def image(
@@ -117,13 +125,13 @@ class LiveSight:
             A pose that is not finite or not rigid, values out of range.
         """
         camera, size = real_array("camera_to_world", camera_to_world), image_size(resolution)
-        poses = {name: finite_pose(self._simulation, name) for name in self._files}
+        poses = {name: finite_pose(self._simulation, name) for name in self._drawable}
         view, table = self._seen_from(camera, size, float(field_of_view))
         drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}
         layers = [self._shaded(name, drawn) for name in drawn]
         if table:
             layers.append(table.layer(self._hidden(table.lit, drawn), self._light))
-        rgba, depths = composited(layers, size, len(self._files))
+        rgba, depths = composited(layers, size, len(drawn))
         if self._exposure is None:
             self._exposure = exposure(rgba[None])
         nearest = depths.argmin(axis=0) if layers else np.zeros(size, np.int64)
@@ -164,10 +172,11 @@ class LiveSight:
             moved_m += radius * np.abs(pose[:3, :3] - before.pose[:3, :3]).max()
             if moved_m <= (STILL_PIXELS * view.pixel_m(centre) if sub_rays == 1 else 0.0):
                 return before
-        light = self._light.seen_by(pose, self._files[name].frame.scale)
+        file = self._drawable[name]
+        light = self._light.seen_by(pose, 1.0 if isinstance(file, MattBody) else file.frame.scale)
         shaded = self._light.lamps_m if self._shadows else self._light.lamps_m[:0]
         crop = view.crop(centre, radius)
-        drawn = DrawnObject.of(self._files[name], pose, view, sub_rays, crop, light, shaded)
+        drawn = DrawnObject.of(file, pose, view, sub_rays, crop, light, shaded)
         self._before[name] = drawn
         return drawn
 
@@ -194,11 +203,11 @@ class LiveSight:
             near = np.flatnonzero(ways.within(centre, radius))
             starts = moved_by(back, ways.points[near] + OFF * ways.way[near])
             ends = np.broadcast_to(moved_by(back, lamp), (len(near), 3))
-            dark[near] = self._files[name].surface.occluded(starts, ends)
+            dark[near] = self._drawable[name].surface.occluded(starts, ends)
         return found
 
 
-def _ball(file: ObjectFile) -> tuple[Floats, float]:
+def _ball(file: ObjectFile | MattBody) -> tuple[Floats, float]:
     """Return the centre (3,) and the radius of a ball round an object, metres, object frame."""
     centre = file.surface.bounds.mean(axis=0)
     return centre, float(np.linalg.norm(file.surface.vertices - centre, axis=1).max())

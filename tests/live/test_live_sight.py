@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import objectfolder
 from objectfolder.errors import QueryError
 from objectfolder.live import LiveSight
+from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_layers import TABLE_ALBEDO
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import on_white, srgb_decode, srgb_encode
 from objectfolder.vision.environment import named_map
@@ -273,3 +276,38 @@ def test_a_table_in_a_white_furnace_shows_its_albedo(files, still):
     shown = seen.rgb[(seen.body < 0) & np.isfinite(seen.depth_m)]
     middle = np.median(shown, axis=0)
     np.testing.assert_allclose(middle / 255, srgb_encode(np.array(TABLE_ALBEDO)), atol=0.003)
+
+
+def test_a_matt_slab_is_seen_as_a_table_and_dark_from_below(files, still):
+    box = trimesh.creation.box(bounds=[[-0.5, -0.5, -0.01], [0.5, 0.5, 0.0]])
+    slab = MattBody(Surface(box.vertices, box.faces), TABLE_ALBEDO)
+    poses = Still({"cup": still.pose("cup"), "slab": np.eye(4)})
+    table = LiveSight(poses, {"cup": files["cup"]}, exposure_factor=1.0).image(CAMERA, SIZE)
+    for sub_rays in (1, 4):
+        seen = LiveSight(
+            poses, {"cup": files["cup"]}, matt={"slab": slab}, table_m=None, exposure_factor=1.0
+        ).image(CAMERA, SIZE, sub_rays=sub_rays)
+        alike = abs(seen.rgb.astype(int) - table.rgb).max(axis=2) <= 1
+        assert alike[table.body < 0].mean() > 0.97, "but at the edges of shadows and of the cup"
+        assert np.array_equal(seen.body >= 0, table.body >= 0)
+        both = np.isfinite(seen.depth_m) & np.isfinite(table.depth_m)
+        np.testing.assert_allclose(seen.depth_m[both], table.depth_m[both], atol=1e-6)
+        assert both.sum() > 0.97 * np.isfinite(table.depth_m).sum(), "but at the table's edge"
+    below = look_at(np.array([[0.1, -0.2, -0.4]]), np.array([[0.0, 0.0, 0.0]]))[0]
+    dark = LiveSight(poses, {}, matt={"slab": slab}, table_m=None, exposure_factor=1.0).image(below, SIZE)
+    assert np.isfinite(dark.depth_m).any()
+    assert not dark.rgb[np.isfinite(dark.depth_m)].any()
+
+
+def test_a_matt_body_hides_and_shades_as_an_object_of_its_surface(files, still):
+    """A file's own image beside it is the same: only who throws the shadow differs."""
+    body = MattBody(files["bell"].surface)
+    as_file = LiveSight(still, files, exposure_factor=1.0).image(CAMERA, SIZE)
+    as_matt = LiveSight(still, {"cup": files["cup"]}, matt={"bell": body}, exposure_factor=1.0)
+    seen = as_matt.image(CAMERA, SIZE)
+    np.testing.assert_allclose(seen.depth_m, as_file.depth_m, atol=1e-6)
+    np.testing.assert_array_equal(seen.body == 0, as_file.body == 0)
+    elsewhere = as_file.body != 1
+    assert (abs(seen.rgb.astype(int) - as_file.rgb).max(axis=2) <= 1)[elsewhere].mean() > 0.98
+    with pytest.raises(QueryError, match="environment"):
+        LiveSight(still, {}, matt={"bell": body}, environment="sky")
