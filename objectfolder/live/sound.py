@@ -68,6 +68,8 @@ class LiveSound:
         e of every collision, 0 to 1.
     others
         Young's modulus in pascals and Poisson's ratio of bodies without a file.
+    known
+        The same of some of them, by name.
     resting_damping_n_s_m
         Of what a body stands on, N s/m under its whole weight; 0 damps nothing.
     audible_only
@@ -97,6 +99,7 @@ class LiveSound:
         listener_m: Floats | tuple[float, float, float] = (0.0, -0.5, 0.5),
         restitution: float = 0.5,
         others: tuple[float, float] = WOOD,
+        known: Mapping[str, tuple[float, float]] | None = None,
         resting_damping_n_s_m: float = RESTING_DAMPING_N_S_M,
         audible_only: bool = False,
         seed: int = 0,
@@ -105,9 +108,8 @@ class LiveSound:
     ) -> None:
         self._simulation = simulation
         self._restitution = real("restitution", restitution, 0.0, 1.0)
-        self._others = Matter(
-            real("others[0]", others[0], 1e-3, 1e15, " Pa"), real("others[1]", others[1], -1, 0.5)
-        )
+        self._others = _matter("others", others)
+        self._known = {name: _matter(f"known[{name!r}]", matter) for name, matter in (known or {}).items()}
         self._damping = real("resting_damping_n_s_m", resting_damping_n_s_m, 0.0, 1e6)
         self._rate = real("sample_rate_hz", sample_rate_hz, 1e3, 1e6)
         self._samples = whole("block_samples", block_samples, 1, 1 << 20)
@@ -179,7 +181,7 @@ class LiveSound:
         return HeardBody.of(name, file, mass_kg, self._rate, (listener_m - pose[:3, 3]) @ pose[:3, :3])
 
     def _matter(self, name: str) -> Matter:
-        return self._bodies[name].matter if name in self._bodies else self._others
+        return self._bodies[name].matter if name in self._bodies else self._known.get(name, self._others)
 
     def _held_m_s(self, bodies: tuple[str, str]) -> float:
         """Return the speed of bodies that do not climb each other's roughness: v^2 / 2 < g h."""
@@ -256,3 +258,8 @@ class LiveSound:
         return Rubbing(
             contact, bodies, hertz, self._profile, starts_m, (first.roughness_m, second.roughness_m)
         )
+
+
+def _matter(name: str, stated: tuple[float, float]) -> Matter:
+    """Return a Young's modulus in pascals and a Poisson's ratio, if they can be."""
+    return Matter(real(f"{name}[0]", stated[0], 1e-3, 1e15, " Pa"), real(f"{name}[1]", stated[1], -1, 0.5))

@@ -111,6 +111,16 @@ def test_a_harder_material_is_struck_for_a_shorter_time(mug):
     )
 
 
+def test_a_body_that_is_known_is_struck_as_of_its_matter(mug):
+    durations = []
+    for stated in ({"others": OTHERS[1]}, {"others": OTHERS[0], "known": {"world": OTHERS[1]}}):
+        simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
+        durations.append(heard(simulation, {"mug": mug}, 20, **stated)[1][0].duration_s)
+    assert durations[0] == durations[1]
+    with pytest.raises(QueryError, match=r"known\['world'\]\[1\]"):
+        LiveSound(simulation, {"mug": mug}, known={"world": (1e6, 0.7)})
+
+
 def test_a_body_at_rest_is_silent(mug):
     sound, impacts = heard(world({"mug": (0, 0, RADIUS_M)}, mass_of(mug)), {"mug": mug}, 90)
     assert impacts == []
