@@ -1,6 +1,6 @@
 """A scene of objects as a video with its sound."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,21 @@ def recorded(
     for _ in range(round(seconds * FRAMES_PER_S)):
         image = sight.image(camera_to_world, resolution).rgb
         yield image, sound.block()
+
+
+def beside(image: NDArray[np.uint8], pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Return an image (h, w, 3) with pictures one above the other at its right.
+
+    Raises
+    ------
+    QueryError
+        The pictures are not as high as the image together.
+    """
+    column = np.concatenate(pictures)
+    if len(column) != len(image):
+        finding = f"{len(image)} rows beside pictures of {len(column)}"
+        raise QueryError("pictures", finding, "Let both be as high.")
+    return np.concatenate([image, column], axis=1)
 
 
 def write_clip(

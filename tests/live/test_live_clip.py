@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import QueryError
-from objectfolder.live.clip import SAMPLE_RATE_HZ, write_clip
+from objectfolder.live.clip import SAMPLE_RATE_HZ, beside, write_clip
 from pipeline.cli import main
 from tests.live.drop_scenes import drop_scene
 
@@ -56,6 +56,17 @@ def test_frames_and_sound_are_read_as_they_were_written(tmp_path):
     assert abs(sound[4096:10240]).max() == pytest.approx(10 ** (-3 / 20), rel=0.03), "3 dB below full scale"
     spectrum = abs(np.fft.rfft(sound[2048:10240] * np.hanning(8192)))
     assert spectrum.argmax() * SAMPLE_RATE_HZ / 8192 == pytest.approx(1000, abs=6)
+
+
+def test_pictures_stand_at_the_right_one_above_the_other():
+    image, upper, lower = (
+        np.full((height, width, 3), grey, dtype=np.uint8)
+        for height, width, grey in ((6, 4, 1), (2, 3, 2), (4, 3, 3))
+    )
+    rows = [[1] * 4 + [2] * 3] * 2 + [[1] * 4 + [3] * 3] * 4
+    assert beside(image, [upper, lower])[..., 0].tolist() == rows
+    with pytest.raises(QueryError, match="6 rows beside pictures of 4"):
+        beside(image, [lower])
 
 
 def test_what_cannot_be_played_is_one_line(scene, tmp_path, capsys):
