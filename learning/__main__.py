@@ -9,6 +9,7 @@ import torch
 
 from learning import recognition, reconstruction, retrieval, stand_in
 from learning.grasping import stability, touch_policy
+from learning.grasping.clips import write_clips
 from learning.page import PAGE, write_page
 from learning.runs import Objects
 from learning.settings import Settings, read_settings
@@ -27,7 +28,7 @@ TASKS = {
 def main() -> None:
     """Run one task, or all of them and the page."""
     parser = argparse.ArgumentParser(prog="python -m learning", description=__doc__)
-    parser.add_argument("task", choices=[*TASKS, "page", "all"])
+    parser.add_argument("task", choices=[*TASKS, "clips", "page", "all"])
     parser.add_argument("--objects", type=int, metavar="N", help="take the first N objects alone")
     parser.add_argument("--params", type=Path, default=FOLDER / "params.yaml")
     parser.add_argument("--results", type=Path, default=FOLDER / "results", metavar="FOLDER")
@@ -38,8 +39,10 @@ def main() -> None:
     settings = read_settings(asked.params)
     objects = Objects(settings, asked.objects)
     for task in TASKS if asked.task == "all" else [asked.task]:
-        if task != "page":
+        if task in TASKS:
             _evaluate(task, objects, settings, asked.results)
+    if asked.task == "clips":
+        print(*write_clips(objects, settings), sep="\n")
     if asked.task in ("page", "all"):
         write_page(objects, settings, asked.results, asked.page)
 

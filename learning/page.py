@@ -16,6 +16,7 @@ from PIL import Image
 from scipy.io import wavfile
 
 from learning.encoders import encoded, label_draws
+from learning.grasping.clips import FOLDER, clips_in
 from learning.recognition import COMBINATIONS, LETTERS, name_of
 from learning.reconstruction import trials
 from learning.retrieval import both_ways, fit_common_space
@@ -64,6 +65,7 @@ def write_page(objects: Objects, settings: Settings, results: Path, path: Path =
         published_shapes=PUBLISHED_SHAPES,
         rows=list(_retrieved(objects, settings)),
         shapes=list(_shapes(objects, settings)),
+        clips=clips_in(path.parent / FOLDER.name),
     )
     path.parent.mkdir(exist_ok=True)
     path.write_text(text, encoding="utf-8")

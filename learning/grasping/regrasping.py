@@ -58,6 +58,8 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         Of the objects, in order.
     place
         (3,) of the fingers from the centre of mass, as `MOVE`.
+    grasp
+        The same as the world has it.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  (gymnasium declares it so)
@@ -108,8 +110,8 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
 
     def _close(self) -> None:
         offset_m, yaw_rad, height_share = self.place
-        grasp = Grasp(yaw_rad + self._back_rad, offset_m, height_share, self._force_n)
-        self._worlds[self._object_id].close(grasp)
+        self.grasp = Grasp(yaw_rad + self._back_rad, offset_m, height_share, self._force_n)
+        self._worlds[self._object_id].close(self.grasp)
 
     def _said(self) -> dict[str, Any]:
         return {

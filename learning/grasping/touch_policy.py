@@ -20,7 +20,7 @@ from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from learning.grasping import regrasping, world
-from learning.grasping.regrasping import Floats, Regrasping
+from learning.grasping.regrasping import GEL, Floats, Regrasping
 from learning.runs import Objects, digest, kept, kept_path
 from learning.settings import Settings
 from objectfolder.products.provenance import seed_from
@@ -83,6 +83,17 @@ def _fixed(move: tuple[float, ...]) -> Act:
     return lambda observed, regrasps: LIFT if regrasps else first
 
 
+def feeling(seed: int) -> Act:
+    """Return who moves at random until both gels are pressed, and then lifts."""
+    moved = _random(seed)
+
+    def act(observed: Floats, regrasps: int) -> Floats:
+        pressed = observed[: 2 * GEL].reshape(2, GEL).any(axis=1).all()
+        return LIFT if pressed else np.append(moved(observed, regrasps)[:3], np.float32(-1.0))
+
+    return act
+
+
 def _of(model: TRPO) -> Act:
     return lambda observed, regrasps: model.predict(observed, deterministic=True)[0]
 
@@ -110,12 +121,18 @@ def play(environment: Regrasping, act: Act, seeds: range) -> Played:
 
 
 class Grasps:
-    """Episodes of the training and of the test, kept by what they depend on."""
+    """Episodes of the training and of the test, kept by what they depend on.
+
+    Attributes
+    ----------
+    ids, worlds
+        Names of the objects with a mass, in order, and their worlds.
+    """
 
     def __init__(self, objects: Objects, settings: Settings) -> None:
         files = {name: file for name, file in objects.files.items() if file.description["body"] is not None}
         self._asked, self.ids = settings.regrasping, sorted(files)
-        self._worlds = {name: world.world_of(file) for name, file in files.items()}
+        self.worlds = {name: world.world_of(file) for name, file in files.items()}
         self._least_n = {name: world.least_force_n(file) for name, file in files.items()}
         modules = (world.__file__, regrasping.__file__, __file__)
         self._key: Mapping[str, Any] = {
@@ -127,7 +144,7 @@ class Grasps:
     def environment(self, force_share: float, spread_m: float) -> Regrasping:
         """Return an environment of all objects."""
         forces_n = {name: force_share * least_n for name, least_n in self._least_n.items()}
-        return Regrasping(self._worlds, forces_n, spread_m, self._asked.regrasps, self._asked.charge)
+        return Regrasping(self.worlds, forces_n, spread_m, self._asked.regrasps, self._asked.charge)
 
     def played(self, who: str, act: Act) -> Played:
         """Return the test's episodes."""
@@ -155,10 +172,8 @@ class Grasps:
 
         A rollout depends on the policy before it and on its number alone.
         """
-        asked = self._asked
+        asked, paths = self._asked, self._paths(seed)
         environment = DummyVecEnv([lambda: self.environment(asked.force_share, asked.spread_m)])
-        keys = [{**self._key, "unit": "policy", "seed": seed, "rollout": i} for i in range(asked.rollouts)]
-        paths = [kept_path(key, ".zip") for key in keys]
         done = max((number for number, path in enumerate(paths, 1) if path.exists()), default=0)
         model = TRPO.load(paths[done - 1]) if done else _untrained(seed, environment, asked.rollout_steps)
         for number in range(done, asked.rollouts):
@@ -169,6 +184,19 @@ class Grasps:
             model.learn(asked.rollout_steps, reset_num_timesteps=False)
             _save(model, paths[number])
         return model
+
+    def known(self, seed: int) -> Act | None:
+        """Return what `learnt` would, if it has been learnt."""
+        last = self._paths(seed)[-1]
+        return _of(TRPO.load(last)) if last.exists() else None
+
+    def _paths(self, seed: int) -> list[Path]:
+        """Return where the policy of a seed is kept after each rollout."""
+        numbers = range(self._asked.rollouts)
+        return [
+            kept_path({**self._key, "unit": "policy", "seed": seed, "rollout": number}, ".zip")
+            for number in numbers
+        ]
 
 
 def _untrained(seed: int, environment: DummyVecEnv, steps: int) -> TRPO:

@@ -25,6 +25,7 @@ from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.cameras import look_at
 
 Floats = NDArray[np.float64]
+Act = Iterator[None]  # sets what the fingers' motors do, and yields before each step of the simulation
 PARTS = 64  # that the gels' contacts follow the surface to a millimetre
 FRICTION, GRAVITY_M_S2 = 0.8, 9.81
 FALLING_S, MOST_CLOSING_S, SETTLING_S, STEP_S = 2.0, 3.0, 0.2, 0.02
@@ -111,16 +112,21 @@ class World:
         The object.
     hulls
         Its convex parts, object frame.
+
+    Attributes
+    ----------
+    simulation
+        With bodies ``object`` and `FINGERS`.
     """
 
     def __init__(self, file: ObjectFile, hulls: Sequence[Surface]) -> None:
         self._file = file
         self._model = gripper(file, FRICTION, hulls=hulls)
         self._data = mujoco.MjData(self._model)
-        self._simulation = MujocoSimulation(self._model, self._data)
+        self.simulation = MujocoSimulation(self._model, self._data)
         fingers = {name: Finger(friction=FRICTION) for name in FINGERS}
-        self._touch = LiveTouch(self._simulation, {"object": file}, fingers)
-        self._apex_m = self._simulation.pose(FINGERS[0])[:3, 3] + [0, 0, Sensor().gel_apex_m[2]]
+        self._touch = LiveTouch(self.simulation, {"object": file}, fingers)
+        self._apex_m = self.simulation.pose(FINGERS[0])[:3, 3] + [0, 0, Sensor().gel_apex_m[2]]
         self._model.actuator_actrange[:, 0] = -HIGHEST_M  # also below where they start
         body = self._data.body("object").id
         self._first = int(self._model.jnt_qposadr[self._model.body_jntadr[body]])
@@ -138,8 +144,8 @@ class World:
         """Let the object stand or fall on the table, and return its pose."""
         for name in FINGERS:
             self._data.joint(f"{name}_close").qpos[0] = -AWAY_M
-        self._run(FALLING_S, 0.0, 0.0)
-        return self._simulation.pose("object")
+        self._do(self.holding(FALLING_S, 0.0))
+        return self.simulation.pose("object")
 
     def attempt(self, grasp: Grasp, pixels: int) -> Outcome:
         """Close the fingers, look at what they feel, and lift by `LIFT_M`.
@@ -150,17 +156,17 @@ class World:
             The gels cannot show it: pressed in deeper than they give way, or by a collision part that stands
             off the surface.
         """
-        self._place(grasp)
+        self.place(grasp)
         image = self._image(pixels)
-        self._close(grasp.force_n)
+        self._do(self.closing(grasp.force_n))
         felt = self.feel()
         touch = np.stack([felt[name].markers().drawn_on(felt[name].image.rgb) for name in FINGERS])
         return Outcome(image, touch, self.lift(grasp.force_n))
 
     def close(self, grasp: Grasp) -> None:
         """Stand the object where the grasp says, and close the fingers."""
-        self._place(grasp)
-        self._close(grasp.force_n)
+        self.place(grasp)
+        self._do(self.closing(grasp.force_n))
 
     def feel(self) -> dict[str, Felt]:
         """Return what each of `FINGERS` feels.
@@ -175,16 +181,20 @@ class World:
     @property
     def opening_m(self) -> float:
         """Distance of the gels' apices."""
-        left, right = (self._simulation.pose(name) for name in FINGERS)
+        left, right = (self.simulation.pose(name) for name in FINGERS)
         return float(abs(left[1, 3] - right[1, 3]) - 2 * Sensor().gel_apex_m[0])
 
     def lift(self, force_n: float) -> float:
-        """Lift the closed fingers by `LIFT_M`, and return how far the centre of mass has risen, over that."""
-        self._run(LIFT_M / LIFTING_M_S, force_n, LIFTING_M_S)
-        self._run(SETTLING_S, force_n, 0.0)
-        return float((self._simulation.pose("object") @ self._inertial)[2] - self._centre[2]) / LIFT_M
+        """Lift the closed fingers by `LIFT_M`, and return `risen_share`."""
+        self._do(self.lifting(force_n))
+        return self.risen_share
 
-    def _place(self, grasp: Grasp) -> None:
+    @property
+    def risen_share(self) -> float:
+        """How far the centre of mass has risen from where it rests, over `LIFT_M`."""
+        return float((self.simulation.pose("object") @ self._inertial)[2] - self._centre[2]) / LIFT_M
+
+    def place(self, grasp: Grasp) -> None:
         """Stand the object before the fingers, which are open as far as it is wide between them."""
         model, data = self._model, self._data
         mujoco.mj_resetData(model, data)
@@ -208,22 +218,32 @@ class World:
             data.joint(f"{name}_lift").qpos[0] = data.act[number] = height - self._apex_m[2]
         mujoco.mj_forward(model, data)
 
-    def _close(self, force_n: float) -> None:
+    def closing(self, force_n: float) -> Act:
         """Close the fingers until both have touched, and let them settle."""
         for _ in range(round(MOST_CLOSING_S / STEP_S)):
-            self._run(STEP_S, force_n, 0.0)
-            touched = {name for one in self._simulation.touching() for name in one.bodies}
+            yield from self.holding(STEP_S, force_n)
+            touched = {name for one in self.simulation.touching() for name in one.bodies}
             if touched.issuperset(FINGERS):
                 break
-        self._run(SETTLING_S, force_n, 0.0)
+        yield from self.holding(SETTLING_S, force_n)
 
-    def _run(self, time_s: float, force_n: float, lifting_m_s: float) -> None:
+    def lifting(self, force_n: float) -> Act:
+        """Lift the fingers by `LIFT_M`, and let them settle."""
+        yield from self.holding(LIFT_M / LIFTING_M_S, force_n, LIFTING_M_S)
+        yield from self.holding(SETTLING_S, force_n)
+
+    def holding(self, time_s: float, force_n: float, lifting_m_s: float = 0.0) -> Act:
+        """Press with a force, and lift at a speed, for a time."""
         self._data.ctrl[:] = [force_n, force_n, lifting_m_s, lifting_m_s]
-        for _ in range(round(time_s / self._simulation.timestep_s)):
-            self._simulation.step()
+        for _ in range(round(time_s / self.simulation.timestep_s)):
+            yield
+
+    def _do(self, act: Act) -> None:
+        for _ in act:
+            self.simulation.step()
 
     def _image(self, pixels: int) -> NDArray[np.uint8]:
-        camera = np.linalg.inv(self._simulation.pose("object")) @ self._camera
+        camera = np.linalg.inv(self.simulation.pose("object")) @ self._camera
         lamp = camera[:3, 3] / 2 + camera[:3, 1] * self._file.frame.scale / 2
         return np.asarray(self._file.render(camera, lamp, pixels, sub_rays=4)[0])
 

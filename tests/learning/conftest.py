@@ -4,8 +4,13 @@ from pathlib import Path
 
 import pytest
 
+import objectfolder
+from learning.grasping import world
+from learning.grasping.world import least_force_n, world_of
 from learning.settings import read_settings
+from objectfolder import example
 
+EXAMPLES = Path(objectfolder.__file__).parent / "examples"
 PARAMETERS = Path(__file__).parents[2] / "learning" / "params.yaml"
 
 
@@ -34,3 +39,21 @@ def tiny(small_file, tmp_path_factory):
             ),
         }
     )
+
+
+@pytest.fixture(scope="session")
+def held():
+    """A mug, and the force of thrice its weight's."""
+    file = example("mug")
+    return {"mug": world_of(file)}, {"mug": 3 * least_force_n(file)}
+
+
+@pytest.fixture
+def mugs(tiny, held, tmp_path, monkeypatch):
+    """Settings of a data set of one mug by four names, whose parts are computed once."""
+    monkeypatch.setattr(world, "world_of", lambda file: held[0]["mug"])
+    folder = tmp_path / "data" / "object_files"
+    folder.mkdir(parents=True)
+    for name in "abcd":
+        (folder / f"{name}.safetensors").symlink_to(EXAMPLES / "mug.safetensors")
+    return tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})

@@ -1,41 +1,18 @@
 """Grasping again by touch: what the environment promises, and how a policy is learnt and kept."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import objectfolder
 from learning import runs
-from learning.grasping import touch_policy, world
+from learning.grasping import touch_policy
 from learning.grasping.regrasping import FARTHEST, GEL, MOVE, OBSERVED, Regrasping
 from learning.grasping.touch_policy import LIFT, TEST, play
-from learning.grasping.world import least_force_n, world_of
 from learning.runs import Objects
-from objectfolder import example
 
-EXAMPLES = Path(objectfolder.__file__).parent / "examples"
 STAY = np.array([0.0, 0.0, 0.0, -1.0], dtype=np.float32)
-
-
-@pytest.fixture(scope="module")
-def held():
-    """A mug, and the force of thrice its weight's."""
-    file = example("mug")
-    return {"mug": world_of(file)}, {"mug": 3 * least_force_n(file)}
-
-
-@pytest.fixture
-def mugs(tiny, held, tmp_path, monkeypatch):
-    """Settings of a data set of one mug by four names, whose parts are computed once."""
-    monkeypatch.setattr(world, "world_of", lambda file: held[0]["mug"])
-    folder = tmp_path / "data" / "object_files"
-    folder.mkdir(parents=True)
-    for name in "abcd":
-        (folder / f"{name}.safetensors").symlink_to(EXAMPLES / "mug.safetensors")
-    return tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})
 
 
 def _environment(held, spread_m=0.045, charge=0.02):
