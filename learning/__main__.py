@@ -13,6 +13,7 @@ from learning.grasping.clips import write_clips
 from learning.page import PAGE, write_page
 from learning.runs import Objects
 from learning.settings import Settings, read_settings
+from learning.workers import Workers, joined
 
 FOLDER = Path("learning")
 TASKS = {
@@ -30,6 +31,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m learning", description=__doc__)
     parser.add_argument("task", choices=[*TASKS, "clips", "page", "all"])
     parser.add_argument("--objects", type=int, metavar="N", help="take the first N objects alone")
+    parser.add_argument("--cluster", metavar="PLACE", help="of cluster/, where it runs")
     parser.add_argument("--params", type=Path, default=FOLDER / "params.yaml")
     parser.add_argument("--results", type=Path, default=FOLDER / "results", metavar="FOLDER")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
@@ -38,23 +40,20 @@ def main() -> None:
     torch.set_num_threads(1)
     settings = read_settings(asked.params)
     objects = Objects(settings, asked.objects)
-    for task in TASKS if asked.task == "all" else [asked.task]:
-        if task in TASKS:
-            _evaluate(task, objects, settings, asked.results)
+    if tasks := [task for task in TASKS if asked.task in (task, "all")]:
+        with joined(asked.cluster) as workers:
+            for task in tasks:
+                _evaluate(task, objects, settings, workers, asked.results)
     if asked.task == "clips":
         print(*write_clips(objects, settings), sep="\n")
     if asked.task in ("page", "all"):
         write_page(objects, settings, asked.results, asked.page)
 
 
-def _evaluate(task: str, objects: Objects, settings: Settings, results: Path) -> None:
-    began, spent = time.perf_counter(), time.process_time()
-    figures = TASKS[task](objects, settings)
-    print(
-        f"{task}: {len(objects)} objects, {time.perf_counter() - began:.0f} s, "
-        f"{time.process_time() - spent:.0f} CPU-s",
-        flush=True,
-    )
+def _evaluate(task: str, objects: Objects, settings: Settings, workers: Workers, results: Path) -> None:
+    began = time.perf_counter()
+    figures = TASKS[task](objects, settings, workers)
+    print(f"{task}: {len(objects)} objects, {time.perf_counter() - began:.0f} s", flush=True)
     results.mkdir(parents=True, exist_ok=True)
     content = {"objects": list(objects.ids), "settings": settings.model_dump(), **figures}
     text = json.dumps(content, indent=1, sort_keys=True) + "\n"

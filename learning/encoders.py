@@ -23,9 +23,11 @@ from learning.networks import Labelled, ResNet18, answers, fit_classifier
 from learning.runs import LOGS, Objects, kept
 from learning.samples import Samples, draw, regions_of
 from learning.settings import Settings
+from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
 
 SPLITS = ("training", "validation", "test")
+Wanted = tuple[str, str, int]
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -85,6 +87,25 @@ def encoded(
     }  # fmt: skip
     stored = kept(key, lambda: _train(objects, settings, sense, protocol, seed, unseen))
     return _unpacked(stored)
+
+
+def train(objects: Objects, settings: Settings, workers: Workers, wanted: Sequence[Wanted]) -> None:
+    """Train networks side by side, so that `encoded` reads them; (sense, protocol, seed) each."""
+    workers.gather([workers.submit(_trained, objects, settings, [one]) for one in wanted])
+
+
+def train_unseen(
+    objects: Objects, settings: Settings, workers: Workers, senses: Sequence[str], folds: int | None = None
+) -> None:
+    """Train the networks of the first folds of unseen objects, or all; they share the draws of a sense."""
+    several = list(enumerate(folds_of(len(objects), settings)))[:folds]
+    every = [[(sense, "unseen", fold, tuple(out)) for fold, out in several] for sense in senses]
+    workers.gather([workers.submit(_trained, objects, settings, some) for some in every])
+
+
+def _trained(objects: Objects, settings: Settings, wanted: Sequence[Any]) -> None:
+    for one in wanted:
+        encoded(objects, settings, *one)
 
 
 def _train(

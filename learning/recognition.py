@@ -9,12 +9,13 @@ import torch
 from numpy.typing import NDArray
 from torch.nn.functional import cross_entropy
 
-from learning.encoders import Encoded, Encoder, encoded
+from learning.encoders import Encoded, Encoder, encoded, train
 from learning.metrics import binomial_interval
 from learning.networks import batches
 from learning.runs import Objects
 from learning.samples import SENSES
 from learning.settings import Settings
+from learning.workers import Workers
 
 LETTERS = dict(zip(SENSES, "VAT", strict=True))
 COMBINATIONS = tuple(chosen for size in (1, 2, 3) for chosen in combinations(SENSES, size))
@@ -109,8 +110,18 @@ def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
     return test.log_probabilities.argmax(axis=1) == test.labels
 
 
-def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+def _fused(
+    objects: Objects, settings: Settings, senses: Sequence[str], protocol: str, seed: int
+) -> NDArray[np.bool_]:
+    encoders = [encoded(objects, settings, sense, protocol, seed) for sense in senses]
+    return named_rightly(encoders[0]) if len(senses) == 1 else fused(encoders, len(objects), seed)
+
+
+def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return accuracies by protocol and senses, curves of several samples, and how confused objects are."""
+    protocols = [(sense, protocol) for protocol in ("sample", "region") for sense in SENSES]
+    every = [(*one, seed) for one in [*protocols, ("vision", "one lamp")] for seed in settings.seeds]
+    train(objects, settings, workers, every)
     tests = settings.data.test * len(objects)
     result: dict[str, Any] = {"chance_percent": 100 / len(objects), "tests_a_seed": tests}
     for protocol in ("sample", "region"):
@@ -121,12 +132,9 @@ def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
         row: dict[str, Any] = {}
         for senses in COMBINATIONS:
             hits = [
-                named_rightly(one[senses[0]])
-                if len(senses) == 1
-                else fused([one[sense] for sense in senses], len(objects), seed)
-                for seed, one in zip(settings.seeds, encoders, strict=True)
+                workers.submit(_fused, objects, settings, senses, protocol, seed) for seed in settings.seeds
             ]
-            row[name_of(senses)] = accuracies(hits, tests)
+            row[name_of(senses)] = accuracies(workers.gather(hits), tests)
         row["several"] = {
             LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
             for sense in SENSES

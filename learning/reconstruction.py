@@ -9,19 +9,20 @@ training it needs no idea of shape.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 import torch
 import trimesh
 
-from learning.encoders import Encoder, encoded, folds_of
+from learning.encoders import Encoder, encoded, folds_of, train, train_unseen
 from learning.occupancy import Shape, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
 from learning.runs import Objects, code_digests, kept
 from learning.settings import Reconstruction, Settings
 from learning.shapes import Likeness, inside, likeness, overlap, volume_points
+from learning.workers import Workers
 
 VARIANTS = (("vision",), ("audio",), ("vision", "audio"))
 OTHERS = 10  # meshes that the average takes of other objects
@@ -179,9 +180,23 @@ def trials(objects: Objects, settings: Settings) -> Iterator[Trial]:
                 yield Trial(objects, settings, measures, senses, known, tested, tuple(out), fold)
 
 
-def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+@lru_cache(maxsize=1)
+def _tried(objects: Objects, settings: Settings) -> list[Trial]:
+    """Return all of `trials`, whose shapes take a while."""
+    return list(trials(objects, settings))
+
+
+def _made(objects: Objects, settings: Settings, number: int) -> None:
+    _ = _tried(objects, settings)[number].made
+
+
+def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return likenesses by senses and by what they are compared with, of seen and of unseen objects."""
-    tried = list(trials(objects, settings))
+    tried = _tried(objects, settings)
+    senses = sorted({sense for variant in VARIANTS for sense in variant})
+    train(objects, settings, workers, [(sense, "sample", settings.seeds[0]) for sense in senses])
+    train_unseen(objects, settings, workers, senses, settings.reconstruction.folds)
+    workers.gather([workers.submit(_made, objects, settings, number) for number in range(len(tried))])
     measures, closed = tried[0].measures, tried[0].known
     others = [
         (other, label) for label in closed for other in [one for one in closed if one != label][:OTHERS]

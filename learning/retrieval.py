@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import cosine_similarity, cross_entropy, normalize
 
-from learning.encoders import Encoded, Encoder, encoded, folds_of
+from learning.encoders import Encoded, Encoder, encoded, folds_of, train, train_unseen
 from learning.metrics import chance_average_precision, mean_average_precision, one_positive_galleries
 from learning.networks import batches
 from learning.recognition import LETTERS, aligned
 from learning.runs import Objects
 from learning.samples import SENSES
 from learning.settings import Retrieval, Settings
+from learning.workers import Workers
 
 Floats = NDArray[np.float64]
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
@@ -205,44 +206,58 @@ def scores(similarity: Floats, queries: Encoded, gallery: Encoded, seed: int) ->
     }
 
 
-def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return mAPs by direction and method, of objects seen in training and of unseen ones."""
-    seen = [
-        ({sense: encoded(objects, settings, sense, "sample", seed) for sense in SENSES}, seed)
-        for seed in settings.seeds
-    ]
+    train(objects, settings, workers, [(one, "sample", seed) for one in SENSES for seed in settings.seeds])
+    train_unseen(objects, settings, workers, SENSES)
     folds = folds_of(len(objects), settings)
-    # All folds of a sense share their draws.
-    of_folds = {
-        sense: [encoded(objects, settings, sense, "unseen", fold, out) for fold, out in enumerate(folds)]
-        for sense in SENSES
+    cases: dict[str, list[tuple[str, int, tuple[int, ...]]]] = {
+        "seen": [("sample", seed, ()) for seed in settings.seeds],
+        "unseen": [("unseen", fold, tuple(out)) for fold, out in enumerate(folds)],
     }
-    unseen = [({sense: of_folds[sense][fold] for sense in SENSES}, fold) for fold in range(len(folds))]
+    found = {
+        name: [
+            workers.submit(_directions, objects, settings, senses, *case)
+            for case in some
+            for senses in combinations(SENSES, 2)
+        ]
+        for name, some in cases.items()
+    }
     return {
         "objects": len(objects),
-        "seen": _table(seen, len(objects), settings.retrieval),
-        "unseen": _table(unseen, len(objects), settings.retrieval),
+        **{name: _table(workers.gather(some)) for name, some in found.items()},
         "unseen_gallery_objects": [len(out) for out in folds],
     }
 
 
-def _table(runs: Sequence[tuple[dict[str, Encoder], int]], classes: int, asked: Retrieval) -> dict[str, Any]:
-    """Return the mean over runs by direction, method and score."""
-    found: dict[str, dict[str, list[dict[str, float]]]] = {}
-    for encoders, seed in runs:
-        for senses in combinations(SENSES, 2):
-            pair = encoders[senses[0]], encoders[senses[1]]
-            tests = [one.splits["test"] for one in pair]
-            for method, similarity in similarities(pair, classes, asked, seed).items():
-                for one, other in permutations((0, 1)):
-                    direction = f"{LETTERS[senses[one]]} to {LETTERS[senses[other]]}"
-                    turned = similarity if one == 0 else similarity.T
-                    result = scores(turned, tests[one], tests[other], seed)
-                    found.setdefault(direction, {}).setdefault(method, []).append(result)
+def _directions(
+    objects: Objects,
+    settings: Settings,
+    senses: tuple[str, str],
+    protocol: str,
+    seed: int,
+    unseen: Sequence[int],
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Return `scores` of both directions between two senses, by method."""
+    first, second = (encoded(objects, settings, sense, protocol, seed, unseen) for sense in senses)
+    tests = first.splits["test"], second.splits["test"]
+    found = similarities((first, second), len(objects), settings.retrieval, seed)
     return {
-        direction: {
-            method: {name: float(np.mean([one[name] for one in results])) for name in results[0]}
-            for method, results in methods.items()
+        f"{LETTERS[senses[one]]} to {LETTERS[senses[other]]}": {
+            method: scores(similarity if one == 0 else similarity.T, tests[one], tests[other], seed)
+            for method, similarity in found.items()
         }
-        for direction, methods in found.items()
+        for one, other in permutations((0, 1))
     }
+
+
+def _table(runs: Sequence[dict[str, dict[str, dict[str, float]]]]) -> dict[str, Any]:
+    """Return the mean over runs by direction, method and score."""
+    result: dict[str, Any] = {}
+    for direction in sorted({direction for run in runs for direction in run}):
+        rows = [run[direction] for run in runs if direction in run]
+        result[direction] = {
+            method: {name: float(np.mean([row[method][name] for row in rows])) for name in rows[0][method]}
+            for method in rows[0]
+        }
+    return result

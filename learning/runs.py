@@ -5,6 +5,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +53,24 @@ class Objects:
         if len(self.files) < FEWEST:
             finding = f"{len(self.files)} objects with a sound, fewer than {FEWEST}"
             raise InputError(str(folder), finding, "`make dataset` makes six")
-        self.digests = {name: digest(paths[name]) for name in self.files}
+        self.paths = {name: paths[name] for name in self.files}
+        self.digests = {name: digest(path) for name, path in self.paths.items()}
         self.ids = tuple(self.files)
+
+        self._asked = settings, most
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Workers open the files themselves, once for all units.
+        return opened, self._asked
+
+
+@cache
+def opened(settings: Settings, most: int | None) -> Objects:
+    """Return the Object Files of a data set, opened once in this process."""
+    return Objects(settings, most)
 
 
 def digest(path: Path) -> str:

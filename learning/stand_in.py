@@ -21,6 +21,7 @@ from learning.retrieval import both_ways, fit_common_space
 from learning.runs import Objects, code_digests, kept
 from learning.samples import SENSES, stored
 from learning.settings import Settings
+from learning.workers import Workers
 from objectfolder.dataset import ObjectFolderDataset
 
 SOURCES = ("truth", "object_file")
@@ -113,21 +114,26 @@ def detected(logs: NDArray[np.float32]) -> tuple[float, int]:
     return float(np.mean((truths > answered) + 0.5 * (truths == answered))), len(truths)
 
 
-def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
-    """Return what is lost with one source in place of the other, by sense."""
-    arrays = {
-        (sense, seed): kept(
-            {
-                "unit": "stand-in", "sense": sense, "seed": seed, "files": objects.digests,
-                "code": code_digests(("stand_in",)),
-                "data": settings.data.model_dump(exclude={"root", "objects"}),
-                "encoder": settings.encoder.model_dump(),
-            },
-            partial(_compared, objects, settings, sense, seed),
-        )
-        for sense in SENSES
-        for seed in settings.seeds
+def _kept(objects: Objects, settings: Settings, sense: str, seed: int) -> Arrays:
+    """Return `_compared`, from disk where it was made before."""
+    key = {
+        "unit": "stand-in", "sense": sense, "seed": seed, "files": objects.digests,
+        "code": code_digests(("stand_in",)),
+        "data": settings.data.model_dump(exclude={"root", "objects"}),
+        "encoder": settings.encoder.model_dump(),
     }  # fmt: skip
+    return kept(key, partial(_compared, objects, settings, sense, seed))
+
+
+def _trained(objects: Objects, settings: Settings, sense: str, seed: int) -> None:
+    _kept(objects, settings, sense, seed)
+
+
+def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
+    """Return what is lost with one source in place of the other, by sense."""
+    units = [(sense, seed) for sense in SENSES for seed in settings.seeds]
+    workers.gather([workers.submit(_trained, objects, settings, *unit) for unit in units])
+    arrays = {unit: _kept(objects, settings, *unit) for unit in units}
     ways = [(trained, tested) for trained in SOURCES for tested in SOURCES]
 
     def recognised(sense: str, trained: str, tested: str) -> float:

@@ -90,14 +90,14 @@ def _grasped(grasps: Grasps, objects: Objects, settings: Settings) -> Iterator[T
 def _regrasped(grasps: Grasps, objects: Objects, settings: Settings) -> Iterator[Tried]:
     """Yield episodes of the test, by the policy of the first seed if it was learnt, else by `feeling`."""
     asked = settings.regrasping
-    act = grasps.known(asked.seeds[0]) or feeling(asked.seeds[0])
+    act = grasps.known(asked.seeds[0]) or feeling
     environment = grasps.environment(asked.force_share, asked.spread_m)
     for seed in count(TEST):
         observed, said = environment.reset(seed=seed)
-        closed, over = [environment.grasp], False
+        closed, over, random = [environment.grasp], False, np.random.default_rng([seed, 1])
         while not over:
             before = said["regrasps"]
-            observed, _, over, _, said = environment.step(act(observed, before))
+            observed, _, over, _, said = environment.step(act(observed, before, random))
             if said["regrasps"] > before:
                 closed.append(environment.grasp)
         yield Tried(said["object"], closed, said["is_success"])

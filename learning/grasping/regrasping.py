@@ -72,7 +72,7 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         regrasps: int,
         charge: float,
     ) -> None:
-        self._worlds, self._forces_n, self.ids = dict(worlds), dict(forces_n), sorted(worlds)
+        self._worlds, self._forces_n, self.ids = worlds, dict(forces_n), sorted(worlds)
         self._spread_m, self._most, self._charge = spread_m, regrasps, charge
         self.observation_space = Box(-np.inf, np.inf, (OBSERVED,), np.float32)
         self.action_space = Box(-1.0, 1.0, (4,), np.float32)

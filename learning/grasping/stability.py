@@ -5,7 +5,7 @@ sense: the commoner answer, that of each object, and boosted trees that know for
 """
 
 from collections.abc import Callable, Iterator
-from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,37 +20,43 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from learning.grasping import world
+from learning.grasping.worlds import Worlds
 from learning.networks import Labelled, answers, fit_classifier
 from learning.runs import Objects, digest, kept
 from learning.samples import pictures
 from learning.settings import Settings
-from objectfolder.object_file import ObjectFile
+from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
 
 VALIDATION_SHARE = 0.15
+BATCH = 25  # grasps of an object that are made at a time
 FUSION_STRENGTH = 0.01  # of the linear layer that joins the senses, inverse of its penalty
 Rows = NDArray[np.int64]
 Grasps = dict[str, NDArray[Any]]
 
 
-def grasps_of(objects: Objects, settings: Settings) -> Grasps:
-    """Return grasps of all objects with a mass as `world.attempts`, and ``object``, their positions (n,)."""
-    asked, made = settings.grasping, []
-    for label, (object_id, file) in enumerate(objects.files.items()):
-        if file.description["body"] is None:
-            continue
-        seed = seed_from(settings.seeds[0], "grasps", object_id)
-        key = {
-            "unit": "grasps", "object": object_id, "seed": seed, "count": asked.grasps, "parts": world.PARTS,
-            "resolution": settings.data.resolution, "files": objects.digests[object_id], "code": _code(),
-        }  # fmt: skip
-        attempt = partial(_attempted, file, asked.grasps, seed, settings.data.resolution)
-        made.append({**kept(key, attempt), "object": np.full(asked.grasps, label)})
-    return {name: np.concatenate([np.atleast_1d(one[name]) for one in made]) for name in made[0]}
+def grasps_of(objects: Objects, settings: Settings, workers: Workers) -> Grasps:
+    """Return grasps of all objects with a mass as `attempts`, and ``object``, their positions (n,)."""
+    worlds, ends = Worlds(objects), [*range(0, settings.grasping.grasps, BATCH), settings.grasping.grasps]
+    units, labels = [], []
+    for name in worlds:
+        parted = workers.submit(worlds.part, name)
+        for first, end in pairwise(ends):
+            units.append(workers.submit(_batch, worlds, name, range(first, end), settings, parted))
+            labels.append(np.full(end - first, objects.ids.index(name)))
+    made = workers.gather(units)
+    found = {name: np.concatenate([np.atleast_1d(one[name]) for one in made]) for name in made[0]}
+    return {**found, "object": np.concatenate(labels)}
 
 
-def _attempted(file: ObjectFile, count: int, seed: int, pixels: int) -> Grasps:
-    return world.attempts(world.world_of(file), file, count, seed, pixels)
+def _batch(worlds: Worlds, name: str, which: range, settings: Settings, parted: None) -> Grasps:
+    """Return grasps of an object whose parts are kept; a batch has its own seed."""
+    seed, pixels = seed_from(settings.seeds[0], f"grasps from {which.start}", name), settings.data.resolution
+    key = {
+        "unit": "grasps", "object": name, "seed": seed, "count": len(which), "parts": world.PARTS,
+        "resolution": pixels, "files": worlds.digests[name], "code": _code(),
+    }  # fmt: skip
+    return kept(key, lambda: world.attempts(worlds[name], len(which), seed, pixels))
 
 
 def _code() -> list[str]:
@@ -133,25 +139,24 @@ def without_senses(grasps: Grasps, training: Rows, test: Rows) -> dict[str, NDAr
     }
 
 
-def _folds(grasps: Grasps, settings: Settings) -> Iterator[tuple[Rows, Rows]]:
-    """Yield training and test rows, equal shares of them held."""
-    folds = StratifiedKFold(settings.grasping.folds, shuffle=True, random_state=settings.seeds[0])
-    yield from folds.split(grasps["held"], grasps["held"])
-
-
-def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return accuracies by the number of grasps, and of objects that were left out of the training."""
-    grasps = grasps_of(objects, settings)
-    held, predictor = grasps["held"], Predictor(objects, settings, grasps)
+    grasps = grasps_of(objects, settings, workers)
+    held, predictor = grasps["held"], workers.share(Predictor(objects, settings, grasps))
+    units: list[tuple[int | str, Rows, Rows]] = [*_by_size(grasps, settings), *_by_object(objects, grasps)]
+    said = workers.gather(
+        [workers.submit(_predicted, predictor, training, test) for _, training, test in units]
+    )
     curve: dict[str, Any] = {}
-    for training, test in _folds(grasps, settings):
-        random = np.random.default_rng(len(test))
-        for size in sorted({min(size, len(training)) for size in settings.grasping.sizes}):
-            rows = random.permutation(training)[:size]
-            said = predictor.of(rows, test) | without_senses(grasps, rows, test)
-            for name, answer in said.items():
+    unseen: dict[str, dict[str, float]] = {}
+    for (case, training, test), senses in zip(units, said, strict=True):
+        for who, answer in (senses | without_senses(grasps, training, test)).items():
+            if isinstance(case, int):
                 share = float(np.mean(answer == held[test]))
-                curve.setdefault(str(size), {}).setdefault(name, []).append(100 * share)
+                curve.setdefault(str(case), {}).setdefault(who, []).append(100 * share)
+            else:
+                right = float(balanced_accuracy_score(held[test], answer))
+                unseen.setdefault(case, {})[who] = 100 * right
     return {
         "grasps": len(held),
         "held_percent": {
@@ -163,23 +168,29 @@ def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
         "sd_percent": {
             size: _over(row, lambda shares: np.std(shares, ddof=1)) for size, row in curve.items()
         },
-        "unseen_object": _unseen_objects(objects, grasps, predictor),
+        "unseen_object": unseen,
     }
+
+
+def _predicted(predictor: Predictor, training: Rows, test: Rows) -> dict[str, NDArray[np.bool_]]:
+    return predictor.of(training, test)
+
+
+def _by_size(grasps: Grasps, settings: Settings) -> Iterator[tuple[int, Rows, Rows]]:
+    """Yield how many grasps are trained on, which, and which are tested, by folds with equal shares held."""
+    folds = StratifiedKFold(settings.grasping.folds, shuffle=True, random_state=settings.seeds[0])
+    for training, test in folds.split(grasps["held"], grasps["held"]):
+        random = np.random.default_rng(len(test))
+        for size in sorted({min(size, len(training)) for size in settings.grasping.sizes}):
+            yield size, random.permutation(training)[:size], test
+
+
+def _by_object(objects: Objects, grasps: Grasps) -> Iterator[tuple[str, Rows, Rows]]:
+    """Yield the name of each object that is left out, the grasps of all others, and its own."""
+    for label in np.unique(grasps["object"]):
+        mine = grasps["object"] == label
+        yield objects.ids[label], np.flatnonzero(~mine), np.flatnonzero(mine)
 
 
 def _over(row: dict[str, list[float]], of: Callable[[Any], Any]) -> dict[str, float]:
     return {name: float(of(shares)) for name, shares in row.items()}
-
-
-def _unseen_objects(objects: Objects, grasps: Grasps, predictor: Predictor) -> dict[str, dict[str, float]]:
-    """Return balanced accuracies in percent on each object, all others being known."""
-    result = {}
-    for label in np.unique(grasps["object"]):
-        mine = grasps["object"] == label
-        training, test = np.flatnonzero(~mine), np.flatnonzero(mine)
-        said = predictor.of(training, test) | without_senses(grasps, training, test)
-        result[objects.ids[label]] = {
-            who: 100 * float(balanced_accuracy_score(grasps["held"][test], answer))
-            for who, answer in said.items()
-        }
-    return result

@@ -8,6 +8,7 @@ is put back before it is grasped again. So a sequence of fixed moves is worth wh
 import itertools
 import os
 from collections.abc import Callable, Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from learning.grasping import regrasping, world
 from learning.grasping.regrasping import GEL, Floats, Regrasping
+from learning.grasping.worlds import Worlds
 from learning.runs import Objects, digest, kept, kept_path
 from learning.settings import Settings
+from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
 
 HIDDEN, LOG_SD, LIFTING = (64, 64), -1.0, -0.5  # of the networks; of actions, and lifting's mean, at first
@@ -30,27 +33,35 @@ BATCH, TARGET_DIVERGENCE, LEARNING_RATE, CRITIC_UPDATES = 128, 0.03, 1e-3, 15
 FIXED_MOVES = tuple(itertools.product((-0.5, -0.25, 0.0, 0.25, 0.5), (0.0,), (-0.5, 0.0, 0.5)))
 LIFT = np.array([0.0, 0.0, 0.0, 1.0], dtype=np.float32)
 TEST = 1_000_000  # seeds of the test's episodes are this and above
-Act = Callable[[Floats, int], Floats]  # an action by what is observed and the number of regrasps
+BATCH_EPISODES = 50
+# An action by what is observed, by the number of regrasps, and by chance, which is the episode's own.
+Act = Callable[[Floats, int, np.random.Generator], Floats]
 Played = dict[str, NDArray[Any]]
 
 
-def evaluate(objects: Objects, settings: Settings) -> dict[str, Any]:
+def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return how many objects are held, by policies that touch and by what stands beside them."""
-    grasps = Grasps(objects, settings)
-    asked = settings.regrasping
-    best = grasps.best_fixed_move()
-    found = {
-        "first grasp": grasps.played("first grasp", _lift),
-        "random": grasps.played("random", _random(asked.seeds[0])),
-        "fixed move": grasps.played("fixed move", _fixed(best)),
-        "hardest, centred": grasps.played("hardest, centred", _lift),
+    grasps, asked = Grasps(objects, settings), settings.regrasping
+    workers.gather([workers.submit(grasps.worlds.part, name) for name in grasps.worlds])
+    learnt: dict[int, Any] = dict.fromkeys(asked.seeds)
+    for number in range(asked.rollouts):
+        for seed in asked.seeds:  # in turn, so that all are learnt at a time
+            learnt[seed] = workers.submit(grasps.learn, seed, number, learnt[seed])
+    moves = [workers.submit(grasps.tried, move) for move in FIXED_MOVES]
+    tests = {
+        "first grasp": grasps.tests(workers, _lift),
+        "random": grasps.tests(workers, _random),
+        "hardest, centred": grasps.tests(workers, _lift, hardest=True),
     }
-    for seed in asked.seeds:
-        found[f"touch, seed {seed}"] = grasps.played(f"touch, seed {seed}", _of(grasps.learnt(seed)))
+    held = [found["held"].sum() for found in workers.gather(moves)]
+    best = FIXED_MOVES[int(np.argmax(held))]
+    tests["fixed move"] = grasps.tests(workers, partial(_moved, best))
+    for seed, last in learnt.items():
+        tests[f"touch, seed {seed}"] = grasps.tests(workers, partial(_touched, grasps.path(seed)), after=last)
     return {
         "spread_mm": 1e3 * asked.spread_m,
         "fixed_move": list(best),
-        "held": {who: _figures(one, grasps.ids) for who, one in found.items()},
+        "held": {who: _figures(joined(workers.gather(some)), grasps.ids) for who, some in tests.items()},
     }
 
 
@@ -69,33 +80,36 @@ def _figures(played: Played, ids: list[str]) -> dict[str, Any]:
     }
 
 
-def _lift(observed: Floats, regrasps: int) -> Floats:
+def _lift(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
     return LIFT
 
 
-def _random(seed: int) -> Act:
-    random = np.random.default_rng(seed)
-    return lambda observed, regrasps: random.uniform(-1, 1, 4).astype(np.float32)
+def _random(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    return random.uniform(-1, 1, 4).astype(np.float32)
 
 
-def _fixed(move: tuple[float, ...]) -> Act:
-    first = np.array([*move, -1.0], dtype=np.float32)
-    return lambda observed, regrasps: LIFT if regrasps else first
+def _moved(move: tuple[float, ...], observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    return LIFT if regrasps else np.array([*move, -1.0], dtype=np.float32)
 
 
-def feeling(seed: int) -> Act:
-    """Return who moves at random until both gels are pressed, and then lifts."""
-    moved = _random(seed)
-
-    def act(observed: Floats, regrasps: int) -> Floats:
-        pressed = observed[: 2 * GEL].reshape(2, GEL).any(axis=1).all()
-        return LIFT if pressed else np.append(moved(observed, regrasps)[:3], np.float32(-1.0))
-
-    return act
+def feeling(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    """Move at random until both gels are pressed, and then lift."""
+    pressed = observed[: 2 * GEL].reshape(2, GEL).any(axis=1).all()
+    return LIFT if pressed else np.array([*random.uniform(-1, 1, 3), -1.0], dtype=np.float32)
 
 
-def _of(model: TRPO) -> Act:
-    return lambda observed, regrasps: model.predict(observed, deterministic=True)[0]
+def _touched(path: Path, observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    return np.asarray(_policy(path).predict(observed, deterministic=True)[0])
+
+
+def _named(act: Act) -> str:
+    return f"{act.func.__name__} {act.args}" if isinstance(act, partial) else act.__name__
+
+
+@cache
+def _policy(path: Path) -> Any:
+    """Return a policy that is kept."""
+    return TRPO.load(path).policy
 
 
 def play(environment: Regrasping, act: Act, seeds: range) -> Played:
@@ -111,13 +125,18 @@ def play(environment: Regrasping, act: Act, seeds: range) -> Played:
     rows = []
     for seed in seeds:
         observed, said = environment.reset(seed=seed)
-        over = False
+        over, random = False, np.random.default_rng([seed, 1])
         while not over:
-            observed, _, over, _, said = environment.step(act(observed, said["regrasps"]))
+            observed, _, over, _, said = environment.step(act(observed, said["regrasps"], random))
         label = environment.ids.index(said["object"])
         rows.append((said["is_success"], label, said["regrasps"], said["unseen"]))
     held, label, regrasps, unseen = np.array(rows, dtype=np.int64).T
     return {"held": held == 1, "object": label, "regrasps": regrasps, "unseen": unseen}
+
+
+def joined(parts: list[Played]) -> Played:
+    """Return episodes one after another."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 class Grasps:
@@ -125,19 +144,18 @@ class Grasps:
 
     Attributes
     ----------
-    ids, worlds
-        Names of the objects with a mass, in order, and their worlds.
+    worlds, ids
+        Of the objects with a mass, in order, and their names.
     """
 
     def __init__(self, objects: Objects, settings: Settings) -> None:
-        files = {name: file for name, file in objects.files.items() if file.description["body"] is not None}
-        self._asked, self.ids = settings.regrasping, sorted(files)
-        self.worlds = {name: world.world_of(file) for name, file in files.items()}
-        self._least_n = {name: world.least_force_n(file) for name, file in files.items()}
+        self._asked, self.worlds = settings.regrasping, Worlds(objects)
+        self.ids = list(self.worlds)
+        self._least_n = {name: world.least_force_n(objects.files[name]) for name in self.ids}
         modules = (world.__file__, regrasping.__file__, __file__)
         self._key: Mapping[str, Any] = {
             "asked": self._asked.model_dump(exclude={"seeds", "rollouts", "episodes", "fixed_episodes"}),
-            "files": {name: objects.digests[name] for name in files},
+            "files": self.worlds.digests,
             "code": [digest(Path(module)) for module in modules],
         }
 
@@ -146,57 +164,65 @@ class Grasps:
         forces_n = {name: force_share * least_n for name, least_n in self._least_n.items()}
         return Regrasping(self.worlds, forces_n, spread_m, self._asked.regrasps, self._asked.charge)
 
-    def played(self, who: str, act: Act) -> Played:
-        """Return the test's episodes."""
+    def tests(self, workers: Workers, act: Act, *, hardest: bool = False, after: Any = None) -> list[Any]:
+        """Submit the test's episodes in batches, which each have their own seeds."""
+        ends = [*range(0, self._asked.episodes, BATCH_EPISODES), self._asked.episodes]
+        return [
+            workers.submit(self.played, act, range(TEST + first, TEST + end), hardest, after)
+            for first, end in itertools.pairwise(ends)
+        ]
+
+    def played(self, act: Act, seeds: range, hardest: bool = False, after: Any = None) -> Played:
+        """Return an episode a seed, `hardest` with the greatest force at the centre of mass."""
         asked = self._asked
-        squeezes = who == "hardest, centred"
-        hardest = self.environment(world.FORCE_SHARES[1], 0.0)
-        environment = hardest if squeezes else self.environment(asked.force_share, asked.spread_m)
-        key = {**self._key, "unit": f"test of {who}", "episodes": asked.episodes, "rollouts": asked.rollouts}
-        return kept(key, lambda: play(environment, act, range(TEST, TEST + asked.episodes)))
+        force_share = world.FORCE_SHARES[1] if hardest else asked.force_share
+        environment = self.environment(force_share, 0.0 if hardest else asked.spread_m)
+        key = {**self._key, "unit": "episodes", "act": _named(act), "hardest": hardest, "seeds": str(seeds)}
+        return kept(key, lambda: play(environment, act, seeds))
 
-    def best_fixed_move(self) -> tuple[float, ...]:
-        """Return which of `FIXED_MOVES` holds most, on the first seeds that are no test's."""
-        environment = self.environment(self._asked.force_share, self._asked.spread_m)
-        count = self._asked.fixed_episodes
-
-        def tried() -> Played:
-            held = [play(environment, _fixed(move), range(count))["held"].sum() for move in FIXED_MOVES]
-            return {"held": np.array(held)}
-
-        key = {**self._key, "unit": "fixed moves", "episodes": count}
-        return FIXED_MOVES[int(kept(key, tried)["held"].argmax())]
+    def tried(self, move: tuple[float, ...]) -> Played:
+        """Return what becomes of a fixed move, on the first seeds that are no test's."""
+        return self.played(partial(_moved, move), range(self._asked.fixed_episodes))
 
     def learnt(self, seed: int) -> TRPO:
-        """Return the policy of a seed, trained on from the last rollout that was kept.
+        """Return the policy of a seed."""
+        for number in range(self._asked.rollouts):
+            self.learn(seed, number)
+        return TRPO.load(self.path(seed))
 
-        A rollout depends on the policy before it and on its number alone.
+    def learn(self, seed: int, number: int, before: None = None) -> None:
+        """Train the policy of a seed by a rollout, which is kept.
+
+        It depends on the policy before it and on its number alone.
         """
-        asked, paths = self._asked, self._paths(seed)
+        path = self._path(seed, number)
+        if path.exists():
+            return
+        asked = self._asked
         environment = DummyVecEnv([lambda: self.environment(asked.force_share, asked.spread_m)])
-        done = max((number for number, path in enumerate(paths, 1) if path.exists()), default=0)
-        model = TRPO.load(paths[done - 1]) if done else _untrained(seed, environment, asked.rollout_steps)
-        for number in range(done, asked.rollouts):
-            drawn = seed_from(seed, "rollout", str(number)) % 2**32
-            set_random_seed(drawn)
-            environment.seed(drawn)
-            model.set_env(environment, force_reset=True)
-            model.learn(asked.rollout_steps, reset_num_timesteps=False)
-            _save(model, paths[number])
-        return model
+        model = (
+            TRPO.load(self._path(seed, number - 1))
+            if number
+            else _untrained(seed, environment, asked.rollout_steps)
+        )
+        drawn = seed_from(seed, "rollout", str(number)) % 2**32
+        set_random_seed(drawn)
+        environment.seed(drawn)
+        model.set_env(environment, force_reset=True)
+        model.learn(asked.rollout_steps, reset_num_timesteps=False)
+        _save(model, path)
+
+    def path(self, seed: int) -> Path:
+        """Return where the policy of a seed is kept."""
+        return self._path(seed, self._asked.rollouts - 1)
 
     def known(self, seed: int) -> Act | None:
-        """Return what `learnt` would, if it has been learnt."""
-        last = self._paths(seed)[-1]
-        return _of(TRPO.load(last)) if last.exists() else None
+        """Return who does as `learnt` would, if it has been."""
+        path = self.path(seed)
+        return partial(_touched, path) if path.exists() else None
 
-    def _paths(self, seed: int) -> list[Path]:
-        """Return where the policy of a seed is kept after each rollout."""
-        numbers = range(self._asked.rollouts)
-        return [
-            kept_path({**self._key, "unit": "policy", "seed": seed, "rollout": number}, ".zip")
-            for number in numbers
-        ]
+    def _path(self, seed: int, number: int) -> Path:
+        return kept_path({**self._key, "unit": "policy", "seed": seed, "rollout": number}, ".zip")
 
 
 def _untrained(seed: int, environment: DummyVecEnv, steps: int) -> TRPO:

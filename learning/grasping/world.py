@@ -19,7 +19,6 @@ from objectfolder.errors import InputError, QueryError
 from objectfolder.live import Felt, Finger, LiveTouch, MujocoSimulation
 from objectfolder.live.gripper import BALL_M, FINGERS, HIGHEST_M, gripper
 from objectfolder.object_file import ObjectFile
-from objectfolder.simulators.collision import convex_parts
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.cameras import look_at
@@ -115,12 +114,14 @@ class World:
 
     Attributes
     ----------
+    file
+        The object.
     simulation
         With bodies ``object`` and `FINGERS`.
     """
 
     def __init__(self, file: ObjectFile, hulls: Sequence[Surface]) -> None:
-        self._file = file
+        self.file = file
         self._model = gripper(file, FRICTION, hulls=hulls)
         self._data = mujoco.MjData(self._model)
         self.simulation = MujocoSimulation(self._model, self._data)
@@ -211,7 +212,7 @@ class World:
         if not before.any():  # they will close on nothing, from beside the object
             before, away = np.ones(len(y), dtype=bool), np.zeros(len(y))
         recedes = BALL_M - np.sqrt(BALL_M**2 - away[before] ** 2)
-        low, high = self._file.surface.bounds[:, 1]
+        low, high = self.file.surface.bounds[:, 1]
         data.joint("left_close").qpos[0] = (y[before] + recedes).min() - low
         data.joint("right_close").qpos[0] = high - (y[before] - recedes).max()
         for number, name in enumerate(FINGERS):
@@ -244,17 +245,11 @@ class World:
 
     def _image(self, pixels: int) -> NDArray[np.uint8]:
         camera = np.linalg.inv(self.simulation.pose("object")) @ self._camera
-        lamp = camera[:3, 3] / 2 + camera[:3, 1] * self._file.frame.scale / 2
-        return np.asarray(self._file.render(camera, lamp, pixels, sub_rays=4)[0])
+        lamp = camera[:3, 3] / 2 + camera[:3, 1] * self.file.frame.scale / 2
+        return np.asarray(self.file.render(camera, lamp, pixels, sub_rays=4)[0])
 
 
-def world_of(file: ObjectFile) -> World:
-    """Return the world of an object by `PARTS` convex parts."""
-    name = file.description["object"]["name"]
-    return World(file, convex_parts(file.surface, most_parts=PARTS, name=name).hulls)
-
-
-def attempts(world: World, file: ObjectFile, count: int, seed: int, pixels: int) -> dict[str, NDArray[Any]]:
+def attempts(world: World, count: int, seed: int, pixels: int) -> dict[str, NDArray[Any]]:
     """Try grasps until `count` were seen and felt.
 
     Returns
@@ -274,13 +269,13 @@ def attempts(world: World, file: ObjectFile, count: int, seed: int, pixels: int)
         Most grasps cannot be shown.
     """
     found: list[tuple[Outcome, Grasp]] = []
-    for tried, grasp in enumerate(drawn_grasps(file, seed)):
+    for tried, grasp in enumerate(drawn_grasps(world.file, seed)):
         with suppress(QueryError):
             found.append((world.attempt(grasp, pixels), grasp))
         if len(found) == count:
             break
         if tried > MOST_TRIES * count:
-            name = file.description["object"]["name"]
+            name = world.file.description["object"]["name"]
             remedy = "Leave it out: its collision parts stand off its surface"
             raise InputError(name, f"the gels show {len(found)} of {tried} grasps", remedy)
     outcomes, grasps = zip(*found, strict=True)

@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 
 import objectfolder
-from learning.grasping import world
-from learning.grasping.world import least_force_n, world_of
+from learning.grasping import worlds
+from learning.grasping.world import PARTS, World, least_force_n
 from learning.settings import read_settings
 from objectfolder import example
+from objectfolder.simulators.collision import convex_parts
 
 EXAMPLES = Path(objectfolder.__file__).parent / "examples"
 PARAMETERS = Path(__file__).parents[2] / "learning" / "params.yaml"
@@ -45,13 +46,21 @@ def tiny(small_file, tmp_path_factory):
 def held():
     """A mug, and the force of thrice its weight's."""
     file = example("mug")
-    return {"mug": world_of(file)}, {"mug": 3 * least_force_n(file)}
+    hulls = convex_parts(file.surface, most_parts=PARTS, name="mug").hulls
+    return {"mug": World(file, hulls)}, {"mug": 3 * least_force_n(file)}
 
 
 @pytest.fixture
-def mugs(tiny, held, tmp_path, monkeypatch):
-    """Settings of a data set of one mug by four names, whose parts are computed once."""
-    monkeypatch.setattr(world, "world_of", lambda file: held[0]["mug"])
+def mugs(unparted_mugs, held, monkeypatch):
+    """The same, whose parts are known."""
+    monkeypatch.setattr(worlds, "_parts", lambda path, digest: [])
+    monkeypatch.setattr(worlds, "world_at", lambda path, digest: held[0]["mug"])
+    return unparted_mugs
+
+
+@pytest.fixture
+def unparted_mugs(tiny, tmp_path):
+    """Settings of a data set of one mug by four names."""
     folder = tmp_path / "data" / "object_files"
     folder.mkdir(parents=True)
     for name in "abcd":

@@ -16,9 +16,9 @@ from learning.grasping.world import (
     attempts,
     drawn_grasps,
     least_force_n,
-    world_of,
 )
 from learning.runs import Objects
+from learning.workers import Here
 from objectfolder import example
 
 PIXELS, EXAMPLES = 16, Path(objectfolder.__file__).parent / "examples"
@@ -30,8 +30,8 @@ def file():
 
 
 @pytest.fixture(scope="module")
-def world(file):
-    return world_of(file)
+def world(held):
+    return held[0]["mug"]
 
 
 @pytest.mark.parametrize(("share", "holds"), [(0.6, False), (0.85, False), (1.3, True), (3.0, True)])
@@ -59,8 +59,8 @@ def test_a_harder_grasp_is_felt_deeper(world, file):
     assert hard.touch.shape == (2, 160, 120, 3)
 
 
-def test_attempts_are_those_of_the_seed(world, file):
-    once, more = (attempts(world, file, count, 5, PIXELS) for count in (3, 5))
+def test_attempts_are_those_of_the_seed(world):
+    once, more = (attempts(world, count, 5, PIXELS) for count in (3, 5))
     for name in ("image", "touch", "grasp", "held"):
         np.testing.assert_array_equal(once[name], more[name][:3])
     assert once["grasp"].shape == (3, 4)
@@ -74,7 +74,7 @@ def test_of_four_objects_each_is_left_out_once(tiny, tmp_path, monkeypatch):
     for name, shown in zip("abcd", ("mug", "bell") * 2, strict=True):
         (folder / f"{name}.safetensors").symlink_to(EXAMPLES / f"{shown}.safetensors")
     settings = tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})
-    found = stability.evaluate(Objects(settings), settings)
+    found = stability.evaluate(Objects(settings), settings, Here())
     json.dumps(found)
     (size,) = found["accuracy_percent"]
     assert set(found["accuracy_percent"][size]) == {

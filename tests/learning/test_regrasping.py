@@ -11,6 +11,7 @@ from learning.grasping import touch_policy
 from learning.grasping.regrasping import FARTHEST, GEL, MOVE, OBSERVED, Regrasping
 from learning.grasping.touch_policy import LIFT, TEST, play
 from learning.runs import Objects
+from learning.workers import Here
 
 STAY = np.array([0.0, 0.0, 0.0, -1.0], dtype=np.float32)
 
@@ -49,12 +50,12 @@ def test_a_grasp_that_would_hold_ends_nothing_until_it_is_lifted(held):
 def test_who_knows_the_centre_holds_nearly_all_and_who_does_not_half(held):
     environment = _environment(held)
 
-    def centred(observed, regrasps):
+    def centred(observed, regrasps, random):
         away = np.abs(environment.place / MOVE).max() > 1e-6
         return np.append(np.clip(-environment.place / MOVE, -1, 1), -1) if away else LIFT
 
     seeds = range(TEST, TEST + 40)
-    assert play(environment, lambda observed, regrasps: LIFT, seeds)["held"].mean() < 0.7
+    assert play(environment, lambda observed, regrasps, random: LIFT, seeds)["held"].mean() < 0.7
     assert play(environment, centred, seeds)["held"].mean() > 0.95
 
 
@@ -92,7 +93,7 @@ def _learnt(settings, folder, monkeypatch, rollouts):
 @pytest.mark.slow
 def test_all_that_stands_beside_the_policy_is_figured(mugs, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
-    found = touch_policy.evaluate(Objects(mugs), mugs)
+    found = touch_policy.evaluate(Objects(mugs), mugs, Here())
     json.dumps(found)
     assert set(found["held"]) == {"first grasp", "random", "fixed move", "hardest, centred", "touch, seed 0"}
     for one in found["held"].values():

@@ -11,6 +11,7 @@ from learning import encoders, recognition, reconstruction, retrieval, runs
 from learning.page import write_page
 from learning.runs import Objects, kept
 from learning.settings import read_settings
+from learning.workers import Here
 from objectfolder.errors import InputError
 
 REPOSITORY = Path(__file__).parents[2]
@@ -48,17 +49,17 @@ def test_twins_are_not_told_apart(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
     monkeypatch.setattr(encoders, "LOGS", tmp_path / "logs")
     objects = Objects(tiny)
-    found = recognition.evaluate(objects, tiny)
+    found = recognition.evaluate(objects, tiny, Here())
     assert found["chance_percent"] == 25
     for senses in ("V", "A", "T", "VAT"):
         low, high = found["sample"][senses]["interval_percent"]
         assert low <= 25 <= high
-    retrieved = retrieval.evaluate(objects, tiny)
+    retrieved = retrieval.evaluate(objects, tiny, Here())
     assert set(retrieved["seen"]) == {"V to A", "A to V", "V to T", "T to V", "A to T", "T to A"}
     for methods in retrieved["seen"].values():
         for one in methods.values():
             assert abs(one["map"] - one["chance"]) < 0.2
-    shaped = reconstruction.evaluate(objects, tiny)
+    shaped = reconstruction.evaluate(objects, tiny, Here())
     # The mesh of a twin is the object's own: looking it up cannot be told from the measure's floor.
     assert shaped["seen"]["V"]["look_up"]["iou"] == pytest.approx(shaped["floor"]["iou"])
     assert shaped["average_of_others"]["iou"] == 1
