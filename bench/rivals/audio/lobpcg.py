@@ -63,7 +63,7 @@ def on_tetrahedra(
 
 
 def _solve(
-    stiffness: sparse.csr_matrix,
+    stiffness: sparse.bsr_matrix,
     mass: sparse.csr_matrix,
     rigid: int,
     radians: float,

@@ -209,20 +209,21 @@ def hexahedron(poisson_ratio: float) -> tuple[Floats, Floats]:
 
 def assemble(
     hexahedra: Integers, count: int, stiffness_block: Floats, mass_block: Floats
-) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+) -> tuple[sparse.bsr_matrix, sparse.csr_matrix]:
     """Stiffness (3 count, 3 count) and mass of one axis (count, count) of equal elements, (t, 8) vertices."""
     row, column = np.repeat(hexahedra, 8, axis=1).ravel(), np.tile(hexahedra, (1, 8)).ravel()
     key, position = np.unique(row * count + column, return_inverse=True)
     position = position.reshape(-1)
     indices, indptr = key % count, np.searchsorted(key, np.arange(count + 1) * count)
-    local = np.transpose(stiffness_block.reshape(8, 3, 8, 3), (0, 2, 1, 3)).reshape(64, 9)
+    symmetric = (stiffness_block + stiffness_block.T) / 2
+    local = np.transpose(symmetric.reshape(8, 3, 8, 3), (0, 2, 1, 3)).reshape(64, 9)
     blocks = np.stack(
         [np.bincount(position, np.tile(part, len(hexahedra)), minlength=len(key)) for part in local.T], axis=1
     )
     whole = sparse.bsr_matrix((blocks.reshape(-1, 3, 3), indices, indptr), shape=(3 * count, 3 * count))
     nodal = np.bincount(position, np.tile(mass_block.ravel(), len(hexahedra)), minlength=len(key))
     mass = sparse.csr_matrix((nodal, indices, indptr), shape=(count, count))
-    return sparse.csr_matrix((whole + whole.T) / 2), mass
+    return whole, mass
 
 
 def _mesh(grid: VoxelGrid) -> tuple[Integers, Floats, Integers]:
@@ -239,7 +240,7 @@ def _mesh(grid: VoxelGrid) -> tuple[Integers, Floats, Integers]:
 
 
 def _solve(
-    stiffness: sparse.csr_matrix,
+    stiffness: sparse.bsr_matrix,
     mass: sparse.csr_matrix,
     positions: Floats,
     below: float,
