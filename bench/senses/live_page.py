@@ -4,7 +4,8 @@
 
 `objectfolder play` serves a table with two mugs and a bell on one core; Chromium has the others. A mug is
 squeezed, the other objects are dropped in turn every second. The page counts how often a block of sound came
-after the one before had ended. What comes first, while files unpack what they need, is not counted.
+after the one before had ended, and how often it left something out to catch up. What comes first, while files
+unpack what they need, is not counted.
 """
 
 import os
@@ -12,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +27,14 @@ NAMES, WARM_S, SECONDS = ("mug", "bell", "mug"), 10, 60
 SOUND = "objectfolderViewer.table.sound"
 DROP = """(body) => { const { table } = objectfolderViewer;
   return table.try(() => table.act('lift', { body, height: 0.1 })); }"""
-COUNT = (
-    f"() => {{ const {{ next, underruns, context }} = {SOUND}; return [next, underruns, context.state]; }}"
-)
+COUNT = f"""() => {{ const {{ underruns, skips, behind, context: {{ state }} }} = {SOUND};
+  performance.setResourceTimingBufferSize(1e6);
+  const images = performance.getEntriesByType("resource").filter(({{ name }}) => name.endsWith("seen"));
+  return {{ gaps: underruns, skips, images: images.length, sound_waits_s: behind, device: state }}; }}"""
 COMPARED = (
-    "gaps in the sound of a page, counted by its player, in wall seconds; CPU seconds of the server on the "
-    "one core that it has; load average of the machine at the beginning and the end"
+    "gaps in the sound of a page and parts left out to catch up, counted by its player, in wall seconds; "
+    "images asked for; how long sound waits before it is played; CPU seconds of the server on the one core "
+    "that it has; load average of the machine at the beginning and the end"
 )
 
 
@@ -52,23 +56,21 @@ def played(scene: Path) -> dict[str, Any]:
             page.wait_for_selector(".player-image[data-state]")
             page.get_by_role("button", name="Squeeze").click()
             watched(page, WARM_S)
-            page.evaluate(f"() => ({SOUND}.underruns = 0)")
             process, load = psutil.Process(server.pid), os.getloadavg()[0]
-            before_s = sum(process.cpu_times()[:2])
+            before, began_s, before_s = page.evaluate(COUNT), time.monotonic(), sum(process.cpu_times()[:2])
             watched(page, SECONDS)
-            ends_s, gaps, state = page.evaluate(COUNT)
+            after, length_s = page.evaluate(COUNT), time.monotonic() - began_s
             spent_s = sum(process.cpu_times()[:2]) - before_s
             browser.close()
     finally:
         server.terminate()
         server.wait()
         os.sched_setaffinity(0, cores)
+    counted = {name: after[name] - before[name] for name in ("gaps", "skips", "images")}
     return {
-        "seconds": SECONDS,
-        "gaps": gaps,
-        "device": state,
-        "played_until_s": ends_s,
-        "server_cpu_s_per_second": spent_s / SECONDS,
+        "seconds": length_s,
+        **(after | counted),
+        "server_cpu_s_per_second": spent_s / length_s,
         "load_average": [load, os.getloadavg()[0]],
     }
 
@@ -86,7 +88,7 @@ def draw(figures: dict[str, Any]) -> None:
     figure, axes = subplots(figsize=(6, 1.6))
     axes.barh(0, figures["server_cpu_s_per_second"])
     axes.axvline(1.0, color="k", lw=1)
-    axes.set(xlabel=f"CPU seconds a second; {figures['gaps']} gaps in {figures['seconds']} s", yticks=[])
+    axes.set(xlabel=f"CPU seconds a second; {figures['gaps']} gaps in {figures['seconds']:.0f} s", yticks=[])
     save(figure, "live_page")
 
 
@@ -98,7 +100,11 @@ def main() -> None:
         files = [str(examples / f"{name}.safetensors") for name in NAMES]
         subprocess.run([sys.executable, "-m", "pipeline.cli", "scene", *files, "-o", str(scene)], check=True)
         figures = played(scene)
-    settings = {"objects": NAMES, "warm_s": WARM_S, "threads": os.environ.get("OMP_NUM_THREADS", "all")}
+    settings = {
+        "objects": NAMES,
+        "warm_s": WARM_S,
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
+    }
     conclude("live_page", figures, settings, COMPARED, draw)
 
 

@@ -3,7 +3,7 @@
 import itertools
 import re
 import time
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from objectfolder.live.scene_view import View
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from pipeline.cli import main
 from pipeline.publish.opened_scene import OpenedScene, camera_over
+from pipeline.publish.viewer import played_world
 from pipeline.publish.viewer.play import page_of_world
 from pipeline.publish.viewer.played_world import ALONE_S, BLOCK_S, PlayedWorld
 from tests.live.drop_scenes import drop_scene
@@ -74,9 +75,57 @@ def test_a_click_strikes_what_is_seen_and_heard(played):
     page.wait_for_function(
         "(before) => document.querySelector('.player-image').toDataURL() !== before", arg=before
     )
-    assert page.evaluate(f"() => {TABLE}.sound.next > 0"), "it was played"
-    page.evaluate(f"() => ({TABLE}.sound.next = 1e-3)")  # as if the last block had ended long ago
-    page.locator(".player-resolution", has_text=re.compile("[1-9][0-9]* gaps? in the sound")).wait_for()
+    before = page.evaluate(f"() => [{TABLE}.sound.underruns, {TABLE}.sound.behind]")
+    world._acts.put((lambda: time.sleep(2.0), Future()))  # the world comes late
+    page.wait_for_function(f"(before) => {TABLE}.sound.underruns > before", arg=before[0])
+    told = re.compile(r"gaps? in the sound, now 0\.\d+ s late")
+    page.locator(".player-resolution", has_text=told).wait_for()
+    assert before[1] < page.evaluate(f"() => {TABLE}.sound.behind") <= 0.5
+
+
+@pytest.mark.slow
+def test_the_player_joins_blocks_waits_longer_after_a_gap_and_catches_up(world, open_page):
+    """Ramps into a player of 44.1 kHz without a device: each sample says which one it is."""
+    with served_page(page_of_world(world)) as server:
+        page = open_page(server.address).page
+        heard, told = page.evaluate(
+            """async (parts) => {
+              const context = new OfflineAudioContext(1, 4 * 44100, 44100);
+              await context.audioWorklet.addModule("sound_player.js");
+              const player = new AudioWorkletNode(context, "sound-player", {
+                numberOfInputs: 0, outputChannelCount: [1],
+              });
+              player.connect(context.destination);
+              const { port1, port2 } = new MessageChannel(), told = [];
+              player.port.onmessage = ({ data }) => told.push(data);
+              player.port.postMessage(port1, [port1]);
+              let next = 1;
+              for (const { at, samples } of parts)
+                context.suspend(at).then(async () => {
+                  for (let left = samples; left > 0; left -= 512)
+                    port2.postMessage(Float32Array.from({ length: Math.min(512, left) }, () => next++));
+                  await new Promise((done) => setTimeout(done, 300));
+                  context.resume();
+                });
+              const sound = await context.startRendering();
+              while (told.length < 4) await new Promise((done) => setTimeout(done, 20));
+              return [Array.from(sound.getChannelData(0)), told];
+            }""",
+            # Too little to begin, then more; a gap; far too much at once.
+            [
+                {"at": at, "samples": samples}
+                for at, samples in ((0.0, 34 * 128), (0.5, 80 * 128), (1.5, 80000))
+            ],
+        )
+    first, second, *_ = np.split(np.array(heard), np.flatnonzero(np.diff(np.array(heard) > 0)) + 1)[1::2]
+    np.testing.assert_array_equal(first, np.arange(1, 1 + 114 * 128))
+    assert heard.index(1.0) / 44100 == pytest.approx(0.5, abs=0.01)
+    assert heard.index(second[0]) / 44100 == pytest.approx(1.5, abs=0.01)
+    assert [(one["underruns"], one["skips"]) for one in told] == [(0, 0), (1, 0), (1, 1), (2, 1)]
+    assert [one["behind"] for one in told] == pytest.approx([0.12, 0.15, 0.15, 0.18], abs=1e-4)
+    steps, skipped = np.diff(second), 80000 - len(second)
+    assert skipped == pytest.approx(80000 - 44100 - 0.15 * 44100, abs=512)
+    assert 1 < steps.max() < 1.1 * skipped / 512, "faded over, not cut"
 
 
 @pytest.mark.slow
@@ -137,6 +186,20 @@ def test_a_world_that_nobody_asks_stands_still_and_goes_on(world):
         time.sleep(10 * BLOCK_S)
         assert world._count <= stopped + 1
         waits(lambda: world.heard({"since": stopped})[0]["next"] > stopped + 1)
+
+
+def test_no_image_begins_while_the_world_is_late(world, monkeypatch):
+    monkeypatch.setattr(played_world, "WAIT_S", 20.0)
+    camera = camera_over(world._points).tolist()
+    monkeypatch.setattr(world, "_advance", lambda: time.sleep(2 * BLOCK_S))
+    with world.running(), ThreadPoolExecutor() as threads:
+        world._asked_s += 1000.0
+        waits(lambda: not world._on_time.is_set())
+        seen = threads.submit(world.seen, {"camera_to_world": camera, "resolution": 16, "sub_rays": 1})
+        time.sleep(10 * BLOCK_S)
+        assert not seen.done()
+        monkeypatch.setattr(world, "_advance", lambda: None)
+        assert seen.result(20.0)[0]["resolution"] == 16
 
 
 def test_every_block_is_heard_once_in_order(world):

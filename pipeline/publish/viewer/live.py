@@ -127,16 +127,19 @@ class Page:
         What answers each, and in which threads.
     warm
         What is done first, and where.
+    beside
+        Scripts of the folder that the others load into threads of their own.
     """
 
     html: str
     scripts: Sequence[str]
     questions: Mapping[str, Asked]
     warm: Sequence[tuple[Callable[[], None], ThreadPoolExecutor]] = ()
+    beside: Sequence[str] = ()
 
     def files(self) -> dict[str, tuple[str, bytes]]:
         """Return name and content of each file by its path."""
-        names = {"/": self.html} | {f"/{name}": name for name in (*STYLES, *self.scripts)}
+        names = {"/": self.html} | {f"/{name}": name for name in (*STYLES, *self.scripts, *self.beside)}
         return {path: (name, self._content(name)) for path, name in names.items()}
 
     def _content(self, name: str) -> bytes:

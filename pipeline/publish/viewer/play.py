@@ -13,6 +13,7 @@ from pipeline.publish.viewer.played_world import PlayedWorld
 from pipeline.publish.viewer.static import SHARED_SCRIPTS
 
 SCRIPTS = (*SHARED_SCRIPTS, "asking.js", "sound_stream.js", "play.js")
+BESIDE = ("sound_player.js", "sound_worker.js")
 
 
 def page_of_world(world: PlayedWorld) -> Page:
@@ -26,7 +27,7 @@ def page_of_world(world: PlayedWorld) -> Page:
         "act": (world.act, acts),
     }
     alone = {name: (partial(_of_one, answer), threads) for name, (answer, threads) in questions.items()}
-    return Page("play.html", SCRIPTS, alone, ((world.warm, images),))
+    return Page("play.html", SCRIPTS, alone, ((world.warm, images),), BESIDE)
 
 
 def _of_one(answer: Callable[[Any], Answer], _: int, asked: Any) -> Answer:

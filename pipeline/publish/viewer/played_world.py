@@ -1,7 +1,8 @@
 """A scene that runs in real time behind a page: what happens in it, what is heard, seen and felt of it.
 
 One thread owns the world, and the sound that it makes as it runs. Images are drawn in other threads, from the
-poses that were told last: they delay nothing. While nobody asks, the world stands still.
+poses that were told last. None begins while the world is behind the clock: on one core it would delay the
+sound further. While nobody asks, the world stands still.
 """
 
 import queue
@@ -77,6 +78,8 @@ class PlayedWorld:
         self._count, self._asked_s = 0, time.monotonic()
         self._acts: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
         self._news, self._stopped = threading.Condition(), threading.Event()
+        self._on_time = threading.Event()
+        self._on_time.set()
         self._begin()
         self._sight = opened.sight(self._poses)
 
@@ -131,6 +134,7 @@ class PlayedWorld:
             self._wait(lambda: known != self._poses.stamp)
             if known == self._poses.stamp:
                 return {"still": True, "stamp": known}, b""
+        self._on_time.wait(WAIT_S)
         stamp = self._poses.stamp
         image = self._sight.image(camera, resolution, sub_rays=rays)
         header = {"stamp": stamp, "resolution": resolution, "fingers": self._apexes}
@@ -179,6 +183,10 @@ class PlayedWorld:
             now_s = time.monotonic()
             if now_s > due_s + LATE_S:
                 due_s = now_s
+            if now_s > due_s:
+                self._on_time.clear()
+            else:
+                self._on_time.set()
             time.sleep(max(0.0, due_s - now_s))
 
     def _do_acts(self) -> None:

@@ -31,4 +31,4 @@
 
   viewer.ask = ask;
   viewer.paint = paint;
-})((window.objectfolderViewer ??= {}));
+})((self.objectfolderViewer ??= {}));

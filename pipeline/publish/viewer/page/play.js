@@ -15,6 +15,8 @@
 
   const place = document.getElementById("player");
   const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  // Images that come faster than they are painted would only keep the page busy.
+  const painted = () => new Promise((done) => requestAnimationFrame(done));
   const gain = (decibels) => 10 ** (decibels / 20);
 
   class Table {
@@ -90,11 +92,12 @@
       });
     }
 
-    // The image's size, and how often sound came too late so far.
+    // The image's size, how often sound came too late so far, and how late it is played since.
     tell() {
-      const { side, sound: { underruns } } = this;
-      const gaps = underruns ? ` · ${underruns} gap${underruns > 1 ? "s" : ""} in the sound` : "";
-      this.note.textContent = `${side} × ${side}${gaps}`;
+      const { side, sound: { underruns, behind } } = this;
+      if (!side) return;
+      const gaps = `${underruns} gap${underruns > 1 ? "s" : ""} in the sound, now ${behind.toFixed(2)} s late`;
+      this.note.textContent = `${side} × ${side}${underruns ? ` · ${gaps}` : ""}`;
     }
 
     say(text) {
@@ -234,8 +237,10 @@
       for (;;) {
         const { turned, stage } = this;
         const answer = await this.seen(MOVING, true);
-        if (!answer.header.still) this.show(answer, 0, turned);
-        else if (stage < RESTING.length && !this.resting) this.rest(stage, turned);
+        if (!answer.header.still) {
+          this.show(answer, 0, turned);
+          await painted();
+        } else if (stage < RESTING.length && !this.resting) this.rest(stage, turned);
       }
     }
 
@@ -248,20 +253,16 @@
       this.resting = false;
     }
 
-    async listen() {
-      for (let since = 0; ; ) {
-        const { header, payload } = await ask("heard", { since });
-        since = header.next;
-        const before = this.sound.underruns;
-        this.sound.push(new Float32Array(payload));
-        if (this.sound.underruns > before) this.tell();
-        if (header.said) this.say(header.said);
-        if (this.sound.peak * this.sound.volume.gain.value > 1) {
-          const fits = Math.floor(-20 * Math.log10(this.sound.peak));
+    listen() {
+      const heard = ({ peak, said }) => {
+        if (said) this.say(said);
+        if (peak * this.sound.volume.gain.value > 1) {
+          const fits = Math.floor(-20 * Math.log10(peak));
           this.volume.set(fits);
           this.louder(fits);
         }
-      }
+      };
+      return this.sound.listen({ heard, counted: () => this.tell() });
     }
   }
 

@@ -1,0 +1,23 @@
+// Asks for sound and hands it to the player, beside the thread of the page, which images keep busy.
+"use strict";
+importScripts("asking.js");
+let player = null;
+let running = false;
+
+async function listen() {
+  for (let since = 0; ; ) {
+    const { header, payload } = await self.objectfolderViewer.ask("heard", { since });
+    since = header.next;
+    const pascals = new Float32Array(payload);
+    const peak = pascals.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+    if (peak || header.said) self.postMessage({ peak, said: header.said });
+    if (running && pascals.length) player.postMessage(pascals, [pascals.buffer]);
+  }
+}
+
+self.onmessage = ({ data }) => {
+  running = data.running;
+  if (!data.player) return;
+  player = data.player;
+  listen().catch((error) => self.postMessage({ failed: error.message }));
+};
