@@ -3,6 +3,7 @@
 from objectfolder.live.contacts import Simulation, Touching
 from objectfolder.live.mujoco_simulation import MujocoSimulation
 from objectfolder.live.pybullet_simulation import PybulletSimulation
+from objectfolder.live.resting import Rest
 from objectfolder.live.sight import LiveSight, SceneImage
 from objectfolder.live.sound import Impact, LiveSound
 from objectfolder.live.touch import Felt, Finger, LiveTouch
@@ -16,6 +17,7 @@ __all__ = [
     "LiveTouch",
     "MujocoSimulation",
     "PybulletSimulation",
+    "Rest",
     "SceneImage",
     "Simulation",
     "Touching",

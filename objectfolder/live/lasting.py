@@ -27,6 +27,7 @@ class LastingContact:
     bodies : names of the two
     points_m : (2, 3) where it is, in the frame of each
     began_s : when
+    normals : (2, 3) of its normal, in the frame of each
     way_m_s : (2, 3) velocity of the contact over each, in its frame
     times_s, forces_n : of each knot, linear between them
     paths_m : of each knot, (2,) how far it has run over each
@@ -36,6 +37,7 @@ class LastingContact:
     bodies: tuple[str, str]
     points_m: Floats
     began_s: float
+    normals: Floats = field(default_factory=lambda: np.zeros((2, 3)))
     way_m_s: Floats = field(default_factory=lambda: np.zeros((2, 3)))
     times_s: list[float] = field(default_factory=list)
     forces_n: list[float] = field(default_factory=list)
@@ -75,7 +77,7 @@ class LastingContact:
         lengths = np.sqrt((way**2).sum(axis=1, keepdims=True))
         way *= np.minimum(1.0, longest_m / np.maximum(lengths, 1e-300)) / interval_s
         self.way_m_s = self.way_m_s + (way - self.way_m_s) * min(1.0, interval_s / SPREAD_S)
-        self.points_m, self.touched = points, True
+        self.points_m, self.normals, self.touched = points, normals, True
 
     def forget(self, time_s: float) -> None:
         """Drop knots that lie before the last one up to a time."""

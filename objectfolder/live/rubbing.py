@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.hertz import HertzContact
 from objectfolder.audio.synthesis.roughness import RoughProfile
-from objectfolder.audio.synthesis.struck_body import Motion
-from objectfolder.audio.synthesis.support import Support
+from objectfolder.audio.synthesis.struck_body import Motion, along
 from objectfolder.live.heard_body import HeardBody
 from objectfolder.live.lasting import LastingContact
+from objectfolder.live.resting import Rest
 
 Floats = NDArray[np.float64]
 Pushes = list[tuple[Motion, Floats, Floats]]  # places, unit vectors in the object frame, and newtons (n,)
@@ -48,12 +48,14 @@ class Rubbing:
         roughness_m: tuple[float, float],
     ) -> None:
         self.contact, self._bodies, self._profile, self._roughness_m = contact, bodies, profile, roughness_m
-        self._weight_n = GRAVITY_M_S2 * min(body.mass_kg for body in bodies.values())
+        self._hertz = hertz
         # Of the weight, not of the present force, so that the sound is linear in that.
-        self._width_m = 2 * float(hertz.patch_radius_m(self._weight_n))
+        weight_n = GRAVITY_M_S2 * min(body.mass_kg for body in bodies.values())
+        self._width_m = 2 * float(hertz.patch_radius_m(weight_n))
         self._starts_m = starts_m
         self._driven: dict[str, tuple[Motion, Floats]] = {}
-        self._damped: dict[str, tuple[Floats, Floats]] = {}  # where, and what 1 N s/m adds to the decay there
+        # Where, and mode shapes squared along the normal and across it, there.
+        self._damped: dict[str, tuple[Floats, Floats, Floats]] = {}
 
     def force_n(self, times_s: Floats) -> Floats:
         """Return what roughness pushes (n,) along the way, newtons, at times (n,) evenly apart."""
@@ -105,14 +107,22 @@ class Rubbing:
         """Whether the contact has lasted long enough to damp: engines draw collisions out."""
         return self.contact.forces_n[-1] > 0 and time_s - self.contact.began_s > COLLISION_S
 
-    def damping_per_s(self, name: str, damping_n_s_m: float) -> Floats:
-        """Return what the contact adds to the decay rates (modes,) of a body, in proportion to its force."""
-        share = min(1.0, self.contact.forces_n[-1] / self._weight_n)
-        at = self.contact.points_m[self.contact.bodies.index(name)]
-        known = self._damped.get(name)
+    def damping_per_s(self, name: str, rest: Rest) -> Floats:
+        """Return what the contact adds to the decay rates (modes,) of a body.
+
+        To first order, as `Support`: half the sum of resistance times mode shape squared.
+        """
+        side = self.contact.bodies.index(name)
+        at, known = self.contact.points_m[side], self._damped.get(name)
         if known is None or np.abs(at - known[0]).max() > STEADY_M:
-            known = self._damped[name] = at, Support(at, 0.0, 1.0).added(self.motion(name).shapes)[1]
-        return share * damping_n_s_m * known[1]
+            shapes = self.motion(name).shapes
+            along_normal = along(self.contact.normals[side][None], shapes)[0] ** 2
+            known = self._damped[name] = at, along_normal, (shapes[0] ** 2).sum(axis=0) - along_normal
+        # Of Hertz's force k d^(3/2), by the approach d.
+        stiffness = 1.5 * self._hertz.stiffness ** (2 / 3) * self.contact.forces_n[-1] ** (1 / 3)
+        angular = np.sqrt(self._bodies[name].file.modes.eigenvalues)
+        normal, across = rest.resistance_n_s_m(angular, stiffness)
+        return (normal * known[1] + across * known[2]) / 2
 
     def motion(self, name: str) -> Motion:
         """Return how a body's modes move at the contact."""

@@ -13,6 +13,7 @@ from objectfolder.live.contacts import Simulation, Touching, finite_pose
 from objectfolder.live.culling import Culling
 from objectfolder.live.heard_body import HeardBody, Matter
 from objectfolder.live.lasting import LastingContact, LastingContacts
+from objectfolder.live.resting import WOODEN_TOP, Rest
 from objectfolder.live.rubbing import GRAVITY_M_S2, Pushes, Rubbing
 from objectfolder.object_file import ObjectFile
 from objectfolder.query_values import generator, real, real_array, whole
@@ -25,8 +26,6 @@ STEPS_OF_FALL = 2
 LOOK_S = 8e-3  # between looks at what lasts
 # Young's modulus in pascals and Poisson's ratio of wood, as in the table of materials.
 WOOD = (1.1e10, 0.25)
-# Of a table under a whole body: an estimate of ours, a stiff contact of 1e6 N/m on a wooden top.
-RESTING_DAMPING_N_S_M = 2.0
 
 
 @dataclass(frozen=True)
@@ -70,8 +69,8 @@ class LiveSound:
         Young's modulus in pascals and Poisson's ratio of bodies without a file.
     known
         The same of some of them, by name.
-    resting_damping_n_s_m
-        Of what a body stands on, N s/m under its whole weight; 0 damps nothing.
+    rest
+        What bodies stand on, see `Rest`; None: it damps nothing.
     audible_only
         Leave out modes that are not heard beside louder ones or in quiet, see `audibility`.
     seed
@@ -100,7 +99,7 @@ class LiveSound:
         restitution: float = 0.5,
         others: tuple[float, float] = WOOD,
         known: Mapping[str, tuple[float, float]] | None = None,
-        resting_damping_n_s_m: float = RESTING_DAMPING_N_S_M,
+        rest: Rest | None = WOODEN_TOP,
         audible_only: bool = False,
         seed: int = 0,
         sample_rate_hz: float = SAMPLE_RATE_HZ,
@@ -110,7 +109,7 @@ class LiveSound:
         self._restitution = real("restitution", restitution, 0.0, 1.0)
         self._others = _matter("others", others)
         self._known = {name: _matter(f"known[{name!r}]", matter) for name, matter in (known or {}).items()}
-        self._damping = real("resting_damping_n_s_m", resting_damping_n_s_m, 0.0, 1e6)
+        self._rest = rest
         self._rate = real("sample_rate_hz", sample_rate_hz, 1e3, 1e6)
         self._samples = whole("block_samples", block_samples, 1, 1 << 20)
         if simulation.timestep_s * self._rate > self._samples:
@@ -241,9 +240,9 @@ class LiveSound:
         for contact, rubbing in self._rubbing.items():
             for name, some in rubbing.pushes(times_s, rotations).items():
                 pushes[name] += some
-            if self._damping and rubbing.damps(float(times_s[0])):
+            if self._rest and rubbing.damps(float(times_s[0])):
                 for name in set(contact.bodies) & self._bodies.keys():
-                    added[name] += rubbing.damping_per_s(name, self._damping)
+                    added[name] += rubbing.damping_per_s(name, self._rest)
         for name, body in self._bodies.items():
             body.stream.damp(added[name])
             if pushes[name]:

@@ -66,9 +66,9 @@ def test_a_ball_that_falls_strikes_when_and_as_hard_as_mechanics_says(mug, heigh
 def test_blocks_are_what_the_file_answers_at_once(mug):
     simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
     listener = LISTENER_M - [0, 0, RADIUS_M + 0.1]
-    sound, (first, *_) = heard(simulation, {"mug": mug}, 30, block_samples=512, resting_damping_n_s_m=0)
+    sound, (first, *_) = heard(simulation, {"mug": mug}, 30, block_samples=512, rest=None)
     simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
-    other, _ = heard(simulation, {"mug": mug}, 30 * 4, block_samples=128, resting_damping_n_s_m=0)
+    other, _ = heard(simulation, {"mug": mug}, 30 * 4, block_samples=128, rest=None)
     scale = np.abs(sound).max()
     np.testing.assert_allclose(other, sound, atol=1e-9 * scale)
     sign = 1 if first.bodies[1] == "mug" else -1
