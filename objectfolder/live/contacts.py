@@ -24,6 +24,7 @@ class Touching:
     force_n : along the normal during the step, not negative
     velocities_m_s : (2, 3) of the matter of both bodies there, before the contact changed them
     friction_n : (3,) force along the surface on the second body, in the world; 0 where an engine tells none
+    depth_m : how far the engine's shapes lie in each other, not negative; 0 where an engine tells none
 
     Examples
     --------
@@ -40,6 +41,7 @@ class Touching:
     force_n: float
     velocities_m_s: Floats
     friction_n: Floats = field(default_factory=lambda: np.zeros(3))
+    depth_m: float = 0.0
 
     @property
     def approach_m_s(self) -> float:

@@ -146,7 +146,8 @@ class Squeeze(Standing):
         file = example("mug") if file is None else file
         super().__init__(gripper(file, FRICTION), file, pixels, BLOCKS, render_mode)
         fingers = {name: Finger(friction=FRICTION) for name in FINGERS}
-        self._touch, sensor = LiveTouch(self._simulation, {"object": file}, fingers), Finger().sensor
+        self._touch = LiveTouch(self._simulation, {"object": file}, fingers, onto_surface=True)
+        sensor = Finger().sensor
         gels = (len(FINGERS), sensor.image_height, sensor.image_width, 3)
         self.action_space = Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: gymnasium.Space[Any] = Dict(

@@ -101,7 +101,10 @@ class MujocoSimulation:
             names = self._names[owners[row, 0]], self._names[owners[row, 1]]
             pressed_n = max(0.0, float(force[0]))
             along = force[1] * contacts.frame[index, 3:6] + force[2] * contacts.frame[index, 6:]
-            found.append(Touching(names, points[row], normals[row], pressed_n, velocities[row], along))
+            depth_m = max(0.0, -float(contacts.dist[index]))
+            found.append(
+                Touching(names, points[row], normals[row], pressed_n, velocities[row], along, depth_m)
+            )
         return found
 
     def mass_at_kg(self, touching: Touching) -> float:

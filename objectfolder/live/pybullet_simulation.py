@@ -107,7 +107,8 @@ class PybulletSimulation:
                 names = self._names[links[0]], self._names[links[1]]
                 # As told, of the first body.
                 along = -contact[10] * np.array(contact[11]) - contact[12] * np.array(contact[13])
-                found.append(Touching(names, point, normal, force_n, np.stack(at_point), along))
+                depth_m = max(0.0, -contact[8])
+                found.append(Touching(names, point, normal, force_n, np.stack(at_point), along, depth_m))
         return found
 
     def mass_at_kg(self, touching: Touching) -> float:

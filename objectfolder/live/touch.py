@@ -1,6 +1,6 @@
 """What tactile sensors feel of a simulation's objects: images, forces, slip and shear."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
-from objectfolder.live.contacts import Simulation, finite_pose
+from objectfolder.live.contacts import Simulation, Touching, finite_pose
 from objectfolder.object_file import ObjectFile
 from objectfolder.query_values import real, real_array, whole
 from objectfolder.touch.contact.height_field import gap_field
@@ -17,7 +17,7 @@ from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.markers import Markers, moved_markers
 from objectfolder.touch.elastic.shear import Shear, solve_shear
-from objectfolder.touch.rendering.simulator import Simulator, TouchImage
+from objectfolder.touch.rendering.simulator import Near, Simulator, TouchImage
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.elastic_press import greatest_depth_m
 from objectfolder.touch.truth.touches import TOLERANCE_M, saturation_depth_m
@@ -27,6 +27,9 @@ Floats = NDArray[np.float64]
 SLIDING_SHARE = 0.99
 CELL_M, TOLERANCE = 0.0005, 1e-3  # of the gel's contact
 APART_M = 0.001  # that collision shapes may stand off the surface
+# Shapes that follow the surface to the first are believed. A finger that they stop before it is taken on by
+# the second at most, where a contact lies over its gel or no farther than the third beside it.
+FOLLOWED_M, FARTHEST_M, BESIDE_M = 1e-4, 0.01, 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,8 @@ class Felt:
         How deep that body lies in the gel.
     force_n
         (3,) float64 of the engine's contacts with objects, on the finger, in the sensor's frame.
+    advanced_m
+        How far beyond the finger's own pose the sensor is here, along its axis; see `LiveTouch`.
     """
 
     finger: Finger
@@ -91,6 +96,7 @@ class Felt:
     sensor_to_object: Floats
     penetration_m: float
     force_n: Floats
+    advanced_m: float
     _patches: FacePatches = field(repr=False)
 
     @property
@@ -121,7 +127,7 @@ class Felt:
             A force of an object that is not at the gel, or more than the gel bears.
         """
         sensor, normal_n = self.finger.sensor, self.normal_n
-        shape = round(sensor.gel_height_m / CELL_M), round(sensor.gel_width_m / CELL_M)
+        shape = _cells(sensor)
         pitch = sensor.gel_height_m / shape[0], sensor.gel_width_m / shape[1]
         seen = gap_field(self._patches, sensor, self.sensor_to_object, shape)
         gap = np.zeros(shape) if normal_n == 0 else seen  # where nothing presses there may be no object
@@ -176,6 +182,10 @@ class LiveTouch:
         Object Files by the names of their bodies.
     fingers
         By the names of theirs.
+    onto_surface
+        An engine's shapes fill what is hollow, and stop a finger before the surface. Where they lie deeper in
+        each other at the gel than the surface does, take the sensor on along its axis until the surface lies
+        as deep, to 0.1 mm and by 10 mm at most: as deep as the same force presses it into the engine's shape.
 
     Raises
     ------
@@ -198,11 +208,16 @@ class LiveTouch:
     """
 
     def __init__(
-        self, simulation: Simulation, files: Mapping[str, ObjectFile], fingers: Mapping[str, Finger]
+        self,
+        simulation: Simulation,
+        files: Mapping[str, ObjectFile],
+        fingers: Mapping[str, Finger],
+        *,
+        onto_surface: bool = False,
     ) -> None:
         if not files:
             raise QueryError("files", "none given", "Give the Object File of a body.")
-        self._simulation, self._fingers = simulation, dict(fingers)
+        self._simulation, self._fingers, self._onto_surface = simulation, dict(fingers), onto_surface
         for body in (*files, *fingers):
             finite_pose(simulation, body)
         self._patches = {name: FacePatches(file.surface) for name, file in files.items()}
@@ -220,28 +235,72 @@ class LiveTouch:
         QueryError
             A pose that is not finite, or an object deeper in a gel than that gives way.
         """
-        forces = self._forces()
-        return {name: self._felt(name, finger, forces[name]) for name, finger in self._fingers.items()}
+        touching = self._simulation.touching()
+        return {
+            name: self._felt(name, finger, [one for one in touching if name in one.bodies])
+            for name, finger in self._fingers.items()
+        }
 
-    def _felt(self, name: str, finger: Finger, forces: dict[str, Floats]) -> Felt:
-        sensor = finite_pose(self._simulation, name) @ finger.sensor_to_body
+    def _felt(self, name: str, finger: Finger, touching: Sequence[Touching]) -> Felt:
+        frame = finite_pose(self._simulation, name) @ finger.sensor_to_body
+        met = {body: [one for one in touching if body in one.bodies] for body in self._patches}
+        forces = {body: _force_n(name, met[body]) for body in met}
         found = []
-        for body in sorted(self._patches, key=lambda body: forces[body] @ sensor[:3, 0]):
-            pose = np.linalg.inv(finite_pose(self._simulation, body)) @ sensor
-            found.append((body, pose, self._seers[body, name].approach(pose, 0.0)))
-        body, pose, near = max(found, key=lambda one: one[2].greatest)  # the first of equals
+        for body in sorted(self._patches, key=lambda body: forces[body] @ frame[:3, 0]):
+            at_gel_m = [one.depth_m for one in met[body] if _at_gel(finger.sensor, frame, one.point_m)]
+            found.append((body, *self._met(body, name, frame, max(at_gel_m, default=0.0))))
+        body, pose, near, advanced_m = max(found, key=lambda one: one[2].greatest)  # the first of equals
         if near.greatest > saturation_depth_m(finger.sensor) + TOLERANCE_M:
             finding = f"{body!r} lies {near.greatest * 1e3:.3g} mm in its gel, deeper than that gives way"
             raise QueryError(name, finding, "Make its contact stiffer, or press less.")
-        image, force = self._seers[body, name].see(pose, near), sum(forces.values()) @ sensor[:3, :3]
+        image, force = self._seers[body, name].see(pose, near), sum(forces.values()) @ frame[:3, :3]
         touched = body if near.greatest > 0 else None
-        return Felt(finger, name, touched, image, pose, near.greatest, force, self._patches[body])
+        patches = self._patches[body]
+        return Felt(finger, name, touched, image, pose, near.greatest, force, advanced_m, patches)
 
-    def _forces(self) -> dict[str, dict[str, Floats]]:
-        """Force (3,) on each finger by each object, in the world."""
-        forces = {name: {body: np.zeros(3) for body in self._patches} for name in self._fingers}
-        for one in self._simulation.touching():
-            for finger, other, sign in zip(one.bodies, one.bodies[::-1], (-1.0, 1.0), strict=True):
-                if finger in forces and other in self._patches:
-                    forces[finger][other] += sign * (one.force_n * one.normal + one.friction_n)
-        return forces
+    def _met(self, body: str, name: str, frame: Floats, depth_m: float) -> tuple[Floats, Near, float]:
+        """Return a sensor's pose in the frame of a body, its faces near the gel, and how far it was taken on.
+
+        Parameters
+        ----------
+        frame
+            (4, 4) of the sensor, in the world.
+        depth_m
+            How deep the engine's shapes lie in each other at the gel.
+        """
+        sensor, seer = self._fingers[name].sensor, self._seers[body, name]
+        own = np.linalg.inv(finite_pose(self._simulation, body)) @ frame
+        near = first = seer.approach(own, 0.0)
+        pose, wanted_m, advanced_m = own, depth_m - FOLLOWED_M, 0.0
+        if not self._onto_surface or near.greatest >= wanted_m:
+            return own, near, 0.0
+        for _ in range(2):  # cells miss the deepest place by some micrometres
+            least_m = -near.greatest
+            if not near.greatest > 0:
+                least_m = float(gap_field(self._patches[body], sensor, pose, _cells(sensor)).min())
+            advanced_m += wanted_m + least_m
+            if not 0 < advanced_m <= FARTHEST_M:
+                return own, first, 0.0
+            pose = own.copy()
+            pose[:3, 3] += advanced_m * own[:3, 0]
+            near = seer.approach(pose, 0.0)
+        return pose, near, advanced_m
+
+
+def _cells(sensor: Sensor) -> tuple[int, int]:
+    """Return rows and columns of `CELL_M` over a gel."""
+    return round(sensor.gel_height_m / CELL_M), round(sensor.gel_width_m / CELL_M)
+
+
+def _at_gel(sensor: Sensor, frame: Floats, point_m: Floats) -> bool:
+    """Whether a point (3,) of the world lies over the gel of a sensor at a frame (4, 4), or nearly so."""
+    beside = np.abs((point_m - frame[:3, 3]) @ frame[:3, 1:3] - sensor.gel_apex_m[1:])
+    return bool((beside <= np.array([sensor.gel_width_m, sensor.gel_height_m]) / 2 + BESIDE_M).all())
+
+
+def _force_n(name: str, touching: Sequence[Touching]) -> Floats:
+    """Return the force (3,) of contacts on one of their bodies, in the world."""
+    force = np.zeros(3)
+    for one in touching:
+        force += (1.0 if one.bodies[1] == name else -1.0) * (one.force_n * one.normal + one.friction_n)
+    return force

@@ -94,6 +94,7 @@ def test_what_stands_presses_with_its_weight_in_both_engines(bullet):
             simulation.step()
         (one,) = simulation.touching()
         assert one.force_n == pytest.approx(MASS_KG * GRAVITY, rel=0.15)  # it rocks about its centre
+        assert one.depth_m == pytest.approx(RADIUS_M - simulation.pose("ball")[2, 3], abs=1e-5)
 
 
 def test_a_mug_that_falls_in_pybullet_is_heard(bullet):

@@ -9,6 +9,8 @@ import pytest
 import objectfolder
 from objectfolder.errors import QueryError
 from objectfolder.live import Finger, LiveTouch, MujocoSimulation, PybulletSimulation, Touching
+from objectfolder.live.gripper import FINGERS, gripper
+from objectfolder.live.touch import _force_n
 
 MUG = objectfolder.example("mug")
 GRAVITY, MASS_KG = 9.81, 0.2
@@ -56,20 +58,21 @@ def turned(axis, degrees, place=(0, 0, 0)):
     return pose
 
 
-def felt(finger_pose, mug_pose=None, contacts=(), finger=None, **others):
-    poses = {"mug": np.eye(4) if mug_pose is None else mug_pose, "finger": finger_pose, **others}
+def felt(finger_pose, mug_pose=None, contacts=(), finger=None, **asked):
+    poses = {"mug": np.eye(4) if mug_pose is None else mug_pose, "finger": finger_pose}
     simulation = Posed(poses, list(contacts))
-    return LiveTouch(simulation, {"mug": MUG}, {"finger": finger or Finger()}).feel()["finger"]
+    return LiveTouch(simulation, {"mug": MUG}, {"finger": finger or Finger()}, **asked).feel()["finger"]
 
 
-def bearing(pose, force_sensor_n):
+def bearing(pose, force_sensor_n, place_m=(0.0, 0.0, 0.0), depth_m=0.0):
     """A contact that pushes the finger at a pose by a force (3,) in its own frame; the mug is first."""
     force = pose[:3, :3] @ np.asarray(force_sensor_n, float)
     along = -pose[:3, 0]
     normal_n = float(force @ along)
     return Touching(
-        ("mug", "finger"), pose[:3, 3], along, normal_n, np.zeros((2, 3)), force - normal_n * along
-    )
+        ("mug", "finger"), pose[:3, 3] + pose[:3, :3] @ place_m, along, normal_n, np.zeros((2, 3)),
+        force - normal_n * along, depth_m,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("asked", [{}, {"depth": 0.0004}, {"tilt": 9.0, "azimuth": 50.0}, {"roll": 77.0}])
@@ -118,6 +121,61 @@ def test_the_object_that_lies_deepest_is_seen():
     simulation = Posed({"far": np.eye(4), "near": deeper, "finger": pose})
     found = LiveTouch(simulation, {"far": MUG, "near": MUG}, {"finger": Finger()}).feel()["finger"]
     assert (found.touched, round(found.penetration_m, 9)) == ("near", 0.0015)
+
+
+@pytest.mark.parametrize("off_m", [0.0002, 0.003])
+def test_a_finger_that_shapes_stop_before_the_surface_feels_it_as_deep(off_m):
+    touches = pressed(depth=4e-4)
+    pose = touches.sensor_to_object[0].copy()
+    pose[:3, 3] -= (4e-4 + off_m) * pose[:3, 0]
+    contacts = [bearing(pose, [-2.0, 0.0, 0.0], Finger().sensor.gel_apex_m, 5e-4)]
+    found = felt(pose, contacts=contacts, onto_surface=True)
+    assert found.touched == "mug"
+    assert found.advanced_m == pytest.approx(4e-4 + off_m, abs=1e-9)
+    np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-9)
+    np.testing.assert_allclose(found.image.depth, touches.depth[0], atol=2**-23)
+    assert found.pressed.force_n == pytest.approx(2.0), "and it bears the force there"
+    assert felt(pose, contacts=contacts).touched is None
+
+
+@pytest.mark.parametrize(
+    ("off_m", "place_m", "depth_m"),
+    [
+        (0.0102, (0.022, 0.0, 0.015), 5e-4),  # too far from the surface
+        (0.003, (0.022, 0.0125, 0.015), 5e-4),  # beside the gel
+        (0.003, (0.022, 0.0, -0.0025), 5e-4),  # below it
+        (-4.1e-4, (0.022, 0.0, 0.015), 5e-4),  # the shapes follow the surface
+        (0.003, (0.022, 0.0, 0.015), 0.0),  # an engine that tells no depth
+    ],
+)
+def test_other_fingers_are_felt_where_they_are(off_m, place_m, depth_m):
+    pose = pressed(depth=1e-3).sensor_to_object[0].copy()
+    pose[:3, 3] -= (1e-3 + off_m) * pose[:3, 0]
+    contacts = [bearing(pose, [-2.0, 0.0, 0.0], place_m, depth_m)]
+    found = felt(pose, contacts=contacts, onto_surface=True)
+    assert (found.advanced_m, found.touched) == (0.0, "mug" if off_m < 0 else None)
+    np.testing.assert_allclose(found.sensor_to_object, pose, atol=1e-15)
+
+
+def test_fingers_feel_a_bell_whose_hull_they_press():
+    """Its waist lies 1 mm and more inside its hull."""
+    bell = objectfolder.example("bell")
+    model = gripper(bell)
+    data = mujoco.MjData(model)
+    simulation = MujocoSimulation(model, data)
+    fingers = {name: Finger(friction=0.8) for name in FINGERS}
+    touch = LiveTouch(simulation, {"object": bell}, fingers, onto_surface=True)
+    data.ctrl[:2] = 4.0
+    for _ in range(300):
+        simulation.step()
+    depths = [one.depth_m for one in simulation.touching() if "left" in one.bodies]
+    found = touch.feel()["left"]
+    assert found.normal_n == pytest.approx(4.0, rel=0.05)
+    assert found.advanced_m > 1e-3
+    assert found.penetration_m == pytest.approx(max(depths) - 1e-4, abs=1e-9)
+    poses = {"bell": np.eye(4), "finger": found.sensor_to_object}
+    there = LiveTouch(Posed(poses), {"bell": bell}, {"finger": Finger()}).feel()["finger"]
+    np.testing.assert_array_equal(found.image.rgb, there.image.rgb)
 
 
 def test_an_object_that_presses_from_a_hair_beyond_the_gel_drags_its_markers():
@@ -243,11 +301,11 @@ def test_both_engines_tell_what_a_leaning_finger_bears(bullet, engine, tilt_deg)
     MuJoCo lets what slides hop from step to step: over all of them forces are what momentum says.
     """
     simulation = squeezed(bullet if engine == "bullet" else engine, tilt_deg)
-    touch, places, forces = LiveTouch(simulation, {"mug": MUG}, {"finger": Finger()}), [], []
+    places, forces = [], []
     for _ in range(40):
         simulation.step()
         places.append(simulation.pose("mug")[:3, 3].copy())
-        forces.append(touch._forces()["finger"]["mug"])
+        forces.append(_force_n("finger", simulation.touching()))
     velocities = np.diff(places, axis=0) / 0.002
     gained = (velocities[-1] - velocities[0]) / (len(velocities) - 1) / 0.002
     force = np.mean(forces[1:-1], axis=0)

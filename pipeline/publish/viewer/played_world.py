@@ -70,7 +70,7 @@ class PlayedWorld:
         self._world = Handling(opened.spec, self._files)
         self._points = opened.points(self._world)
         fingers = {name: Finger(friction=FRICTION) for name in FELT_BY}
-        self._touch = LiveTouch(self._world, self._files, fingers)
+        self._touch = LiveTouch(self._world, self._files, fingers, onto_surface=True)
         self._felt: dict[str, Felt] = {}
         self._poses, self._said = Poses(), ""
         self._grabbed: tuple[str, np.ndarray] | None = None
