@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import minimum_filter
 
 from objectfolder.live.lamp_ways import LitPoints
@@ -16,6 +17,7 @@ from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
 TABLE_ALBEDO = (0.42, 0.36, 0.3)
+SPARSE = 48  # rows and columns of points at which the table's share of an environment is known, at most
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,8 @@ class Tabletop:
     depth_m, order_m : as of `Layer`
     covered : (h, w) its share of each pixel
     light : (k, h, w) what it reflects of each lamp of colour 1, unhindered, over its albedo
+    sparse : (n, 3) points of its plane that stand for the pixels `at`, on a grid of (rows, columns)
+    at : (rows,) and (columns,)
     """
 
     lit: LitPoints
@@ -106,6 +110,8 @@ class Tabletop:
     order_m: Floats
     covered: Floats
     light: Floats
+    sparse: Floats
+    at: tuple[NDArray[np.int64], NDArray[np.int64]]
 
     @classmethod
     def of(cls, side_m: float, height_m: float, lamps_m: Floats, view: View) -> "Tabletop":
@@ -122,19 +128,31 @@ class Tabletop:
         away = lamps_m[:, None, None] - point
         squared = np.maximum((away**2).sum(axis=-1), 1e-12)
         falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
+        rows, columns = (np.unique(np.linspace(0, n - 1, SPARSE).round().astype(int)) for n in view.size)
         return cls(
             LitPoints.of(seen, lamps_m),
             depth,
             sorting_depth(depth),
             covered,
             np.nan_to_num(falls, posinf=0.0),
+            point[np.ix_(rows, columns)].reshape(-1, 3),
+            (rows, columns),
         )
 
-    def layer(self, hidden: NDArray[np.bool_], light: SceneLight) -> Layer:
-        """Return it under a light, whose lamps are each hidden (k, h, w) somewhere."""
+    def layer(self, hidden: NDArray[np.bool_], light: SceneLight, around: NDArray[np.bool_]) -> Layer:
+        """Return it under a light, whose lamps are each hidden (k, h, w) somewhere.
+
+        So is what comes from each direction, at the `sparse` points, (m, n).
+        """
         rgba = np.empty((*self.covered.shape, 4))
         lit = np.where(hidden, 0.0, self.light).transpose(1, 2, 0) @ (light.colours * TABLE_ALBEDO)
-        rgba[..., :3] = (lit + light.above * TABLE_ALBEDO) * self.covered[..., None]
+        even = np.asarray(light.above)
+        if around.any():
+            rows, columns = self.at
+            dark = (around.T @ light.shares).reshape(len(rows), len(columns), 3)
+            along = np.meshgrid(*(np.arange(n) for n in self.covered.shape), indexing="ij")
+            even = light.above - RegularGridInterpolator(self.at, dark)(tuple(along))
+        rgba[..., :3] = (lit + even * TABLE_ALBEDO) * self.covered[..., None]
         rgba[..., 3] = self.covered
         return Layer(rgba, self.depth_m, self.order_m)
 

@@ -29,12 +29,16 @@ class SceneLight:
         (h, 2 h, 3) map of the environment, oriented as in `vision.environment`; None: there is none.
     above
         (3,) radiance of a matt white plane that faces +z, under the environment alone.
+    towards, shares
+        (m, 3) directions from which it comes, in the world, and (m, 3) what comes from each.
     """
 
     lamps_m: Floats
     colours: Floats
     radiance: Floats | None = None
     above: Floats = field(default_factory=lambda: np.zeros(3))
+    towards: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    shares: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def of(cls, lamps_m: Any, lamp_colours: Any, environment: Any) -> "SceneLight":
@@ -53,13 +57,16 @@ class SceneLight:
             raise QueryError("lamps_m, lamp_colours", finding, "Give a place and a colour (3,) of each.")
         if environment is None:
             return cls(lamps, colours)
-        Environment.of(environment)  # or it is refused
+        known = Environment.of(environment)  # or it is refused
         radiance = named_map(environment) if isinstance(environment, str) else np.asarray(environment, float)
         rows = len(radiance)
         edges = np.maximum(np.cos(np.pi * np.arange(rows + 1) / rows), 0.0)
         arriving = (edges[:-1] ** 2 - edges[1:] ** 2) / (2 * rows)  # cosine times solid angle, over pi
         above = np.tensordot(arriving, radiance.sum(axis=1), 1)
-        return cls(lamps, colours, radiance, above)
+        up = known.directions[:, 2] > 0
+        shares = known.powers[up] * known.directions[up, 2:]
+        shares *= above / np.maximum(shares.sum(axis=0), 1e-300)
+        return cls(lamps, colours, radiance, above, known.directions[up], shares)
 
     def seen_by(self, pose: Floats, unit_m: float) -> "SceneLight":
         """Return the light in a body's frame, whose lamps are as strong at `unit_m` as these at a metre."""

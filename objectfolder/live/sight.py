@@ -46,7 +46,8 @@ class LiveSight:
 
     Each object is its Object File's own image: highlights, texture, and the light that its own parts throw
     on each other. Shadows that lamps throw of other objects have hard edges, taken at the pixels' centres.
-    Objects throw no light on one another, mirror nothing of one another, and hide no environment.
+    Objects throw no light on one another and mirror nothing of one another. They hide an environment from the
+    table, not from one another.
 
     Parameters
     ----------
@@ -102,6 +103,7 @@ class LiveSight:
         self._before: dict[str, DrawnObject] = {}
         # By what shadows fall on (None: the table) and who throws them.
         self._thrown: dict[tuple[str | None, str], tuple[LitPoints, DrawnObject, NDArray[np.bool_]]] = {}
+        self._around: dict[str, tuple[Tabletop, DrawnObject, NDArray[np.bool_]]] = {}
         for name in self._drawable:
             finite_pose(simulation, name)
 
@@ -130,7 +132,8 @@ class LiveSight:
         drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}
         layers = [self._shaded(name, drawn) for name in drawn]
         if table:
-            layers.append(table.layer(self._hidden(table.lit, drawn), self._light))
+            hidden = self._hidden(table.lit, drawn), self._hidden_around(table, drawn)
+            layers.append(table.layer(hidden[0], self._light, hidden[1]))
         rgba, depths = composited(layers, size, len(drawn))
         if self._exposure is None:
             self._exposure = exposure(rgba[None])
@@ -192,6 +195,30 @@ class LiveSight:
             if before is None or before[0] is not seen or before[1] is not one:
                 before = self._thrown[but, name] = seen, one, self._thrown_by(name, one.pose, seen)
             hidden[:, seen.known] |= before[2]
+        return hidden
+
+    def _hidden_around(self, table: Tabletop, drawn: Mapping[str, DrawnObject]) -> NDArray[np.bool_]:
+        """Return which (m, n) directions of the environment objects hide from sparse points of the table."""
+        hidden = np.zeros((len(self._light.towards), len(table.sparse)), dtype=bool)
+        for name, one in drawn.items() if self._shadows and hidden.size else ():
+            before = self._around.get(name)
+            if before is None or before[0] is not table or before[1] is not one:
+                before = self._around[name] = table, one, self._hidden_by(name, one.pose, table.sparse)
+            hidden |= before[2]
+        return hidden
+
+    def _hidden_by(self, name: str, pose: Floats, points: Floats) -> NDArray[np.bool_]:
+        """Return which (m, n) directions of the environment an object hides from points (n, 3)."""
+        centre, radius = moved_by(pose, self._balls[name][0]), self._balls[name][1]
+        back, towards = inverse_pose(pose), self._light.towards
+        away = centre - points
+        along = towards @ away.T
+        direction, point = np.nonzero((along > -radius) & ((away**2).sum(axis=1) - along**2 < radius**2))
+        reach = (along[direction, point] + radius)[:, None] * towards[direction]
+        starts = points[point] + OFF * reach
+        hidden = np.zeros(along.shape, dtype=bool)
+        ends = moved_by(back, points[point] + reach)
+        hidden[direction, point] = self._files[name].surface.occluded(moved_by(back, starts), ends)
         return hidden
 
     def _thrown_by(self, name: str, pose: Floats, seen: LitPoints) -> NDArray[np.bool_]:

@@ -10,9 +10,9 @@ from objectfolder.live import LiveSight
 from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_layers import TABLE_ALBEDO
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.cameras import look_at, pixel_rays
+from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at, pixel_rays
 from objectfolder.vision.compositing import on_white, srgb_decode, srgb_encode
-from objectfolder.vision.environment import named_map
+from objectfolder.vision.environment import named_map, pixel_directions
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 CAMERA = look_at(np.array([[0.1, -0.45, 0.35]]), np.array([[0.0, 0.0, 0.03]]))[0]
@@ -272,7 +272,8 @@ def test_lamps_and_environments_add_up_and_so_do_colours(files, still):
 
 
 def test_a_table_in_a_white_furnace_shows_its_albedo(files, still):
-    seen = LiveSight(still, files, environment=np.ones((8, 16, 3)), exposure_factor=1.0).image(CAMERA, SIZE)
+    furnace = {"environment": np.ones((8, 16, 3)), "exposure_factor": 1.0}
+    seen = LiveSight(still, files, **furnace, shadows=False).image(CAMERA, SIZE)
     shown = seen.rgb[(seen.body < 0) & np.isfinite(seen.depth_m)]
     middle = np.median(shown, axis=0)
     np.testing.assert_allclose(middle / 255, srgb_encode(np.array(TABLE_ALBEDO)), atol=0.003)
@@ -311,3 +312,31 @@ def test_a_matt_body_hides_and_shades_as_an_object_of_its_surface(files, still):
     assert (abs(seen.rgb.astype(int) - as_file.rgb).max(axis=2) <= 1)[elsewhere].mean() > 0.98
     with pytest.raises(QueryError, match="environment"):
         LiveSight(still, {}, matt={"bell": body}, environment="sky")
+
+
+def test_objects_hide_an_environment_from_the_table(files):
+    """Against every pixel of the map, asked for by rays from what the camera sees of the table."""
+    cup, size, factor = files["cup"], (40, 40), 0.4
+    still = Still({"cup": placed(cup, 0.0, 0.0, 0.4)})
+    settings = {"environment": "window", "exposure_factor": factor}
+    seen = LiveSight(still, {"cup": cup}, **settings).image(CAMERA, size)
+    bare = LiveSight(still, {"cup": cup}, **settings, shadows=False).image(CAMERA, size)
+    radiance, (directions, solid_angle) = named_map("window"), pixel_directions(128)
+    arriving = (radiance * (directions[..., 2] * solid_angle[:, None])[..., None])[:64].reshape(-1, 3) / np.pi
+    towards = directions[:64].reshape(-1, 3)
+    table = (seen.body < 0) & np.isfinite(seen.depth_m)
+    pixels = np.argwhere(table)[:: max(1, table.sum() // 60)]
+    starts, along = pixel_rays(CAMERA, pixels @ [size[1], 1], np.array([[0.5, 0.5]]), size, FIELD_OF_VIEW_DEG)
+    points = starts - along * (starts[:, 2:] / along[:, 2:])
+    turn, place = still.pose("cup")[:3, :3], still.pose("cup")[:3, 3]
+    errors, darkest = [], 1.0
+    for (row, column), point in zip(pixels, points, strict=True):
+        from_m = np.broadcast_to(point + np.array([0, 0, 1e-5]), towards.shape)
+        hidden = cup.surface.occluded((from_m - place) @ turn, (from_m + towards - place) @ turn)
+        share = arriving[~hidden].sum(axis=0) / arriving.sum(axis=0)
+        shown = srgb_decode(seen.rgb[row, column] / 255) / srgb_decode(bare.rgb[row, column] / 255)
+        errors.append(abs(shown - share).max())
+        darkest = min(darkest, share.min())
+    assert darkest < 0.6
+    assert np.max(errors) < 0.06
+    assert np.mean(errors) < 0.015
