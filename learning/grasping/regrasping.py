@@ -88,7 +88,7 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         self._first = self.place = self.np_random.uniform(-spread, spread)
         self._regrasps = self._unseen = 0
         self._close()
-        return self._observed(), self._said()
+        return self._seen, self._said()
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Grasp again elsewhere, or lift."""
@@ -98,11 +98,10 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
             self._regrasps += 1
             self._close()
             charged, lifts = self._charge, self._regrasps == self._most
-        observed = self._observed()
         if not lifts:
-            return observed, -charged, False, False, self._said()
+            return self._seen, -charged, False, False, self._said()
         held = self._worlds[self._object_id].lift(self._force_n) >= HELD_SHARE
-        return observed, float(held) - charged, True, False, self._said() | {"is_success": held}
+        return self._seen, float(held) - charged, True, False, self._said() | {"is_success": held}
 
     @property
     def _force_n(self) -> float:
@@ -112,6 +111,7 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         offset_m, yaw_rad, height_share = self.place
         self.grasp = Grasp(yaw_rad + self._back_rad, offset_m, height_share, self._force_n)
         self._worlds[self._object_id].close(self.grasp)
+        self._seen = self._observed()
 
     def _said(self) -> dict[str, Any]:
         return {

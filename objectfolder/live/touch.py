@@ -1,8 +1,8 @@
 """What tactile sensors feel of a simulation's objects: images, forces, slip and shear."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,8 +77,6 @@ class Felt:
         Which one.
     touched
         The body that lies deepest in the gel; None where none does.
-    image
-        rgb, depth, mask and contact area, as those of a rigid press at that pose.
     sensor_to_object
         (4, 4) pose in the frame of the body touched, else of that which presses most, else of any.
     penetration_m
@@ -92,12 +90,17 @@ class Felt:
     finger: Finger
     name: str
     touched: str | None
-    image: TouchImage
     sensor_to_object: Floats
     penetration_m: float
     force_n: Floats
     advanced_m: float
     _patches: FacePatches = field(repr=False)
+    _see: Callable[[], TouchImage] = field(repr=False)
+
+    @cached_property
+    def image(self) -> TouchImage:
+        """rgb, depth, mask and contact area, as those of a rigid press at that pose; drawn when asked for."""
+        return self._see()
 
     @property
     def normal_n(self) -> float:
@@ -253,10 +256,10 @@ class LiveTouch:
         if near.greatest > saturation_depth_m(finger.sensor) + TOLERANCE_M:
             finding = f"{body!r} lies {near.greatest * 1e3:.3g} mm in its gel, deeper than that gives way"
             raise QueryError(name, finding, "Make its contact stiffer, or press less.")
-        image, force = self._seers[body, name].see(pose, near), sum(forces.values()) @ frame[:3, :3]
+        force, see = sum(forces.values()) @ frame[:3, :3], partial(self._seers[body, name].see, pose, near)
         touched = body if near.greatest > 0 else None
         patches = self._patches[body]
-        return Felt(finger, name, touched, image, pose, near.greatest, force, advanced_m, patches)
+        return Felt(finger, name, touched, pose, near.greatest, force, advanced_m, patches, see)
 
     def _met(self, body: str, name: str, frame: Floats, depth_m: float) -> tuple[Floats, Near, float]:
         """Return a sensor's pose in the frame of a body, its faces near the gel, and how far it was taken on.

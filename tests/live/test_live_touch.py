@@ -356,3 +356,13 @@ def test_a_finger_does_not_feel_beyond_its_gel():
     away[:3, 3] -= 0.05 * pose[:3, 0]
     with pytest.raises(QueryError, match=r"finger: bears 2 N of an object that is not at its gel"):
         felt(away, contacts=[bearing(away, [-2.0, 0, 0])]).markers()
+
+
+def test_an_image_that_is_asked_for_late_is_that_of_when_it_was_felt():
+    touches = pressed(depth=0.0008)
+    simulation = Posed({"mug": np.eye(4), "finger": touches.sensor_to_object[0]})
+    touch = LiveTouch(simulation, {"mug": MUG}, {"finger": Finger()})
+    before = touch.feel()["finger"]
+    simulation.poses["finger"] = simulation.poses["finger"] @ turned((1, 0, 0), 0, (-0.0004, 0.002, 0.001))
+    assert (touch.feel()["finger"].image.rgb != touches.rgb[0]).any()
+    np.testing.assert_array_equal(before.image.rgb, touches.rgb[0])
