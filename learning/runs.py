@@ -17,7 +17,7 @@ from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 
 RUNS = Path("learning/runs")
-SAID = ("sense", "senses", "protocol", "seed")  # of a unit that was made
+SAID = ("sense", "senses", "protocol", "object", "act", "seed")  # of a unit that was made
 LOGS = RUNS / "logs"  # for TensorBoard
 # What every task draws and trains with: with other code nothing that was kept is read.
 CODE = ("encoders", "networks", "samples")

@@ -179,9 +179,11 @@ def _predicted(predictor: Predictor, training: Rows, test: Rows) -> dict[str, ND
 def _by_size(grasps: Grasps, settings: Settings) -> Iterator[tuple[int, Rows, Rows]]:
     """Yield how many grasps are trained on, which, and which are tested, by folds with equal shares held."""
     folds = StratifiedKFold(settings.grasping.folds, shuffle=True, random_state=settings.seeds[0])
-    for training, test in folds.split(grasps["held"], grasps["held"]):
+    split = list(folds.split(grasps["held"], grasps["held"]))
+    most = min(len(training) for training, _ in split)  # folds differ by one, and are figured together
+    for training, test in split:
         random = np.random.default_rng(len(test))
-        for size in sorted({min(size, len(training)) for size in settings.grasping.sizes}):
+        for size in sorted({min(size, most) for size in settings.grasping.sizes}):
             yield size, random.permutation(training)[:size], test
 
 

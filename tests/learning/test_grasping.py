@@ -66,6 +66,15 @@ def test_attempts_are_those_of_the_seed(world):
     assert once["grasp"].shape == (3, 4)
 
 
+def test_folds_that_are_not_equal_are_trained_on_as_many(tiny):
+    asked = tiny.grasping.model_copy(update={"folds": 3, "sizes": (5, 100)})
+    settings = tiny.model_copy(update={"grasping": asked})
+    found = list(stability._by_size({"held": np.arange(32) % 2 == 0}, settings))
+    assert [size for size, _, _ in found] == [5, 21] * 3
+    assert [len(rows) for _, rows, _ in found] == [5, 21] * 3
+    assert sorted(np.concatenate([test for _, _, test in found[::2]])) == list(range(32))
+
+
 @pytest.mark.slow
 def test_of_four_objects_each_is_left_out_once(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
@@ -75,7 +84,7 @@ def test_of_four_objects_each_is_left_out_once(tiny, tmp_path, monkeypatch):
         (folder / f"{name}.safetensors").symlink_to(EXAMPLES / f"{shown}.safetensors")
     settings = tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})
     found = stability.evaluate(Objects(settings), settings, Here())
-    json.dumps(found)
+    json.dumps(found, allow_nan=False)
     (size,) = found["accuracy_percent"]
     assert set(found["accuracy_percent"][size]) == {
         "V", "T", "VT", "majority", "majority of the object", "trees on force and pose",
