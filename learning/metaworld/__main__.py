@@ -28,6 +28,8 @@ GRIP: dict[str, Any] = {
 }  # fmt: skip
 RESETS = {"reach": 100, "push": 30, "pick-place": 30}  # with each object
 STEPS = 500  # of an episode, Meta-World's own
+# Of the collision parts: the narrower horizontal side, the other, the height.
+FITTING_M = ((0.03, 0.062), (0.03, 0.15), (0.025, 0.12))
 
 
 def swapped(scene: Path, asset: Path) -> mujoco.MjModel:
@@ -41,8 +43,7 @@ def swapped(scene: Path, asset: Path) -> mujoco.MjModel:
     for geom in body.geoms:
         geom.delete()
     known = json.loads((asset / "object.json").read_text(encoding="utf-8"))
-    parts = sorted(asset.glob("collision_*.obj"))
-    points = np.vstack([_vertices(part) for part in parts])
+    parts, points = _parts(asset)
     wide, deep = np.ptp(points[:, :2], axis=0)
     turn = Rotation.from_euler("z", 0.0 if wide >= deep else np.pi / 2)
     centre = turn.apply(known["centre_of_mass_m"])
@@ -57,6 +58,19 @@ def swapped(scene: Path, asset: Path) -> mujoco.MjModel:
     body.mass, body.ipos, body.inertia = known["mass_kg"], centre + place, moments
     body.iquat = (turn * Rotation.from_matrix(axes)).as_quat(scalar_first=True)
     return spec.compile()
+
+
+def fits(asset: Path) -> bool:
+    """Return whether Meta-World's gripper can close round an object as it stands."""
+    *sides, height = np.ptp(_parts(asset)[1], axis=0)
+    sizes = (*sorted(sides), height)
+    return all(low <= size <= high for size, (low, high) in zip(sizes, FITTING_M, strict=True))
+
+
+def _parts(asset: Path) -> tuple[list[Path], np.ndarray]:
+    """Return the files of the convex parts, and all their vertices (n, 3)."""
+    parts = sorted(asset.glob("collision_*.obj"))
+    return parts, np.vstack([_vertices(part) for part in parts])
 
 
 def _vertices(path: Path) -> np.ndarray:
@@ -104,6 +118,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m learning.metaworld", description=__doc__)
     parser.add_argument("assets", type=Path)
     parser.add_argument("--resets", type=int, help="with each object, in every task")
+    parser.add_argument(
+        "--fitting",
+        action="store_true",
+        help="push and pick-place those alone that the gripper can close round",
+    )
+    parser.add_argument("--result", type=Path, default=RESULT)
     asked = parser.parse_args()
     assets = sorted(path.parent for path in asked.assets.glob("*/object.json"))
     if not assets:
@@ -113,9 +133,11 @@ def main() -> None:
         resets = asked.resets or RESETS[task]
         row = found[task] = {"resets": resets, "succeeded": {}}
         for asset in assets:
+            if asked.fitting and task != "reach" and not fits(asset):
+                continue
             count = row["succeeded"][asset.name] = successes(task, asset, resets)
             print(f"{task}, {asset.name}: {count} of {resets}", flush=True)
-    RESULT.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    asked.result.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
