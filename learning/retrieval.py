@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
-from torch.nn.functional import cosine_similarity, cross_entropy, normalize
+from torch.nn.functional import cross_entropy, normalize
 
 from learning.encoders import Encoded, Encoder, encoded, folds_of, train, train_unseen
 from learning.metrics import chance_average_precision, mean_average_precision, one_positive_galleries
@@ -158,8 +158,8 @@ def both_ways(space: CommonSpace, pair: tuple[Encoded, Encoded]) -> list[tuple[F
 
 
 def _cosine(first: Floats, second: Floats) -> Floats:
-    a, b = torch.from_numpy(first), torch.from_numpy(second)
-    return cosine_similarity(a[:, None], b[None], dim=2).numpy()
+    a, b = (normalize(torch.from_numpy(one), dim=1) for one in (first, second))
+    return (a @ b.T).numpy()
 
 
 def similarities(
