@@ -9,6 +9,7 @@ import torch
 
 from learning import recognition, reconstruction, retrieval, stand_in
 from learning.grasping import stability, touch_policy
+from learning.grasping.clips import FOLDER as CLIPS
 from learning.grasping.clips import write_clips
 from learning.page import PAGE, write_page
 from learning.runs import Objects
@@ -45,7 +46,7 @@ def main() -> None:
             for task in tasks:
                 _evaluate(task, objects, settings, workers, asked.results)
     if asked.task == "clips":
-        print(*write_clips(objects, settings), sep="\n")
+        print(*write_clips(objects, settings, asked.page.parent / CLIPS.name), sep="\n")
     if asked.task in ("page", "all"):
         write_page(objects, settings, asked.results, asked.page)
 

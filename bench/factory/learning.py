@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import arguments, conclude, save, subplots
+from learning.page import PUBLISHED_RECOGNITION
 
-# Gao et al. (CVPR 2023), top-1 percent of a hundred objects.
-PUBLISHED = {"V": 94.8, "A": 98.3, "T": 72.4, "VA": 99.5, "VT": 97.2, "AT": 99.0, "VAT": 99.8}
 COMPARED = (
-    "Tasks of learning/ on the Object Files of one data set, beside ResNet-18 of full width on the Object "
-    "Files of ObjectFolder 2.0 as published; objects, samples and networks differ"
+    "Tasks of learning/ on the Object Files of one data set, beside published recognition; objects, samples "
+    "and networks differ"
 )
 
 
@@ -47,8 +46,8 @@ def trimmed(figures: Any) -> Any:
 def draw(figures: dict[str, Any]) -> None:
     recognition = figures["recognition"]
     picture, axes = subplots(figsize=(7, 4))
-    names = list(PUBLISHED)
-    rows = {"published": [PUBLISHED[name] for name in names]}
+    names = list(PUBLISHED_RECOGNITION)
+    rows = {"published": list(PUBLISHED_RECOGNITION.values())}
     for protocol in ("sample", "region"):
         if protocol in recognition:
             rows[f"split by {protocol}"] = [recognition[protocol][name]["accuracy_percent"] for name in names]
