@@ -173,7 +173,8 @@ def label_draws(
 ) -> list[Samples]:
     """Draw the samples of a split, an entry an object."""
     data = settings.data
-    count = {"training": data.training, "validation": data.validation, "test": data.test}[split]
+    training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
+    count = {"training": training, "validation": data.validation, "test": data.test}[split]
     draws = []
     for object_id, file in objects.files.items():
         chosen = None
@@ -182,5 +183,5 @@ def label_draws(
             chosen = regions[split == "test"]
         drawn_seed = seed_from(seed, f"{sense} {protocol} {split}", object_id)
         lit = protocol != "one lamp"
-        draws.append(draw(file, sense, count, drawn_seed, data.resolution, chosen=chosen, lit=lit))
+        draws.append(draw(file, sense, count, drawn_seed, resolution, chosen=chosen, lit=lit))
     return draws

@@ -30,12 +30,31 @@ class _Block(nn.Module):
         return torch.relu(self.branch(x) + self.shortcut(x))
 
 
+class _Standardised(nn.Module):
+    """Subtract what all training samples share, as the picture of an untouched gel; scale what is left."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(1))
+        self.register_buffer("scale", torch.ones(1))
+
+    def learn(self, inputs: torch.Tensor) -> None:
+        """Take the mean (channels, h, w) of inputs (n, channels, h, w), and one deviation from it."""
+        self.mean = inputs.mean(dim=0)
+        self.scale = inputs.var(dim=0).mean().sqrt() + 1e-6
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return ((x - self.mean) / self.scale).contiguous(memory_format=CHANNELS_LAST)
+
+
 class ResNet18(nn.Module):
     """Images (n, channels, h, w) to logits (n, classes); `features` is the layer before, (n, 8 width)."""
 
     def __init__(self, channels: int, classes: int, width: int = 64) -> None:
         super().__init__()
+        self.standardised = _Standardised()
         self.features = nn.Sequential(
+            self.standardised,
             nn.Conv2d(channels, width, 7, 2, 3, bias=False), nn.BatchNorm2d(width), nn.ReLU(),
             nn.MaxPool2d(3, 2, 1),
             _Block(width, width, 1), _Block(width, width, 1),
@@ -83,7 +102,9 @@ def fit_classifier(
     """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    network = ResNet18(training.inputs.shape[1], classes, asked.width).to(DEVICE)
+    network = ResNet18(training.inputs.shape[1], classes, asked.width)
+    network.standardised.learn(training.inputs)
+    network.to(DEVICE)
     for weights in network.parameters():
         if weights.ndim == 4:
             weights.data = weights.data.contiguous(memory_format=CHANNELS_LAST)

@@ -1,15 +1,34 @@
 """The parameters of the tasks, read strictly."""
 
 from pathlib import Path
+from typing import Annotated
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
 
 from objectfolder.errors import InputError
 
+Pixels = Annotated[int, Field(ge=16, le=512)]
+
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Counts(_Strict):
+    """Training samples of each sense: senses differ in what one sample says, and in what it costs."""
+
+    vision: PositiveInt
+    audio: PositiveInt
+    touch: PositiveInt
+
+
+class Sides(_Strict):
+    """Pixels on the shorter side of what networks see of each sense."""
+
+    vision: Pixels
+    audio: Pixels
+    touch: Pixels
 
 
 class Data(_Strict):
@@ -17,10 +36,10 @@ class Data(_Strict):
 
     root: str
     objects: tuple[str, ...]
-    training: PositiveInt
+    training: Counts
     validation: PositiveInt
     test: PositiveInt
-    resolution: int = Field(ge=16, le=512)
+    resolution: Sides
     regions: int = Field(ge=5, le=100)
 
 

@@ -31,19 +31,20 @@ SPLITS = {"training": "training", "validation": "training", "test": "held_out"}
 def drawn(objects: Objects, settings: Settings, sense: str, seed: int) -> dict[str, dict[str, Labelled]]:
     """Return samples by source and split; a row of one source is the same query as that of the other."""
     data = settings.data
+    training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
     result: dict[str, dict[str, Labelled]] = {}
     for source in SOURCES:
         parts: dict[str, list[torch.Tensor]] = {split: [] for split in SPLITS}
         for object_id in objects.ids:
             for stored_split in ("training", "held_out"):
                 queries = ObjectFolderDataset(objects.root, sense, stored_split, source, objects=[object_id])
-                count = data.test if stored_split == "held_out" else data.training + data.validation
-                inputs = stored(queries, count, seed, data.resolution)
+                count = data.test if stored_split == "held_out" else training + data.validation
+                inputs = stored(queries, count, seed, resolution)
                 if stored_split == "held_out":
                     parts["test"].append(inputs)
                 else:
                     # A data set may hold fewer views or touches than are asked for.
-                    learnt = len(inputs) * data.training // (data.training + data.validation)
+                    learnt = len(inputs) * training // (training + data.validation)
                     parts["training"].append(inputs[:learnt])
                     parts["validation"].append(inputs[learnt:])
         result[source] = {

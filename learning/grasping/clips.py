@@ -81,7 +81,7 @@ def _grasped(grasps: Grasps, objects: Objects, settings: Settings) -> Iterator[T
         name = grasps.ids[number % len(grasps.ids)]
         grasp = next(drawn[name])
         try:
-            outcome = grasps.worlds[name].attempt(grasp, settings.data.resolution)
+            outcome = grasps.worlds[name].attempt(grasp, settings.data.resolution.vision)
         except QueryError:  # the gels cannot show it
             continue
         yield Tried(name, [grasp], outcome.held)

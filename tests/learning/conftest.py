@@ -7,7 +7,7 @@ import pytest
 import objectfolder
 from learning.grasping import worlds
 from learning.grasping.world import PARTS, World, least_force_n
-from learning.settings import read_settings
+from learning.settings import Counts, Sides, read_settings
 from objectfolder import example
 from objectfolder.simulators.collision import convex_parts
 
@@ -27,7 +27,13 @@ def tiny(small_file, tmp_path_factory):
         update={
             "seeds": (0,),
             "data": settings.data.model_copy(
-                update={"root": str(root), "training": 6, "validation": 4, "test": 6, "resolution": 16}
+                update={
+                    "root": str(root),
+                    "validation": 4,
+                    "test": 6,
+                    "training": Counts(vision=6, audio=5, touch=7),
+                    "resolution": Sides(vision=16, audio=16, touch=16),
+                }
             ),
             "encoder": settings.encoder.model_copy(update={"width": 2, "epochs": 1}),
             "retrieval": settings.retrieval.model_copy(update={"epochs": 1, "dimensions": 4}),

@@ -23,7 +23,7 @@ def test_resnet_18_has_the_parameters_of_resnet_18():
 
 
 def test_a_classifier_learns_what_can_be_learned_and_gives_the_same_bits_again():
-    sets = stripes(96, 0), stripes(32, 1)
+    sets = stripes(384, 0), stripes(32, 1)
     logs = [answers(fit_classifier(*sets, 2, ASKED, seed=3), stripes(64, 2).inputs)[1] for _ in range(2)]
     assert torch.equal(*logs)
     assert (logs[0].argmax(dim=1) == stripes(64, 2).labels).float().mean() > 0.9
@@ -36,3 +36,12 @@ def test_answers_do_not_depend_on_the_batch():
     assert features.shape == (8, 32)
     torch.testing.assert_close(features[3:4], alone[0])
     torch.testing.assert_close(logs.exp().sum(dim=1), torch.ones(8))
+
+
+def test_what_all_samples_share_and_their_contrast_say_nothing():
+    network, inputs, logs = ResNet18(1, 2, 4), stripes(64, 0).inputs, []
+    shared = torch.rand(1, 32, 32, generator=torch.Generator().manual_seed(0))
+    for seen in (inputs, 0.25 * inputs + shared):
+        network.standardised.learn(seen)
+        logs.append(answers(network, seen)[1])
+    torch.testing.assert_close(*logs, atol=1e-4, rtol=0)
