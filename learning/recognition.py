@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch.nn.functional import cross_entropy
 
 from learning.encoders import Encoded, Encoder, encoded, train
 from learning.metrics import binomial_interval
-from learning.networks import batches
 from learning.runs import Objects
 from learning.samples import SENSES
 from learning.settings import Settings
@@ -20,8 +18,7 @@ from learning.workers import Workers
 LETTERS = dict(zip(SENSES, "VAT", strict=True))
 COMBINATIONS = tuple(chosen for size in (1, 2, 3) for chosen in combinations(SENSES, size))
 SEVERAL = (1, 2, 3, 5)
-PAIRINGS = 8  # of training features, each with others of its object
-HEAD_EPOCHS = 60
+PAIRINGS = 8  # of test samples, each with others of its object
 
 
 def name_of(senses: Sequence[str]) -> str:
@@ -29,8 +26,22 @@ def name_of(senses: Sequence[str]) -> str:
     return "".join(LETTERS[sense] for sense in senses)
 
 
+def paired(parts: Sequence[Encoded], draws: int, seed: int) -> list[NDArray[np.int64]]:
+    """Return rows (draws n,) of each sense, drawn so that all are of the same object."""
+    random = np.random.default_rng(seed)
+    labels = np.tile(parts[0].labels, draws)
+    result = []
+    for part in parts:
+        rows = np.empty(len(labels), dtype=np.int64)
+        for label in np.unique(labels):
+            mine = labels == label
+            rows[mine] = random.choice(np.flatnonzero(part.labels == label), mine.sum())
+        result.append(rows)
+    return result
+
+
 def aligned(parts: Sequence[Encoded], draws: int, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Join features of several senses: each of the first sense's with random ones of the same object.
+    """Join features of several senses, as `paired`.
 
     Returns
     -------
@@ -39,38 +50,22 @@ def aligned(parts: Sequence[Encoded], draws: int, seed: int) -> tuple[torch.Tens
     labels
         (draws n,).
     """
-    random = np.random.default_rng(seed)
-    labels = np.tile(parts[0].labels, draws)
-    columns = []
-    for part in parts:
-        rows = np.empty(len(labels), dtype=np.int64)
-        for label in np.unique(labels):
-            mine = labels == label
-            rows[mine] = random.choice(np.flatnonzero(part.labels == label), mine.sum())
-        columns.append(part.features[rows])
+    rows = paired(parts, draws, seed)
+    columns = [part.features[one] for part, one in zip(parts, rows, strict=True)]
+    labels = parts[0].labels[rows[0]]
     return torch.from_numpy(np.concatenate(columns, axis=1)), torch.from_numpy(labels)
 
 
-def fused(encoders: Sequence[Encoder], classes: int, seed: int) -> NDArray[np.bool_]:
-    """Train a linear layer on joined features, and return which of the test's it names rightly."""
-    torch.manual_seed(seed)
-    random = torch.Generator().manual_seed(seed)
-    inputs, labels = aligned([one.splits["training"] for one in encoders], PAIRINGS, seed)
-    mean, scale = inputs.mean(dim=0), inputs.std(dim=0) + 1e-6
-    head = torch.nn.Linear(inputs.shape[1], classes)
-    optimiser = torch.optim.AdamW(head.parameters(), 1e-2, weight_decay=1e-2)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, HEAD_EPOCHS)
-    for _ in range(HEAD_EPOCHS):
-        for rows in batches(len(labels), 256, random):
-            loss = cross_entropy(head((inputs[rows] - mean) / scale), labels[rows])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-        schedule.step()
-    tested, wanted = aligned([one.splits["test"] for one in encoders], PAIRINGS, seed + 1)
-    with torch.no_grad():
-        named = head((tested - mean) / scale).argmax(dim=1)
-    return (named == wanted).numpy()
+def fused(encoders: Sequence[Encoder], seed: int) -> NDArray[np.bool_]:
+    """Return which of the test's several senses name rightly together: log probabilities are summed.
+
+    That is a linear layer on their joined features, each sense's part trained alone. One that is trained on
+    joined features relies on the sense that its training samples fit best, and errs more often.
+    """
+    tests = [one.splits["test"] for one in encoders]
+    rows = paired(tests, PAIRINGS, seed)
+    logs: Any = sum(test.log_probabilities[one] for test, one in zip(tests, rows, strict=True))
+    return np.asarray(np.argmax(logs, axis=1) == tests[0].labels[rows[0]])
 
 
 def of_several(test: Encoded, count: int, seed: int, draws: int = 20) -> float:
@@ -114,7 +109,7 @@ def _fused(
     objects: Objects, settings: Settings, senses: Sequence[str], protocol: str, seed: int
 ) -> NDArray[np.bool_]:
     encoders = [encoded(objects, settings, sense, protocol, seed) for sense in senses]
-    return named_rightly(encoders[0]) if len(senses) == 1 else fused(encoders, len(objects), seed)
+    return named_rightly(encoders[0]) if len(senses) == 1 else fused(encoders, seed)
 
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:

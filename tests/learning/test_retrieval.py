@@ -77,8 +77,8 @@ def test_joined_features_are_of_one_object():
 
 def test_two_weak_senses_together_are_better_than_each():
     weak = [made(6, 1.2, seed, seed) for seed in (1, 2)]
-    alone = [fused([one], 6, seed=0).mean() for one in weak]
-    assert fused(weak, 6, seed=0).mean() > max(alone) + 0.03
+    alone = [fused([one], seed=0).mean() for one in weak]
+    assert fused(weak, seed=0).mean() > max(alone) + 0.03
 
 
 def test_a_detector_that_sees_no_difference_is_right_half_of_the_time():
