@@ -31,7 +31,7 @@ def test_both_sizes_are_whole(tmp_path):
         ("training_views:", "trainingviews:", "unknown key sizes.default.vision.trainingviews. Did you mean"),
         ("seed: 0", "sead: 0", "params.yaml: unknown key sead. Did you mean seed?"),
         ("seed: 0", "", "params.yaml: no key seed"),
-        ("size: default", "size: papr", "'papr' is not described. Known sizes are default, paper."),
+        ("size: default", "size: papr", "'papr' is not described. Known sizes are default, small, paper."),
         ("seed: 0", "seed: zero", "params.yaml: seed is 'zero'. It must be a valid integer."),
         ("seed: 0", "seed: true", "params.yaml: seed is True"),
         ("max_modes: 128", "max_modes: 2.5", "sizes.default.audio.max_modes is 2.5"),
