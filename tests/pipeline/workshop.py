@@ -207,11 +207,11 @@ class Workshop:
         return path
 
     def edit(self, name: str, old: str, new: str) -> None:
-        """Replace a text that a file has once."""
+        """Replace the first place of a text: in params.yaml that of the default size, which stands first."""
         path = self.root / name
         text = path.read_text()
-        assert text.count(old) == 1, (name, old, text.count(old))
-        path.write_text(text.replace(old, new))
+        assert old in text, (name, old)
+        path.write_text(text.replace(old, new, 1))
 
     def edit_code(self, module: str, old: str, new: str) -> None:
         """Replace a text in the module of a body or one that it imports."""
