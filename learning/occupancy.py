@@ -1,126 +1,158 @@
 """The occupancy network: whether a point of the unit cube is inside, given features of a sample.
 
-After Mescheder et al. (2019): layers whose batch normalisation the features set. Points enter with sines and
-cosines (Mildenhall et al. 2020), without which walls of a few hundredths of the length are lost.
+Conditional batch normalisation after Mescheder et al. (2019), but of the last layer alone. There features set
+every layer, so each point passes through all of them for each object. Here grids (Peng et al. 2020) and two
+layers turn a point into functions of place that all objects share, normalised over the batch. A sample's
+features say how much of each function its object has. One pass of a point trains all objects that are known.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 import trimesh
 from scipy.ndimage import maximum_filter
 from torch import nn
-from torch.nn.functional import binary_cross_entropy_with_logits
+from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 
 from learning.networks import DEVICE
-from learning.runs import Objects
+from learning.runs import Objects, code_digests, kept
 from learning.settings import Reconstruction
-from learning.shapes import grid_points, inside, near_surface, surface_of, unit_mesh, volume_points
+from learning.shapes import (
+    HALF_SIDE,
+    grid_points,
+    inside,
+    near_surface,
+    surface_of,
+    unit_mesh,
+    volume_points,
+)
 
-BLOCKS = 4
+SIDES, CHANNELS = (16, 32, 64), 8  # of the feature grids: corners a side, numbers at each
 CONDITION = 128
-OCTAVES = 5
-OBJECTS_A_STEP = 8
-TRAINING_POINTS = 100_000  # an object; half of them near the surface
+GRID_RATE, RATE = 3e-2, 2e-3  # of learning
+FAR_POINTS, NEAR_POINTS = 100_000, 300_000  # in the cube, and about surfaces, of all objects together
+NEAR_SHARE = 0.75  # of the points of a step
+FEWEST_SAMPLES = 32  # of a step, several of an object where few are known
 COARSER = 4  # cells of the first look
 NEARLY_INSIDE, OUTSIDE = -6.0, -10.0  # logits
 
 
-class _Conditioned(nn.Module):
-    """Batch normalisation whose scale and shift a condition sets (de Vries et al. 2017)."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.norm = nn.BatchNorm1d(width, affine=False)
-        self.scale, self.shift = nn.Linear(CONDITION, width), nn.Linear(CONDITION, width)
-        nn.init.zeros_(self.scale.weight)
-        nn.init.ones_(self.scale.bias)
-
-    def forward(self, x: torch.Tensor, condition: torch.Tensor) -> torch.Tensor:
-        """Return (n, points, width)."""
-        normed = self.norm(x.flatten(0, 1)).view_as(x)
-        return self.scale(condition)[:, None] * normed + self.shift(condition)[:, None]
-
-
-def _waves(points: torch.Tensor) -> torch.Tensor:
-    """Return points (..., 3) with sines and cosines of them, octaves apart: (..., 3 + 6 `OCTAVES`)."""
-    phases = (points[..., None] * (torch.pi * 2.0 ** torch.arange(OCTAVES, device=points.device))).flatten(-2)
-    return torch.cat([points, phases.sin(), phases.cos()], dim=-1)
-
-
 class OccupancyNetwork(nn.Module):
-    """Logit of being inside for points (n, points, 3), given features (n, inputs)."""
+    """Logit of being inside for points (p, 3), given features (n, inputs).
+
+    Parameters
+    ----------
+    width
+        Functions of place.
+    """
 
     def __init__(self, inputs: int, width: int) -> None:
         super().__init__()
+        self.grids = nn.ParameterList(1e-2 * torch.randn(1, CHANNELS, n, n, n) for n in SIDES)
+        self.layers = nn.Sequential(
+            nn.Linear(CHANNELS * len(SIDES) + 3, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+        )
+        self.norm = nn.BatchNorm1d(width, affine=False)
         self.condition = nn.Sequential(nn.BatchNorm1d(inputs), nn.Linear(inputs, CONDITION), nn.ReLU())
-        self.place = nn.Linear(3 + 6 * OCTAVES, width)
-        self.norms = nn.ModuleList(_Conditioned(width) for _ in range(2 * BLOCKS + 1))
-        self.layers = nn.ModuleList(nn.Linear(width, width) for _ in range(2 * BLOCKS))
-        self.inside = nn.Linear(width, 1)
+        self.scales, self.shift = nn.Linear(CONDITION, width), nn.Linear(CONDITION, 1)
+
+    def functions(self, points: torch.Tensor) -> torch.Tensor:
+        """Return the values (p, width) of the functions of place."""
+        places = (points / HALF_SIDE)[None, :, None, None]
+        read = [grid_sample(grid, places, align_corners=True)[0, :, :, 0, 0].T for grid in self.grids]
+        return self.norm(self.layers(torch.cat([*read, points], dim=1)))
 
     def forward(self, features: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
-        """Return (n, points)."""
+        """Return (n, p)."""
         condition = self.condition(features)
-        x = self.place(_waves(points))
-        for block in range(0, 2 * BLOCKS, 2):
-            inner = self.layers[block](torch.relu(self.norms[block](x, condition)))
-            x = x + self.layers[block + 1](torch.relu(self.norms[block + 1](inner, condition)))
-        return self.inside(torch.relu(self.norms[-1](x, condition)))[..., 0]
+        values = self.functions(points)
+        return self.scales(condition) @ values.T / values.shape[1] ** 0.5 + self.shift(condition)
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A closed object's mesh in the unit frame, its size, and points with what is inside.
+class Shapes:
+    """Meshes of closed objects in the unit frame, and points with who has them inside.
 
     Attributes
     ----------
-    points, occupied : (n, 3) and (n,), the first half uniform in the cube, the other near the surface
+    meshes
+        By the object's position.
+    points
+        (p, 3) float32: first `FAR_POINTS` uniform in the cube, then an equal share about each surface.
+    occupied
+        (objects, p) bool, a row a mesh.
     """
 
-    mesh: trimesh.Trimesh
-    length_m: float
+    meshes: dict[int, trimesh.Trimesh]
     points: torch.Tensor
     occupied: torch.Tensor
 
 
-def shapes_of(objects: Objects) -> dict[int, Shape]:
-    """Return shapes by the object's position; an open surface has no inside and is left out."""
-    result = {}
-    for label, file in enumerate(objects.files.values()):
-        mesh = unit_mesh(file)
-        if mesh.is_watertight:
-            half = TRAINING_POINTS // 2
-            points = np.concatenate([volume_points(label, half), near_surface(mesh, half, label)])
-            occupied = torch.from_numpy(inside(mesh, points)).float()
-            result[label] = Shape(mesh, file.frame.scale, torch.from_numpy(points).float(), occupied)
-    return result
+def shapes_of(objects: Objects) -> Shapes:
+    """Return the shapes of objects; an open surface has no inside and is left out."""
+    meshes = {label: unit_mesh(file) for label, file in enumerate(objects.files.values())}
+    meshes = {label: mesh for label, mesh in meshes.items() if mesh.is_watertight}
+    key = {"unit": "points", "files": objects.digests, "code": code_digests(("occupancy", "shapes"))}
+    found = kept(key, lambda: _labelled(meshes))
+    points = torch.from_numpy(found["points"])
+    occupied = np.unpackbits(found["occupied"], axis=1, count=len(points))
+    return Shapes(meshes, points, torch.from_numpy(occupied).bool())
+
+
+def _labelled(meshes: dict[int, trimesh.Trimesh]) -> dict[str, np.ndarray]:
+    near = NEAR_POINTS // max(1, len(meshes))
+    about = [near_surface(mesh, near, label) for label, mesh in meshes.items()]
+    points = np.concatenate([volume_points(0, FAR_POINTS), *about]).astype(np.float32)
+    occupied = np.array([np.packbits(inside(mesh, points)) for mesh in meshes.values()])
+    return {"points": points, "occupied": occupied}
 
 
 def fit(
-    features: torch.Tensor, labels: torch.Tensor, shapes: dict[int, Shape], asked: Reconstruction, seed: int
+    features: torch.Tensor,
+    labels: torch.Tensor,
+    shapes: Shapes,
+    known: tuple[int, ...],
+    asked: Reconstruction,
+    seed: int,
 ) -> OccupancyNetwork:
-    """Train on features (n, inputs) of objects (n,); those without a shape are passed over."""
+    """Train on features (n, inputs) of objects (n,), of those that are known."""
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
     network = OccupancyNetwork(features.shape[1], asked.width).to(DEVICE)
-    optimiser = torch.optim.AdamW(network.parameters(), 2e-3)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 2e-3, total_steps=asked.steps)
-    rows_with_shape = torch.tensor([row for row, label in enumerate(labels.tolist()) if label in shapes])
+    others = [one for name, one in network.named_parameters() if not name.startswith("grids")]
+    grids: dict[str, Any] = {"params": network.grids.parameters(), "lr": GRID_RATE}
+    optimiser = torch.optim.Adam([grids, {"params": others}], RATE)
+    schedule = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.01, total_iters=asked.steps)
+    places = {label: row for row, label in enumerate(shapes.meshes)}
+    near = _near_rows([places[label] for label in known], len(shapes.meshes))
+    drawn = known * -(-FEWEST_SAMPLES // len(known))
+    rows_of = [torch.nonzero(labels == label)[:, 0] for label in drawn]
+    occupied = shapes.occupied[[places[label] for label in drawn]]
     for _ in range(asked.steps):
-        rows = rows_with_shape[torch.randint(len(rows_with_shape), (OBJECTS_A_STEP,), generator=random)]
-        chosen = torch.randint(TRAINING_POINTS, (OBJECTS_A_STEP, asked.points), generator=random)
-        of_rows = [shapes[int(labels[row])] for row in rows]
-        points = torch.stack([one.points[i] for one, i in zip(of_rows, chosen, strict=True)])
-        wanted = torch.stack([one.occupied[i] for one, i in zip(of_rows, chosen, strict=True)])
-        logits = network(features[rows].to(DEVICE), points.to(DEVICE))
-        loss = binary_cross_entropy_with_logits(logits, wanted.to(DEVICE))
+        samples = torch.stack([rows[torch.randint(len(rows), (), generator=random)] for rows in rows_of])
+        count = round(NEAR_SHARE * asked.points)
+        chosen = torch.cat(
+            [
+                near[torch.randint(len(near), (count,), generator=random)],
+                torch.randint(FAR_POINTS, (asked.points - count,), generator=random),
+            ]
+        )
+        logits = network(features[samples].to(DEVICE), shapes.points[chosen].to(DEVICE))
+        loss = binary_cross_entropy_with_logits(logits, occupied[:, chosen].float().to(DEVICE))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
         schedule.step()
     return network.eval()
+
+
+def _near_rows(places: Sequence[int], count: int) -> torch.Tensor:
+    """Return which points lie about the surfaces of some of `count` meshes."""
+    share = NEAR_POINTS // count
+    return torch.cat([FAR_POINTS + share * place + torch.arange(share) for place in places])
 
 
 @torch.no_grad()
@@ -139,7 +171,7 @@ def predicted(network: OccupancyNetwork, features: torch.Tensor, cells: int) -> 
     def logits(points: np.ndarray) -> np.ndarray:
         parts = torch.from_numpy(points).float().to(DEVICE).split(1 << 15)
         condition = features[None].to(DEVICE)
-        return torch.cat([network(condition, part[None])[0] for part in parts]).cpu().numpy()
+        return torch.cat([network(condition, part)[0] for part in parts]).cpu().numpy()
 
     side = cells // COARSER + 1
     nearly = logits(grid_points(cells // COARSER)).reshape(side, side, side) > NEARLY_INSIDE

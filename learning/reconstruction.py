@@ -17,7 +17,7 @@ import torch
 import trimesh
 
 from learning.encoders import Encoder, encoded, folds_of, train, train_unseen
-from learning.occupancy import Shape, fit, predicted, shapes_of
+from learning.occupancy import Shapes, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
 from learning.runs import Objects, code_digests, kept
 from learning.settings import Reconstruction, Settings
@@ -32,21 +32,21 @@ RIDGE = 1e-2
 class Measures:
     """Likeness of meshes to the objects' own, each pair of objects compared once."""
 
-    def __init__(self, shapes: dict[int, Shape], asked: Reconstruction) -> None:
+    def __init__(self, shapes: Shapes, asked: Reconstruction) -> None:
         self.shapes, self._asked = shapes, asked
         self._points = volume_points(seed=1)
-        self._volumes = {label: inside(shape.mesh, self._points) for label, shape in shapes.items()}
+        self._volumes = {label: inside(mesh, self._points) for label, mesh in shapes.meshes.items()}
         self._pairs: dict[tuple[int, int], Likeness] = {}
 
     def of(self, mesh: trimesh.Trimesh | None, label: int) -> Likeness:
         """Compare a mesh with that of an object."""
         iou = overlap(inside(mesh, self._points), self._volumes[label])
-        return likeness(mesh, self.shapes[label].mesh, iou, self._asked.surface_points, seed=0)
+        return likeness(mesh, self.shapes.meshes[label], iou, self._asked.surface_points, seed=0)
 
     def of_object(self, answer: int, label: int) -> Likeness:
         """Compare the mesh of an object with that of another, or with itself: the floor of the measure."""
         if (answer, label) not in self._pairs:
-            first, second = (self.shapes[one].mesh for one in (answer, label))
+            first, second = (self.shapes.meshes[one] for one in (answer, label))
             iou = overlap(self._volumes[answer], self._volumes[label])
             self._pairs[answer, label] = likeness(first, second, iou, self._asked.surface_points, seed=0)
         return self._pairs[answer, label]
@@ -108,8 +108,7 @@ class Trial:
 
     def _predict(self) -> dict[str, np.ndarray]:
         asked = self.settings.reconstruction
-        shapes = {label: self.measures.shapes[label] for label in self.known}
-        network = fit(*self.joined("training"), shapes, asked, self.seed)
+        network = fit(*self.joined("training"), self.measures.shapes, self.known, asked, self.seed)
         features, labels = self.joined("test")
         found: list[tuple[float, ...]] = []
         arrays: dict[str, np.ndarray] = {}
@@ -169,7 +168,7 @@ def size_error(
 def trials(objects: Objects, settings: Settings) -> Iterator[Trial]:
     """Yield what is tried: all objects seen, then folds of unseen ones, by each of `VARIANTS`."""
     measures = Measures(shapes_of(objects), settings.reconstruction)
-    closed = tuple(measures.shapes)
+    closed = tuple(measures.shapes.meshes)
     for senses in VARIANTS:
         yield Trial(objects, settings, measures, senses, closed, closed, (), settings.seeds[0])
     for fold, out in enumerate(folds_of(len(objects), settings)[: settings.reconstruction.folds]):

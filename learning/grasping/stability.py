@@ -29,6 +29,7 @@ from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
 
 VALIDATION_SHARE = 0.15
+PART = 500  # grasps whose gels are made small at a time
 BATCH = 25  # grasps of an object that are made at a time
 FUSION_STRENGTH = 0.01  # of the linear layer that joins the senses, inverse of its penalty
 Rows = NDArray[np.int64]
@@ -70,9 +71,9 @@ def _code() -> list[str]:
 def inputs_of(grasps: Grasps, resolution: int) -> dict[str, torch.Tensor]:
     """Return what networks see: images (n, 3, h, w), and both gels side by side as (n, 6, h, w)."""
     image = torch.from_numpy(grasps["image"]).permute(0, 3, 1, 2).float() / 255
-    left, right = (torch.from_numpy(grasps["touch"][:, side]).permute(0, 3, 1, 2) for side in (0, 1))
-    touch = torch.cat([pictures(gel.float() / 255, resolution) for gel in (left, right)], dim=1)
-    return {"V": image, "T": touch}
+    parts = torch.from_numpy(grasps["touch"]).split(PART)  # as numbers of four bytes all would fill a memory
+    gels = (part.permute(0, 1, 4, 2, 3).flatten(1, 2).float() / 255 for part in parts)
+    return {"V": image, "T": torch.cat([pictures(part, resolution) for part in gels])}
 
 
 class Predictor:

@@ -1,0 +1,61 @@
+"""The occupancy network against closed forms of balls."""
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from learning import occupancy
+from learning.occupancy import Shapes, fit, predicted
+from learning.settings import read_settings
+from learning.shapes import inside, near_surface, overlap, volume_points
+from tests.learning.conftest import PARAMETERS
+
+RADII = {0: 0.25, 2: 0.4, 3: 0.1}
+FAR, NEAR = 20_000, 9000
+
+
+@pytest.fixture(scope="module")
+def few_points():
+    """Fewer points than the tasks take."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(occupancy, "FAR_POINTS", FAR)
+        patch.setattr(occupancy, "NEAR_POINTS", NEAR)
+        yield
+
+
+@pytest.fixture(scope="module")
+def balls(few_points):
+    """Three balls; the object at position 1 is open."""
+    meshes = {label: trimesh.creation.icosphere(3, radius) for label, radius in RADII.items()}
+    about = [near_surface(mesh, NEAR // 3, label) for label, mesh in meshes.items()]
+    points = np.concatenate([volume_points(0, FAR), *about])
+    occupied = np.array([inside(mesh, points) for mesh in meshes.values()])
+    return Shapes(meshes, torch.from_numpy(points).float(), torch.from_numpy(occupied))
+
+
+@pytest.fixture(scope="module")
+def trained(balls):
+    """A network of the first two balls, the features of their samples, and the points it was shown."""
+    asked = read_settings(PARAMETERS).reconstruction.model_copy(
+        update={"steps": 150, "points": 512, "width": 16}
+    )
+    random = torch.Generator().manual_seed(0)
+    labels = torch.arange(4).repeat_interleave(30)
+    features = torch.eye(4)[labels] + 0.1 * torch.randn(len(labels), 4, generator=random)
+    return fit(features, labels, balls, (0, 2), asked, seed=0)
+
+
+@pytest.mark.parametrize("label", [0, 2])
+def test_features_say_how_large_a_ball_is(trained, label):
+    mesh = predicted(trained, torch.eye(4)[label], cells=32)
+    points = volume_points(1)
+    ball = np.linalg.norm(points, axis=1) < RADII[label]
+    assert overlap(inside(mesh, points), ball) > 0.93
+
+
+def test_points_about_surfaces_are_of_known_objects_alone(balls):
+    rows = occupancy._near_rows([0, 2], len(balls.meshes))
+    lengths = balls.points[rows].norm(dim=1)
+    assert len(rows) == 2 * NEAR // 3
+    assert not torch.any((lengths - RADII[2]).abs() < 0.05), "the ball between is not known"
