@@ -7,6 +7,7 @@ are left out: a hundred objects have tens of thousands of entries.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,20 +21,25 @@ COMPARED = (
 
 
 def main() -> None:
-    parser = arguments("headline figures of the learning tasks")
-    parser.add_argument("folder", type=Path, help="with recognition.json and others")
+    record("learning", "recognition", draw)
+
+
+def record(name: str, needed: str, draw: Callable[[dict[str, Any]], None]) -> None:
+    """Record the results in the folder that the command line names, one of which is needed."""
+    parser = arguments("figures of the learning tasks")
+    parser.add_argument("folder", type=Path, help=f"with {needed}.json and others")
     folder = parser.parse_args().folder
     results = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
-    if "recognition" not in results:
-        parser.error(f"{folder} has no recognition.json: `python -m learning recognition --results {folder}`")
-    settings = results["recognition"]["settings"]
+    if needed not in results:
+        parser.error(f"{folder} has no {needed}.json: `python -m learning {needed} --results {folder}`")
+    settings = results[needed]["settings"]
     settings["data"].pop("root")
-    objects = results["recognition"]["objects"]
+    objects = results[needed]["objects"]
     figures = {
         task: trimmed({key: value for key, value in found.items() if key not in ("settings", "objects")})
         for task, found in results.items()
     }
-    conclude("learning", {"objects": objects, **figures}, settings, COMPARED, draw)
+    conclude(name, {"objects": objects, **figures}, settings, COMPARED, draw)
 
 
 def trimmed(figures: Any) -> Any:
