@@ -77,6 +77,7 @@ class Grasping(_Strict):
 
     grasps: PositiveInt
     sizes: tuple[PositiveInt, ...] = Field(min_length=1)
+    others: PositiveInt
     folds: int = Field(ge=2, le=20)
 
 

@@ -147,7 +147,10 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     """Return accuracies by the number of grasps, and of objects that were left out of the training."""
     grasps = grasps_of(objects, settings, workers)
     held, predictor = grasps["held"], workers.share(Predictor(objects, settings, grasps))
-    units: list[tuple[int | str, Rows, Rows]] = [*_by_size(grasps, settings), *_by_object(objects, grasps)]
+    units: list[tuple[int | str, Rows, Rows]] = [
+        *_by_size(grasps, settings),
+        *_by_object(objects, grasps, settings),
+    ]
     said = workers.gather(
         [workers.submit(_predicted, predictor, training, test) for _, training, test in units]
     )
@@ -191,11 +194,12 @@ def _by_size(grasps: Grasps, settings: Settings) -> Iterator[tuple[int, Rows, Ro
             yield size, random.permutation(training)[:size], test
 
 
-def _by_object(objects: Objects, grasps: Grasps) -> Iterator[tuple[str, Rows, Rows]]:
-    """Yield the name of each object that is left out, the grasps of all others, and its own."""
+def _by_object(objects: Objects, grasps: Grasps, settings: Settings) -> Iterator[tuple[str, Rows, Rows]]:
+    """Yield the name of each object that is left out, grasps of the others, and its own."""
     for label in np.unique(grasps["object"]):
         mine = grasps["object"] == label
-        yield objects.ids[label], np.flatnonzero(~mine), np.flatnonzero(mine)
+        others = np.random.default_rng(label).permutation(np.flatnonzero(~mine))
+        yield objects.ids[label], others[: settings.grasping.others], np.flatnonzero(mine)
 
 
 def _over(row: dict[str, list[float]], of: Callable[[Any], Any]) -> dict[str, float]:
