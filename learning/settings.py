@@ -46,7 +46,8 @@ class Data(_Strict):
 class Encoder(_Strict):
     """Size and training of the network of a sense."""
 
-    width: PositiveInt
+    # With 2 or 4 channels the backward pass of torch 2.13 writes beyond its memory, on processors with AVX2.
+    width: int = Field(ge=8, multiple_of=8)
     epochs: PositiveInt
     batch: PositiveInt
     learning_rate: PositiveFloat

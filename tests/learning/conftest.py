@@ -35,7 +35,7 @@ def tiny(small_file, tmp_path_factory):
                     "resolution": Sides(vision=16, audio=16, touch=16),
                 }
             ),
-            "encoder": settings.encoder.model_copy(update={"width": 2, "epochs": 1}),
+            "encoder": settings.encoder.model_copy(update={"width": 8, "epochs": 1}),
             "retrieval": settings.retrieval.model_copy(update={"epochs": 1, "dimensions": 4}),
             "reconstruction": settings.reconstruction.model_copy(
                 update={"steps": 5, "points": 32, "width": 8, "grid": 16, "tests": 1, "surface_points": 200}

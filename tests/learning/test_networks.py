@@ -5,7 +5,7 @@ import torch
 from learning.networks import Labelled, ResNet18, answers, fit_classifier
 from learning.settings import Encoder
 
-ASKED = Encoder(width=4, epochs=6, batch=16, learning_rate=5e-3)
+ASKED = Encoder(width=8, epochs=6, batch=16, learning_rate=5e-3)
 
 
 def stripes(count: int, seed: int) -> Labelled:
@@ -30,16 +30,16 @@ def test_a_classifier_learns_what_can_be_learned_and_gives_the_same_bits_again()
 
 
 def test_answers_do_not_depend_on_the_batch():
-    network, inputs = ResNet18(1, 2, 4), stripes(8, 0).inputs
+    network, inputs = ResNet18(1, 2, 8), stripes(8, 0).inputs
     features, logs = answers(network, inputs)
     alone = answers(network, inputs[3:4])
-    assert features.shape == (8, 32)
+    assert features.shape == (8, 64)
     torch.testing.assert_close(features[3:4], alone[0])
     torch.testing.assert_close(logs.exp().sum(dim=1), torch.ones(8))
 
 
 def test_what_all_samples_share_and_their_contrast_say_nothing():
-    network, inputs, logs = ResNet18(1, 2, 4), stripes(64, 0).inputs, []
+    network, inputs, logs = ResNet18(1, 2, 8), stripes(64, 0).inputs, []
     shared = torch.rand(1, 32, 32, generator=torch.Generator().manual_seed(0))
     for seen in (inputs, 0.25 * inputs + shared):
         network.standardised.learn(seen)
