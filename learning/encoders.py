@@ -89,18 +89,31 @@ def encoded(
     return _unpacked(stored)
 
 
-def train(objects: Objects, settings: Settings, workers: Workers, wanted: Sequence[Wanted]) -> None:
-    """Train networks side by side, so that `encoded` reads them; (sense, protocol, seed) each."""
-    workers.gather([workers.submit(_trained, objects, settings, [one]) for one in wanted])
-
-
-def train_unseen(
-    objects: Objects, settings: Settings, workers: Workers, senses: Sequence[str], folds: int | None = None
+def train(
+    objects: Objects,
+    settings: Settings,
+    workers: Workers,
+    wanted: Sequence[Wanted],
+    unseen: Sequence[str] = (),
+    folds: int | None = None,
 ) -> None:
-    """Train the networks of the first folds of unseen objects, or all; they share the draws of a sense."""
+    """Train networks side by side, so that `encoded` reads them; one worker trains those that share draws.
+
+    Parameters
+    ----------
+    wanted
+        (sense, protocol, seed) each.
+    unseen
+        Senses whose networks of unseen objects are trained as well.
+    folds
+        How many folds of those; all if None.
+    """
+    by_draws: dict[Wanted, list[tuple[Any, ...]]] = {one: [one] for one in wanted}
     several = list(enumerate(folds_of(len(objects), settings)))[:folds]
-    every = [[(sense, "unseen", fold, tuple(out)) for fold, out in several] for sense in senses]
-    workers.gather([workers.submit(_trained, objects, settings, some) for some in every])
+    for sense in unseen:
+        networks = [(sense, "unseen", fold, tuple(out)) for fold, out in several]
+        by_draws.setdefault((sense, "sample", settings.seeds[0]), []).extend(networks)
+    workers.gather([workers.submit(_trained, objects, settings, some) for some in by_draws.values()])
 
 
 def _trained(objects: Objects, settings: Settings, wanted: Sequence[Any]) -> None:

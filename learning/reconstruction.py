@@ -16,7 +16,7 @@ import numpy as np
 import torch
 import trimesh
 
-from learning.encoders import Encoder, encoded, folds_of, train, train_unseen
+from learning.encoders import Encoder, encoded, folds_of, train
 from learning.occupancy import Shapes, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
 from learning.runs import Objects, code_digests, kept
@@ -193,8 +193,8 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     """Return likenesses by senses and by what they are compared with, of seen and of unseen objects."""
     tried = _tried(objects, settings)
     senses = sorted({sense for variant in VARIANTS for sense in variant})
-    train(objects, settings, workers, [(sense, "sample", settings.seeds[0]) for sense in senses])
-    train_unseen(objects, settings, workers, senses, settings.reconstruction.folds)
+    wanted = [(sense, "sample", settings.seeds[0]) for sense in senses]
+    train(objects, settings, workers, wanted, senses, settings.reconstruction.folds)
     workers.gather([workers.submit(_made, objects, settings, number) for number in range(len(tried))])
     measures, closed = tried[0].measures, tried[0].known
     others = [

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import nll_loss, normalize
 
-from learning.encoders import Encoded, Encoder, encoded, folds_of, train, train_unseen
+from learning.encoders import Encoded, Encoder, encoded, folds_of, train
 from learning.metrics import chance_average_precision, mean_average_precision, one_positive_galleries
 from learning.networks import batches
 from learning.recognition import LETTERS, aligned
@@ -220,8 +220,8 @@ def scores(similarity: Floats, queries: Encoded, gallery: Encoded, seed: int) ->
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return mAPs by direction and method, of objects seen in training and of unseen ones."""
-    train(objects, settings, workers, [(one, "sample", seed) for one in SENSES for seed in settings.seeds])
-    train_unseen(objects, settings, workers, SENSES)
+    wanted = [(sense, "sample", seed) for sense in SENSES for seed in settings.seeds]
+    train(objects, settings, workers, wanted, SENSES)
     folds = folds_of(len(objects), settings)
     cases: dict[str, list[tuple[str, int, tuple[int, ...]]]] = {
         "seen": [("sample", seed, ()) for seed in settings.seeds],
