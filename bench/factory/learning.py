@@ -21,10 +21,10 @@ COMPARED = (
 
 
 def main() -> None:
-    record("learning", "recognition", draw)
+    record("learning", "recognition", COMPARED, draw)
 
 
-def record(name: str, needed: str, draw: Callable[[dict[str, Any]], None]) -> None:
+def record(name: str, needed: str, compared: str, draw: Callable[[dict[str, Any]], None]) -> None:
     """Record the results in the folder that the command line names, one of which is needed."""
     parser = arguments("figures of the learning tasks")
     parser.add_argument("folder", type=Path, help=f"with {needed}.json and others")
@@ -39,7 +39,7 @@ def record(name: str, needed: str, draw: Callable[[dict[str, Any]], None]) -> No
         task: trimmed({key: value for key, value in found.items() if key not in ("settings", "objects")})
         for task, found in results.items()
     }
-    conclude(name, {"objects": objects, **figures}, settings, COMPARED, draw)
+    conclude(name, {"objects": objects, **figures}, settings, compared, draw)
 
 
 def trimmed(figures: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 from bench.factory.learning import record
 from bench.record import save, subplots
 
+COMPARED = "Objects that no network was trained on, beside closed forms, chance, and the nearest known shape"
 METHODS = ("ours", "CCA", "PLS", "classify, then look up")
 
 
@@ -43,4 +44,4 @@ def draw(figures: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    record("unseen_objects", "retrieval", draw)
+    record("unseen_objects", "retrieval", COMPARED, draw)
