@@ -77,6 +77,7 @@ class Grasping(_Strict):
     """Grasps of each object, and how many a network is trained on."""
 
     grasps: PositiveInt
+    resolution: Pixels
     sizes: tuple[PositiveInt, ...] = Field(min_length=1)
     others: PositiveInt
     folds: int = Field(ge=2, le=20)

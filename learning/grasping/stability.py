@@ -52,10 +52,8 @@ def grasps_of(objects: Objects, settings: Settings, workers: Workers) -> Grasps:
 
 def _batch(worlds: Worlds, name: str, which: range, settings: Settings, parted: None) -> Grasps:
     """Return grasps of an object whose parts are kept; a batch has its own seed."""
-    seed, pixels = (
-        seed_from(settings.seeds[0], f"grasps from {which.start}", name),
-        settings.data.resolution.vision,
-    )
+    seed = seed_from(settings.seeds[0], f"grasps from {which.start}", name)
+    pixels = settings.grasping.resolution
     key = {
         "unit": "grasps", "object": name, "seed": seed, "count": len(which), "parts": world.PARTS,
         "resolution": pixels, "files": worlds.digests[name], "code": _code(),
@@ -87,10 +85,10 @@ class Predictor:
 
     def __init__(self, objects: Objects, settings: Settings, grasps: Grasps) -> None:
         self._held, self._settings = grasps["held"], settings
-        self._inputs = inputs_of(grasps, settings.data.resolution.touch)
+        self._inputs = inputs_of(grasps, settings.grasping.resolution)
         self._key = {
             "unit": "stability", "files": objects.digests, "seed": settings.seeds[0], "parts": world.PARTS,
-            "resolution": settings.data.resolution.model_dump(), "encoder": settings.encoder.model_dump(),
+            "resolution": settings.grasping.resolution, "encoder": settings.encoder.model_dump(),
             "count": settings.grasping.grasps, "code": _code(),
         }  # fmt: skip
 

@@ -40,7 +40,9 @@ def tiny(small_file, tmp_path_factory):
             "reconstruction": settings.reconstruction.model_copy(
                 update={"steps": 5, "points": 32, "width": 8, "grid": 16, "tests": 1, "surface_points": 200}
             ),
-            "grasping": settings.grasping.model_copy(update={"grasps": 8, "sizes": (16,), "folds": 2}),
+            "grasping": settings.grasping.model_copy(
+                update={"grasps": 8, "resolution": 16, "sizes": (16,), "folds": 2}
+            ),
             "regrasping": settings.regrasping.model_copy(
                 update={"seeds": (0,), "rollouts": 2, "rollout_steps": 16, "fixed_episodes": 1, "episodes": 8}
             ),
