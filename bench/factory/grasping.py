@@ -10,9 +10,7 @@ from typing import Any
 from bench.factory.learning import record
 from bench.record import save, subplots
 
-COMPARED = (
-    "What networks tell from one image and both gels, beside the commoner outcome, and boosted trees"
-)
+COMPARED = "What networks tell from one image and both gels, beside the commoner outcome, and boosted trees"
 
 
 def draw(figures: dict[str, Any]) -> None:
