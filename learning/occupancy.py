@@ -118,7 +118,17 @@ def fit(
     asked: Reconstruction,
     seed: int,
 ) -> OccupancyNetwork:
-    """Train on features (n, inputs) of objects (n,), of those that are known."""
+    """Train on the samples of objects that are known.
+
+    Parameters
+    ----------
+    features
+        (n, inputs) float32 of samples.
+    labels
+        (n,) int64, whose they are: positions of objects.
+    known
+        Positions of objects with a mesh in `shapes`; samples and near points of others are not read.
+    """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
     network = OccupancyNetwork(features.shape[1], asked.width).to(DEVICE)
@@ -150,7 +160,7 @@ def fit(
 
 
 def _near_rows(places: Sequence[int], count: int) -> torch.Tensor:
-    """Return which points lie about the surfaces of some of `count` meshes."""
+    """Return the rows (n,) of points about the surfaces of some of `count` meshes, by their order."""
     share = NEAR_POINTS // count
     return torch.cat([FAR_POINTS + share * place + torch.arange(share) for place in places])
 

@@ -36,7 +36,7 @@ def balls(few_points):
 
 @pytest.fixture(scope="module")
 def trained(balls):
-    """A network of the first two balls, the features of their samples, and the points it was shown."""
+    """A network that knows the first two balls."""
     asked = read_settings(PARAMETERS).reconstruction.model_copy(
         update={"steps": 150, "points": 512, "width": 16}
     )
