@@ -35,7 +35,9 @@ HELD_SHARE = 0.8  # of the lift, that a held object has risen
 FORCE_SHARES, WEAKEST_N = (0.5, 5.0), 0.4
 SURFACE_POINTS, NEAREST_POINTS, MOST_TRIES = 4000, 100, 4
 YAW_RAD, OFFSET_M, HEIGHT_SHARE = 0.5, 0.02, 0.3
-VIEW = np.array([1.6, -1.6, 1.2])  # of the camera from the object, in lengths of half its longest side
+# Of the camera from the object, in lengths of half its longest side, or of this where that is shorter: up to
+# twice of it all objects are seen from as far, so that an image shows their size.
+VIEW, SHORTEST_HALF_M = np.array([1.6, -1.6, 1.2]), 0.1
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,8 @@ class World:
         angles = np.linspace(0.0, np.pi, 180, endpoint=False)
         across = self._points[:, :2] @ [np.sin(angles), np.cos(angles)]
         self._narrow_rad = float(angles[np.ptp(across, axis=0).argmin()])
-        self._camera = look_at(self._centre[:3] + VIEW * file.frame.scale, self._centre[:3])[0]
+        away = VIEW * max(SHORTEST_HALF_M, file.frame.scale)
+        self._camera = look_at(self._centre[:3] + away, self._centre[:3])[0]
 
     def _settled(self) -> Floats:
         """Let the object stand or fall on the table, and return its pose."""
@@ -245,7 +248,7 @@ class World:
 
     def _image(self, pixels: int) -> NDArray[np.uint8]:
         camera = np.linalg.inv(self.simulation.pose("object")) @ self._camera
-        lamp = camera[:3, 3] / 2 + camera[:3, 1] * self.file.frame.scale / 2
+        lamp = self._inertial[:3] + self.file.frame.scale * (1.2 * camera[:3, 2] + camera[:3, 1] / 2)
         return np.asarray(self.file.render(camera, lamp, pixels, sub_rays=4)[0])
 
 
