@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.tensorboard import SummaryWriter
 
-from learning.networks import Labelled, ResNet18, answers, fit_classifier
+from learning.networks import Labelled, Network, answers, fit_classifier
 from learning.runs import LOGS, Objects, kept
 from learning.samples import Samples, draw, regions_of
 from learning.settings import Settings
@@ -141,7 +141,7 @@ def _train(
     return {**packed(network, samples), "nearest": np.array(nearest)}
 
 
-def packed(network: ResNet18, samples: dict[str, Labelled]) -> Arrays:
+def packed(network: Network, samples: dict[str, Labelled]) -> Arrays:
     """Return features, log probabilities and labels of every split as arrays with names."""
     arrays: Arrays = {}
     for split, part in samples.items():

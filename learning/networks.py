@@ -1,6 +1,6 @@
-"""ResNet-18 (He et al. 2016), and its training as a classifier of objects."""
+"""ResNet-18 (He et al. 2016) of one sense or joined of several, and its training as a classifier."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -11,6 +11,7 @@ from torch.utils.tensorboard import SummaryWriter
 from learning.settings import Encoder
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+JOINING = 128  # numbers of the layer that joins senses
 CHANNELS_LAST = torch.channels_last  # convolutions of few channels take three quarters of the time
 
 
@@ -65,9 +66,48 @@ class ResNet18(nn.Module):
         )  # fmt: skip
         self.head = nn.Linear(8 * width, classes)
 
+    def learn(self, inputs: torch.Tensor) -> None:
+        """Take what the training samples (n, channels, h, w) share."""
+        self.standardised.learn(inputs)
+
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Return logits (n, classes)."""
         return self.head(self.features(x))
+
+
+class JoinedSenses(nn.Module):
+    """A `ResNet18` for each of several senses, whose features two layers join, trained as one.
+
+    Parameters
+    ----------
+    channels
+        Of each sense; they stand one after another in the channels of an input.
+    """
+
+    def __init__(self, channels: Sequence[int], classes: int, width: int = 64) -> None:
+        super().__init__()
+        self._channels = tuple(channels)
+        self._networks = [ResNet18(count, JOINING, width) for count in channels]
+        self.senses = nn.ModuleList(self._networks)
+        self.head = nn.Sequential(nn.ReLU(), nn.Linear(JOINING, classes))
+
+    def learn(self, inputs: torch.Tensor) -> None:
+        """Take what the training samples (n, channels, h, w) share."""
+        for network, part in zip(self._networks, inputs.split(self._channels, dim=1), strict=True):
+            network.learn(part)
+
+    def features(self, x: torch.Tensor) -> torch.Tensor:
+        """Return (n, `JOINING`), the sum of what the senses say."""
+        parts = x.split(self._channels, dim=1)
+        said = [network(part) for network, part in zip(self._networks, parts, strict=True)]
+        return torch.stack(said).sum(dim=0)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Return logits (n, classes)."""
+        return self.head(self.features(x))
+
+
+Network = ResNet18 | JoinedSenses
 
 
 @dataclass(frozen=True)
@@ -92,18 +132,25 @@ def fit_classifier(
     asked: Encoder,
     seed: int,
     log: SummaryWriter | None = None,
-) -> ResNet18:
+    senses: Sequence[int] | None = None,
+) -> Network:
     """Train on one set, and return the epoch that is best on the other; the test set is never seen.
 
     Parameters
     ----------
+    senses
+        Channels of each, for `JoinedSenses`; all channels are one sense if None.
     log
         Gets the losses of both sets after each epoch, for TensorBoard.
     """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    network = ResNet18(training.inputs.shape[1], classes, asked.width)
-    network.standardised.learn(training.inputs)
+    network: Network
+    if senses is None:
+        network = ResNet18(training.inputs.shape[1], classes, asked.width)
+    else:
+        network = JoinedSenses(senses, classes, asked.width)
+    network.learn(training.inputs)
     network.to(DEVICE)
     for weights in network.parameters():
         if weights.ndim == 4:
@@ -138,8 +185,8 @@ def _on_device(inputs: torch.Tensor) -> torch.Tensor:
 
 
 @torch.no_grad()
-def answers(network: ResNet18, inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return features (n, 8 width) and log probabilities (n, classes), on the CPU."""
+def answers(network: Network, inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return features (n, 8 width), or (n, `JOINING`), and log probabilities (n, classes), on the CPU."""
     network.eval()
     features = torch.cat([network.features(_on_device(part)) for part in inputs.split(128)])
     return features.cpu(), torch.log_softmax(network.head(features), dim=1).cpu()

@@ -1,7 +1,8 @@
 """Will the object be held? From an image, from both gels, and from both senses, before it is lifted.
 
-Networks are those of `recognition`, one a sense, joined on their features. Beside them stands what needs no
-sense: the commoner answer, that of each object, and boosted trees that know force and pose.
+Networks are those of `recognition`. That of both senses is trained as one: whether a force is enough hangs on
+the object that an image shows, which no sense learns alone. Beside them stands what needs no sense: the
+commoner answer, that of each object, and boosted trees that know force and pose.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,11 +14,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
-from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import balanced_accuracy_score
 from sklearn.model_selection import StratifiedKFold
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
+from torch.nn.functional import interpolate
 
 from learning.grasping import world
 from learning.grasping.worlds import Worlds
@@ -29,9 +28,9 @@ from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
 
 VALIDATION_SHARE = 0.15
-PART = 500  # grasps whose gels are made small at a time
+PART = 500  # grasps whose gels are made small, or that are told, at a time: as floats all would fill a memory
 BATCH = 25  # grasps of an object that are made at a time
-FUSION_STRENGTH = 0.01  # of the linear layer that joins the senses, inverse of its penalty
+SENSES = ("V", "T", "VT")
 Rows = NDArray[np.int64]
 Grasps = dict[str, NDArray[Any]]
 
@@ -67,11 +66,12 @@ def _code() -> list[str]:
 
 
 def inputs_of(grasps: Grasps, resolution: int) -> dict[str, torch.Tensor]:
-    """Return what networks see: images (n, 3, h, w), and both gels side by side as (n, 6, h, w)."""
-    image = torch.from_numpy(grasps["image"]).permute(0, 3, 1, 2).float() / 255
-    parts = torch.from_numpy(grasps["touch"]).split(PART)  # as numbers of four bytes all would fill a memory
-    gels = (part.permute(0, 1, 4, 2, 3).flatten(1, 2).float() / 255 for part in parts)
-    return {"V": image, "T": torch.cat([pictures(part, resolution) for part in gels])}
+    """Return what networks see, uint8: images (n, 3, h, w), and both gels side by side as (n, 6, h, w)."""
+    gels = (
+        pictures(part.permute(0, 1, 4, 2, 3).flatten(1, 2).float(), resolution).round().byte()
+        for part in torch.from_numpy(grasps["touch"]).split(PART)
+    )
+    return {"V": torch.from_numpy(grasps["image"]).permute(0, 3, 1, 2), "T": torch.cat(list(gels))}
 
 
 class Predictor:
@@ -99,28 +99,25 @@ class Predictor:
 
     def _trained(self, training: Rows, test: Rows) -> dict[str, NDArray[np.bool_]]:
         labels, seed = torch.from_numpy(self._held.astype(np.int64)), self._settings.seeds[0]
-        order = np.random.default_rng(seed).permutation(training)
+        order = torch.from_numpy(np.random.default_rng(seed).permutation(training))
         checks = max(2, round(VALIDATION_SHARE * len(order)))
-        features: list[tuple[NDArray[Any], NDArray[Any]]] = []
         said = {}
-        for sense, values in self._inputs.items():
+        for senses in SENSES:
             learnt, checked = (
-                Labelled(values[rows], labels[rows]) for rows in (order[checks:], order[:checks])
+                Labelled(self._seen(senses, rows), labels[rows]) for rows in (order[checks:], order[:checks])
             )
-            network = fit_classifier(learnt, checked, 2, self._settings.encoder, seed)
-            known, _ = answers(network, values[training])
-            asked, logs = answers(network, values[test])
-            features.append((known.numpy(), asked.numpy()))
-            said[sense] = logs.argmax(dim=1).numpy() == 1
-        model = make_pipeline(StandardScaler(), LogisticRegression(C=FUSION_STRENGTH))
-        both, of_both = (np.hstack(parts) for parts in zip(*features, strict=True))
-        return said | {"VT": _fitted(model, both, self._held[training], of_both)}
+            channels = [self._inputs[sense].shape[1] for sense in senses]
+            network = fit_classifier(learnt, checked, 2, self._settings.encoder, seed, senses=channels)
+            parts = torch.from_numpy(test).split(PART)
+            logs = torch.cat([answers(network, self._seen(senses, rows))[1] for rows in parts])
+            said[senses] = logs.argmax(dim=1).numpy() == 1
+        return said
 
-
-def _fitted(
-    model: Any, known: NDArray[Any], held: NDArray[np.bool_], asked: NDArray[Any]
-) -> NDArray[np.bool_]:
-    return np.asarray(model.fit(known, held).predict(asked), dtype=bool)
+    def _seen(self, senses: str, rows: torch.Tensor) -> torch.Tensor:
+        """Return inputs of senses as channels one after another, all as large as the last."""
+        size = self._inputs[senses[-1]].shape[2:]
+        parts = [interpolate(self._inputs[sense][rows] / 255, size, mode="bilinear") for sense in senses]
+        return torch.cat(parts, dim=1)
 
 
 def without_senses(grasps: Grasps, training: Rows, test: Rows) -> dict[str, NDArray[np.bool_]]:
@@ -132,12 +129,11 @@ def without_senses(grasps: Grasps, training: Rows, test: Rows) -> dict[str, NDAr
         for label in np.unique(objects[training])
     }
     done = np.column_stack([grasps["grasp"], objects])
+    trees = HistGradientBoostingClassifier(random_state=0)
     return {
         "majority": np.full(len(test), common),
         "majority of the object": np.array([of_object.get(label, common) for label in objects[test]]),
-        "trees on force and pose": _fitted(
-            HistGradientBoostingClassifier(random_state=0), done[training], held[training], done[test]
-        ),
+        "trees on force and pose": trees.fit(done[training], held[training]).predict(done[test]),
     }
 
 

@@ -29,6 +29,22 @@ def test_a_classifier_learns_what_can_be_learned_and_gives_the_same_bits_again()
     assert (logs[0].argmax(dim=1) == stripes(64, 2).labels).float().mean() > 0.9
 
 
+def test_two_senses_tell_together_what_neither_tells_alone():
+    """Whether both have stripes along the first axis."""
+
+    def pairs(count: int, seed: int) -> Labelled:
+        first, second = (stripes(count, seed + side) for side in (0, 1))
+        order = torch.randperm(count, generator=torch.Generator().manual_seed(seed))
+        inputs = torch.cat([first.inputs, second.inputs[order]], dim=1)
+        return Labelled(inputs, first.labels * second.labels[order])
+
+    network = fit_classifier(pairs(384, 0), pairs(32, 2), 2, ASKED, seed=3, senses=(1, 1))
+    test = pairs(100, 4)
+    assert (answers(network, test.inputs)[1].argmax(dim=1) == test.labels).float().mean() > 0.9
+    blind = test.inputs * torch.tensor([1.0, 0.0])[:, None, None]
+    assert (answers(network, blind)[1].argmax(dim=1) == test.labels).float().mean() < 0.8
+
+
 def test_answers_do_not_depend_on_the_batch():
     network, inputs = ResNet18(1, 2, 8), stripes(8, 0).inputs
     features, logs = answers(network, inputs)
