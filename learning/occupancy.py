@@ -1,9 +1,9 @@
-"""The occupancy network: whether a point of the unit cube is inside, given features of a sample.
+"""The occupancy network: whether a point of the unit cube is inside, given a condition that a sample sets.
 
-Conditional batch normalisation after Mescheder et al. (2019), but of the last layer alone. There features set
-every layer, so each point passes through all of them for each object. Here grids (Peng et al. 2020) and two
-layers turn a point into functions of place that all objects share, normalised over the batch. A sample's
-features say how much of each function its object has. One pass of a point trains all objects that are known.
+Conditional batch normalisation after Mescheder et al. (2019), but of the last layer alone. There a condition
+sets every layer, so each point passes through all of them for each object. Here grids (Peng et al. 2020) and
+two layers turn a point into functions of place that all objects share, normalised over the batch. A sample's
+condition says how much of each function its object has. One pass of a point trains all known objects.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from learning.shapes import (
 
 SIDES, CHANNELS = (16, 32, 64), 8  # of the feature grids: corners a side, numbers at each
 CONDITION = 128
-GRID_RATE, RATE = 3e-2, 2e-3  # of learning
+GRID_RATE, RATE = 3e-2, 5e-3  # of learning
 FAR_POINTS, NEAR_POINTS = 100_000, 300_000  # in the cube, and about surfaces, of all objects together
 NEAR_SHARE = 0.75  # of the points of a step
 FEWEST_SAMPLES = 32  # of a step, several of an object where few are known
@@ -41,7 +41,7 @@ NEARLY_INSIDE, OUTSIDE = -6.0, -10.0  # logits
 
 
 class OccupancyNetwork(nn.Module):
-    """Logit of being inside for points (p, 3), given features (n, inputs).
+    """Logit of being inside for points (p, 3), given conditions (n, inputs).
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ class OccupancyNetwork(nn.Module):
         read = [grid_sample(grid, places, align_corners=True)[0, :, :, 0, 0].T for grid in self.grids]
         return self.norm(self.layers(torch.cat([*read, points], dim=1)))
 
-    def forward(self, features: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
+    def forward(self, conditions: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
         """Return (n, p)."""
-        condition = self.condition(features)
+        condition = self.condition(conditions)
         values = self.functions(points)
         return self.scales(condition) @ values.T / values.shape[1] ** 0.5 + self.shift(condition)
 
@@ -111,7 +111,7 @@ def _labelled(meshes: dict[int, trimesh.Trimesh]) -> dict[str, np.ndarray]:
 
 
 def fit(
-    features: torch.Tensor,
+    conditions: torch.Tensor,
     labels: torch.Tensor,
     shapes: Shapes,
     known: tuple[int, ...],
@@ -122,7 +122,7 @@ def fit(
 
     Parameters
     ----------
-    features
+    conditions
         (n, inputs) float32 of samples.
     labels
         (n,) int64, whose they are: positions of objects.
@@ -131,7 +131,7 @@ def fit(
     """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    network = OccupancyNetwork(features.shape[1], asked.width).to(DEVICE)
+    network = OccupancyNetwork(conditions.shape[1], asked.width).to(DEVICE)
     others = [one for name, one in network.named_parameters() if not name.startswith("grids")]
     grids: dict[str, Any] = {"params": network.grids.parameters(), "lr": GRID_RATE}
     optimiser = torch.optim.Adam([grids, {"params": others}], RATE)
@@ -150,7 +150,7 @@ def fit(
                 torch.randint(FAR_POINTS, (asked.points - count,), generator=random),
             ]
         )
-        logits = network(features[samples].to(DEVICE), shapes.points[chosen].to(DEVICE))
+        logits = network(conditions[samples].to(DEVICE), shapes.points[chosen].to(DEVICE))
         loss = binary_cross_entropy_with_logits(logits, occupied[:, chosen].float().to(DEVICE))
         optimiser.zero_grad()
         loss.backward()
@@ -166,8 +166,8 @@ def _near_rows(places: Sequence[int], count: int) -> torch.Tensor:
 
 
 @torch.no_grad()
-def predicted(network: OccupancyNetwork, features: torch.Tensor, cells: int) -> trimesh.Trimesh | None:
-    """Return the surface for the features (inputs,) of one sample.
+def predicted(network: OccupancyNetwork, condition: torch.Tensor, cells: int) -> trimesh.Trimesh | None:
+    """Return the surface for the condition (inputs,) of one sample.
 
     The network is asked at every point of the grid only where a grid `COARSER` times wider is nearly inside,
     as Mescheder et al. (2019) do.
@@ -180,8 +180,8 @@ def predicted(network: OccupancyNetwork, features: torch.Tensor, cells: int) -> 
 
     def logits(points: np.ndarray) -> np.ndarray:
         parts = torch.from_numpy(points).float().to(DEVICE).split(1 << 15)
-        condition = features[None].to(DEVICE)
-        return torch.cat([network(condition, part)[0] for part in parts]).cpu().numpy()
+        conditions = condition[None].to(DEVICE)
+        return torch.cat([network(conditions, part)[0] for part in parts]).cpu().numpy()
 
     side = cells // COARSER + 1
     nearly = logits(grid_points(cells // COARSER)).reshape(side, side, side) > NEARLY_INSIDE

@@ -1,14 +1,14 @@
 """What shape is it? An occupancy network conditioned on an image, a strike, or both.
 
-Conditions are features of the networks of `encoders`. The unit cube hides an object's size; a linear map
-from the same features says the size in metres.
+Conditions are what the networks of `encoders` say: how likely each object that they know is. The unit cube
+hides an object's size; a linear map from their features says the size in metres.
 
 Naming the object and returning its mesh is the first thing to compare with: on objects that were seen in
 training it needs no idea of shape.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 import torch
 import trimesh
 
-from learning.encoders import Encoder, encoded, folds_of, train
+from learning.encoders import Encoded, Encoder, encoded, folds_of, train
 from learning.occupancy import Shapes, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
 from learning.runs import Objects, code_digests, kept
@@ -91,9 +91,13 @@ class Trial:
             for sense in self.senses
         ]
 
-    def joined(self, split: str) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return features of the senses together, and labels."""
+    def features(self, split: str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return features of the senses together (n, sum of features), and labels."""
         return aligned([one.splits[split] for one in self.encoders], 1, self.seed)
+
+    def conditions(self, split: str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return `likelihoods` of the senses, and labels."""
+        return likelihoods([one.splits[split] for one in self.encoders], self.seed)
 
     @cached_property
     def made(self) -> dict[str, np.ndarray]:
@@ -108,13 +112,13 @@ class Trial:
 
     def _predict(self) -> dict[str, np.ndarray]:
         asked = self.settings.reconstruction
-        network = fit(*self.joined("training"), self.measures.shapes, self.known, asked, self.seed)
-        features, labels = self.joined("test")
+        network = fit(*self.conditions("training"), self.measures.shapes, self.known, asked, self.seed)
+        conditions, labels = self.conditions("test")
         found: list[tuple[float, ...]] = []
         arrays: dict[str, np.ndarray] = {}
         for label in self.tested:
             rows = np.flatnonzero(labels.numpy() == label)[: asked.tests]
-            meshes = [predicted(network, features[row], asked.grid) for row in rows]
+            meshes = [predicted(network, conditions[row], asked.grid) for row in rows]
             found += [astuple(self.measures.of(mesh, label)) for mesh in meshes]
             if meshes[0] is not None:
                 arrays |= {f"{label}/vertices": meshes[0].vertices, f"{label}/faces": meshes[0].faces}
@@ -138,7 +142,7 @@ class Trial:
             "ours": _mean([Likeness(*row) for row in self.made["likeness"].tolist()]),
             "look_up": _mean([self.measures.of_object(*pair) for pair in named]),
             "nearest_known": _mean(nearest),
-            "size_error_share": size_error(self.joined("training"), self.joined("test"), lengths_m),
+            "size_error_share": size_error(self.features("training"), self.features("test"), lengths_m),
             "objects": len(self.tested),
         }
 
@@ -150,6 +154,16 @@ class Trial:
             test = one.splits["test"]
             logs += test.log_probabilities[random.choice(np.flatnonzero(test.labels == label), len(logs))]
         return [self.known[best] for best in logs[:, list(self.known)].argmax(axis=1)]
+
+
+def likelihoods(said: Sequence[Encoded], seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return how likely each object is by several senses, as square roots (n, objects), and labels (n,).
+
+    Roots are unit vectors, as the places of `retrieval.CommonSpace`.
+    """
+    logs, labels = aligned([replace(one, features=one.log_probabilities) for one in said], 1, seed)
+    together = torch.stack(logs.chunk(len(said), dim=1)).sum(dim=0)
+    return (torch.log_softmax(together, dim=1) / 2).exp(), labels
 
 
 def size_error(

@@ -6,7 +6,9 @@ import torch
 import trimesh
 
 from learning import occupancy
+from learning.encoders import Encoded
 from learning.occupancy import Shapes, fit, predicted
+from learning.reconstruction import likelihoods
 from learning.settings import read_settings
 from learning.shapes import inside, near_surface, overlap, volume_points
 from tests.learning.conftest import PARAMETERS
@@ -42,12 +44,12 @@ def trained(balls):
     )
     random = torch.Generator().manual_seed(0)
     labels = torch.arange(4).repeat_interleave(30)
-    features = torch.eye(4)[labels] + 0.1 * torch.randn(len(labels), 4, generator=random)
-    return fit(features, labels, balls, (0, 2), asked, seed=0)
+    conditions = torch.eye(4)[labels] + 0.1 * torch.randn(len(labels), 4, generator=random)
+    return fit(conditions, labels, balls, (0, 2), asked, seed=0)
 
 
 @pytest.mark.parametrize("label", [0, 2])
-def test_features_say_how_large_a_ball_is(trained, label):
+def test_conditions_say_how_large_a_ball_is(trained, label):
     mesh = predicted(trained, torch.eye(4)[label], cells=32)
     points = volume_points(1)
     ball = np.linalg.norm(points, axis=1) < RADII[label]
@@ -59,3 +61,13 @@ def test_points_about_surfaces_are_of_known_objects_alone(balls):
     lengths = balls.points[rows].norm(dim=1)
     assert len(rows) == 2 * NEAR // 3
     assert not torch.any((lengths - RADII[2]).abs() < 0.05), "the ball between is not known"
+
+
+def test_senses_that_are_unsure_say_together_what_both_think_likely():
+    said = np.array([[0.5, 0.5, 0.0], [0.0, 0.5, 0.5]], dtype=np.float32)
+    senses = [Encoded(np.empty((1, 2), np.float32), np.log(row[None] + 1e-9), np.array([1])) for row in said]
+    conditions, labels = likelihoods(senses, seed=0)
+    assert labels.tolist() == [1]
+    torch.testing.assert_close(conditions, torch.tensor([[0.0, 1.0, 0.0]]), atol=1e-3, rtol=0)
+    alone, _ = likelihoods(senses[:1], seed=0)
+    torch.testing.assert_close(alone**2, torch.from_numpy(said[:1]), atol=1e-3, rtol=0)
