@@ -158,7 +158,7 @@ def crowded(file: ObjectFile, names: list[str], pitch: float = FINEST_PITCH) -> 
     tensors, described = Tensors(), Metadata()
     for name in names:
         while True:
-            pitch *= 1.01
+            pitch *= 1.03
             try:
                 size = lattice_of(name, triangles, pitch).size
                 break
