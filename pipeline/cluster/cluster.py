@@ -14,7 +14,7 @@ from pipeline.cluster.starting import make_cluster, start_workers
 from pipeline.dataset.job import Finished, Job, Runner, failed
 from pipeline.dataset.task import Outcome
 from pipeline.sandbox import scratch
-from pipeline.sandbox.isolation import Child, ProcessKilled
+from pipeline.sandbox.isolation import GLIBC, Child, ProcessKilled
 
 FEW = 1  # jobs for which starting a cluster takes longer than it saves
 MOST_KILLS_HERE = 2  # of a task's own process, after which it fails
@@ -33,6 +33,9 @@ DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": False,
+    # Units of learning run in the workers, and networks that are trained there take two fifths of their CPU
+    # seconds for pages that are returned and asked for again.
+    **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in GLIBC.items()},
 }
 
 

@@ -1,6 +1,7 @@
 """Units of tasks on Dask: the same arrays in this process, on one worker, and on two."""
 
 import contextlib
+import os
 import shutil
 
 import numpy as np
@@ -11,6 +12,7 @@ from learning.grasping.worlds import Worlds
 from learning.runs import Objects
 from learning.workers import Here, in_processes, joined
 from pipeline.cluster.places import Place
+from pipeline.sandbox.isolation import GLIBC
 
 
 def test_local_workers_are_processes_of_one_thread_and_others_stay():
@@ -19,6 +21,15 @@ def test_local_workers_are_processes_of_one_thread_and_others_stay():
     assert in_processes(Place()).kwargs["n_workers"] >= 1
     for place in (Place(address="tcp://a:1"), Place(class_name="SSHCluster", kwargs={"hosts": ["a", "b"]})):
         assert in_processes(place) is place
+
+
+def test_workers_keep_the_memory_that_they_free(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place = tmp_path / "place.yaml"
+    place.write_text("kwargs: {n_workers: 1, threads_per_worker: 1}", encoding="utf-8")
+    with joined(str(place)) as workers:
+        asked = [workers.submit(os.getenv, name) for name in GLIBC]
+        assert workers.gather(asked) == list(GLIBC.values())
 
 
 @pytest.mark.slow
