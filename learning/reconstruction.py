@@ -1,7 +1,7 @@
 """What shape is it? An occupancy network conditioned on an image, a strike, or both.
 
-Conditions are what the networks of `encoders` say: how likely each object that they know is. The unit cube
-hides an object's size; a linear map from their features says the size in metres.
+Conditions are what the networks of `encoders` say: the probability of each object that they know. The unit
+cube hides an object's size; a linear map from their features says the size in metres.
 
 Naming the object and returning its mesh is the first thing to compare with: on objects that were seen in
 training it needs no idea of shape.
@@ -96,8 +96,8 @@ class Trial:
         return aligned([one.splits[split] for one in self.encoders], 1, self.seed)
 
     def conditions(self, split: str) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return `likelihoods` of the senses, and labels."""
-        return likelihoods([one.splits[split] for one in self.encoders], self.seed)
+        """Return `object_probabilities` of the senses, and labels."""
+        return object_probabilities([one.splits[split] for one in self.encoders], self.seed)
 
     @cached_property
     def made(self) -> dict[str, np.ndarray]:
@@ -156,10 +156,10 @@ class Trial:
         return [self.known[best] for best in logs[:, list(self.known)].argmax(axis=1)]
 
 
-def likelihoods(said: Sequence[Encoded], seed: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return how likely each object is by several senses, as square roots (n, objects), and labels (n,).
+def object_probabilities(said: Sequence[Encoded], seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return square roots of the probability of each object by several senses (n, objects), and labels (n,).
 
-    Roots are unit vectors, as the places of `retrieval.CommonSpace`.
+    Senses are taken as independent. Roots are unit vectors, as the places of `retrieval.CommonSpace`.
     """
     logs, labels = aligned([replace(one, features=one.log_probabilities) for one in said], 1, seed)
     together = torch.stack(logs.chunk(len(said), dim=1)).sum(dim=0)

@@ -1,8 +1,8 @@
 """Will the object be held? From an image, from both gels, and from both senses, before it is lifted.
 
-Networks are those of `recognition`. That of both senses is trained as one: whether a force is enough hangs on
-the object that an image shows, which no sense learns alone. Beside them stands what needs no sense: the
-commoner answer, that of each object, and boosted trees that know force and pose.
+Networks are `JoinedSenses`, of one sense or of both, which are trained as one: whether a force is enough
+hangs on the object that an image shows, which no sense learns alone. Beside them stands what needs no sense:
+the commoner answer, that of each object, and boosted trees that know force and pose.
 """
 
 from collections.abc import Callable, Iterator

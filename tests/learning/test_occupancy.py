@@ -8,7 +8,7 @@ import trimesh
 from learning import occupancy
 from learning.encoders import Encoded
 from learning.occupancy import Shapes, fit, predicted
-from learning.reconstruction import likelihoods
+from learning.reconstruction import object_probabilities
 from learning.settings import read_settings
 from learning.shapes import inside, near_surface, overlap, volume_points
 from tests.learning.conftest import PARAMETERS
@@ -66,8 +66,8 @@ def test_points_about_surfaces_are_of_known_objects_alone(balls):
 def test_senses_that_are_unsure_say_together_what_both_think_likely():
     said = np.array([[0.5, 0.5, 0.0], [0.0, 0.5, 0.5]], dtype=np.float32)
     senses = [Encoded(np.empty((1, 2), np.float32), np.log(row[None] + 1e-9), np.array([1])) for row in said]
-    conditions, labels = likelihoods(senses, seed=0)
+    conditions, labels = object_probabilities(senses, seed=0)
     assert labels.tolist() == [1]
     torch.testing.assert_close(conditions, torch.tensor([[0.0, 1.0, 0.0]]), atol=1e-3, rtol=0)
-    alone, _ = likelihoods(senses[:1], seed=0)
+    alone, _ = object_probabilities(senses[:1], seed=0)
     torch.testing.assert_close(alone**2, torch.from_numpy(said[:1]), atol=1e-3, rtol=0)
