@@ -1,12 +1,14 @@
 """Retrieval against what is known of Gaussian variables, and on features that are made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from scipy.special import log_softmax
 
 from learning.encoders import Encoded, Encoder
-from learning.recognition import aligned, fused
+from learning.recognition import aligned, fused, sureness
 from learning.retrieval import (
     canonical_correlations,
     partial_least_squares,
@@ -79,6 +81,32 @@ def test_two_weak_senses_together_are_better_than_each():
     weak = [made(6, 1.2, seed, seed) for seed in (1, 2)]
     alone = [fused([one], seed=0).mean() for one in weak]
     assert fused(weak, seed=0).mean() > max(alone) + 0.03
+
+
+def test_a_sense_is_made_as_sure_as_it_is_right():
+    random = np.random.default_rng(0)
+    right = log_softmax(random.normal(size=(4000, 6)), axis=1)
+    labels = (np.cumsum(np.exp(right), axis=1) < random.random((4000, 1))).sum(axis=1)
+    for times in (0.5, 1.0, 3.0):
+        said = Encoded(right, log_softmax(times * right, axis=1), labels)
+        assert sureness(said) == pytest.approx(1 / times, rel=0.1)
+
+
+def test_a_sense_that_never_errs_is_not_without_doubt():
+    never = made(6, 0.1, 1).splits["validation"]
+    assert 1 <= sureness(never) < 3
+
+
+def test_a_sense_that_is_too_sure_does_not_outvote_another():
+    quiet, loud = made(6, 1.2, 1, 1), made(6, 1.6, 2, 2)
+    louder = {
+        name: replace(one, log_probabilities=4 * one.log_probabilities) for name, one in loud.splits.items()
+    }
+    right = fused([quiet, loud], seed=0).mean()
+    assert fused([quiet, Encoder(louder, 0.1)], seed=0).mean() > right - 0.02
+    said = [one.splits["test"] for one in (quiet, loud)]
+    plain = said[0].log_probabilities + 4 * said[1].log_probabilities
+    assert right > (plain.argmax(axis=1) == said[0].labels).mean() + 0.03
 
 
 def test_a_detector_that_sees_no_difference_is_right_half_of_the_time():
