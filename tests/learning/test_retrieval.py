@@ -8,7 +8,7 @@ import torch
 from scipy.special import log_softmax
 
 from learning.encoders import Encoded, Encoder
-from learning.recognition import aligned, fused, sureness
+from learning.recognition import aligned, fused, of_several, sureness
 from learning.retrieval import (
     canonical_correlations,
     partial_least_squares,
@@ -81,6 +81,15 @@ def test_two_weak_senses_together_are_better_than_each():
     weak = [made(6, 1.2, seed, seed) for seed in (1, 2)]
     alone = [fused([one], seed=0).mean() for one in weak]
     assert fused(weak, seed=0).mean() > max(alone) + 0.03
+
+
+def test_several_samples_are_better_than_one_which_is_what_a_sense_names():
+    test = made(6, 1.6, 1).splits["test"]
+    alone = np.mean(test.log_probabilities.argmax(axis=1) == test.labels)
+    one, two, all_of_them = (of_several(test, count, seed=0) for count in (1, 2, 12))
+    assert one == pytest.approx(alone, abs=0.02)
+    assert two > one + 0.05
+    assert all_of_them == 1
 
 
 def test_a_sense_is_made_as_sure_as_it_is_right():
