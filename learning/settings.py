@@ -38,7 +38,7 @@ class Data(_Strict):
     objects: tuple[str, ...]
     training: Counts
     validation: PositiveInt
-    test: PositiveInt
+    test: int = Field(ge=5)  # five samples are told together
     resolution: Sides
     regions: int = Field(ge=5, le=100)
 
