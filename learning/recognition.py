@@ -22,7 +22,7 @@ COMBINATIONS = tuple(chosen for size in (1, 2, 3) for chosen in combinations(SEN
 SEVERAL = (1, 2, 3, 5)
 DRAWS = 500  # of several samples of an object
 PAIRINGS = 8  # of test samples, each with others of its object
-DEVIATION = 0.5  # of the logarithm of how sure a sense should be, before its validation samples are seen
+PRIOR_DEVIATION = 0.5  # of the logarithm of an inverse temperature
 
 
 def name_of(senses: Sequence[str]) -> str:
@@ -60,17 +60,17 @@ def aligned(parts: Sequence[Encoded], draws: int, seed: int) -> tuple[torch.Tens
     return torch.from_numpy(np.concatenate(columns, axis=1)), torch.from_numpy(labels)
 
 
-def sureness(validation: Encoded) -> float:
+def inverse_temperature(validation: Encoded) -> float:
     """Return by what the log probabilities of a sense are multiplied, so that it is as sure as it is right.
 
     That is the inverse temperature of Guo et al. (2017, ICML, section 4.2), found on the validation samples.
-    Its logarithm has a normal prior of `DEVIATION`: else a sense that never errs there would have no doubt.
+    Its logarithm has a normal prior of `PRIOR_DEVIATION`: else a sense that never errs there has no doubt.
     """
     logs, rows = validation.log_probabilities.astype(np.float64), np.arange(len(validation.labels))
 
     def loss(logarithm: float) -> float:
         scaled = log_softmax(np.exp(logarithm) * logs, axis=1)
-        return (logarithm / DEVIATION) ** 2 / 2 - scaled[rows, validation.labels].sum()
+        return (logarithm / PRIOR_DEVIATION) ** 2 / 2 - scaled[rows, validation.labels].sum()
 
     return float(np.exp(minimize_scalar(loss, bounds=(-3, 3), method="bounded").x))
 
@@ -78,14 +78,14 @@ def sureness(validation: Encoded) -> float:
 def fused(encoders: Sequence[Encoder], seed: int) -> NDArray[np.bool_]:
     """Return which of the test's several senses name rightly together.
 
-    Their log probabilities are summed, each times its `sureness`. That is a linear layer on their joined
-    features, each sense's part trained alone. One that is trained on joined features relies on the sense that
-    its training samples fit best, and errs more often.
+    Their log probabilities are summed, each times its `inverse_temperature`. That is a linear layer on their
+    joined features, each sense's part trained alone. One that is trained on joined features relies on the
+    sense that its training samples fit best, and errs more often.
     """
     tests = [one.splits["test"] for one in encoders]
     rows = paired(tests, PAIRINGS, seed)
     said = [
-        sureness(one.splits["validation"]) * test.log_probabilities[own]
+        inverse_temperature(one.splits["validation"]) * test.log_probabilities[own]
         for one, test, own in zip(encoders, tests, rows, strict=True)
     ]
     return np.asarray(np.argmax(sum(said), axis=1) == tests[0].labels[rows[0]])

@@ -272,7 +272,7 @@ def flipped(file: ObjectFile) -> ObjectFile:
     gains = file.modes.gains
     signs = (-1.0) ** np.arange(len(file.modes.eigenvalues))
     other.modes = copy.copy(file.modes)
-    other.modes.gains = lambda points: gains(points) * signs  # type: ignore[method-assign]
+    other.modes.gains = lambda points: gains(points) * signs  # type: ignore[method-assign]  (of this copy alone)
     return other
 
 

@@ -8,7 +8,7 @@ import torch
 from scipy.special import log_softmax
 
 from learning.encoders import Encoded, Encoder
-from learning.recognition import aligned, fused, of_several, sureness
+from learning.recognition import aligned, fused, inverse_temperature, of_several
 from learning.retrieval import (
     canonical_correlations,
     partial_least_squares,
@@ -98,12 +98,12 @@ def test_a_sense_is_made_as_sure_as_it_is_right():
     labels = (np.cumsum(np.exp(right), axis=1) < random.random((4000, 1))).sum(axis=1)
     for times in (0.5, 1.0, 3.0):
         said = Encoded(right, log_softmax(times * right, axis=1), labels)
-        assert sureness(said) == pytest.approx(1 / times, rel=0.1)
+        assert inverse_temperature(said) == pytest.approx(1 / times, rel=0.1)
 
 
 def test_a_sense_that_never_errs_is_not_without_doubt():
     never = made(6, 0.1, 1).splits["validation"]
-    assert 1 <= sureness(never) < 3
+    assert 1 <= inverse_temperature(never) < 3
 
 
 def test_a_sense_that_is_too_sure_does_not_outvote_another():

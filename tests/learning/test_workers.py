@@ -1,4 +1,4 @@
-"""Units of tasks on Dask: the same arrays in this process and on two workers."""
+"""Units of tasks on Dask: the same arrays in this process, on one worker, and on two."""
 
 import contextlib
 import os
@@ -41,7 +41,7 @@ def test_grasps_and_policies_are_the_same_on_any_number_of_workers(unparted_mugs
     (tmp_path / "parted").mkdir()
     monkeypatch.chdir(tmp_path / "parted")
     Worlds(objects).part("a")  # of all four, for they have the same file
-    for count in (0, 2):
+    for count in range(3):
         folder = tmp_path / str(count)
         shutil.copytree(tmp_path / "parted", folder)
         monkeypatch.chdir(folder)  # where its workers keep what they make
@@ -50,8 +50,9 @@ def test_grasps_and_policies_are_the_same_on_any_number_of_workers(unparted_mugs
         with joined(str(place)) if count else contextlib.nullcontext(Here()) as several:
             grasps.append(stability.grasps_of(objects, settings, several))
             figures.append(touch_policy.evaluate(objects, settings, several))
-    assert figures[1] == figures[0]
-    for name, values in grasps[0].items():
-        np.testing.assert_array_equal(grasps[1][name], values)
+    for other in (1, 2):
+        assert figures[other] == figures[0]
+        for name, values in grasps[0].items():
+            np.testing.assert_array_equal(grasps[other][name], values)
     assert len(grasps[0]["held"]) == 4 * settings.grasping.grasps
     assert len({image.tobytes() for image in grasps[0]["touch"]}) > settings.grasping.grasps, "batches differ"
