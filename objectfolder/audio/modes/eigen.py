@@ -31,6 +31,9 @@ NEARLY = 2
 ROWS = 16384
 # Directions of the basis that carry less than this share of the largest one are rounding.
 DEPENDENT = 1e-10
+# Of the first pass of Cholesky QR: with less, a second pass is orthonormal to rounding (Y. Yamamoto et al.,
+# "Roundoff error analysis of the CholeskyQR2 algorithm", ETNA 44, 2015).
+LARGEST_FIRST_LOSS = 5 / 64
 
 
 def weigh(mass: sparse.csr_matrix, vectors: Floats) -> Floats:
@@ -143,30 +146,37 @@ def orthonormalise(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floa
 
     Two passes; three, the first of a shifted Gram matrix, where the columns are nearly dependent (T. Fukaya
     et al., "Shifted Cholesky QR for computing the QR factorization of ill-conditioned matrices", SIAM J. Sci.
-    Comput. 42, 2020). The plain form breaks down from a condition number of some 1e8 on.
+    Comput. 42, 2020). The plain form loses orthogonality with the square of the condition number; from some
+    1e8 on its factor does not exist, or exists by the luck of rounding, so the loss decides, too.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         The columns are dependent to rounding.
     """
+    gram = _gram(block, mass)
     try:
-        better, first = _cholesky_qr(block, mass, 0.0)
+        better, first = _cholesky_qr(block, gram)
+        remaining = _gram(better, mass)
+        is_near = bool(np.linalg.norm(remaining - np.eye(len(gram)), 2) <= LARGEST_FIRST_LOSS)
     except np.linalg.LinAlgError:
-        shifted_first = 11 * block.size * float(np.finfo(np.float64).eps)
-        once, before = _cholesky_qr(block, mass, shifted_first)
-        better, after = _cholesky_qr(once, mass, 0.0)
-        first = after @ before
-    basis, second = _cholesky_qr(better, mass, 0.0)
+        is_near = False
+    if not is_near:
+        shift = 11 * block.size * float(np.finfo(np.float64).eps) * np.linalg.norm(gram, 2)
+        shifted, before = _cholesky_qr(block, gram + shift * np.eye(len(gram)))
+        better, after = _cholesky_qr(shifted, _gram(shifted, mass))
+        first, remaining = after @ before, _gram(better, mass)
+    basis, second = _cholesky_qr(better, remaining)
     return basis, second @ first
 
 
-def _cholesky_qr(block: Floats, mass: sparse.csr_matrix, shift: float) -> tuple[Floats, Floats]:
-    """Q and R of the Gram matrix plus `shift` times its norm."""
-    gram = block.T @ weigh(mass, block)
-    gram = (gram + gram.T) / 2
-    if shift:
-        gram += shift * np.linalg.norm(gram, 2) * np.eye(len(gram))
+def _gram(block: Floats, mass: sparse.csr_matrix) -> Floats:
+    gram: Floats = block.T @ weigh(mass, block)
+    return (gram + gram.T) / 2
+
+
+def _cholesky_qr(block: Floats, gram: Floats) -> tuple[Floats, Floats]:
+    """Q and R by a Gram matrix of the block, which may be shifted."""
     upper = linalg.cholesky(gram)
     return linalg.solve_triangular(upper, block.T, trans="T").T, upper
 
