@@ -9,6 +9,7 @@ import os
 import platform
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
@@ -80,8 +81,12 @@ def write(
     TypeError
         A value that JSON cannot hold.
     ValueError
-        A figure that is not finite: say None where there is none.
+        A figure that is not finite: say None where there is none. No figures, settings or sentence; a folder
+        of this machine among the values.
     """
+    for part, value in {"figures": figures, "settings": settings, "compared": compared}.items():
+        if not value:
+            raise ValueError(f"{name}: no {part}; a figure stands with what was compared and how")
     content = {
         "name": name,
         "compared": compared,
@@ -90,6 +95,11 @@ def write(
         "versions": versions(),
     }
     text = json.dumps(content, indent=1, default=_plain, allow_nan=False, ensure_ascii=False)
+    for place in (REPOSITORY, Path.home(), Path(tempfile.gettempdir())):
+        if f"{place}/" in text:
+            raise ValueError(
+                f"{name}: a value names {place}, a folder of this machine; give a name without it"
+            )
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
     path.write_text(text + "\n", encoding="utf-8")

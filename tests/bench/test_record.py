@@ -26,5 +26,22 @@ def test_figures_are_kept_with_settings_versions_and_what_was_compared(tmp_path:
 def test_numbers_that_are_not_finite_and_foreign_values_leave_no_file(tmp_path: Path) -> None:
     for value, error in ((np.nan, ValueError), (np.array([np.inf]), ValueError), (object(), TypeError)):
         with pytest.raises(error):
-            record.write("rates", {"value": value}, {}, "nothing", folder=tmp_path)
+            record.write("rates", {"value": value}, {"cases": 1}, "nothing", folder=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("figures", "settings", "compared", "message"),
+    [
+        ({}, {"cases": 1}, "ours", "no figures"),
+        ({"seconds": 1.0}, {}, "ours", "no settings"),
+        ({"seconds": 1.0}, {"cases": 1}, "", "no compared"),
+        ({"seconds": 1.0}, {"mesh": str(record.REPOSITORY / "mug.obj")}, "ours", "a folder of this machine"),
+    ],
+)
+def test_a_result_says_what_was_compared_and_how_and_names_no_folder(
+    figures: dict[str, float], settings: dict[str, object], compared: str, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        record.write("rates", figures, settings, compared, folder=tmp_path)
     assert not list(tmp_path.iterdir())
