@@ -8,6 +8,7 @@ import importlib
 import os
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest import mock
@@ -37,6 +38,7 @@ from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.truth.views import simulate_views
+from tests import cpu_seconds
 
 REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()
@@ -49,9 +51,16 @@ settings.register_profile("search", derandomize=False)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
-def pytest_configure() -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Offer a list of what the tests cost."""
+    listed = "list the N dearest tests and fixtures in CPU seconds, and the sum of each folder"
+    parser.addoption("--cpu-seconds", type=int, default=0, metavar="N", help=listed)
+
+
+def pytest_configure(config: pytest.Config) -> None:
     """Import DVC: it logs to the stream that it finds then, and that of a test's own is closed after it."""
     importlib.import_module("dvc.logger")
+    cpu_seconds.register(config, config.getoption("--cpu-seconds"))
 
 
 def pytest_collection_finish() -> None:
@@ -63,13 +72,18 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Remember what was collected, before any of it is deselected or sorted; a browser is slow."""
+    """Remember what was collected, before any of it is deselected or sorted; a browser is slow.
+
+    Modules with many slow tests come first, so that no process is left alone with one of them at the end.
+    """
     config.stash[COLLECTED] = [item.nodeid for item in items]
     if "COLLECTED_FILE" in os.environ:
         Path(os.environ["COLLECTED_FILE"]).write_text("\n".join(config.stash[COLLECTED]))
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path])
 
 
 @pytest.fixture(scope="session")
