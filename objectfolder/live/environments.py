@@ -1,6 +1,8 @@
 """Gymnasium's environments of an object that is seen, heard and felt; importing this registers them.
 
-gymnasium.make("objectfolder/Squeeze-v0", file=objectfolder.load("mug.safetensors")), and Strike-v0
+Gymnasium 1.0 and later looks for none in installed packages, but imports the module that an id names::
+
+    gymnasium.make("objectfolder.live.environments:objectfolder/Squeeze-v0")  # and Strike-v0
 """
 
 from typing import Any
@@ -22,7 +24,9 @@ try:
     import gymnasium
     from gymnasium.spaces import Box, Dict
 except ImportError as error:
-    raise QueryError("gymnasium", "is not installed", "pip install gymnasium") from error
+    raise QueryError(
+        "gymnasium", "is not installed", "pip install 'objectfolder-factory[gymnasium]'"
+    ) from error
 
 BLOCKS, LONGEST_STEPS = 2, 200  # 23 ms a step
 GREATEST_FORCE_N, LIFTING_M_S = 10.0, 0.1
@@ -132,8 +136,7 @@ class Squeeze(Standing):
     Examples
     --------
     >>> import gymnasium
-    >>> import objectfolder.live.environments
-    >>> squeeze = gymnasium.make("objectfolder/Squeeze-v0")
+    >>> squeeze = gymnasium.make("objectfolder.live.environments:objectfolder/Squeeze-v0")
     >>> observation, _ = squeeze.reset(seed=0)
     >>> observation, reward, *_ = squeeze.step(squeeze.action_space.sample())
     >>> observation["touch"].shape, observation["audio"].shape
@@ -217,8 +220,7 @@ class Strike(Standing):
     Examples
     --------
     >>> import gymnasium
-    >>> import objectfolder.live.environments
-    >>> strike = gymnasium.make("objectfolder/Strike-v0")
+    >>> strike = gymnasium.make("objectfolder.live.environments:objectfolder/Strike-v0")
     >>> observation, _ = strike.reset(seed=0)
     >>> observation, reward, *_ = strike.step(strike.action_space.sample())
     >>> observation["audio"].shape, bool(abs(observation["audio"]).max() > 0)

@@ -15,7 +15,8 @@ environments = import_module("objectfolder.live.environments")
 
 @pytest.fixture(scope="module")
 def squeeze():
-    return gymnasium.make("objectfolder/Squeeze-v0", pixels=32, render_mode="rgb_array")
+    name = "objectfolder.live.environments:objectfolder/Squeeze-v0"
+    return gymnasium.make(name, pixels=32, render_mode="rgb_array")
 
 
 def squeezed(env, actions, seed=0):
@@ -117,5 +118,5 @@ def test_no_environment_without_pixels_or_gymnasium(monkeypatch):
     with pytest.raises(QueryError, match="pixels: 0"):
         environments.Squeeze(pixels=0)
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    with pytest.raises(QueryError, match=r"gymnasium: is not installed\. pip install gymnasium"):
+    with pytest.raises(QueryError, match=r"gymnasium: is not installed\. pip install '.*\[gymnasium\]'"):
         reload(environments)
