@@ -5,12 +5,14 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+import yaml
 
 import objectfolder
 from objectfolder.errors import QueryError
@@ -150,6 +152,14 @@ def test_reachable_contacts_are_those_a_sensor_fits_at(monkeypatch: pytest.Monke
     monkeypatch.setattr("objectfolder.object_file.object_file.MOST_ATTEMPTS", 1)
     with pytest.raises(QueryError, match="of 60 contacts drawn can be reached"):
         mug.sample_contacts(60, seed=1, reachable=True)
+
+
+def test_version_and_authors_are_the_same_wherever_they_are_stated() -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    cited = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    assert project["version"] == objectfolder.__version__ == cited["version"]
+    assert project["authors"] == cited["authors"]
+    assert project["license"] == cited["license"]
 
 
 def test_another_example_is_refused() -> None:
