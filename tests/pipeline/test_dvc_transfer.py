@@ -1,0 +1,93 @@
+"""Push, clone, pull and checkout of an older version, with this project's own stages and tiny outputs."""
+
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import chdir, contextmanager
+from pathlib import Path
+
+import pygit2
+import pytest
+from dvc.repo import Repo
+from toys import REPOSITORY
+
+COPIED = ("dvc.yaml", "params.yaml", "learning/dvc.yaml", "learning/dvc.lock", "learning/params.yaml")
+SIGNATURE = pygit2.Signature("t", "t@t")
+
+
+def commit(root: Path, message: str) -> None:
+    """Commit everything and tag it by the message."""
+    git = pygit2.Repository(str(root))
+    git.index.add_all()
+    git.index.write()
+    parents = [] if git.head_is_unborn else [git.head.target]
+    made = git.create_commit("HEAD", SIGNATURE, SIGNATURE, message, git.index.write_tree(), parents)
+    git.create_reference(f"refs/tags/{message}", made)
+
+
+@contextmanager
+def opened(root: Path) -> Iterator[Repo]:
+    """DVC's repository in a folder."""
+    with chdir(root), Repo() as repository:
+        yield repository
+
+
+def made_data_set(root: Path, store: Path) -> dict[str, str]:
+    """Make every output of the data set, none of the learning tasks; return a file of each with its text."""
+    for name in COPIED:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(REPOSITORY / name, root / name)
+    pygit2.init_repository(str(root))
+    Repo.init(str(root)).close()
+    (root / ".dvc" / "config").write_text(
+        f"[core]\n    remote = store\n['remote \"store\"']\n    url = {store}\n"
+    )
+    written = {}
+    with opened(root) as repository:
+        stages = [one for one in repository.index.stages if one.path_in_repo == "dvc.yaml"]
+        outs = {str(out): out for stage in stages for out in stage.outs}
+        for name in outs:
+            path = root / name
+            if not path.suffix:
+                path.mkdir(parents=True)
+                path /= "mug"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(f"first {name}")
+            written[path.relative_to(root).as_posix()] = f"first {name}"
+        for name in {str(dep) for stage in stages for dep in stage.deps} - outs.keys():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            if not (root / name).exists():
+                (root / name).write_text("code")
+        repository.commit(force=True, target="dvc.yaml")
+    return written
+
+
+@pytest.mark.slow
+def test_pushed_pulled_as_links_and_an_older_version_checked_out(tmp_path):
+    root, store, clone = tmp_path / "made", tmp_path / "store", tmp_path / "clone"
+    first = made_data_set(root, store)
+    commit(root, "v1")
+    (root / "data" / "views" / "mug").write_text("second")
+    with opened(root) as repository:
+        assert repository.push() > 0
+        repository.commit(force=True, target="dvc.yaml")
+        assert repository.push() > 0
+    commit(root, "v2")
+
+    pygit2.clone_repository(str(root), str(clone))
+    (clone / ".dvc" / "config.local").write_text("[cache]\n    type = symlink\n")
+    with opened(clone) as repository:
+        repository.pull()
+        assert read(clone, first) == first | {"data/views/mug": "second"}
+        assert (clone / "data" / "views" / "mug").is_symlink()
+    git = pygit2.Repository(str(clone))
+    git.checkout("refs/tags/v1")
+    with opened(clone) as repository:
+        repository.fetch()
+        repository.checkout()
+    assert read(clone, first) == first
+    assert not git.status()
+
+
+def read(root: Path, names: Iterable[str]) -> dict[str, str]:
+    """Return the texts of files."""
+    return {name: (root / name).read_text() for name in names}
