@@ -8,6 +8,7 @@ from objectfolder.errors import FormatError, ObjectFolderError
 from objectfolder.products.provenance import canonical_json
 from pipeline.audit import reasons
 from pipeline.audit.change_costs import reported_costs, to_fetch
+from pipeline.audit.committed_figures import changes_of_means, figures_by_object
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.fidelity import FidelityChange, changes, worst_first
@@ -41,7 +42,10 @@ class Comparison:
         self._products = ProductComparison(contents, read_arrays)
         self._measured, self._reported = costs_by_fingerprint(contents.root), reported_costs(new)
         self._problems: dict[str, ObjectFolderError] = {}  # by what they hide
-        self._compared = [kind for stage in stages for kind in stage.products if self._is_known(kind)]
+        kinds = [kind for stage in stages for kind in stage.products]
+        known = {kind: self._is_known(kind) for kind in kinds}
+        self._not_compared = tuple(kind.folder for kind in kinds if not known[kind])
+        self._compared = [kind for kind in kinds if known[kind] and not self._is_same(kind)]
 
     @property
     def problems(self) -> tuple[ObjectFolderError, ...]:
@@ -59,10 +63,13 @@ class Comparison:
         pairs = _renamed(self._contents, old, new)
         former = {after: before for before, after in pairs.items()}
         failed_before, failed_after = old.failures(self._stages), new.failures(self._stages)
+        figures = figures_by_object(old), figures_by_object(new)
         found, fidelity = [], []
         for object_id in sorted((old.listed | new.listed) - set(pairs)):
             was = former.get(object_id, object_id)
             stages, measures = self.stages(was, object_id)
+            if not measures and figures[0] is not None and figures[1] is not None:
+                measures = changes(object_id, figures[0].get(was), figures[1].get(object_id))
             fidelity += measures
             failure = failed_after.get(object_id)
             if object_id not in new.listed:
@@ -75,12 +82,15 @@ class Comparison:
                 state = State.RENAMED
             elif was in failed_before:
                 state = State.MENDED
+            elif stages or measures:
+                state = State.CHANGED
             else:
-                state = State.CHANGED if stages else State.UNCHANGED
+                state = State.NOT_COMPARED if self._not_compared else State.UNCHANGED
             found.append(ObjectChange(object_id, state, former.get(object_id, ""), stages, failure))
         return Audit(
             old.label, new.label, tuple(found), tuple(worst_first(fidelity)),
             to_fetch(self._contents, old, new), self._products.read_arrays, self.problems,
+            tuple(worst_first(changes_of_means(old, new))), self._not_compared,
         )  # fmt: skip
 
     def stages(self, was: str, object_id: str) -> tuple[tuple[StageChange, ...], list[FidelityChange]]:
@@ -164,11 +174,16 @@ class Comparison:
             for object_id in old.keys() | new.keys():
                 yield from filter(None, self._pair(kind, object_id, object_id) or ())
 
-    def _is_known(self, kind: ProductKind) -> bool:
-        """Whether products of a kind are to be compared; an unreadable list of them is noted as a problem."""
+    def _is_same(self, kind: ProductKind) -> bool:
+        """Whether the folder of a kind is the same in both, by its hash."""
         old, new = self._old.folders[kind.folder], self._new.folders[kind.folder]
-        if old.md5 and old.md5 == new.md5:
-            return False
+        return bool(old.md5) and old.md5 == new.md5
+
+    def _is_known(self, kind: ProductKind) -> bool:
+        """Whether products of a kind can be compared; an unreadable list of them is noted as a problem."""
+        if self._is_same(kind):
+            return True
+        old, new = self._old.folders[kind.folder], self._new.folders[kind.folder]
         for folder in (old, new):
             if folder.problem is not None:
                 self._problems.setdefault(kind.folder, folder.problem)

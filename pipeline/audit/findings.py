@@ -17,10 +17,14 @@ from pipeline.dataset.stages import STAGES
 
 NAMED = 3  # modules, and parameters of one section, before the rest are counted
 Texts = tuple[str, ...]
+FIGURES = "its figures in the committed report; no product that could be compared changed"
 
 
 class State(StrEnum):
-    """What became of an object, or of its products of a stage (changed, made or gone)."""
+    """What became of an object, or of its products of a stage (changed, made or gone).
+
+    *Not compared* is an object of which nothing changed as far as could be read, and not all could.
+    """
 
     ADDED = "added"
     REMOVED = "removed"
@@ -29,6 +33,7 @@ class State(StrEnum):
     FAILED = "failed"
     STILL_FAILED = "failed as before"
     MENDED = "mended"
+    NOT_COMPARED = "not compared"
     UNCHANGED = "unchanged"
     MADE = "made"
     GONE = "gone"
@@ -106,6 +111,10 @@ class Audit:
         Whether arrays were read, or only their checksums compared.
     problems
         What could not be read here, and what to do about it; an audit with any is incomplete.
+    means
+        Means over the objects that differ between the reports that git has.
+    not_compared
+        Folders of products of which the list of files could not be read in one of the versions.
     """
 
     old: str
@@ -115,6 +124,8 @@ class Audit:
     fetch: Fetch
     arrays_read: bool
     problems: tuple[ObjectFolderError, ...] = ()
+    means: tuple[FidelityChange, ...] = ()
+    not_compared: Texts = ()
 
 
 @dataclass(frozen=True)
@@ -177,10 +188,12 @@ def groups(audit: Audit) -> list[Group]:
     """Return what changed, the largest groups of a state last: single objects are what one looks for."""
     found: dict[tuple[str, Texts, Texts, Texts], list[ObjectChange]] = defaultdict(list)
     for one in audit.objects:
-        if one.state == State.UNCHANGED and not one.stages:
+        if one.state in (State.UNCHANGED, State.NOT_COMPARED) and not one.stages:
             continue
         failed = [f"{one.failure.stage}: {one.failure.error}"] if one.failure is not None else []
         why = sentences(one.roots) if one.state != State.REMOVED else []
+        if one.state == State.CHANGED and not one.stages:
+            why = [FIGURES]
         behind = tuple(change.stage for change in one.stages if change.follows)
         direct = tuple(change.stage for change in one.stages if not change.follows)
         found[one.state, (*failed, *why), direct, behind].append(one)

@@ -9,12 +9,15 @@ from pipeline.audit.contents import Contents
 from pipeline.audit.fidelity import MEASURES
 from pipeline.audit.findings import ObjectChange, State, sentences
 from pipeline.audit.git import Commit, GitRepository
+from pipeline.audit.stores import NotHere
 from pipeline.audit.versions import Version, made_nothing, read_version
 from pipeline.dataset.lock_file import LOCK
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY
 
 SHORT = 8
+NOWHERE = "their lists of files are not in the cache, and no remote is set"
+NAME_A_REMOTE = "Name the one that has them: `dvc remote add --default NAME URL`."
 APPEARED, CHANGED, GONE, INCOMPLETE = "appeared", "changed", "gone", "incomplete"
 
 
@@ -63,6 +66,8 @@ def history(
     ------
     InputError
         No such revision, or no version has the object.
+    NotHere
+        No version can be read here, and no remote is set that may have them.
     """
     found: list[ObjectVersion] = []
     unreadable: list[Unreadable] = []
@@ -79,6 +84,9 @@ def history(
         if _products(former, object_id) != _products(version, object_id):
             found.append(_version(contents, object_id, stages, former, version, commit))
         former = version
+    if unreadable and not found and contents.remote is None:
+        finding = f"none of the {len(unreadable)} versions can be read here: {NOWHERE}"
+        raise NotHere(object_id, finding, NAME_A_REMOTE)
     if not found and not unreadable:
         remedy = "Check the id; `git log -- dvc.lock` lists the versions."
         raise InputError(object_id, f"no version behind {revision} has it", remedy)

@@ -17,6 +17,7 @@ from pipeline.audit.findings import Audit, change, cost, counts, groups, names, 
 from pipeline.audit.history import GONE, ObjectVersion, Unreadable
 from pipeline.audit.recomputation import Remade
 from pipeline.audit.verification import Verified
+from pipeline.dataset.lock_file import MD5
 
 TEMPLATES = Path(__file__).parent / "template"
 NARROWEST, WIDEST = 72, 120
@@ -41,12 +42,6 @@ def audit_text(
 ) -> str:
     """Return what an audit found, and what of it exceeds the largest loss allowed by measure, for people."""
     felt = [one for one in audit.fidelity if abs(one.weight) >= LEAST_WEIGHT]
-    rows = [("object", "measure", "before", "after", "change")]
-    for one in felt[:FIDELITY_ROWS]:
-        unit = MEASURES[one.measure].unit
-        name = f"{one.measure} ({unit})" if unit not in ("", "bytes") else one.measure
-        before, after = value(one.measure, one.before), value(one.measure, one.after)
-        rows.append((one.object_id, name, before, after, change(one)))
     stages = totals(audit)
     return _rendered(
         "audit",
@@ -56,13 +51,26 @@ def audit_text(
         groups=groups(audit),
         most=GROUPS,
         stages=[COLUMNS, *((one.stage, *one.cells) for one in stages)] if stages else [],
-        fidelity=rows if felt else [],
+        fidelity=_fidelity_rows(felt[:FIDELITY_ROWS]),
+        means=_fidelity_rows(audit.means),
         unshown=len(felt[FIDELITY_ROWS:]),
         smaller=len(audit.fidelity) - len(felt),
         cost=cost(stages),
         exceeded=exceeded,
         allowed=allowed,
     )
+
+
+def _fidelity_rows(found: Sequence[FidelityChange]) -> list[tuple[str, ...]]:
+    """Return a table of changes with its head; nothing for no change."""
+    head = ("object", "measure", "before", "after", "change")
+    rows: list[tuple[str, ...]] = [head] if found else []
+    for one in found:
+        unit = MEASURES[one.measure].unit
+        name = f"{one.measure} ({unit})" if unit not in ("", "bytes") else one.measure
+        before, after = value(one.measure, one.before), value(one.measure, one.after)
+        rows.append((one.object_id, name, before, after, change(one)))
+    return rows
 
 
 def verified_text(found: Verified, remade: Sequence[Remade], label: str, width: int) -> str:
@@ -76,7 +84,7 @@ def history_text(
     """Return the versions of an object, oldest first."""
     together: dict[str, list[str]] = defaultdict(list)
     for commit, error in unreadable:
-        together[str(error)].append(commit.short)
+        together[MD5.sub("a list of files", str(error))].append(commit.short)
     count = sum(one.state != GONE for one in found)  # a commit that removed it is listed, and is no version
     return _rendered("history", width, object_id=object_id, count=count, versions=found, unreadable=together)
 

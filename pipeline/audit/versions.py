@@ -17,10 +17,10 @@ from pipeline.dataset.records import MATERIALS, RECORDS, Records, parse_records
 from pipeline.dataset.stage import Stage
 
 WORK_TREE = "work tree"
-PER_OBJECT = "reports/per_object.csv"
+PER_OBJECT, METRICS = "reports/per_object.csv", "reports/metrics.json"
 NOT_KEPT = "no product; versions do not keep why"
 LOOK = "See runs/ where that version was made, or run it again: `dvc repro`."
-TEXTS = (LOCK, RECORDS.as_posix(), MATERIALS.as_posix(), PER_OBJECT)
+TEXTS = (LOCK, RECORDS.as_posix(), MATERIALS.as_posix(), PER_OBJECT, METRICS)
 
 
 @dataclass(frozen=True)

@@ -183,14 +183,15 @@ def test_content_that_is_nowhere_is_said_and_judged_by_no_threshold(run, made):
     path = made.in_cache(FIDELITY.path(made.root, "dish"))
     away = path.rename(path.with_suffix(".away"))
     try:
-        status, out, _ = run("audit", "HEAD~1", "HEAD")
-        assert status == FINE
+        status, out, error = run("audit", "HEAD~1", "HEAD")
+        assert status == FAILED
+        assert "not all could be compared" in error
         assert "not readable here" in out
         assert "incomplete" in out
         assert "dvc fetch" in out
         status, _, error = run("audit", "HEAD~1", "HEAD", "--max-loss", "vision.psnr_db=0.5")
         assert status == FAILED
-        assert "were not judged" in error
+        assert "limits were judged by what was read" in error
     finally:
         away.rename(path)
 
@@ -199,7 +200,8 @@ def test_list_of_a_folder_that_is_nowhere(run, made, tmp_path):
     shutil.move(made.root / ".dvc/cache", tmp_path / "cache")
     try:
         status, out, _ = run("audit", "HEAD~1", "HEAD")
-        assert status == FINE
+        assert status == FAILED
+        assert "2 objects: 2 not compared" in out
         assert "data/fidelity: not readable here" in " ".join(out.split())
         assert "what data/fidelity has, of which the list is unknown" in " ".join(out.split())
         fetch = json.loads(run("audit", "HEAD~1", "HEAD", "--json")[1])["fetch"]
@@ -207,7 +209,43 @@ def test_list_of_a_folder_that_is_nowhere(run, made, tmp_path):
         assert fetch["files"] == 0
         # Folders of the same hash in both are the same, wherever they are.
         assert "data/views" not in out
-        assert run("history", "cup")[0] == FINE
+        status, _, error = run("history", "cup")
+        assert status == FAILED
+        assert "none of the 2 versions can be read here" in error
+        assert error.count("\n") == 1
+    finally:
+        shutil.move(tmp_path / "cache", made.root / ".dvc/cache")
+
+
+def test_committed_figures_are_compared_where_no_product_can_be(run, made, tmp_path):
+    reports = made.root / "reports"
+    reports.mkdir()
+
+    def reported(revision, gain_db):
+        """A commit of what a revision has, and a report of it."""
+        table = f"id,audio.gain_error_db,vision.psnr_db\ncup,{gain_db},50\ndish,-40,\n"
+        (reports / "per_object.csv").write_text(table)
+        means = {"audio": {"gain_error_db": {"mean": gain_db}}, "objects": 2}
+        (reports / "metrics.json").write_text(json.dumps(means))
+        made.git("read-tree", revision)
+        made.git("add", "reports")
+        return made.git("commit-tree", made.git("write-tree"), "-m", f"gain {gain_db}")
+
+    first, before, after = reported("HEAD~1", -45.0), reported("HEAD", -45.0), reported("HEAD", -44.8)
+    shutil.rmtree(reports)
+    made.git("reset", "-q")
+    # The products are the same in both.
+    status, out, _ = run("audit", before, after)
+    assert status == FINE
+    assert "2 objects: 1 changed, 1 unchanged" in out
+    shutil.move(made.root / ".dvc/cache", tmp_path / "cache")
+    try:
+        status, out, _ = run("audit", first, after, "--max-loss", "audio.gain_error_db=0.1")
+        assert status == FAILED
+        assert "2 objects: 1 changed, 1 not compared" in out
+        assert "cup     audio.gain_error_db (dB)  -45.00  -44.80  worse by 0.20" in out
+        assert "mean    audio.gain_error_db (dB)  -45.00  -44.80  worse by 0.20" in out
+        assert "too much: cup" in out
     finally:
         shutil.move(tmp_path / "cache", made.root / ".dvc/cache")
 
@@ -221,8 +259,8 @@ def test_damaged_measures_are_judged_by_no_threshold(run, made):
         assert status == FAILED
         assert "corrupted" in out
         assert "incomplete: data/fidelity/dish.zarr.zip" in out
-        assert "were not judged" in error
-        assert run("audit", "HEAD")[0] == FINE
+        assert "limits were judged by what was read" in error
+        assert run("audit", "HEAD")[0] == FAILED
     finally:
         path.write_bytes(whole)
 

@@ -1,0 +1,77 @@
+"""The figures of a version's report, which git has at every revision: no cache and no remote is needed."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from objectfolder.errors import FormatError
+from pipeline.audit.fidelity import MEASURES, FidelityChange, changes
+from pipeline.audit.versions import METRICS, PER_OBJECT, Version
+from pipeline.dataset.lock_file import RESTORE
+
+MEAN = "mean"  # in place of an object's id
+
+Attributes = Mapping[str, Mapping[str, Any]]
+
+
+def figures_by_object(version: Version) -> dict[str, Attributes] | None:
+    """Return the measures of each object in ``per_object.csv``, nested as in attributes of fidelity products.
+
+    Returns
+    -------
+    dict, optional
+        By object id; None where the version has no such table.
+    """
+    text = version.texts.get(PER_OBJECT)
+    if text is None:
+        return None
+    rows = csv.DictReader(io.StringIO(text.decode(errors="replace")))
+    return {row.get("id") or "": _nested(row) for row in rows}
+
+
+def changes_of_means(old: Version, new: Version) -> list[FidelityChange]:
+    """Return the means of ``metrics.json`` that differ; none where a version has no such file.
+
+    Raises
+    ------
+    FormatError
+        A file that is not JSON of an object.
+    """
+    before, after = _means(old), _means(new)
+    return [] if before is None or after is None else changes(MEAN, before, after)
+
+
+def _means(version: Version) -> Attributes | None:
+    text = version.texts.get(METRICS)
+    if text is None:
+        return None
+    try:
+        metrics = dict(json.loads(text))
+    except (ValueError, TypeError, RecursionError) as error:
+        raise FormatError(
+            f"{METRICS} of {version.label}", f"no JSON of an object ({error})", RESTORE
+        ) from error
+    metrics["bytes"] = {"total": metrics.get("bytes")}
+    found = {}
+    for key, measure in MEASURES.items():
+        said = metrics.get(measure.sense)
+        means = said.get(measure.name) if isinstance(said, dict) else None
+        found[key] = means.get("mean") if isinstance(means, dict) else None
+    return _nested(found)
+
+
+def _nested(flat: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = {}
+    for key, measure in MEASURES.items():
+        found.setdefault(measure.sense, {})[measure.name] = _number(flat.get(key))
+    return found
+
+
+def _number(cell: Any) -> float | None:
+    """Return the number of a cell; None for an empty one, and for what is no number."""
+    try:
+        return float(cell)
+    except (TypeError, ValueError, OverflowError):
+        return None
