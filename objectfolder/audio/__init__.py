@@ -1,0 +1,54 @@
+"""Materials, modes of vibration, and the sound that they make."""
+
+from typing import TYPE_CHECKING
+
+from objectfolder.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material, read_materials
+    from objectfolder.audio.modes.modes import simulate_modes
+    from objectfolder.audio.synthesis.air import Air, Listener
+    from objectfolder.audio.synthesis.bank import mode_bank
+    from objectfolder.audio.synthesis.force import driven_bank
+    from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
+    from objectfolder.audio.synthesis.object_stream import ObjectStream
+    from objectfolder.audio.synthesis.sound import Sound
+    from objectfolder.audio.synthesis.support import Support
+    from objectfolder.audio.synthesis.voices import Voices
+    from objectfolder.audio.synthesis.wav import listening_gain, write_wav
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "materials": ["Material", "read_materials"],
+            "modes.modes": ["simulate_modes"],
+            "synthesis.air": ["Air", "Listener"],
+            "synthesis.bank": ["mode_bank"],
+            "synthesis.force": ["driven_bank"],
+            "synthesis.hertz": ["ContactBody", "HertzContact", "mass_at_contact"],
+            "synthesis.object_stream": ["ObjectStream"],
+            "synthesis.sound": ["Sound"],
+            "synthesis.support": ["Support"],
+            "synthesis.voices": ["Voices"],
+            "synthesis.wav": ["listening_gain", "write_wav"],
+        },
+    )
+
+__all__ = [
+    "Air",
+    "ContactBody",
+    "HertzContact",
+    "Listener",
+    "Material",
+    "ObjectStream",
+    "Sound",
+    "Support",
+    "Voices",
+    "driven_bank",
+    "listening_gain",
+    "mass_at_contact",
+    "mode_bank",
+    "read_materials",
+    "simulate_modes",
+    "write_wav",
+]

@@ -14,7 +14,7 @@ from objectfolder.audio.synthesis.oscillators import HIGHEST_RATIO
 from objectfolder.dataset.reading import Kept, ProductReader
 from objectfolder.dataset.senses import SENSES, Sample, Settings
 from objectfolder.errors import FormatError, InputError
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
 from objectfolder.products.splits import OBJECT_SPLITS, object_split
 from objectfolder.products.tensor_file import read_metadata

@@ -11,7 +11,7 @@ import numpy as np
 
 from objectfolder.audio.synthesis.bank import mode_bank, samples_of
 from objectfolder.dataset.reading import ProductReader
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.compositing import on_white

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.fidelity.images import psnr_db, ssim
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.vision.compositing import on_white, srgb_encode
 from objectfolder.vision.visionnet.visionnet import REFLECTANCE

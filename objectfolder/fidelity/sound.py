@@ -14,7 +14,7 @@ from objectfolder.fidelity.sounds import (
     gain_error_db,
     stft_distance,
 )
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Array, Product
 
 SOUNDS_COMPARED = 24

@@ -13,7 +13,7 @@ from objectfolder.fidelity import feel, sight, sound
 from objectfolder.fidelity.contacts import contact_pictures
 from objectfolder.fidelity.sheets import sheet, webp
 from objectfolder.fidelity.sounds import stft_distance
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.touch.touchnet import TouchNet
@@ -53,7 +53,7 @@ def verify_object(file: ObjectFile, views: Product, modes: Product, touches: Pro
     Examples
     --------
     >>> import objectfolder
-    >>> from objectfolder.products.store import read_product
+    >>> from objectfolder.products import read_product
     >>> truth = [read_product(f"{name}.zarr.zip") for name in ("views", "modes", "touches")]
     >>> measures = verify_object(objectfolder.load("bar.safetensors"), *truth).measures.attributes
     >>> measures["audio"]["frequency_error_cents"], measures["touch"]["held_out_touches"]

@@ -16,7 +16,7 @@ from objectfolder.live.gripper import FINGERS, gripper, standing
 from objectfolder.live.mujoco_simulation import MujocoSimulation
 from objectfolder.live.sound import BLOCK_SAMPLES, LiveSound
 from objectfolder.live.touch import Finger, LiveTouch
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import whole
 from objectfolder.vision.cameras import look_at
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from objectfolder.live.matt_body import MattBody
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor

@@ -12,7 +12,7 @@ from objectfolder.live.contacts import finite_pose
 from objectfolder.live.gripper import FINGERS, MOTORS, OPENING_M, fingers
 from objectfolder.live.mujoco_simulation import MujocoSimulation
 from objectfolder.live.rubbing import GRAVITY_M_S2
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import real, real_array
 from objectfolder.touch.sensor.sensor import Sensor
 

@@ -12,7 +12,7 @@ from objectfolder.live.lamp_ways import LitPoints
 from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_light import SceneLight
 from objectfolder.live.scene_view import CENTRE, Crop, View, inverse_pose
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]

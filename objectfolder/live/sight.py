@@ -13,7 +13,7 @@ from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_layers import DrawnObject, Layer, Tabletop, composited
 from objectfolder.live.scene_light import SceneLight
 from objectfolder.live.scene_view import View, inverse_pose, moved_by
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import real, real_array
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, image_size
 from objectfolder.vision.compositing import on_white

@@ -15,7 +15,7 @@ from objectfolder.live.heard_body import HeardBody, Matter
 from objectfolder.live.lasting import LastingContact, LastingContacts
 from objectfolder.live.resting import WOODEN_TOP, Rest
 from objectfolder.live.rubbing import GRAVITY_M_S2, Pushes, Rubbing
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import generator, real, real_array, whole
 
 Floats = NDArray[np.float64]

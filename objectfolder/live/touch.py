@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Simulation, Touching, finite_pose
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import real, real_array, whole
 from objectfolder.touch.contact.height_field import gap_field
 from objectfolder.touch.contact.patch import FacePatches

@@ -5,7 +5,7 @@ from typing import Any
 
 from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.frames import UnitFrame
@@ -59,8 +59,8 @@ def encode_object(
     Examples
     --------
     >>> import objectfolder
-    >>> from objectfolder.products.store import read_product
-    >>> from objectfolder.touch.sensor.sensor import Sensor
+    >>> from objectfolder.products import read_product
+    >>> from objectfolder.touch import Sensor
     >>> views, modes = read_product("views.zarr.zip"), read_product("modes.zarr.zip")
     >>> bar = objectfolder.load("bar.safetensors")
     >>> fit = {"visionnet": {"steps": 2}, "audionet": {}, "seed": 0}

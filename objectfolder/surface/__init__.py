@@ -1,0 +1,17 @@
+"""A closed surface and what is asked of it."""
+
+from typing import TYPE_CHECKING
+
+from objectfolder.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from objectfolder.surface.surface import Surface
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "surface": ["Surface"],
+        },
+    )
+
+__all__ = ["Surface"]

@@ -39,7 +39,7 @@ def look(surface: Surface, axes: Floats, side: float, pixels: int, before: float
 
     Examples
     --------
-    >>> from objectfolder.surface.surface import Surface
+    >>> from objectfolder.surface import Surface
     >>> triangle = Surface(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     >>> look(triangle, np.eye(3), side=2.0, pixels=4, before=1.0).face.reshape(4, 4)
     array([[-1, -1, -1, -1],

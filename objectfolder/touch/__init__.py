@@ -1,0 +1,52 @@
+"""Touch: sensors as files, presses and what the sensor sees, the gel as an elastic layer."""
+
+from typing import TYPE_CHECKING
+
+from objectfolder.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from objectfolder.touch.elastic.contact_problem import Contact, force_depth_curve, solve_contact
+    from objectfolder.touch.elastic.elastomer import Elastomer
+    from objectfolder.touch.elastic.markers import Markers, moved_markers
+    from objectfolder.touch.elastic.shear import Shear, solve_shear
+    from objectfolder.touch.sensor.calibration import fit_table
+    from objectfolder.touch.sensor.sensor import Sensor
+    from objectfolder.touch.sensor.sensor_file import make_table, read_sensor
+    from objectfolder.touch.truth.press import press
+    from objectfolder.touch.truth.record import simulate_touches
+    from objectfolder.touch.truth.touches import Press, Touches
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "elastic.contact_problem": ["Contact", "force_depth_curve", "solve_contact"],
+            "elastic.elastomer": ["Elastomer"],
+            "elastic.markers": ["Markers", "moved_markers"],
+            "elastic.shear": ["Shear", "solve_shear"],
+            "sensor.calibration": ["fit_table"],
+            "sensor.sensor": ["Sensor"],
+            "sensor.sensor_file": ["make_table", "read_sensor"],
+            "truth.press": ["press"],
+            "truth.record": ["simulate_touches"],
+            "truth.touches": ["Press", "Touches"],
+        },
+    )
+
+__all__ = [
+    "Contact",
+    "Elastomer",
+    "Markers",
+    "Press",
+    "Sensor",
+    "Shear",
+    "Touches",
+    "fit_table",
+    "force_depth_curve",
+    "make_table",
+    "moved_markers",
+    "press",
+    "read_sensor",
+    "simulate_touches",
+    "solve_contact",
+    "solve_shear",
+]

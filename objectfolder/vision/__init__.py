@@ -1,0 +1,21 @@
+"""Cameras, light, and rendered truth."""
+
+from typing import TYPE_CHECKING
+
+from objectfolder.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from objectfolder.vision.cameras import look_at
+    from objectfolder.vision.environment import Environment
+    from objectfolder.vision.truth.views import simulate_views
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "cameras": ["look_at"],
+            "environment": ["Environment"],
+            "truth.views": ["simulate_views"],
+        },
+    )
+
+__all__ = ["Environment", "look_at", "simulate_views"]

@@ -2,7 +2,7 @@
 
 from objectfolder.fidelity.verification import verify_object as verify
 from objectfolder.mesh.body import body_of
-from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_attributes, read_product
 from pipeline.dataset.task import Request, Timed
 

@@ -85,8 +85,8 @@ def simulate_modes(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from objectfolder.audio.materials import read_materials
-    >>> from objectfolder.mesh.readers.load import load_mesh
+    >>> from objectfolder.audio import read_materials
+    >>> from objectfolder.mesh import load_mesh
     >>> bar, glass = load_mesh(Path("bar.obj")).surface, read_materials("materials.csv")["glass"]
     >>> counts = {"training_points": 10, "held_out_points": 2, "seed": 0}
     >>> modes = simulate_modes(bar, glass, max_frequency_hz=5000, **counts)

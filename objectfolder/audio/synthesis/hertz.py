@@ -31,7 +31,7 @@ class ContactBody:
 
     Examples
     --------
-    >>> from objectfolder.audio.synthesis import HertzContact
+    >>> from objectfolder.audio import HertzContact
     >>> ball = ContactBody(2e11, 0.29, radius_m=0.01, mass_kg=0.033)
     >>> floor = ContactBody(2e11, 0.29, radius_m=float("inf"), mass_kg=float("inf"))
     >>> contact = HertzContact.between(ball, floor)
@@ -64,7 +64,7 @@ class HertzContact:
 
     Examples
     --------
-    >>> from objectfolder.audio.synthesis import ContactBody
+    >>> from objectfolder.audio import ContactBody
     >>> ball = ContactBody(2e11, 0.29, radius_m=0.01, mass_kg=0.033)
     >>> contact = HertzContact.between(ball, ball)
     >>> round(contact.radius_m, 4), round(contact.mass_kg, 4)

@@ -121,7 +121,7 @@ def solve_contact(
     Examples
     --------
     >>> import numpy as np
-    >>> from objectfolder.touch.elastic.elastomer import Elastomer
+    >>> from objectfolder.touch import Elastomer
     >>> y, z = np.meshgrid(*[np.linspace(-0.004, 0.004, 65)] * 2)
     >>> ball = (y**2 + z**2) / (2 * 0.02)  # of a radius of 20 mm
     >>> contact = solve_contact(ball, 0.000125, Elastomer(1e6, 0.5, None), indentation_m=0.0002)
@@ -161,7 +161,7 @@ def force_depth_curve(
     Examples
     --------
     >>> import numpy as np
-    >>> from objectfolder.touch.elastic.elastomer import Elastomer
+    >>> from objectfolder.touch import Elastomer
     >>> y, z = np.meshgrid(*[np.linspace(-0.004, 0.004, 65)] * 2)
     >>> ball, gel = (y**2 + z**2) / (2 * 0.02), Elastomer(1e6, 0.5, None)
     >>> one, two = force_depth_curve(ball, 0.000125, gel, np.array([0.0001, 0.0002]))

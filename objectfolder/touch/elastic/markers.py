@@ -73,10 +73,7 @@ def moved_markers(sensor: Sensor, contact: Contact, shear: Shear, grid: tuple[in
     Examples
     --------
     >>> import numpy as np
-    >>> from objectfolder.touch.elastic.contact_problem import solve_contact
-    >>> from objectfolder.touch.elastic.elastomer import Elastomer
-    >>> from objectfolder.touch.elastic.shear import solve_shear
-    >>> from objectfolder.touch.sensor.sensor import Sensor
+    >>> from objectfolder.touch import Elastomer, Sensor, solve_contact, solve_shear
     >>> y, z = np.meshgrid(np.linspace(-0.01, 0.01, 41)[:-1], np.linspace(-0.015, 0.015, 61)[:-1])
     >>> gel = Elastomer(5.6e5, 0.48, 0.004)
     >>> contact = solve_contact((y**2 + z**2) / 0.04, 0.0005, gel, force_n=4.0)

@@ -92,8 +92,7 @@ def solve_shear(
     Examples
     --------
     >>> import numpy as np
-    >>> from objectfolder.touch.elastic.contact_problem import solve_contact
-    >>> from objectfolder.touch.elastic.elastomer import Elastomer
+    >>> from objectfolder.touch import Elastomer, solve_contact
     >>> y, z = np.meshgrid(*[np.linspace(-0.004, 0.004, 65)] * 2)
     >>> gel = Elastomer(1e6, 0.5, None)
     >>> contact = solve_contact((y**2 + z**2) / (2 * 0.02), 0.000125, gel, force_n=1.0)

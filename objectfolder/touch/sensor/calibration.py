@@ -66,7 +66,7 @@ def fit_table(
     Examples
     --------
     >>> import numpy as np
-    >>> from objectfolder.touch.sensor.sensor_file import read_sensor
+    >>> from objectfolder.touch import read_sensor
     >>> gelsight = read_sensor("gelsight")
     >>> grey = np.full((gelsight.image_height, gelsight.image_width, 3), 128, np.uint8)
     >>> table = fit_table(gelsight, grey[None], np.zeros((1, 2)), np.array([0.001]), 0.004, grey)

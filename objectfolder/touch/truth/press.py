@@ -44,9 +44,8 @@ def press(
     A box of two centimetres, pressed by a DIGIT in the middle of its top:
 
     >>> import numpy as np
-    >>> from objectfolder.surface.surface import Surface
-    >>> from objectfolder.touch.sensor.sensor import Sensor
-    >>> from objectfolder.touch.truth.touches import Press
+    >>> from objectfolder.surface import Surface
+    >>> from objectfolder.touch import Press, Sensor
     >>> vertices = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * 0.02
     >>> faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
     >>> faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]

@@ -64,8 +64,8 @@ def simulate_touches(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from objectfolder.mesh.readers.load import load_mesh
-    >>> from objectfolder.touch.sensor.sensor import Sensor
+    >>> from objectfolder.mesh import load_mesh
+    >>> from objectfolder.touch import Sensor
     >>> bar = load_mesh(Path("bar.obj")).surface
     >>> touches = simulate_touches(bar, Sensor(), touches=1, held_out_touches=2, seed=0)
     >>> touches["rgb"].shape, touches["held_out"].tolist()

@@ -98,7 +98,7 @@ def simulate_views(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from objectfolder.mesh.readers.load import load_mesh
+    >>> from objectfolder.mesh import load_mesh
     >>> from objectfolder.vision.appearance import Appearance
     >>> bar = load_mesh(Path("bar.obj"))
     >>> counts = {"training_views": 1, "training_samples": 1, "held_out_views": 0, "held_out_samples": 1}
