@@ -43,3 +43,7 @@ class QueryError(ObjectFolderError, ValueError):
 
 class FormatError(ObjectFolderError):
     """A file that is truncated, foreign, or of an unknown version."""
+
+
+class MissingPackageError(ObjectFolderError, ImportError):
+    """A package that is optional, is needed here and cannot be imported; the remedy names its extra."""

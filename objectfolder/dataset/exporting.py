@@ -9,17 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from objectfolder.audio.synthesis.wav import wav_bytes
-from objectfolder.dataset.batches import ObjectBatches
-from objectfolder.dataset.samples import ObjectFolderDataset
+from objectfolder.dataset.order import batches_of_few_objects
+from objectfolder.dataset.samples import ObjectSamples
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.vision.export.files import MANIFEST, Credit, new_folder, write_json
+
+with needs_extra("dataset"):
+    from PIL import Image
 
 LAYOUTS = ("webdataset", "huggingface")
 SPLITS = {"training": "train", "held_out": "test"}  # the names that loaders know
-BATCH = 64
+BATCH, OBJECTS_TOGETHER = 64, 16
 MOST_16_BIT = 65535
 Files = dict[str, bytes]
 
@@ -79,7 +82,7 @@ def export_samples(
     counts: dict[str, int] = {}
     with new_folder(output, overwrite=overwrite) as folder:
         for split, name in SPLITS.items():
-            samples = ObjectFolderDataset(root_or_files, sense, split, source, seed=seed, **settings)
+            samples = ObjectSamples(root_or_files, sense, split, source, seed=seed, **settings)
             written = _written(samples, seed, in_folder=layout == "huggingface")
             if layout == "huggingface":
                 counts[name] = _write_folder(folder / name, written)
@@ -95,27 +98,26 @@ def export_samples(
 
 
 def _written(
-    samples: ObjectFolderDataset, seed: int, *, in_folder: bool
+    samples: ObjectSamples, seed: int, *, in_folder: bool
 ) -> Iterator[tuple[str, Files, dict[str, Any]]]:
     """Yield the key of each sample, its files by what follows the key, and all else of it as JSON."""
-    for batch in ObjectBatches(samples, BATCH, together=16, seed=seed):
+    random = np.random.default_rng([seed, 0])
+    for batch in batches_of_few_objects(samples.ranges(), BATCH, OBJECTS_TOGETHER, random):
         for sample in samples.__getitems__(batch):
             key = f"{sample['object_id']}-{sample['query']:06d}".replace(".", "_")  # a key ends at a dot
             files: Files = {}
             said: dict[str, Any] = {}
             for name, value in sample.items():
                 if name == "image":
-                    files[".png"] = _png(np.round(value.numpy().transpose(1, 2, 0) * 255).astype(np.uint8))
+                    files[".png"] = _png(np.round(value.transpose(1, 2, 0) * 255).astype(np.uint8))
                 elif name == "sound" and in_folder:
-                    files[".wav"] = wav_bytes(
-                        value.numpy(), round(samples.settings.sample_rate_hz), gain=1.0
-                    )[0]
+                    files[".wav"] = wav_bytes(value, round(samples.settings.sample_rate_hz), gain=1.0)[0]
                 elif name in ("sound", "depth_m", "mask") and not in_folder:
-                    files[f".{name}.npy"] = _npy(value.numpy())
+                    files[f".{name}.npy"] = _npy(value)
                 elif name == "mask":
-                    files["_mask.png"] = _png(value.numpy().astype(np.uint8) * 255)
+                    files["_mask.png"] = _png(value.astype(np.uint8) * 255)
                 elif name == "depth_m":
-                    files["_depth.png"], said["depth_unit_m"] = _depth_png(value.numpy())
+                    files["_depth.png"], said["depth_unit_m"] = _depth_png(value)
                 else:
                     said[name] = value if isinstance(value, str | int) else value.tolist()
             if samples.sense == "audio":

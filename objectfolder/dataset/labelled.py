@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from objectfolder.errors import FormatError, InputError
+from objectfolder.errors import FormatError
+from objectfolder.extras import needs_extra
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ def open_xarray(product: Path | str, *, chunks: Any = None) -> "xarray.Dataset":
     ------
     FormatError
         Not a readable product.
-    InputError
-        xarray is not installed.
+    MissingPackageError
+        xarray or Zarr is not installed.
 
     Examples
     --------
@@ -43,13 +44,9 @@ def open_xarray(product: Path | str, *, chunks: Any = None) -> "xarray.Dataset":
     >>> views.rgba.dims, views.rgba.shape
     (('view', 'y', 'x', 'channel_4'), (8, 24, 24, 4))
     """
-    try:
+    with needs_extra("xarray"):
         import xarray
         import zarr
-    except ModuleNotFoundError as error:
-        raise InputError(
-            str(error.name), "is not installed", "pip install 'objectfolder-factory[xarray]'"
-        ) from error
     path = Path(product)
     try:
         store = zarr.storage.ZipStore(path, mode="r")

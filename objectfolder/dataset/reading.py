@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from objectfolder.errors import FormatError
+from objectfolder.extras import needs_extra
 
 REMEDY = "Fetch it again, or make it again."
 Value = TypeVar("Value")
@@ -100,6 +101,8 @@ class ProductReader:
 
     def _read(self, name: str, indices: np.ndarray | None) -> np.ndarray:
         """Return the items of chunks, or the array that is one chunk."""
+        with needs_extra("dataset"):
+            import numcodecs  # noqa: F401  (Object Files alone are sampled without it)
         layout = self._layout(name)
         tail = "/0" * (len(layout.shape) - 1)
         try:
@@ -113,7 +116,7 @@ class ProductReader:
     def _chunk(self, key: str, layout: Layout, shape: tuple[int, ...]) -> np.ndarray:
         if key not in self._archive.NameToInfo:  # where all are the fill value, there is no chunk
             return np.full(shape, layout.fill, layout.dtype)
-        from numcodecs import Blosc  # Object Files alone are sampled without it
+        from numcodecs import Blosc
 
         decoded = Blosc().decode(self._archive.read(key))
         return np.frombuffer(decoded, layout.dtype).reshape(shape)

@@ -1,4 +1,4 @@
-"""Published data sets in PyTorch and in xarray: truth and Object Files, query by query."""
+"""Samples of data sets and of Object Files as NumPy arrays, query by query."""
 
 import difflib
 import json
@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch.utils.data import Dataset
 
 from objectfolder.audio.synthesis.oscillators import HIGHEST_RATIO
 from objectfolder.dataset.reading import Kept, ProductReader
@@ -24,74 +22,15 @@ SOURCES = ("truth", "object_file")
 ARCHIVE, TENSORS = ".zarr.zip", ".safetensors"
 
 
-class ObjectFolderDataset(Dataset[dict[str, Any]]):
-    """Samples of one sense, of the ground truth or of the Object Files of the same queries.
+class ObjectSamples:
+    """The samples of `ObjectFolderDataset` as NumPy arrays, which need no torch.
 
-    Every sample is a dict. All have ``object_id`` (str) and ``query`` (int: the row in the product). Numbers
-    are tensors, float32 unless said otherwise, in the object frame:
-
-    - *vision*: ``image`` (3, h, w) sRGB on white in [0, 1], ``camera_to_object`` (4, 4) m,
-      ``light_position_m`` (3,); with `passes` also ``depth_m`` (h, w) along the camera's axis, infinity where
-      the object is not, and ``mask`` (h, w) bool.
-    - *audio*: ``sound`` (samples,) m/s, along the normal where it is struck, zeros for a silent object;
-      ``point_m`` (3,), ``impulse_n_s`` (3,) N s: 1 along x, y and z in turn.
-    - *touch*: ``image`` (3, h, w) in [0, 1], ``depth_m`` (h, w) in the gel, ``mask`` (h, w) bool,
-      ``sensor_to_object`` (4, 4) m, ``reachable`` bool; ``point_m`` (3,), ``press_depth_m``, ``tilt_deg``,
-      ``azimuth_deg``.
-
-    Left out by default is what teaches nothing: objects without an audible mode, whose sounds are silence (a
-    die), and touches of places that the sensor cannot reach (deep inside of a mug). `all_queries` has them.
-
-    Nothing that is open is pickled or shared with a forked process: `DataLoader` workers of any kind may use
-    it. A sample depends on its index alone. Those of a batch that are of one object are answered together,
-    which is faster; see `ObjectBatches`.
-
-    Parameters
-    ----------
-    root_or_files
-        Root of a data set (``data/views`` and so on lie in it), or Object Files. Files alone have no truth:
-        `source` must be ``"object_file"``, and `queries` of each are drawn by `seed`.
-    sense
-        ``"vision"``, ``"audio"`` or ``"touch"``.
-    split
-        ``"training"`` or ``"held_out"``: the queries that the ground truth keeps for each; for files alone
-        other draws.
-    source
-        ``"truth"`` or ``"object_file"``.
-    objects
-        Ids, in this order; all of the data set by id if None.
-    object_split
-        Only objects of this split: ``"train"``, ``"validation"`` or ``"test"``, see
-        `objectfolder.products.splits`. It needs ``data/records.json``, which lies in the git repository of a
-        data set.
-    queries, seed
-        For files alone.
-    duration_s, sample_rate_hz
-        Of sounds.
-    resolution
-        Pixels a side of views, for files alone; otherwise the truth's.
-    sub_rays
-        Of views of Object Files, as for `ObjectFile.render`: 4 is two to three times as fast as the default
-        64, and 2 to 4 dB farther from the truth.
-    passes
-        Whether views come with depth and mask.
-    all_queries
-        Also silent objects, and touches that cannot be.
-    open_objects
-        How many products and Object Files a process keeps open: memory against reading again. A product of
-        modes takes its mode shapes with it, 3 to 15 MB.
-
-    Raises
-    ------
-    InputError
-        A sense, split, source or object that there is not, or no truth where it is asked for.
-    FormatError
-        A damaged product.
+    Parameters, errors and keys of a sample are the same. Arrays are float32 unless they are whole or boolean.
 
     Examples
     --------
-    >>> samples = ObjectFolderDataset("bar.safetensors", "touch", source="object_file", queries=3)
-    >>> len(samples), tuple(samples[0]["image"].shape)
+    >>> samples = ObjectSamples("bar.safetensors", "touch", source="object_file", queries=3)
+    >>> len(samples), samples[0]["image"].shape
     (3, (3, 160, 120))
     """
 
@@ -188,9 +127,9 @@ class ObjectFolderDataset(Dataset[dict[str, Any]]):
         else:
             reader = self._products[object_id] if self._root else None
             samples = sense.answer(self._object_files[object_id], query, self.settings, reader)
-        tensors = {key: _tensor(value) for key, value in {**samples, **query}.items()}
+        arrays = {key: _single(value) for key, value in {**samples, **query}.items()}
         for position, row in enumerate(rows.tolist()):
-            parts = {key: values[position] for key, values in tensors.items()}
+            parts = {key: values[position, ...] for key, values in arrays.items()}
             yield {**parts, "object_id": object_id, "query": row}
 
     def place(self, index: int) -> tuple[str, int]:
@@ -336,8 +275,9 @@ def _checked(objects: Sequence[str] | None, found: set[str], where: str) -> list
     return list(objects)
 
 
-def _tensor(value: np.ndarray) -> torch.Tensor:
+def _single(value: np.ndarray) -> np.ndarray:
+    """Return an array that torch can take: contiguous, native, writeable, float32 in place of float64."""
     array = np.asarray(value)
     kind = np.dtype(np.float32) if array.dtype == np.float64 else array.dtype.newbyteorder("=")
     array = np.ascontiguousarray(array, dtype=kind)
-    return torch.from_numpy(array if array.flags.writeable else array.copy())
+    return array if array.flags.writeable else array.copy()

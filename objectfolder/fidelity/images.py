@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from objectfolder.extras import needs_extra
+
 
 def psnr_db(truth: np.ndarray, answer: np.ndarray, mask: np.ndarray | None = None) -> float:
     """Peak signal-to-noise ratio, dB, of 8-bit images: 10 log10(255^2 / mean squared error).
@@ -29,8 +31,8 @@ def psnr_db(truth: np.ndarray, answer: np.ndarray, mask: np.ndarray | None = Non
 
 def ssim(truth: np.ndarray, answer: np.ndarray) -> float:
     """Structural similarity of (h, w, 3) uint8 images (Wang et al. 2004: Gaussian window, sigma 1.5)."""
-    from skimage.metrics import structural_similarity
-
+    with needs_extra("factory"):
+        from skimage.metrics import structural_similarity
     return float(
         structural_similarity(
             truth,

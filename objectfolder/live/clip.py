@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.wav import listening_gain
 from objectfolder.errors import QueryError
+from objectfolder.extras import needs_extra
 from objectfolder.live.sight import LiveSight
 from objectfolder.live.sound import LiveSound
 from objectfolder.products.atomic import atomic_write
@@ -65,15 +66,13 @@ def write_clip(
 
     Raises
     ------
+    MissingPackageError
+        PyAV is not installed.
     QueryError
-        PyAV is not installed; an odd side.
+        An odd side.
     """
-    try:
+    with needs_extra("video"):
         import av
-    except ImportError as error:
-        raise QueryError(
-            "video", "PyAV is not installed", "pip install 'objectfolder-factory[video]'"
-        ) from error
     height, width = resolution
     if height % 2 or width % 2:
         raise QueryError("resolution", f"{height} x {width} pixels", "Videos have even sides.")

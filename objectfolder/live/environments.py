@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder import example
-from objectfolder.errors import QueryError
+from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import finite_pose
 from objectfolder.live.gripper import FINGERS, gripper, standing
 from objectfolder.live.mujoco_simulation import MujocoSimulation
@@ -20,13 +20,9 @@ from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import whole
 from objectfolder.vision.cameras import look_at
 
-try:
+with needs_extra("gymnasium"):
     import gymnasium
     from gymnasium.spaces import Box, Dict
-except ImportError as error:
-    raise QueryError(
-        "gymnasium", "is not installed", "pip install 'objectfolder-factory[gymnasium]'"
-    ) from error
 
 BLOCKS, LONGEST_STEPS = 2, 200  # 23 ms a step
 GREATEST_FORCE_N, LIFTING_M_S = 10.0, 0.1
@@ -63,8 +59,8 @@ class Standing(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def __init__(
         self, model: Any, file: ObjectFile, pixels: int, blocks: int, render_mode: str | None
     ) -> None:
-        import mujoco
-
+        with needs_extra("gymnasium"):
+            import mujoco
         self._engine, self.render_mode = mujoco, render_mode
         self._file, self._model, self._data = file, model, mujoco.MjData(model)
         self._simulation = MujocoSimulation(model, self._data)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from objectfolder.extras import needs_extra
 from objectfolder.live.matt_body import MattBody
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.surface.surface import Surface
@@ -102,8 +103,8 @@ def standing(
     through
         Bodies that pass through the ground.
     """
-    import mujoco
-
+    with needs_extra("mujoco"):
+        import mujoco
     (low, _), known = file.surface.bounds, file.description["body"]
     (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
     whole = file.surface.vertices

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
+from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import finite_pose
 from objectfolder.live.gripper import FINGERS, MOTORS, OPENING_M, fingers
 from objectfolder.live.mujoco_simulation import MujocoSimulation
@@ -51,8 +52,8 @@ class Handling(MujocoSimulation):
     """
 
     def __init__(self, spec: Any, files: Mapping[str, ObjectFile]) -> None:
-        import mujoco
-
+        with needs_extra("mujoco"):
+            import mujoco
         turned = fingers((0.0, -Sensor().gel_apex_m[2]), (-STARTS_M, STARTS_M), FRICTION)
         palm = f'<body name="palm" mocap="true" pos="{" ".join(map(str, PARKED_M))}">{turned}</body>'
         hand = f"<mujoco><worldbody>{palm}</worldbody><actuator>{MOTORS}</actuator></mujoco>"

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
+from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import Touching
 from objectfolder.query_values import real_array
 
@@ -23,15 +24,13 @@ class MujocoSimulation:
 
     Raises
     ------
-    QueryError
+    MissingPackageError
         MuJoCo is not installed.
     """
 
     def __init__(self, model: Any, data: Any) -> None:
-        try:
+        with needs_extra("mujoco"):
             import mujoco
-        except ImportError as error:
-            raise QueryError("mujoco", "is not installed", "pip install mujoco") from error
         mujoco.mj_forward(model, data)  # poses of a state that was just set
         self._engine, self._model, self._data = mujoco, model, data
         kinds = mujoco.mjtWarning

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.hertz import mass_at_contact
 from objectfolder.errors import QueryError
+from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import Touching
 
 Floats = NDArray[np.float64]
@@ -36,15 +37,15 @@ class PybulletSimulation:
 
     Raises
     ------
+    MissingPackageError
+        PyBullet is not installed.
     QueryError
-        PyBullet is not installed, or a number that is no body of the world.
+        A number that is no body of the world.
     """
 
     def __init__(self, client: int, bodies: Mapping[str, int]) -> None:
-        try:
+        with needs_extra("pybullet"):
             import pybullet
-        except ImportError as error:
-            raise QueryError("pybullet", "is not installed", "pip install pybullet") from error
         self._engine, self._client, self._steps = pybullet, client, 0
         known = [pybullet.getBodyUniqueId(n, client) for n in range(pybullet.getNumBodies(client))]
         for name, number in bodies.items():

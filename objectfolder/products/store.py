@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import FormatError
+from objectfolder.extras import needs_extra
 from objectfolder.products.atomic import atomic_write
 
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)
@@ -76,8 +77,8 @@ def write_product(path: Path | str, product: Product) -> None:
     ValueError
         An attribute that JSON cannot hold (NaN included).
     """
-    import zarr
-
+    with needs_extra("factory"):
+        import zarr
     path = Path(path)
     json.dumps(product.attributes, allow_nan=False)
     store: dict[str, Any] = {}
@@ -113,8 +114,8 @@ def _write_array(group: Any, name: str, array: Array) -> None:
 
 
 def _open(path: Path) -> Any:
-    import zarr
-
+    with needs_extra("factory"):
+        import zarr
     try:
         return zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r", zarr_format=3)
     except FileNotFoundError:

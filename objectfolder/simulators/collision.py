@@ -19,6 +19,7 @@ from scipy.stats import qmc
 
 from objectfolder.child_process import OUT_OF_TIME, last_words, run_module
 from objectfolder.errors import InputError, UnsolvableError
+from objectfolder.extras import missing_package
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import WindingNumber
 
@@ -109,7 +110,9 @@ def convex_parts(
     Raises
     ------
     InputError
-        CoACD is not installed, or settings are out of range.
+        Settings are out of range.
+    MissingPackageError
+        CoACD is not installed.
     UnsolvableError
         CoACD takes too long, or the parts have no volume.
     """
@@ -228,8 +231,7 @@ def _decimated(surface: Surface, most_faces: int) -> Surface:
 
 def _hulls(surface: Surface, threshold_m: float, most_parts: int, seed: int, name: str) -> list[Floats]:
     if find_spec("coacd") is None:
-        remedy = "Install it: pip install 'objectfolder-factory[factory]'."
-        raise InputError(name, "collision shapes are made by coacd, which is missing", remedy)
+        raise missing_package("coacd", "factory")
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "hulls.npz"
         given = {"threshold_m": threshold_m, "most_parts": most_parts, "seed": seed}

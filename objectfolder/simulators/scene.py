@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.simulators.formats import FORMATS
 from objectfolder.simulators.xml_text import number, numbers, write_xml
 
@@ -96,11 +97,8 @@ def _sdf(path: Path, names: Sequence[str], poses: Sequence[Floats], side_m: floa
 
 
 def _usd(path: Path, names: Sequence[str], poses: Sequence[Floats], side_m: float, height_m: float) -> None:
-    try:
+    with needs_extra("simulators"):
         from pxr import Gf, Usd, UsdGeom, UsdPhysics
-    except ImportError as error:
-        remedy = "Install it: pip install 'objectfolder-factory[simulators]'."
-        raise InputError(str(path), "USD is written by usd-core, which is missing", remedy) from error
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.simulators.asset import Asset
 
 Floats = NDArray[np.float64]
@@ -36,8 +37,8 @@ def stable_poses(asset: Asset, *, least_probability: float = 0.05) -> list[Stabl
 
     Goldberg, Mirtich, Zhuang, Craig, Carlisle and Canny, "Part pose statistics" (1999), as in trimesh.
     """
-    import trimesh
-
+    with needs_extra("factory"):
+        import trimesh
     vertices = np.concatenate([hull.vertices for hull in asset.collision.hulls])
     hull = trimesh.convex.convex_hull(vertices)
     poses, shares = trimesh.poses.compute_stable_poses(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.simulators.asset import Asset, RigidBody
 from objectfolder.simulators.mesh_files import collision_name, visual_name
 from objectfolder.vision.export.gltf import Part
@@ -19,14 +19,11 @@ def write_usd(path: Path, asset: Asset) -> None:
 
     Raises
     ------
-    InputError
+    MissingPackageError
         usd-core is not installed.
     """
-    try:
+    with needs_extra("simulators"):
         from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
-    except ImportError as error:
-        remedy = "Install it: pip install 'objectfolder-factory[simulators]'."
-        raise InputError(asset.name, "USD is written by usd-core, which is missing", remedy) from error
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
+from objectfolder.extras import needs_extra
 from objectfolder.surface.surface import SampledDistance, Surface, connected_pieces
 from objectfolder.surface.winding_number import WindingNumber, is_closed
 
@@ -78,8 +79,8 @@ def surface_at_depth(surface: Surface, depth: float, *, nodes: int = 200_000) ->
     Marching cubes on the signed distance, whose vertices are then moved to that distance exactly, away from
     the nearest place. Pieces under 30 cells are left out.
     """
-    from skimage.measure import marching_cubes
-
+    with needs_extra("factory"):
+        from skimage.measure import marching_cubes
     field = signed_distance(surface, nodes, level=depth)
     if float(field.depth.max()) <= depth:
         return None

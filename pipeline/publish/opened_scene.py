@@ -8,6 +8,7 @@ import numpy as np
 
 from objectfolder import load
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import Posed
 from objectfolder.live.scene_view import moved_by
 from objectfolder.live.sight import LiveSight
@@ -17,7 +18,6 @@ from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 VIEWED_FROM = np.array([0.15, -1.0, 0.65])  # from the middle of the objects towards the camera
 # Names in a scene's MJCF: its lamps' begin with that; the text that names its environment.
 LAMP, ENVIRONMENT = "lamp", "environment"
-INSTALL = "pip install 'objectfolder-factory[video]'"
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,12 @@ class OpenedScene:
         Raises
         ------
         InputError
-            No scene of MuJoCo, no object in it, an object without its file; MuJoCo is not installed.
+            No scene of MuJoCo, no object in it, an object without its file.
+        MissingPackageError
+            MuJoCo is not installed.
         """
-        try:
+        with needs_extra("video"):
             import mujoco
-        except ImportError as error:
-            raise InputError(str(scene), "MuJoCo is not installed", INSTALL) from error
         try:
             spec = mujoco.MjSpec.from_file(str(scene))
             model = spec.compile()

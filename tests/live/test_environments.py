@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import objectfolder
-from objectfolder.errors import QueryError
+from objectfolder.errors import MissingPackageError, QueryError
 
 gymnasium = pytest.importorskip("gymnasium")
 environments = import_module("objectfolder.live.environments")
@@ -118,5 +118,5 @@ def test_no_environment_without_pixels_or_gymnasium(monkeypatch):
     with pytest.raises(QueryError, match="pixels: 0"):
         environments.Squeeze(pixels=0)
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    with pytest.raises(QueryError, match=r"gymnasium: is not installed\. pip install '.*\[gymnasium\]'"):
+    with pytest.raises(MissingPackageError, match=r"gymnasium: is not installed\. .*factory\[gymnasium\]"):
         reload(environments)

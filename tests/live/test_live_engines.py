@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import objectfolder
-from objectfolder.errors import QueryError
+from objectfolder.errors import MissingPackageError, QueryError
 from objectfolder.live import LiveSound, MujocoSimulation, PybulletSimulation
 
 GRAVITY, STEP_S, RADIUS_M, MASS_KG = 9.81, 0.002, 0.06, 0.4
@@ -143,5 +143,5 @@ def test_an_unknown_body_and_a_missing_engine_are_one_line(bullet, monkeypatch):
         ("mujoco", lambda: MujocoSimulation(None, None)),
     ):
         monkeypatch.setitem(sys.modules, engine, None)
-        with pytest.raises(QueryError, match=f"{engine}: is not installed. pip install {engine}"):
+        with pytest.raises(MissingPackageError, match=rf"{engine}: is not installed. .*factory\[{engine}\]"):
             make()

@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 from vision_shapes import cube
 
-from objectfolder.errors import FormatError, InputError
+from objectfolder.errors import FormatError, InputError, MissingPackageError
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
@@ -358,7 +358,7 @@ def test_exr_holds_the_master_bit_for_bit(views, tmp_path):
 
 def test_exr_that_cannot_be_written_says_what_to_do(views, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(InputError, match=r"Install opencv-python-headless, or leave EXR out"):
+    with pytest.raises(MissingPackageError, match=r"cv2: is not installed\. .*factory\[factory\]"):
         write_exr(tmp_path / "image.exr", views["rgba"][0])
 
 

@@ -17,6 +17,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.mesh.readers.files import brief, find_file, read_bytes, shortened
 
 KINDS = {".gltf": "glTF", ".glb": "binary glTF"}
@@ -294,8 +295,8 @@ class Primitive:
         return found.astype(np.int64)
 
     def _decompress(self, said: Json) -> None:
-        import DracoPy
-
+        with needs_extra("factory"):
+            import DracoPy
         try:
             decoded = DracoPy.decode(bytes(self._file.view(said["bufferView"])))
         except Exception as problem:  # the decoder may raise anything

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.illumination import Illumination, photometric_table
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
@@ -205,8 +206,8 @@ def _photometry(fields: "_Reader", path: Path, content: Any) -> dict[str, Any]:
 
 
 def _yaml(path: Path) -> dict[str, Any]:
-    import yaml
-
+    with needs_extra("factory"):
+        import yaml
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.products.atomic import PARTIAL
 from objectfolder.vision.compositing import srgb_encode
 
@@ -134,17 +135,14 @@ def write_exr(path: Path, rgba: np.ndarray) -> None:
 
     Raises
     ------
+    MissingPackageError
+        OpenCV is not installed.
     InputError
-        OpenCV is missing, or was used in this process before its OpenEXR support was switched on.
+        OpenCV was used in this process before its OpenEXR support was switched on.
     """
     os.environ.setdefault(EXR_FLAG, "1")
-    try:
+    with needs_extra("factory"):
         import cv2
-    except ImportError as error:
-        raise InputError(
-            str(path), "OpenEXR is written by OpenCV, which is not installed",
-            "Install opencv-python-headless, or leave EXR out.",
-        ) from error  # fmt: skip
     values = np.ascontiguousarray(rgba[..., [2, 1, 0, 3]], dtype=np.float32)
     half = [cv2.IMWRITE_EXR_TYPE, cv2.IMWRITE_EXR_TYPE_HALF]
     try:

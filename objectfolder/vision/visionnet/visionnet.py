@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from objectfolder.errors import FormatError, QueryError
+from objectfolder.extras import missing_package
 from objectfolder.products.stored_values import number, whole_number
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.query_values import point_rows, require_room
@@ -189,13 +190,15 @@ class VisionNet:
         Raises
         ------
         QueryError
-            A device that is not at hand, or CUDA without torch.
+            A device that is not at hand.
+        MissingPackageError
+            CUDA without torch.
         """
         if device not in DEVICES:
             raise QueryError("device", f"{device!r}", "Use 'cpu' or 'cuda'.")
         if device == "cuda":
             if importlib.util.find_spec("torch") is None:
-                raise QueryError("device", "'cuda' needs torch", "Install it, or use 'cpu'.")
+                raise missing_package("torch", "cuda")
             from objectfolder.vision.rendering.torch_renderer import require_cuda
 
             require_cuda()
