@@ -1,23 +1,74 @@
 """ObjectFolder Factory: what an object looks, sounds and feels like, in one small file."""
 
+import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from objectfolder.audio.synthesis.sound import Sound
+    from objectfolder.errors import (
+        FormatError,
+        InputError,
+        ObjectFolderError,
+        QueryError,
+        SimulationError,
+        UnsolvableError,
+    )
     from objectfolder.object_file import ObjectFile
+    from objectfolder.touch.truth.touches import Press, Touches
 
 __version__ = "0.1.0"
+__all__ = [
+    "FormatError",
+    "InputError",
+    "ObjectFile",
+    "ObjectFolderError",
+    "Press",
+    "QueryError",
+    "SimulationError",
+    "Sound",
+    "Touches",
+    "UnsolvableError",
+    "build",
+    "example",
+    "load",
+]
 EXAMPLES = Path(__file__).with_name("examples")
+# Modules of the names that are imported when they are asked for: the import of the package stays instant.
+_MODULES = {
+    "ObjectFile": "objectfolder.object_file",
+    "Press": "objectfolder.touch.truth.touches",
+    "Sound": "objectfolder.audio.synthesis.sound",
+    "Touches": "objectfolder.touch.truth.touches",
+    **dict.fromkeys((name for name in __all__ if name.endswith("Error")), "objectfolder.errors"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'objectfolder' has no attribute {name!r}")
+    return getattr(importlib.import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 def load(path: Path | str) -> "ObjectFile":
-    """Open an Object File; see `objectfolder.object_file.ObjectFile`.
+    """Open an Object File; see `ObjectFile`.
+
+    Raises
+    ------
+    FormatError
+        A truncated or foreign file or a folder, an unknown version, or a tensor of a wrong shape.
+    FileNotFoundError
+        No such file.
 
     Examples
     --------
     >>> import objectfolder
     >>> bar = objectfolder.load("bar.safetensors")
-    >>> bar.description["object"]["name"], bar.description["material"]["name"]
+    >>> bar.name, bar.material
     ('Glass bar', 'glass')
     """
     from objectfolder.object_file import ObjectFile
@@ -36,9 +87,8 @@ def example(name: str = "mug") -> "ObjectFile":
     Examples
     --------
     >>> import objectfolder
-    >>> mug = objectfolder.example("mug")
-    >>> mug.description["material"]["name"], len(mug.modes.frequencies_hz)
-    ('ceramic', 44)
+    >>> objectfolder.example("mug")
+    ObjectFile('Mug with a handle', ceramic, 0.286 kg, 11.8 x 8.2 x 9.5 cm, 44 modes)
     """
     known = sorted(path.stem for path in EXAMPLES.glob("*.safetensors"))
     if name not in known:
@@ -46,3 +96,78 @@ def example(name: str = "mug") -> "ObjectFile":
 
         raise QueryError("name", f"{name!r} is no example", f"Use {' or '.join(known)}.")
     return load(EXAMPLES / f"{name}.safetensors")
+
+
+def build(
+    mesh: Path | str,
+    *,
+    material: str,
+    length_m: float | None = None,
+    output: Path | str,
+    name: str | None = None,
+    texture: Path | str | None = None,
+    wall_m: float | None = None,
+    shell_m: float | None = None,
+    mass_kg: float | None = None,
+    silent: bool = False,
+) -> "ObjectFile":
+    """Make one verified Object File from a mesh, a material and a size: ``objectfolder build`` in Python.
+
+    It takes minutes, and the packages of the factory: ``pip install "objectfolder-factory[factory]"``.
+
+    Parameters
+    ----------
+    mesh
+        OBJ, glTF, GLB, PLY or STL.
+    material
+        A row of the factory's table of materials, such as ``"ceramic"``.
+    length_m
+        Longest side, metres; as in the file if None.
+    output
+        The Object File, ``.safetensors``.
+    name
+        In words; from the file's name if None.
+    texture
+        Image of the base colour; the mesh's own if None.
+    wall_m, shell_m
+        Least thickness of walls where a scan fused them, and the wall of a container that was scanned solid,
+        metres.
+    mass_kg
+        The mass where it is known, as a check and for simulators.
+    silent
+        Leave sound out.
+
+    Returns
+    -------
+    ObjectFile
+        As saved at `output`. What is doubtful about the object's walls and mass is warned of.
+
+    Raises
+    ------
+    InputError
+        A mesh, a material, a length or a name that cannot be used; packages that are not installed.
+    SimulationError
+        A stage that failed, with its error and remedy.
+
+    Examples
+    --------
+    >>> import objectfolder
+    >>> objectfolder.build("bar.obj", material="paper", output="bar.safetensors")
+    Traceback (most recent call last):
+    objectfolder.errors.InputError: ...
+    """
+    from objectfolder.factory import build_object_file
+
+    build_object_file(
+        Path(mesh),
+        Path(output),
+        material=material,
+        length_m=length_m,
+        name=name,
+        texture=None if texture is None else Path(texture),
+        wall_m=wall_m,
+        shell_m=shell_m,
+        mass_kg=mass_kg,
+        silent=silent,
+    )
+    return load(output)

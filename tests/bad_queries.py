@@ -56,11 +56,11 @@ SIGHT: dict[str, Query] = {
         np.broadcast_to(POSE, (10**8, 4, 4)),
     ], light_position=LAMP, resolution=16),
     **_each("render", "light_position", [
-        "lamp", None, [], [0.1, 0.1], [LAMP, LAMP], [NAN, 0, 0], [INF, 0, 0], [1e200, 0, 0], RAGGED,
+        "lamp", [], [0.1, 0.1], [LAMP, LAMP], [NAN, 0, 0], [INF, 0, 0], [1e200, 0, 0], RAGGED,
         COMPLEX, np.ones((1, 1, 1, 3)), np.broadcast_to(LAMP, (1, 10**8, 3)),
     ], **SKY),
     **_each("render", "light", [
-        "sun", 5, {}, MAP[:, :16], MAP[..., 0], MAP * NAN, -MAP, MAP[:0], MAP.astype(complex), None,
+        "sun", 5, {}, MAP[:, :16], MAP[..., 0], MAP * NAN, -MAP, MAP[:0], MAP.astype(complex),
     ], **SKY),
     **_each("render", "light", ["sky"], **VIEW),
     **_each("render", "light_colour", ["red", [1, 1], [-1, 1, 1], [INF, 1, 1], [1e300, 1, 1], np.ones((5, 3)), {}], **VIEW),
@@ -77,9 +77,9 @@ SIGHT: dict[str, Query] = {
     **_each("radiance", "directions", ["d", None, [], [[0, 0, 0]], [[NAN, 0, 1]], [[INF, 0, 1]], [1, 2], MANY], **RAYS),
     **_each("radiance", "light_position", ["l", None, [], [NAN, 0, 0], [1e200, 0, 0]], **RAYS),
     **_each("radiance", "light_colour", ["red", [-1, 0, 0], [1, 1]], **RAYS),
-    **_each("sample_views", "count", WRONG_COUNTS, seed=0),
-    **_each("sample_views", "seed", WRONG_SEEDS, count=1),
-    **_each("sample_views", "camera_radius", [0, -1, NAN, "far", 1e300], count=1, seed=0),
+    **_each("sample_views", "n", WRONG_COUNTS, seed=0),
+    **_each("sample_views", "seed", WRONG_SEEDS, n=1),
+    **_each("sample_views", "camera_radius", [0, -1, NAN, "far", 1e300], n=1, seed=0),
     **_each("pictures", "cameras", [0, *WRONG_COUNTS], resolution=16),
     **_each("pictures", "studio", ["garden", 5, []], cameras=1),
 }  # fmt: skip
@@ -88,7 +88,7 @@ STRUCK = {"points": TOP, "forces": DOWN, "duration": 0.05}
 SOUND: dict[str, Query] = {
     **_each("strike", "points", WRONG_POINTS, forces=DOWN, duration=0.05),
     **_each("strike", "forces", [
-        "hard", None, [], 5, [0.0, 1.0], [DOWN, DOWN], RAGGED, COMPLEX, MANY, [NAN, 0, 0], [INF, 0, 0], [1e300, 0, 0],
+        "hard", [], 5, [0.0, 1.0], [DOWN, DOWN], RAGGED, COMPLEX, MANY, [NAN, 0, 0], [INF, 0, 0], [1e300, 0, 0],
         np.zeros((1, 4, 2)), np.zeros((1, 0, 3)), np.zeros((1, 1, 1, 3)), np.full((1, 4, 3), NAN), {},
     ], points=TOP, duration=0.05),
     **_each("strike", "duration", [0, -1, NAN, INF, "long", None, [1, 2], 1e9, 1e300, 1e-12], points=TOP, forces=DOWN),
@@ -135,7 +135,7 @@ TOUCH: dict[str, Query] = {
     **_each("press", "background", ["photo", 5, SENSOR_IMAGE[:9], SENSOR_IMAGE[..., 0], SENSOR_IMAGE.astype(float), [], RAGGED], **PRESSED),
     **_each("press", "noise_seed", [-1, 1.5, NAN, "seed", [1, 2], [], 2**200], **PRESSED),
     **_each("project", "points", WRONG_POINTS),
-    **_each("sample_contacts", "count", WRONG_COUNTS, seed=0),
-    **_each("sample_contacts", "seed", WRONG_SEEDS, count=1),
-    **_each("sample_contacts", "count", WRONG_COUNTS, seed=0, reachable=True),
+    **_each("sample_contacts", "n", WRONG_COUNTS, seed=0, reachable=False),
+    **_each("sample_contacts", "seed", WRONG_SEEDS, n=1),
+    **_each("sample_contacts", "n", WRONG_COUNTS, seed=0),
 }  # fmt: skip

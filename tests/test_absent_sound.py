@@ -70,14 +70,14 @@ def test_an_object_without_sound_is_seen_and_felt(seen_and_felt: ObjectFile, sma
     np.testing.assert_array_equal(
         seen_and_felt.render(*view, resolution=16), bar.render(*view, resolution=16)
     )
-    points, _ = bar.sample_contacts(2, seed=0)
+    points, _ = bar.sample_contacts(2, seed=0, reachable=False)
     np.testing.assert_array_equal(seen_and_felt.press(points).rgb, bar.press(points).rgb)
     assert "no sound" in seen_and_felt._repr_html_()
     assert "sound        no sound" in info_lines(seen_and_felt, small_file)
 
 
 def test_every_query_of_its_sound_says_why_there_is_none(seen_and_felt: ObjectFile) -> None:
-    points, normals = seen_and_felt.sample_contacts(2, seed=0)
+    points, normals = seen_and_felt.sample_contacts(2, seed=0, reachable=False)
     queries = {
         "strike": lambda: seen_and_felt.strike(points, -normals, 0.1),
         "strikes": lambda: list(seen_and_felt.strikes(points, -normals, 0.1)),

@@ -18,7 +18,7 @@ SECONDS = 2.0
 def asked(small_file) -> ObjectFile:
     """The bar, asked once, so that its kernels are there."""
     file = objectfolder.load(small_file)
-    points, normals = file.sample_contacts(1, seed=0)
+    points, normals = file.sample_contacts(1, seed=0, reachable=False)
     file.render(*file.sample_views(1, seed=0), 16)
     file.strike(points, -normals, 0.01)
     file.press(points)
@@ -57,7 +57,7 @@ def test_what_is_nearly_too_much_is_answered(asked: ObjectFile) -> None:
     assert asked.render(cameras, lights, (1, 1)).shape == (1, 1, 1, 3)
     assert asked.render(cameras, lights, 16, sub_rays=4096).shape == (1, 16, 16, 3)
     assert asked.render(cameras, lights, 1 << 20, crop=(1 << 19, 1 << 19, 2, 2)).shape == (1, 2, 2, 3)
-    points, normals = asked.sample_contacts(1, seed=0)
+    points, normals = asked.sample_contacts(1, seed=0, reachable=False)
     assert asked.strike(points, -normals, 1 / 44100).shape == (1, 1)
     assert asked.strike(points, -normals, 0.01, modes=0).shape == (1, 441)
     assert asked.press(points, 0.0, 45.0, -720.0, roll=1e6).rgb.shape == (1, 160, 120, 3)

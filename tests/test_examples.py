@@ -83,3 +83,4 @@ def test_readme_asks_an_object_file(examples, tmp_path, monkeypatch):
     assert names["images"].shape == (4, 256, 256, 3)
     assert names["sounds"].shape == (4, 88200)
     assert names["touches"].rgb.shape == (4, 160, 120, 3)
+    assert names["touches"].reachable.all()

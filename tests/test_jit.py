@@ -25,7 +25,7 @@ print(cpu_target.target_context.codegen().magic_tuple()[1])
 FIRST_QUERY = """
 import objectfolder
 mug = objectfolder.example("mug")
-points, _ = mug.sample_contacts(1, seed=0)
+points, _ = mug.sample_contacts(1, seed=0, reachable=False)
 from numba.core import event
 compiled = []
 class Listener(event.Listener):

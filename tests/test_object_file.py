@@ -159,7 +159,7 @@ def test_lights_add_up_and_crops_are_parts(bar: ObjectFile) -> None:
 
 
 def test_rays_are_asked_in_metres(bar: ObjectFile) -> None:
-    points, normals = bar.sample_contacts(20, seed=13)
+    points, normals = bar.sample_contacts(20, seed=13, reachable=False)
     light = bar.frame.centre + np.array([0.0, 0.0, bar.frame.scale])
     seen = bar.radiance(points + 0.3 * normals, -normals, light)
     assert seen.shape == (20, 4)
@@ -204,7 +204,7 @@ def test_poses_that_are_not_rigid_are_refused(subtests: pytest.Subtests, bar: Ob
 
 
 def test_every_contact_of_a_batch_is_sounded_as_it_sounds_alone(bar: ObjectFile) -> None:
-    points, normals = bar.sample_contacts(5, seed=5)
+    points, normals = bar.sample_contacts(5, seed=5, reachable=False)
     together = bar.strike(points, -normals, duration=0.1)
     assert together.shape == (5, 4410)
     assert together.dtype == np.float32
@@ -214,7 +214,7 @@ def test_every_contact_of_a_batch_is_sounded_as_it_sounds_alone(bar: ObjectFile)
 
 
 def test_loudness_follows_force_and_no_force_is_silence(bar: ObjectFile) -> None:
-    points, normals = bar.sample_contacts(2, seed=6)
+    points, normals = bar.sample_contacts(2, seed=6, reachable=False)
     once = bar.strike(points, -normals, duration=0.1)
     assert np.abs(once).max() > 0
     np.testing.assert_allclose(
@@ -224,7 +224,7 @@ def test_loudness_follows_force_and_no_force_is_silence(bar: ObjectFile) -> None
 
 
 def test_gains_of_a_contact_do_not_depend_on_what_else_is_asked(bar: ObjectFile) -> None:
-    points, _ = bar.sample_contacts(9, seed=7)
+    points, _ = bar.sample_contacts(9, seed=7, reachable=False)
     together = bar.modes.gains(points)
     assert together.shape == (9, 3, len(bar.modes.frequencies_hz))
     for index in range(0, 9, 4):
@@ -232,7 +232,7 @@ def test_gains_of_a_contact_do_not_depend_on_what_else_is_asked(bar: ObjectFile)
 
 
 def test_a_contact_off_the_surface_is_refused_with_its_distance(bar: ObjectFile) -> None:
-    points, normals = bar.sample_contacts(2, seed=8)
+    points, normals = bar.sample_contacts(2, seed=8, reachable=False)
     bar.strike(points + 0.5e-3 * normals, normals, duration=0.01)
     off = points + np.array([[0.0], [6e-3]]) * normals
     for ask in (lambda: bar.strike(off, normals), lambda: bar.press(off), lambda: bar.project(off)):
@@ -241,7 +241,7 @@ def test_a_contact_off_the_surface_is_refused_with_its_distance(bar: ObjectFile)
 
 
 def test_touches_in_a_batch_equal_each_alone(bar: ObjectFile) -> None:
-    points, _ = bar.sample_contacts(3, seed=9)
+    points, _ = bar.sample_contacts(3, seed=9, reachable=False)
     together = bar.press(points, depth=0.001)
     assert together.rgb.shape == (3, 160, 120, 3)
     assert together.mask.any()
@@ -261,7 +261,7 @@ def test_sampled_queries_are_valid_and_repeat_with_the_seed(bar: ObjectFile) -> 
     radius = np.linalg.norm(bar.frame.to_unit(cameras[:, :3, 3]), axis=1)
     np.testing.assert_allclose(radius, 2.5)
     np.testing.assert_allclose(np.linalg.norm(bar.frame.to_unit(lights), axis=1), 1.0)
-    points, _ = bar.sample_contacts(20, seed=10)
+    points, _ = bar.sample_contacts(20, seed=10, reachable=False)
     assert bar.project(points).distance.max() < 1e-9
 
 
@@ -276,7 +276,7 @@ import sys
 import numpy as np, objectfolder
 bar = objectfolder.load(sys.argv[1])
 assert bar.render(*bar.sample_views(1, 0), resolution=16).shape == (1, 16, 16, 3)
-points, normals = bar.sample_contacts(2, 0)
+points, normals = bar.sample_contacts(2, 0, reachable=False)
 assert np.abs(bar.strike(points, normals, duration=0.05)).max() > 0
 assert bar.press(points).rgb.shape == (2, 160, 120, 3)
 assert bar.press(points[:1], force=0.5).rgb.any()

@@ -178,7 +178,7 @@ def with_modes(modes: int) -> ObjectFile:
 def ringing(file: ObjectFile, count: int, culled: bool = False) -> tuple[dict[str, Any], np.ndarray]:
     """Bodies that ring at once, and their sound."""
     watch, blocks = Stopwatch(), round(RATE_HZ / BLOCK)
-    points, normals = file.sample_contacts(count, seed=0)
+    points, normals = file.sample_contacts(count, seed=0, reachable=False)
     mass_kg, listener_m = file.description["body"]["mass_kg"], np.array(LISTENER_M)
     bodies = [HeardBody.of("mug", file, mass_kg, RATE_HZ, listener_m) for _ in range(count)]
     culling = Culling([body.stream for body in bodies])

@@ -133,7 +133,7 @@ def queries() -> dict[str, float]:
     for name in sorted(set(NAMES)):
         file = objectfolder.example(name)
         cameras, lights = file.sample_views(QUERIES, seed=0)
-        points, normals = file.sample_contacts(QUERIES, seed=0, reachable=True)
+        points, normals = file.sample_contacts(QUERIES, seed=0)
         for camera, light, point, normal in zip(cameras, lights, points, normals, strict=True):
             asked = (
                 lambda camera=camera, light=light, file=file: file.render(camera, light, 256),

@@ -134,7 +134,7 @@ class World:
         body = self._data.body("object").id
         self._first = int(self._model.jnt_qposadr[self._model.body_jntadr[body]])
         self._rest = self._settled()
-        points, _ = file.sample_contacts(SURFACE_POINTS, seed=0)
+        points, _ = file.sample_contacts(SURFACE_POINTS, seed=0, reachable=False)
         self._points = points @ self._rest[:3, :3].T + self._rest[:3, 3]
         self._inertial = np.array([*file.description["body"]["centre_of_mass_m"], 1.0])
         self._centre = self._rest @ self._inertial

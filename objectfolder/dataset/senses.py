@@ -123,7 +123,7 @@ def _strikes(reader: ProductReader, rows: np.ndarray) -> Sample:
 
 
 def _sampled_strikes(file: ObjectFile, count: int, seed: int) -> Sample:
-    points, normals = file.sample_contacts(count, seed)
+    points, normals = file.sample_contacts(count, seed, reachable=False)
     return {"point_m": points, "impulse_n_s": -normals}
 
 
@@ -163,7 +163,7 @@ def _touches(reader: ProductReader, rows: np.ndarray) -> Sample:
 
 def _sampled_touches(file: ObjectFile, count: int, seed: int) -> Sample:
     zeros = np.zeros(count)
-    points, _ = file.sample_contacts(count, seed, reachable=True)
+    points, _ = file.sample_contacts(count, seed)
     return {
         "point_m": points,
         "press_depth_m": zeros + TOUCH_DEPTH_M,

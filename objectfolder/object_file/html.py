@@ -20,7 +20,7 @@ class NotebookCard(SightQueries, SoundQueries):
 
     @abstractmethod
     def sample_contacts(
-        self, count: int, seed: int, *, reachable: bool = False
+        self, n: int = 1, seed: int = 0, *, reachable: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
         """Draw contacts; see `ObjectFile.sample_contacts`."""
 
@@ -33,8 +33,8 @@ class NotebookCard(SightQueries, SoundQueries):
         picture = data_uri("image/png", png_bytes(self.pictures(1, SIDE_PX)[0]))
         heard = "no sound" if self.modes.absent else "no audible mode"
         if len(self.modes.frequencies_hz):
-            points, normals = self.sample_contacts(1, seed=0)
-            sound = self.strike(points, -normals, DURATION_S, SAMPLE_RATE_HZ)
+            points, _ = self.sample_contacts(reachable=False)
+            sound = self.strike(points, None, DURATION_S, SAMPLE_RATE_HZ)
             wav = data_uri("audio/wav", wav_bytes(sound, SAMPLE_RATE_HZ)[0])
             heard = f'<audio controls src="{wav}"></audio>'
         figures = "<br>".join(_figures(self.description["fidelity"]))

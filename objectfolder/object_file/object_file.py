@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.errors import FormatError, QueryError
@@ -25,6 +26,7 @@ from objectfolder.products.stored_values import (
 )
 from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.query_values import LARGEST_SEED, MOST_SAMPLED, point_rows, whole
+from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import ClosestPoints, Surface
@@ -89,6 +91,60 @@ class ObjectFile(NotebookCard):
         self.description = dict(description)
         self.surface_tolerance_m = SURFACE_TOLERANCE_M
         self._tensors = dict(tensors)
+
+    def __repr__(self) -> str:
+        sides_cm = 100 * np.ptp(self.bounds_m, axis=0)
+        size_cm = " x ".join(f"{side:.1f}" if side >= 1 else f"{side:.2g}" for side in sides_cm)
+        mass = "unknown mass" if self.mass_kg is None else f"{self.mass_kg:.3g} kg"
+        modes = f"{len(self.modes.frequencies_hz)} modes"
+        return (
+            f"ObjectFile({self.name!r}, {self.material or 'unknown material'}, {mass}, {size_cm} cm, {modes})"
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another Object File has the same tensors and the same description."""
+        if not isinstance(other, ObjectFile):
+            return NotImplemented
+        mine, theirs = self.content(), other.content()
+        return mine.metadata == theirs.metadata and _equal_tensors(mine.tensors, theirs.tensors)
+
+    def __hash__(self) -> int:
+        # Of what equal files share and nobody edits; the description is a dictionary, which may change.
+        return hash(frozenset((name, tensor.shape) for name, tensor in self._tensors.items()))
+
+    @property
+    def name(self) -> str:
+        """Name in words."""
+        described = self.description["object"]
+        return str(described.get("name") or described["id"])
+
+    @property
+    def material(self) -> str | None:
+        """Name of the material; None where it is not known."""
+        material = self.description["material"]
+        return None if material is None else str(material["name"])
+
+    @property
+    def mass_kg(self) -> float | None:
+        """Mass of the solid that sounds; None where it is not known."""
+        body = self.description["body"]
+        return None if body is None or body["filled_mass_kg"] is None else float(body["filled_mass_kg"])
+
+    @property
+    def bounds_m(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates of the surface, object frame."""
+        return np.asarray(self.surface.bounds, dtype=np.float64)
+
+    @property
+    def length_m(self) -> float:
+        """Longest side of the bounding box."""
+        return float(np.ptp(self.bounds_m, axis=0).max())
+
+    @property
+    def fidelity(self) -> dict[str, Any] | None:
+        """What the file measured of itself on held-out queries, by sense; None where nothing was measured."""
+        measured: dict[str, Any] | None = self.description["fidelity"]
+        return measured
 
     @classmethod
     def of_encoders(
@@ -414,19 +470,20 @@ class ObjectFile(NotebookCard):
             )
         return closest
 
+    @renamed_keywords(count="n")
     def sample_contacts(
-        self, count: int, seed: int, *, reachable: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, n: int = 1, seed: int = 0, *, reachable: bool = True
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3).
-
-        They lie anywhere on the surface, also where no sensor fits, as deep inside of a mug:
-        `Touches.reachable` of an answer says so.
 
         Parameters
         ----------
+        n, seed
+            How many, and the seed of the draw.
         reachable
-            Only contacts at which the sensor can be pressed a millimetre deep along the normal. Each is
-            tried by a press.
+            Only contacts at which the sensor can be pressed a millimetre deep along the normal; each is
+            tried. False draws anywhere on the surface, also where no sensor fits, as deep inside of a mug:
+            `Touches.reachable` of a press says so.
 
         Raises
         ------
@@ -437,20 +494,20 @@ class ObjectFile(NotebookCard):
         --------
         >>> import objectfolder
         >>> bar = objectfolder.load("bar.safetensors")
-        >>> points, normals = bar.sample_contacts(1000, seed=0)
-        >>> points.shape, float(abs(points).max(axis=0)[0].round(2))
-        ((1000, 3), 0.06)
-        >>> points, _ = bar.sample_contacts(20, seed=0, reachable=True)
+        >>> points, normals = bar.sample_contacts(20)
         >>> bool(bar.press(points).reachable.all())
         True
+        >>> points, normals = bar.sample_contacts(1000, reachable=False)
+        >>> points.shape, float(abs(points).max(axis=0)[0].round(2))
+        ((1000, 3), 0.06)
         """
-        count, seed = whole("count", count, 0, MOST_SAMPLED), whole("seed", seed, 0, LARGEST_SEED)
+        count, seed = whole("n", n, 0, MOST_SAMPLED), whole("seed", seed, 0, LARGEST_SEED)
         samples = self.surface.sample(count, seed)
         if not reachable or not count:
             return samples.points, samples.normals
         points, normals = np.zeros((0, 3)), np.zeros((0, 3))
         for attempt in range(1, MOST_ATTEMPTS + 1):
-            fits = self.press(samples.points, contact="rigid").reachable
+            fits = self.reach(samples.points, rolls=1).at_some_roll
             points = np.concatenate([points, samples.points[fits]])
             normals = np.concatenate([normals, samples.normals[fits]])
             if len(points) >= count:
@@ -459,6 +516,13 @@ class ObjectFile(NotebookCard):
             samples = self.surface.sample(count, int(again[0]))
         finding = f"{len(points)} of {MOST_ATTEMPTS * count} contacts drawn can be reached"
         raise QueryError("reachable", finding, "Draw contacts anywhere, or ask for more of them.")
+
+
+def _equal_tensors(some: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:
+    return some.keys() == others.keys() and all(
+        tensor.dtype == others[name].dtype and np.array_equal(tensor, others[name])
+        for name, tensor in some.items()
+    )
 
 
 def _frame_around(surface: Surface, stored: Mapping[str, Any]) -> UnitFrame:

@@ -17,6 +17,8 @@ LIGHT_RADIUS = 1.0
 FIELD_OF_VIEW_DEG = 39.6
 # Within this cosine of the pole the z axis no longer fixes the roll and y takes its place.
 POLE_COSINE = 0.9999
+# Where the lamp of a view is that names none, in the camera's axes: right, up, towards the camera.
+LAMP_DIRECTION = (-1.0, 1.0, 2.0)
 GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -58,6 +60,15 @@ def look_at(positions: np.ndarray, target: np.ndarray | None = None) -> np.ndarr
     poses[:, :3, 2] = backward
     poses[:, :3, 3] = positions
     return poses
+
+
+def lamps_at_cameras(camera_to_world: np.ndarray) -> np.ndarray:
+    """Return a lamp of the data set for each (n, 4, 4) pose: (n, 3) on the sphere of `LIGHT_RADIUS`.
+
+    It is on the camera's side, to the left and above, so that shading shows the shape.
+    """
+    direction = LIGHT_RADIUS * np.array(LAMP_DIRECTION) / np.linalg.norm(LAMP_DIRECTION)
+    return np.asarray(camera_to_world)[:, :3, :3] @ direction
 
 
 def image_size(resolution: int | tuple[int, int]) -> tuple[int, int]:

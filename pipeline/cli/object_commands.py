@@ -51,7 +51,14 @@ def info(file: ObjectFilePath, /, *, json: Json = False) -> None:
 
 
 def sample(
-    file: ObjectFilePath, /, *, views: int = 8, contacts: int = 8, seed: int = 0, output: Output
+    file: ObjectFilePath,
+    /,
+    *,
+    views: int = 8,
+    contacts: int = 8,
+    seed: int = 0,
+    anywhere: bool = False,
+    output: Output,
 ) -> None:
     """Draw valid queries and write them as .npy files.
 
@@ -63,12 +70,14 @@ def sample(
         number of contacts
     seed
         of the draw
+    anywhere
+        draw contacts anywhere on the surface, also where the sensor does not fit
     output
         folder for views.npy, points.npy and forces.npy
     """
     from pipeline.publish.queries.answers import sample_queries
 
-    print(sample_queries(file, views, contacts, seed, output))
+    print(sample_queries(file, views, contacts, seed, anywhere, output))
 
 
 def render(

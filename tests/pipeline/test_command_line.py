@@ -216,11 +216,12 @@ def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path)
         np.testing.assert_array_equal(np.asarray(Image.open(views / f"{index:04d}.png")), expected)
     few = ["--points", "2", "--seed", "5"]
     assert main(["strike", file, *few, "--duration", "0.1", "--gain", "1", "-o", str(strikes)]) == 0
-    points, normals = bar.sample_contacts(2, seed=5)
+    points, normals = bar.sample_contacts(2, seed=5, reachable=False)
     for index, expected in enumerate(bar.strike(points, -normals, duration=0.1)):
         np.testing.assert_array_equal(wavfile.read(strikes / f"{index:04d}.wav")[1], expected)
     assert main(["press", file, *few, "-o", str(touches)]) == 0
-    np.testing.assert_array_equal(np.load(touches / "depth.npy"), bar.press(points).depth)
+    fitting, _ = bar.sample_contacts(2, seed=5)
+    np.testing.assert_array_equal(np.load(touches / "depth.npy"), bar.press(fitting).depth)
     np.save(tmp_path / "points.npy", points)
     read = ["strike", file, "--points", str(tmp_path / "points.npy"), "--duration", "0.1", "--gain", "1"]
     assert main([*read, "-o", str(tmp_path / "again")]) == 0

@@ -14,7 +14,7 @@ from pipeline.cli import main
 
 @pytest.fixture
 def contacts(small_file: Path, tmp_path: Path) -> Path:
-    points, _ = objectfolder.load(small_file).sample_contacts(2, seed=3)
+    points, _ = objectfolder.load(small_file).sample_contacts(2, seed=3, reachable=False)
     np.save(tmp_path / "points.npy", points)
     return tmp_path / "points.npy"
 

@@ -1,10 +1,12 @@
 """A sound as an array that a notebook can play."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from objectfolder.audio.synthesis.wav import wav_bytes
+from objectfolder.audio.synthesis.wav import wav_bytes, write_wav
+from objectfolder.errors import QueryError
 from objectfolder.notebook import data_uri
 
 MOST_PLAYED = 4
@@ -37,6 +39,46 @@ class Sound(np.ndarray):
     def __array_wrap__(self, array: np.ndarray, context: Any = None, return_scalar: bool = False) -> Any:
         """Return the answer of a numpy function as a plain array or number."""
         return array[()] if array.ndim == 0 else np.asarray(array)
+
+    def __repr__(self) -> str:
+        if self.sample_rate_hz is None or self.size == 0:
+            return repr(np.asarray(self))
+        seconds, peak = self.shape[-1] / self.sample_rate_hz, float(np.abs(np.asarray(self)).max())
+        return f"Sound({self.shape}, {seconds:.3g} s at {self.sample_rate_hz:g} Hz, peak {peak:.3g})"
+
+    __str__ = __repr__
+
+    def write(self, path: Path | str, *, gain: float | None = None) -> float:
+        """Write one sound as a WAV file of 32-bit floats, and return the gain it was written with.
+
+        Parameters
+        ----------
+        path
+            The file.
+        gain
+            Factor of what is written. By default the loudest sample is 3 dB below full scale; 1 writes the
+            values as they are.
+
+        Raises
+        ------
+        QueryError
+            Several sounds, or an array that is no longer a whole sound.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> sounds = bar.strike([[0.0, 0.0, 0.004], [0.05, 0.0, 0.004]])
+        >>> sounds.shape, sounds[1].write("a.wav", gain=1.0)
+        ((2, 88200), 1.0)
+        """
+        if self.sample_rate_hz is None:
+            raise QueryError("write", "no whole sound: its sample rate is not known", "Use `write_wav`.")
+        if self.ndim > 1 and len(self) != 1:
+            remedy = "Write one at a time: `sound[:1].write(...)`, with all of its channels."
+            raise QueryError("write", f"shape {self.shape} is not one sound", remedy)
+        sound = np.asarray(self).reshape(self.shape[-2:] if self.ndim == 3 else (self.shape[-1],))
+        return write_wav(path, sound, round(self.sample_rate_hz), gain=gain)
 
     def _repr_html_(self) -> str | None:
         """Return players of the first rows at a level to listen to; None where this is not whole sounds."""

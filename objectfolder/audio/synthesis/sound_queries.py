@@ -50,7 +50,7 @@ class SoundQueries(ABC):
     def strike(
         self,
         points: np.ndarray,
-        forces: np.ndarray,
+        forces: np.ndarray | None = None,
         duration: float = 2.0,
         sample_rate: float = 44100,
         modes: int | None = None,
@@ -68,7 +68,8 @@ class SoundQueries(ABC):
             (3,) or (n, 3) contacts, metres, within `surface_tolerance_m` of the surface.
         forces
             (3,) or (n, 3) impulses, newton seconds (the papers' unit forces lasting one second); or (n, k, 3)
-            newtons at the samples from t = 0 on, linear between them.
+            newtons at the samples from t = 0 on, linear between them. None strikes each point with 1 N s
+            inwards, against the surface's normal.
         duration
             Seconds.
         sample_rate
@@ -114,8 +115,8 @@ class SoundQueries(ABC):
         >>> import objectfolder
         >>> bar = objectfolder.load("bar.safetensors")
         >>> import numpy as np
-        >>> points, normals = bar.sample_contacts(1, seed=0)
-        >>> sound = bar.strike(points, -normals, duration=1.0)
+        >>> points, normals = bar.sample_contacts()
+        >>> sound = bar.strike(points, duration=1.0)  # 1 N s inwards
         >>> sound.shape, sound.dtype.name
         ((1, 44100), 'float32')
         >>> bool(np.allclose(bar.strike(points, -2 * normals, 1.0), 2 * sound))  # twice as hard
@@ -134,7 +135,7 @@ class SoundQueries(ABC):
     def strikes(
         self,
         points: np.ndarray,
-        forces: np.ndarray,
+        forces: np.ndarray | None = None,
         duration: float = 2.0,
         sample_rate: float = 44100,
         modes: int | None = None,
@@ -260,7 +261,7 @@ class SoundQueries(ABC):
     def _struck(
         self,
         points: np.ndarray,
-        forces: np.ndarray,
+        forces: np.ndarray | None,
         duration: float,
         sample_rate: float,
         modes: int | None,
@@ -302,16 +303,16 @@ class SoundQueries(ABC):
         return self.surface.normals_at(places.face, places.barycentric)
 
     def _sound_query(
-        self, points: np.ndarray | ClosestPoints, forces: np.ndarray, listener: np.ndarray | None
+        self, points: np.ndarray | ClosestPoints, forces: np.ndarray | None, listener: np.ndarray | None
     ) -> tuple[ClosestPoints, np.ndarray, np.ndarray | None]:
         """Return n contacts on the surface, a force each, and listeners (channels, 3)."""
         places = points if isinstance(points, ClosestPoints) else self.project(points)
         count = len(places.points)
         remedy = "Give (n, 3) newton seconds, or (n, k, 3) newtons at the samples."
-        pushes = real_array("forces", forces, remedy)
+        pushes = -self._normals(places) if forces is None else real_array("forces", forces, remedy)
         pushes = pushes[None] if pushes.ndim == 1 else pushes
         if pushes.ndim not in (2, 3) or pushes.shape[-1] != 3 or 0 in pushes.shape[1:]:
-            raise QueryError("forces", f"shape {np.shape(forces)}", remedy)
+            raise QueryError("forces", f"shape {pushes.shape}", remedy)
         if not np.abs(pushes).max(initial=0.0) <= LARGEST_FORCE:
             raise QueryError("forces", f"above {LARGEST_FORCE:g}", "Give newton seconds, or newtons.")
         if len(pushes) not in (1, count):

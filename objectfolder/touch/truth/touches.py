@@ -1,9 +1,11 @@
 """What is asked of a press, and what is known of the touches that follow."""
 
 import reprlib
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.notebook import picture_row
@@ -119,9 +121,9 @@ class Press:
         return np.radians(tilt), np.radians(azimuth), np.radians(roll)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Touches:
-    """n touches.
+    """n touches; `touches[i]` is one of them, or some, as `Touches`.
 
     Parameters
     ----------
@@ -160,30 +162,44 @@ class Touches:
     >>> import objectfolder
     >>> bar = objectfolder.load("bar.safetensors")
     >>> touches = bar.press([[0, 0, 0.004]], depth=0.001)
-    >>> touches.mask.shape, touches.reachable.tolist(), touches.normals.round(3).tolist()
-    ((1, 160, 120), [True], [[0.0, 0.0, 1.0]])
+    >>> touches, touches[0].normals.round(3).tolist()
+    (Touches(1 of 160 x 120 pixels, 1 reachable), [[0.0, 0.0, 1.0]])
     """
 
-    rgb: np.ndarray
-    depth: np.ndarray
-    mask: np.ndarray
-    sensor_to_object: np.ndarray
-    points: np.ndarray
-    normals: np.ndarray
-    reachable: np.ndarray
-    first_contact_offset_m: np.ndarray
-    penetration_m: np.ndarray
-    contact_area_m2: np.ndarray
-    saturated: np.ndarray
-    force_n: np.ndarray
+    rgb: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    mask: NDArray[np.bool_]
+    sensor_to_object: NDArray[np.float64]
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    reachable: NDArray[np.bool_]
+    first_contact_offset_m: NDArray[np.float64]
+    penetration_m: NDArray[np.float64]
+    contact_area_m2: NDArray[np.float64]
+    saturated: NDArray[np.bool_]
+    force_n: NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        count, height, width = self.mask.shape
+        reachable = np.count_nonzero(self.reachable)
+        return f"Touches({count} of {height} x {width} pixels, {reachable} reachable)"
 
     def _repr_html_(self) -> str:
         """Return the first images for a notebook."""
-        said = f"{len(self.rgb)} touches, {np.count_nonzero(self.reachable)} of them within reach"
-        return f"<div>{said}</div>{picture_row(self.rgb[:MOST_SHOWN])}"
+        summary = f"{len(self.rgb)} touches, {np.count_nonzero(self.reachable)} of them within reach"
+        return f"<div>{summary}</div>{picture_row(self.rgb[:MOST_SHOWN])}"
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def __getitem__(self, rows: int | slice | NDArray[np.bool_] | NDArray[np.integer]) -> "Touches":
+        """Return one touch or some of them, as n touches."""
+        if isinstance(rows, int | np.integer):
+            rows = np.arange(len(self))[[rows]]
+        return Touches(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+    def __iter__(self) -> Iterator["Touches"]:
+        return (self[row] for row in range(len(self)))
 
     @classmethod
     def empty(cls, count: int, sensor: Sensor) -> "Touches":
@@ -205,7 +221,7 @@ class Touches:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reach:
     """At which rolls of the sensor n points can be pressed.
 
@@ -217,16 +233,20 @@ class Reach:
         (n, rolls) bool, as of `Touches`.
     """
 
-    roll_deg: np.ndarray
-    reachable: np.ndarray
+    roll_deg: NDArray[np.float64]
+    reachable: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        count, rolls = self.reachable.shape
+        return f"Reach({count} points at {rolls} rolls, {np.count_nonzero(self.at_some_roll)} reachable)"
 
     @property
-    def at_some_roll(self) -> np.ndarray:
+    def at_some_roll(self) -> NDArray[np.bool_]:
         """(n,) bool: whether a point is reachable at any of the rolls."""
         return np.asarray(self.reachable.any(axis=1))
 
     @property
-    def best_roll_deg(self) -> np.ndarray:
+    def best_roll_deg(self) -> NDArray[np.float64]:
         """(n,) degrees: the reachable roll with most room to both sides; not a number where there is none.
 
         Of equal ones it is that nearest to the roll asked for.

@@ -6,14 +6,17 @@ from functools import cached_property
 from typing import overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.query_values import MOST_SAMPLED, generator, point_rows, real, whole
+from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import (
     CAMERA_RADIUS,
     LIGHT_RADIUS,
+    lamps_at_cameras,
     look_at,
     uniform_on_sphere,
 )
@@ -73,7 +76,8 @@ class SightQueries:
         light_position
             (3,), one light for all views; (n, 3), one a view; or (n, k, 3), k a view; metres, object frame.
             Their power is that of the data set, whose lights lie at one `frame.scale` from the centre, and
-            falls off with the square of the distance.
+            falls off with the square of the distance. None, without a `light`, stands for one of the data
+            set's lamps a view, on the camera's side: to the left of the camera and above it.
         light
             In place of lamps, light from all round, infinitely far, with soft shadows: ``"studio"``,
             ``"sky"``, ``"window"``, or an equirectangular map of linear radiance (h, 2 h, 3) in the object's
@@ -102,7 +106,7 @@ class SightQueries:
         ------
         QueryError
             Poses that are not rigid, values that are not finite, numbers of poses, lights and colours that
-            differ, a crop outside the image, an unknown pass, no light, lamps beside an environment.
+            differ, a crop outside the image, an unknown pass, lamps beside an environment.
 
         Examples
         --------
@@ -112,19 +116,21 @@ class SightQueries:
         >>> images = bar.render(cameras, lights, resolution=64)
         >>> images.shape, images.dtype.name, images[0, 0, 0].tolist()  # white beside the bar
         ((4, 64, 64, 3), 'uint8', [255, 255, 255])
-        >>> bar.render(cameras, light="sky", resolution=64)[0, 0, 0].tolist()
-        [255, 255, 255]
+        >>> bar.render(cameras, resolution=64).shape, bar.render(cameras, light="sky", resolution=64).shape
+        ((4, 64, 64, 3), (4, 64, 64, 3))
         >>> depth = bar.render(cameras, lights, resolution=64, passes=["depth"])["depth"]
         >>> round(float(depth[0].min()), 1)  # metres
         0.3
         """
         names = {"image": "rgba"} | {name: name for name in PASSES if name != "rgba"}
         wanted = pass_names(passes, tuple(names))
-        if (light is None) == (light_position is None) or (light is not None and light_colour is not None):
+        if light is not None and (light_position is not None or light_colour is not None):
             remedy = "Give lamps, with their colours or without, or one light for all views."
-            raise QueryError("light_position, light", "neither, or one beside the other", remedy)
-        lamps = np.zeros(3) if light_position is None else light_position
-        query = view_query(camera_to_world, lamps, light_colour)
+            raise QueryError("light", "lamps beside light from all round", remedy)
+        if light_position is None:
+            poses = view_query(camera_to_world, np.zeros(3)).cameras
+            light_position = self.frame.to_object(lamps_at_cameras(poses))
+        query = view_query(camera_to_world, light_position, light_colour)
         drawn = self.vision.render(
             self.frame.camera_to_unit(query.cameras),
             self.frame.to_unit(query.lights) if light is None else Environment.of(light),
@@ -180,9 +186,10 @@ class SightQueries:
             self.frame.to_unit(starts), along, self.frame.to_unit(lights), light_colour=light_colour
         )
 
+    @renamed_keywords(count="n")
     def sample_views(
-        self, count: int, seed: int, camera_radius: float = CAMERA_RADIUS, *, lit: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, n: int = 1, seed: int = 0, camera_radius: float = CAMERA_RADIUS, *, lit: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Draw valid views: camera_to_world (n, 4, 4) and light_position (n, 3), object frame, metres.
 
         Distributed as the data set's: cameras uniform on the sphere of `camera_radius` (unit frame), lights
@@ -196,7 +203,7 @@ class SightQueries:
         >>> cameras.shape, lights.shape
         ((4, 4, 4), (4, 3))
         """
-        count, random = whole("count", count, 0, MOST_SAMPLED), generator(seed)
+        count, random = whole("n", n, 0, MOST_SAMPLED), generator(seed)
         radius = real("camera_radius", camera_radius, 1e-3, FARTHEST)
         cameras = look_at(uniform_on_sphere(count, radius, random))
         lights = uniform_on_sphere(count, LIGHT_RADIUS, random)

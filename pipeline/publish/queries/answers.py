@@ -28,11 +28,11 @@ LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_
 VIEWS, FRAMES = 8, 24  # where no number is named: views, and pictures of a turntable
 
 
-def sample_queries(path: Path, views: int, contacts: int, seed: int, output: Path) -> str:
-    """Write valid queries, in metres of the object frame."""
+def sample_queries(path: Path, views: int, contacts: int, seed: int, anywhere: bool, output: Path) -> str:
+    """Write valid queries, in metres of the object frame; contacts `anywhere` need not be reachable."""
     file = objectfolder.load(path)
     cameras, lights = file.sample_views(views, seed)
-    points, normals = file.sample_contacts(contacts, seed)
+    points, normals = file.sample_contacts(contacts, seed, reachable=not anywhere)
     drawn = np.concatenate([cameras[:, :3, 3], lights], axis=1)
     output.mkdir(parents=True, exist_ok=True)
     np.save(output / "views.npy", drawn)
@@ -118,7 +118,7 @@ def strike_points(
         name, radius_m, mass_kg = striker
         material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
         body = ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius_m, mass_kg)
-    points, normals = _contacts(file, wanted.points, wanted.seed)
+    points, normals = _contacts(file, wanted.points, wanted.seed, reachable=False)
     strikes = functools.partial(
         file.strikes,
         points,
@@ -148,7 +148,7 @@ def press_points(
     sensor = file.touch.sensor
     resolution = wanted.resolution or (sensor.image_height, sensor.image_width)
     touches = file.press(
-        _contacts(file, wanted.points, wanted.seed)[0],
+        _contacts(file, wanted.points, wanted.seed, reachable=not wanted.anywhere)[0],
         depth_m,
         wanted.tilt_deg,
         wanted.azimuth_deg,
@@ -167,7 +167,9 @@ def press_points(
     # JSON has no NaN: a rigid contact has no force.
     labels["force_n"] = [None if np.isnan(force) else force for force in labels["force_n"]]
     (output / "labels.json").write_text(json.dumps(labels, indent=1))
-    return f"{output}: {len(touches.rgb)} touches, {int(touches.reachable.sum())} reachable"
+    count, reachable = len(touches), int(touches.reachable.sum())
+    hint = "" if reachable == count else " (labels.json says which; without a file --points draws such)"
+    return f"{output}: {count} touches, {reachable} reachable{hint}"
 
 
 def _read_numbers(
@@ -187,10 +189,12 @@ def _read_numbers(
     return values
 
 
-def _contacts(file: ObjectFile, wanted: int | Path, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def _contacts(
+    file: ObjectFile, wanted: int | Path, seed: int, *, reachable: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Return contacts (n, 3), drawn or read, and the outward unit normals there."""
     if isinstance(wanted, int):
-        return file.sample_contacts(wanted, seed)
+        return file.sample_contacts(wanted, seed, reachable=reachable)
     points = _read_numbers(wanted, (3,))
     closest = file.project(points)
     return points, file.surface.normals_at(closest.face, closest.barycentric)

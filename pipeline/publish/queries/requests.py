@@ -101,7 +101,9 @@ class Pressing:
     Parameters
     ----------
     points
-        a number of points to draw, or a .npy file, (n, 3) metres, object frame
+        a number of points to draw where the sensor fits, or a .npy file, (n, 3) metres, object frame
+    anywhere
+        draw points anywhere on the surface, also where the sensor does not fit
     seed
         of the draw
     tilt_deg
@@ -121,6 +123,7 @@ class Pressing:
     """
 
     points: int | Path = 8
+    anywhere: bool = False
     seed: int = 0
     tilt_deg: float = 0.0
     azimuth_deg: float = 0.0

@@ -139,7 +139,7 @@ class LiveObject:
 
     def warm_contacts(self) -> None:
         """Prepare what contacts need, once."""
-        points, normals = self.file.sample_contacts(1, seed=0)
+        points, normals = self.file.sample_contacts(1, seed=0, reachable=False)
         self.file.strike(points, -normals, 0.01)
         self.file.surface.ray_hits(points + normals, -normals)
         self.file.press(points)

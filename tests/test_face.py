@@ -1,0 +1,131 @@
+"""What a user meets first: the namespace, an object's own words, and calls without arguments."""
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import wavfile
+
+import objectfolder
+from objectfolder import ObjectFile, QueryError, Sound, Touches
+from pipeline.run.single_build import Building
+from tests.conftest import REPOSITORY
+
+TOP = [0.0, 0.0, 0.004]
+
+
+@pytest.fixture
+def bar(small_file: Path) -> ObjectFile:
+    return objectfolder.load(small_file)
+
+
+def test_the_namespace_has_every_public_name_and_imports_them_late() -> None:
+    assert dir(objectfolder) == sorted(objectfolder.__all__)
+    assert all(getattr(objectfolder, name).__name__ == name for name in objectfolder.__all__)
+    with pytest.raises(AttributeError, match="has no attribute 'ObjectFolder'"):
+        objectfolder.ObjectFolder  # noqa: B018
+    program = "import sys, objectfolder; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def test_an_object_says_what_it_is(bar: ObjectFile) -> None:
+    assert repr(bar) == "ObjectFile('Glass bar', glass, unknown mass, 12.0 x 3.0 x 0.8 cm, 8 modes)"
+    assert (bar.name, bar.material, bar.mass_kg) == ("Glass bar", "glass", None)
+    assert bar.length_m == pytest.approx(0.12, abs=1e-5)
+    np.testing.assert_array_equal(bar.bounds_m, bar.surface.bounds)
+    assert bar.fidelity == bar.description["fidelity"]
+    nameless = bar.with_description(object={"id": "b"}, material=None, fidelity=None)
+    assert (nameless.name, nameless.material, nameless.fidelity) == ("b", None, None)
+    assert objectfolder.example("mug").mass_kg == pytest.approx(0.2858, abs=1e-4)
+
+
+def test_objects_of_equal_content_are_equal(bar: ObjectFile, small_file: Path) -> None:
+    same = objectfolder.load(small_file)
+    assert bar == same
+    assert hash(bar) == hash(same)
+    assert bar != bar.with_description(fidelity=None)
+    content = bar.content()
+    tensors = {name: tensor.copy() for name, tensor in content.tensors.items()}
+    tensors["audio.coefficients" if "audio.coefficients" in tensors else max(tensors)].flat[0] += 1
+    assert bar != ObjectFile(
+        bar.surface, bar.frame, bar.vision, bar.modes, bar.touch, bar.description, tensors
+    )
+    assert bar != "bar"
+
+
+def test_a_view_without_a_light_has_the_data_sets_lamp_beside_the_camera(bar: ObjectFile) -> None:
+    cameras, _ = bar.sample_views(2)
+    direction = cameras[:, :3, :3] @ np.array([-1.0, 1.0, 2.0]) / np.sqrt(6)
+    lamps = bar.frame.centre + bar.frame.scale * direction
+    drawn = bar.render(cameras, resolution=16)
+    np.testing.assert_array_equal(drawn, bar.render(cameras, lamps, resolution=16))
+    assert (drawn < 255).any()
+
+
+def test_without_an_impulse_a_strike_is_one_newton_second_inwards(bar: ObjectFile) -> None:
+    points, normals = bar.sample_contacts(2, reachable=False)
+    np.testing.assert_array_equal(
+        bar.strike(points, duration=0.01), bar.strike(points, -normals, duration=0.01)
+    )
+
+
+def test_touches_are_taken_apart(bar: ObjectFile) -> None:
+    touches = bar.press([TOP, [0.03, 0.0, 0.004]], resolution=(20, 10))
+    assert repr(touches) == "Touches(2 of 20 x 10 pixels, 2 reachable)"
+    assert [len(one) for one in touches] == [1, 1]
+    last = touches[-1]
+    assert isinstance(last, Touches)
+    np.testing.assert_array_equal(last.rgb, touches.rgb[1:])
+    np.testing.assert_array_equal(touches[touches.points[:, 0] > 0.01].points, last.points)
+    with pytest.raises(IndexError):
+        touches[2]
+    assert repr(bar.reach([TOP], rolls=3)) == "Reach(1 points at 3 rolls, 1 reachable)"
+
+
+def test_a_sound_says_what_it_is_and_writes_itself(bar: ObjectFile, tmp_path: Path) -> None:
+    sounds = bar.strike([TOP, TOP], duration=0.1, sample_rate=8000)
+    assert isinstance(sounds, Sound)
+    assert repr(sounds) == f"Sound((2, 800), 0.1 s at 8000 Hz, peak {np.abs(sounds).max():.3g})"
+    assert repr(sounds[:, ::2]).startswith("array(")
+    assert sounds[0].write(tmp_path / "a.wav", gain=2.0) == 2.0
+    rate, written = wavfile.read(tmp_path / "a.wav")
+    assert rate == 8000
+    np.testing.assert_array_equal(written, 2 * sounds[0])
+    with pytest.raises(QueryError, match="not one sound"):
+        sounds.write(tmp_path / "b.wav")
+    with pytest.raises(QueryError, match="sample rate is not known"):
+        sounds[0, ::2].write(tmp_path / "b.wav")
+
+
+def test_build_asks_the_installed_factory(monkeypatch: pytest.MonkeyPatch, small_file: Path) -> None:
+    target = "pipeline.run.library_build:build"
+    assert f'object_file = "{target}"' in (REPOSITORY / "pyproject.toml").read_text()
+    entry = EntryPoint("object_file", target, "objectfolder.builders")
+    monkeypatch.setattr("objectfolder.factory.entry_points", lambda **_: EntryPoints([entry]))
+    asked = []
+
+    def build_object_file(building: Building, output: Path) -> tuple[dict[str, float], tuple[str, ...]]:
+        asked.append((building, output))
+        return {}, ("thin walls",)
+
+    monkeypatch.setattr("pipeline.run.library_build.build_object_file", build_object_file)
+    with pytest.warns(UserWarning, match="thin walls") as warned:
+        built = objectfolder.build("bar.obj", material="glass", length_m=0.12, output=small_file)
+    assert warned[0].filename == __file__
+    assert asked == [(Building(Path("bar.obj"), material="glass", length_m=0.12), small_file)]
+    assert built == objectfolder.load(small_file)
+
+
+def test_build_names_the_extra_where_the_factory_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    for entries, finding in (
+        (EntryPoints([]), "the factory is not installed"),
+        (EntryPoints([EntryPoint("object_file", "no_package:build", "g")]), "no_package is not installed"),
+    ):
+        monkeypatch.setattr("objectfolder.factory.entry_points", lambda entries=entries, **_: entries)
+        with pytest.raises(objectfolder.InputError, match=finding) as error:
+            objectfolder.build("bar.obj", material="glass", output="bar.safetensors")
+        assert 'pip install "objectfolder-factory[factory]"' in str(error.value)
