@@ -114,8 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print_error(f"{error.filename}: {error.strerror}. Check the path and its permissions.")
         else:
             raise
-    except KeyboardInterrupt:
-        print_error("interrupted. What is finished is kept; the same command does the rest.")
+    except KeyboardInterrupt as error:  # with the command's words on what is kept (`on_interrupt`)
+        print_error(f"interrupted. {error}".rstrip())
         return INTERRUPTED
     return FAILED
 

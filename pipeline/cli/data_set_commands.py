@@ -9,7 +9,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive, Number
 
 from pipeline.cli.options import AtLeastOne, Cluster, Json, Root
-from pipeline.cli.printing import FAILED, FINE
+from pipeline.cli.printing import FAILED, FINE, RESUMED, on_interrupt, status_line
 
 Counts = Parameter(consume_multiple=True, validator=Number(gte=1))
 remove_or_list = Group(show=False, validator=MutuallyExclusive())
@@ -25,14 +25,16 @@ def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None) -> i
     """
     from pipeline.run.stage_run import make_stage
 
-    return make_stage(root.absolute(), name, cluster)
+    with on_interrupt(RESUMED):
+        return make_stage(root.absolute(), name, cluster)
 
 
 def products(*, root: Root = Path("."), cluster: Cluster = None) -> int:
     """Run all stages that make products, with no barrier between them."""
     from pipeline.run.stage_run import make_products
 
-    return make_products(root.absolute(), cluster)
+    with on_interrupt(RESUMED):
+        return make_products(root.absolute(), cluster)
 
 
 def starter(*, root: Root = Path(".")) -> None:
@@ -40,7 +42,7 @@ def starter(*, root: Root = Path(".")) -> None:
     from objectfolder.mesh.starter.write import write_starter_set
     from pipeline.run.exclusive import exclusive
 
-    with exclusive(root.absolute(), "stage starter"):
+    with exclusive(root.absolute(), "stage starter"), status_line("writing the starter set"):
         write_starter_set(root.absolute() / "data" / "starter")
 
 
@@ -57,7 +59,8 @@ def report(*, summary: bool = False, root: Root = Path(".")) -> None:
     if summary:
         print(summary_of(root))
     else:
-        make_report(root.absolute())
+        with status_line("writing the report"):
+            make_report(root.absolute())
 
 
 def failures(*, root: Root = Path(".")) -> int:

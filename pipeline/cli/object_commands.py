@@ -7,7 +7,15 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive
 
 from pipeline.cli.options import Fields, Json, MeshOrFile, ObjectFilePath, Output
-from pipeline.cli.printing import FAILED, FINE, end_at_once
+from pipeline.cli.printing import (
+    FAILED,
+    FINE,
+    REPEATED,
+    RESUMED,
+    end_at_once,
+    on_interrupt,
+    status_line,
+)
 from pipeline.publish.queries.requests import ModesOfMesh, Pressing, Rendering, Striking
 from pipeline.run.single_build import Building
 
@@ -28,7 +36,8 @@ def build(wanted: Annotated[Building, Fields], *, output: Output) -> None:
     from pipeline.publish.queries.description import fidelity_lines
     from pipeline.run.single_build import build_object_file
 
-    seconds, findings = build_object_file(wanted, output)
+    with on_interrupt(RESUMED):
+        seconds, findings = build_object_file(wanted, output)
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
     for finding in findings:
         print(f"warning      {finding}")
@@ -77,7 +86,9 @@ def sample(
     """
     from pipeline.publish.queries.answers import sample_queries
 
-    print(sample_queries(file, views, contacts, seed, anywhere, output))
+    with status_line(f"drawing queries of {file}"):
+        lines = sample_queries(file, views, contacts, seed, anywhere, output)
+    print(lines)
 
 
 def render(
@@ -92,7 +103,9 @@ def render(
     """
     from pipeline.publish.queries.answers import render_views
 
-    print(render_views(file, wanted, output))
+    with status_line(f"rendering {file}"):
+        lines = render_views(file, wanted, output)
+    print(lines)
 
 
 def strike(
@@ -117,7 +130,9 @@ def strike(
     """
     from pipeline.publish.queries.answers import strike_points
 
-    print(strike_points(file, wanted, output, pulse_s, striker))
+    with status_line(f"striking {file}"):
+        lines = strike_points(file, wanted, output, pulse_s, striker)
+    print(lines)
 
 
 def press(
@@ -142,7 +157,9 @@ def press(
     """
     from pipeline.publish.queries.answers import press_points
 
-    print(press_points(file, wanted, output, depth_m, force_n))
+    with status_line(f"pressing {file}"):
+        lines = press_points(file, wanted, output, depth_m, force_n)
+    print(lines)
 
 
 def modes(
@@ -154,7 +171,8 @@ def modes(
     """
     from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
 
-    result = solve_modes(mesh, wanted)
+    with on_interrupt(REPEATED), status_line(f"solving the modes of {mesh}"):
+        result = solve_modes(mesh, wanted)
     print(json_text.dumps(result) if json else modes_table(result))
     return FAILED if result.get("accuracy_reached") is False else FINE
 

@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterator
 from typing import NoReturn
 
 FINE, FAILED = 0, 1
+QUIET_S = 3.0  # of a command whose output is no terminal
+RESUMED = "What is finished is kept; the same command does the rest."
+REPEATED = "Nothing is kept; the same command begins anew."
 Show = Callable[[str], None]
 
 
@@ -22,13 +25,25 @@ def terminal_width(otherwise: int = 100) -> int:
 
 
 @contextlib.contextmanager
-def status_line() -> Iterator[Show]:
-    """Yield a function that replaces the status line on the terminal; without a terminal it does nothing."""
-    from rich.console import Console
-    from rich.text import Text
+def status_line(line: str) -> Iterator[Show]:
+    """Show on standard error what is done until the block ends; yield a function that replaces the line.
 
-    with Console(stderr=True).status("") as status:
-        yield lambda line: status.update(Text(line))
+    A log has a line after `QUIET_S`, and then every 30 s.
+    """
+    from pipeline.run.display import Display
+
+    lines = [line]
+    with Display(lambda: lines[-1], delay_s=QUIET_S):
+        yield lambda new: lines.__setitem__(-1, new)
+
+
+@contextlib.contextmanager
+def on_interrupt(words: str) -> Iterator[None]:
+    """Say these words if the block is interrupted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(words) from None
 
 
 def end_at_once() -> NoReturn:

@@ -8,7 +8,15 @@ from cyclopts.validators import Number
 
 from objectfolder.errors import InputError
 from pipeline.cli.options import AtLeastOne, Fields, Output, Remote, Root
-from pipeline.cli.printing import FAILED, FINE, end_at_once, print_error, status_line
+from pipeline.cli.printing import (
+    FAILED,
+    FINE,
+    RESUMED,
+    end_at_once,
+    on_interrupt,
+    print_error,
+    status_line,
+)
 from pipeline.publish.queries.requests import Exporting
 
 MOST_TRIALS = 500
@@ -26,7 +34,9 @@ def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(al
     """
     from pipeline.publish.data_set import REPORTS, write_cards
 
-    print("\n".join(map(str, write_cards(root, output or root / REPORTS))))
+    with status_line("writing cards"):
+        written = write_cards(root, output or root / REPORTS)
+    print("\n".join(map(str, written)))
 
 
 def get(
@@ -64,7 +74,7 @@ def get(
             print("\n".join(sorted(published.products(single_objects.OBJECT_FILES))))
         return FINE
     outcomes, arrived = [], [0]
-    with status_line() as show:
+    with on_interrupt(RESUMED), status_line(f"fetching from {repository}") as show:
 
         def progress(count: int) -> None:
             arrived.append(count)
@@ -106,12 +116,16 @@ def export(
     from pipeline.publish.export.found_products import find_products
 
     if wanted.format in (*ALL_FORMATS, "all"):
-        for line in write_assets(objects or all_objects(root), root, wanted, output):
-            print(line, flush=True)
+        names = objects or all_objects(root)
+        with status_line(f"writing assets: {', '.join(names)}"):
+            for line in write_assets(names, root, wanted, output):
+                print(line, flush=True)
         return
     if len(objects) != 1:
         raise InputError("OBJECT", f"{len(objects)} are named", f"Name one: --format {wanted.format}.")
-    print(write_export(find_products(objects[0], root), wanted, output))
+    with status_line(f"exporting {objects[0]}"):
+        line = write_export(find_products(objects[0], root), wanted, output)
+    print(line)
 
 
 def scene(
@@ -152,7 +166,9 @@ def scene(
         format="all", seed=seed, most_parts=most_parts, texture_side=texture_side, overwrite=overwrite
     )
     named = objects or all_objects(root)
-    print(compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m))
+    with status_line(f"composing a scene: {', '.join(named)}"):
+        line = compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m)
+    print(line)
 
 
 def play(
@@ -200,7 +216,9 @@ def play(
         end_at_once()
     from pipeline.publish.playing import play as played
 
-    print(played(scene, output, seconds, lift_m, (height, width), seed))
+    with status_line(f"playing {scene}"):
+        line = played(scene, output, seconds, lift_m, (height, width), seed)
+    print(line)
 
 
 def export_samples(
@@ -240,17 +258,18 @@ def export_samples(
     from objectfolder.dataset import export_samples as write_samples
 
     chosen: dict[str, Any] = {"source": "object_file", "queries": queries} if files else {"source": source}
-    counts = write_samples(
-        files or root,
-        output,
-        sense,
-        layout=layout,
-        seed=seed,
-        passes=passes,
-        shard_samples=shard_samples,
-        overwrite=overwrite,
-        **chosen,
-    )
+    with status_line(f"writing samples of {sense}"):
+        counts = write_samples(
+            files or root,
+            output,
+            sense,
+            layout=layout,
+            seed=seed,
+            passes=passes,
+            shard_samples=shard_samples,
+            overwrite=overwrite,
+            **chosen,
+        )
     print(f"{output}: {counts['train']} samples to train and {counts['test']} to test")
 
 
@@ -280,6 +299,7 @@ def listen(
     from objectfolder.products.atomic import write_whole
     from pipeline.publish.listening.listening_page import draw_pairs, page_text
 
-    pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)
-    write_whole(output, page_text(pairs, seed))
+    with status_line("drawing trials"):
+        pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)
+        write_whole(output, page_text(pairs, seed))
     print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")

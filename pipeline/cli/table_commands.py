@@ -7,7 +7,15 @@ from cyclopts import Parameter
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.cli.options import Fields, Json, Materials
-from pipeline.cli.printing import FAILED, FINE, print_error, status_line, terminal_width
+from pipeline.cli.printing import (
+    FAILED,
+    FINE,
+    RESUMED,
+    on_interrupt,
+    print_error,
+    status_line,
+    terminal_width,
+)
 from pipeline.dataset.project_files import MATERIALS
 from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.sources.fetch_request import Fetching
@@ -47,7 +55,8 @@ def add(
     from pipeline.intake.add.addition import check_object, put_object
     from pipeline.intake.add.preview import lines_about, preview_of
 
-    checked = check_object(wanted)
+    with status_line(f"checking {wanted.mesh}"):
+        checked = check_object(wanted)
     lines = lines_about(checked)
     print("\n".join(lines))
     if not dry_run:
@@ -58,7 +67,8 @@ def add(
         preview = preview or added.folder.parent / f"{checked.object_id}.png"
     if preview and not no_preview:
         # glTF has y up; scans, z.
-        preview_of(checked, preview, lines, 1 if wanted.mesh.suffix.lower() in (".gltf", ".glb") else 2)
+        with status_line("drawing a picture"):
+            preview_of(checked, preview, lines, 1 if wanted.mesh.suffix.lower() in (".gltf", ".glb") else 2)
         print(f"picture      {preview}")
     if not dry_run:
         print(f"next         make dataset OBJECTS={table} ONLY={checked.object_id}")
@@ -90,7 +100,7 @@ def check(
     from pipeline.intake.check.entry import ERROR, WARNING
     from pipeline.intake.check.table_check import as_json, check_table, text
 
-    with status_line() as show:
+    with status_line(f"checking {table}") as show:
         found = check_table(
             table,
             materials,
@@ -139,7 +149,7 @@ def fetch(
         raise InputError("--only", "chooses from a table", "Give --table too.")
     where = table or Path("data/objects.csv")
     resolutions = Resolutions(resolution)
-    with status_line() as show:
+    with on_interrupt(RESUMED), status_line("fetching") as show:
         fetcher = wanted.fetcher(where, lambda url, count, total: show(_progress(url, count, total)))
         if list_source:
             source = source_named(list_source)

@@ -55,7 +55,10 @@ def audit(
     stages, allowed = tuple(STAGES.values()), thresholds(max_loss)
     gc.disable()  # among a million dictionaries without reference cycles, to search for these takes seconds
     try:
-        with Contents(root, remote) as contents:
+        with (
+            Contents(root, remote) as contents,
+            status_line(f"comparing {old} with {new or 'the work tree'}"),
+        ):
             before, after = (read_version(contents, stages, revision) for revision in (old, new))
             found = Comparison(contents, before, after, stages, arrays).audit()
     finally:
@@ -110,7 +113,7 @@ def verify(
     from pipeline.dataset.stages import STAGES
 
     stages = tuple(STAGES.values())
-    with Contents(root) as contents, status_line() as show:
+    with Contents(root) as contents, status_line("reading files") as show:
         version = read_version(contents, stages, revision)
         found = verified(
             contents,
@@ -157,7 +160,7 @@ def history(
     from pipeline.audit.rendering import as_json, history_text
     from pipeline.dataset.stages import STAGES
 
-    with Contents(root, remote) as contents:
+    with Contents(root, remote) as contents, status_line(f"reading versions of {object_}"):
         found, unreadable = versions_of(contents, object_, tuple(STAGES.values()), rev)
     if json:
         commits = [{"commit": commit, "error": error} for commit, error in unreadable]

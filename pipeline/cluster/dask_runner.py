@@ -19,13 +19,14 @@ import cloudpickle
 from objectfolder.errors import FormatError
 from pipeline.cluster import pools, worker_plugin
 from pipeline.cluster.environment_check import Environment
-from pipeline.cluster.places import Place
+from pipeline.cluster.places import HERE, Place
 from pipeline.cluster.run_task import Answer, run_task
 from pipeline.cluster.worker_plugin import MEMORY_BYTES, Admission
 from pipeline.cluster.workers import LOOK_S, Workers, gone
 from pipeline.dataset.job import Finished, Job, failed
 from pipeline.dataset.products import STATE
 from pipeline.dataset.task import Outcome, failure_of
+from pipeline.sandbox.process_tree import cpu_seconds
 from pipeline.store.shipping import Shipment, collect, publish
 from pipeline.store.storage import STORE, Store
 
@@ -79,6 +80,7 @@ class DaskRunner:
         name = f"objectfolder-{digest[:12]}"
         self._client = client
         self._settings = place.child
+        self._is_here = place.starts in HERE
         self._run = secrets.token_hex(8)
         self._root = root
         self._marker = root / STATE / f"shared-{self._run}"  # workers that share the folder see it
@@ -130,6 +132,10 @@ class DaskRunner:
                 task, step, then = self._ended.get(timeout=LOOK_S)
                 if task.step is step and (ended := then(task)) is not None:
                     yield ended
+
+    def cpu_seconds(self) -> float | None:
+        """Return the CPU seconds of this process's children so far; None where workers are not among them."""
+        return cpu_seconds(os.getpid()) if self._is_here else None
 
     def _begin(self, task: _Task) -> None:
         self._tasks.add(task)

@@ -25,6 +25,7 @@ class Job:
     needs : what the worker must offer (`BLENDER`, `GPU`)
     inputs : input name to the fingerprint of a product, or the SHA-256 of a source file: the name under which
         a shared store knows it
+    cpu_s : expected CPU seconds
     """
 
     call: Call
@@ -34,6 +35,7 @@ class Job:
     memory_bytes: int = 0
     needs: frozenset[str] = frozenset()
     inputs: Mapping[str, str] = field(default_factory=dict)
+    cpu_s: float = 0.0
 
     @property
     def object_id(self) -> str:
@@ -84,4 +86,8 @@ class Runner(Protocol):
         SimulationError
             Nobody can run jobs any more. What is finished stays finished.
         """
+        ...
+
+    def cpu_seconds(self) -> float | None:
+        """Return the CPU seconds that jobs used so far, running ones too; None where they run elsewhere."""
         ...

@@ -136,9 +136,10 @@ def _run(
         progress.expect(*expected)
     saved_s = sum(seconds for *_, seconds in left) - max(job.path_seconds for job in jobs)
     with runner_for(len(left) if saved_s > CLUSTER_S else 1) as runner:
+        progress.measure(runner.cpu_seconds)
 
         def submit(job: Job) -> None:
-            progress.submit(job.call.stage, job.object_id, job.seconds, job.priority)
+            progress.submit(job.call.stage, job.object_id, job.cpu_s, job.priority)
             runner.submit(job)
 
         for job in sorted(jobs, key=lambda job: job.priority, reverse=True):

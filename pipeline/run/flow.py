@@ -11,7 +11,7 @@ from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Prepared, Row, Stage
-from pipeline.dataset.task import Call, Failure, failure_of
+from pipeline.dataset.task import Call, Failure, Outcome, failure_of
 from pipeline.dataset.tolerances import as_json
 from pipeline.dataset.verified import Verified
 from pipeline.store import memo
@@ -19,15 +19,15 @@ from pipeline.store import memo
 if TYPE_CHECKING:
     from pipeline.run.forecast.estimates import Estimates
 
-OnSettled = Callable[[str, str, str, float], None]
+OnSettled = Callable[[str, str, str, float, float], None]
 KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
 
 
 class Flow:
     """The state of every object in every stage; for arguments see `converge`.
 
-    `on_settled` is told of each object that is settled in a stage, and the wall seconds of its task, 0 if
-    none ran.
+    `on_settled` is told of each object that is settled in a stage, and the CPU and wall seconds of its task,
+    0 if none ran.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class Flow:
         parameters: Parameters,
         rows: Mapping[str, Row],
         verified: Verified,
-        on_settled: OnSettled = lambda stage, object_id, outcome, seconds: None,
+        on_settled: OnSettled = lambda stage, object_id, outcome, cpu_s, wall_s: None,
     ) -> None:
         self._stages = {stage.name: stage for stage in stages}
         self._root = root
@@ -63,18 +63,18 @@ class Flow:
         if finished.outcome.failure is None:
             for path in call.targets:
                 self._verified.add(path, call.fingerprint)
-            self._settle(call.stage, object_id, COMPUTED, finished.outcome.wall_s)
+            self._settle(call.stage, object_id, COMPUTED, finished.outcome)
         else:
             stage = self._stages[call.stage]
-            self._fail(stage, object_id, finished.outcome.failure, finished.outcome.wall_s)
+            self._fail(stage, object_id, finished.outcome.failure, finished.outcome)
         return self._advance(object_id)
 
     def unsettled(self) -> Iterator[tuple[str, str, float]]:
-        """Yield stage, object and expected wall seconds of what is still to be made or looked at."""
+        """Yield stage, object and expected CPU seconds of what is still to be made or looked at."""
         for name, outcomes in self.outcomes.items():
             for object_id in self._rows:
                 if object_id not in outcomes:
-                    yield name, object_id, self._estimates.of(name, object_id).wall_s
+                    yield name, object_id, self._estimates.of(name, object_id).cpu_s
 
     @cached_property
     def _estimates(self) -> "Estimates":
@@ -129,7 +129,9 @@ class Flow:
         object_id = call.request.object_id
         own = self._estimates.of(stage.name, object_id)
         expected_s, late_s = self._chain_seconds(stage, object_id)
-        return Job(call, own.wall_s, expected_s, late_s, own.memory_bytes, stage.needs, prepared.inputs)
+        return Job(
+            call, own.wall_s, expected_s, late_s, own.memory_bytes, stage.needs, prepared.inputs, own.cpu_s
+        )
 
     def _chain_seconds(self, stage: Stage, object_id: str) -> tuple[float, float]:
         """Return the seconds of the longest chain from `stage` on: expected, and those that few exceed."""
@@ -139,13 +141,14 @@ class Flow:
         expected_s, late_s = zip(*behind, strict=True) if behind else ((0.0,), (0.0,))
         return own.wall_s + max(expected_s), own.late_s + max(late_s)
 
-    def _settle(self, stage: str, object_id: str, outcome: str, seconds: float = 0.0) -> None:
+    def _settle(self, stage: str, object_id: str, outcome: str, cost: Outcome | None = None) -> None:
         self.outcomes[stage][object_id] = outcome
-        self._on_settled(stage, object_id, outcome, seconds)
+        cpu_s, wall_s = (cost.cpu_s, cost.wall_s) if cost else (0.0, 0.0)
+        self._on_settled(stage, object_id, outcome, cpu_s, wall_s)
 
-    def _fail(self, stage: Stage, object_id: str, failure: Failure, seconds: float = 0.0) -> None:
+    def _fail(self, stage: Stage, object_id: str, failure: Failure, cost: Outcome | None = None) -> None:
         """Note a failure, and remove the object's earlier products."""
-        self._settle(stage.name, object_id, FAILED, seconds)
+        self._settle(stage.name, object_id, FAILED, cost)
         wanted = self._fingerprints[stage.name].get(object_id, "")
         self.failures[stage.name].append(FailedObject.of(stage.name, failure, wanted))
         for path in stage.targets(self._root, object_id):

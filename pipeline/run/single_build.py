@@ -3,7 +3,7 @@
 import contextlib
 import re
 import shutil
-import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ from pipeline.dataset.project_files import PARAMETERS
 if TYPE_CHECKING:
     from objectfolder.catalogue import ObjectRecord
     from objectfolder.mesh.walls import WallFinding
+    from pipeline.dataset.job import Finished, Job, Runner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,8 @@ class Building(DescribedObject):
     size
         one of their sizes (default: the one they select)
     keep
-        folder that keeps the ground truth; a later build resumes from it
+        folder that keeps the ground truth; a later build resumes from it (default: the user's cache folder,
+        until the build succeeds)
     """
 
     licence: str = "not stated"
@@ -43,8 +45,11 @@ class Building(DescribedObject):
     keep: Path | None = None
 
 
-def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float], tuple["WallFinding", ...]]:
+def build_object_file(building: Building, output: Path) -> tuple[dict[str, float], tuple["WallFinding", ...]]:
     """Build, verify and save an Object File.
+
+    A build that is interrupted, or fails, leaves the stages that it finished; the next build from the same
+    mesh to the same `output` resumes from them, and one that succeeds removes them.
 
     Returns
     -------
@@ -63,31 +68,30 @@ def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float],
     from objectfolder.audio.materials import find_material, read_materials
     from objectfolder.mesh.walls import WallMeasures
     from objectfolder.products.store import read_attributes
-    from pipeline.cluster.cluster import runner
-    from pipeline.cluster.places import Place
     from pipeline.dataset.parameters import read_parameters
     from pipeline.dataset.records import row_of
     from pipeline.dataset.stages import COLLISION, OBJECT_FILES, OBJECTS, STAGES
+    from pipeline.run.build_cache import unfinished_build
     from pipeline.run.converge import converge
     from pipeline.run.costs import costs_path, read_costs
 
-    record = _record(wanted, output)
-    material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
-    parameters = read_parameters(wanted.params, wanted.size)
+    record = _record(building, output)
+    material = find_material(read_materials(building.materials), building.material, str(building.materials))
+    parameters = read_parameters(building.params, building.size)
     rows = {record.id: row_of(record, material)}
-    kept = contextlib.nullcontext(wanted.keep) if wanted.keep else None
-    with kept or tempfile.TemporaryDirectory(prefix="objectfolder-") as folder:
-        root = Path(folder).resolve()
+    stages = [
+        stage for name, stage in STAGES.items() if name != COLLISION.made_by
+    ]  # no part of an Object File
+    folder = (
+        contextlib.nullcontext(building.keep.resolve())
+        if building.keep
+        else unfinished_build(building.mesh, output)
+    )
+    with folder as root:
         root.mkdir(parents=True, exist_ok=True)
-        # One stage at a time, so that one child process serves and a failure ends the rest.
-        place = Place(kwargs={"threads_per_worker": 1})
-        for name, stage in STAGES.items():
-            if name == COLLISION.made_by:
-                continue  # no part of an Object File
-            (summary,) = converge([stage], root, parameters, rows, partial(runner, place, root))
-            if summary.failures:
-                failure = summary.failures[0]
-                raise SimulationError(f"{record.id}, stage {name}", failure.error, failure.remedy)
+        for summary in converge(stages, root, parameters, rows, partial(_runner, root)):
+            for failure in summary.failures:
+                raise SimulationError(f"{record.id}, stage {summary.stage}", failure.error, failure.remedy)
         output.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(OBJECT_FILES.path(root, record.id), output)
         walls = WallMeasures(**read_attributes(OBJECTS.path(root, record.id))["walls"])
@@ -96,31 +100,63 @@ def build_object_file(wanted: Building, output: Path) -> tuple[dict[str, float],
             for cost in read_costs(costs_path(root))
             if cost.object_id == record.id and cost.stage in STAGES and cost.cpu_s is not None
         }
-        return seconds, wanted.wall_findings(walls, material)
+        return seconds, building.wall_findings(walls, material)
 
 
-def _record(wanted: Building, output: Path) -> "ObjectRecord":
+@contextlib.contextmanager
+def _runner(root: Path, jobs_at_most: int) -> Iterator["Runner"]:
+    """Yield what runs all stages in one child process, up to the first failure."""
+    from pipeline.cluster.cluster import runner
+    from pipeline.cluster.places import Place
+
+    with runner(Place(kwargs={"threads_per_worker": 1}), root, 1) as running:
+        yield UntilFailure(running)
+
+
+class UntilFailure:
+    """Runs jobs as another runner does, and ends with the first that fails."""
+
+    def __init__(self, runner: "Runner") -> None:
+        self._runner = runner
+
+    def submit(self, job: "Job") -> None:
+        """Accept a job."""
+        self._runner.submit(job)
+
+    def finished(self, on_workers: Callable[[int, int], None]) -> Iterator["Finished"]:
+        """Yield jobs as they end, until one fails or none is left."""
+        for ended in self._runner.finished(on_workers):
+            yield ended
+            if ended.outcome.failure is not None:
+                return
+
+    def cpu_seconds(self) -> float | None:
+        """Return the CPU seconds that jobs used so far."""
+        return self._runner.cpu_seconds()
+
+
+def _record(building: Building, output: Path) -> "ObjectRecord":
     """Return the object as a table would have it."""
     from objectfolder.catalogue import ObjectRecord
 
     if output.suffix != ".safetensors":
         raise InputError(str(output), "does not end in .safetensors", "Name the Object File so.")
-    wanted.check()
-    object_id = wanted.object_id or re.sub(r"[^A-Za-z0-9_.-]", "_", output.stem).lstrip(".") or "object"
+    building.check()
+    object_id = building.object_id or re.sub(r"[^A-Za-z0-9_.-]", "_", output.stem).lstrip(".") or "object"
     return ObjectRecord(
         id=object_id,
-        name=wanted.name or object_id,
-        mesh=wanted.mesh.resolve(),
-        texture=wanted.texture.resolve() if wanted.texture else None,
-        material=wanted.material,
-        length_m=wanted.length_m,
-        source=wanted.source,
-        licence=wanted.licence,
-        attribution=wanted.attribution,
-        roughness=wanted.roughness,
-        metallic=wanted.metallic,
-        wall_m=wanted.wall_m,
-        shell_m=wanted.shell_m,
-        mass_kg=wanted.mass_kg,
-        senses=wanted.senses,
+        name=building.name or object_id,
+        mesh=building.mesh.resolve(),
+        texture=building.texture.resolve() if building.texture else None,
+        material=building.material,
+        length_m=building.length_m,
+        source=building.source,
+        licence=building.licence,
+        attribution=building.attribution,
+        roughness=building.roughness,
+        metallic=building.metallic,
+        wall_m=building.wall_m,
+        shell_m=building.shell_m,
+        mass_kg=building.mass_kg,
+        senses=building.senses,
     )

@@ -98,6 +98,37 @@ def test_what_ends_a_command_decides_its_status_and_is_one_line(
     assert said in line
 
 
+@pytest.mark.parametrize(
+    ("module", "words", "said"),
+    [
+        (
+            "pipeline.run.single_build.build_object_file",
+            ["build", "x.obj", "--material", "steel", "-o", "x.safetensors"],
+            "interrupted. What is finished is kept; the same command does the rest.",
+        ),
+        (
+            "pipeline.publish.queries.mesh_modes.solve_modes",
+            ["modes", "x.obj", "--material", "steel"],
+            "interrupted. Nothing is kept; the same command begins anew.",
+        ),
+        ("objectfolder.load", ["info", "x.safetensors"], "interrupted."),
+    ],
+)
+def test_an_interrupted_command_says_what_is_kept(
+    module: str,
+    words: list[str],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, interrupt)
+    assert main(words) == 130
+    assert _last_line(capsys) == f"objectfolder: {said}"
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_command_as_the_keyboard_does(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -4,10 +4,13 @@ import io
 import itertools
 import math
 import threading
+import time
 
 import pytest
 
-from pipeline.run.flow_progress import SPREAD, FlowProgress, duration
+from pipeline.run.display import Display
+from pipeline.run.flow_progress import FlowProgress, duration
+from pipeline.run.time_to_go import LEAST, SPREAD, TAIL
 
 STAGES = {"objects": (), "views": ("objects",), "modes": ("objects",), "encode": ("views", "modes")}
 
@@ -53,35 +56,39 @@ def flow(clock, stream):
 
 
 def test_a_log_has_time_workers_and_shares_now_and_then_and_the_outcomes_at_the_end(clock, monkeypatch):
-    monkeypatch.setattr("pipeline.run.flow_progress.LOG_INTERVAL_S", 1000.0)
+    monkeypatch.setattr("pipeline.run.display.LOG_INTERVAL_S", 1000.0)
     log = io.StringIO()
     progress = flow(clock, log)
     for _ in range(100):
         progress.workers(2, 2)
+    while not log.getvalue():
+        time.sleep(0.001)
     clock.now += 30
     for index in (4, 5):
-        progress.settle("objects", f"mug_{index}", "computed", 30.0)
+        progress.settle("objects", f"mug_{index}", "computed", 30.0, 30.0)
     progress.settle("objects", "mug_6", "restored")
-    progress.settle("objects", "mug_7", "failed", 1.0)
+    progress.settle("objects", "mug_7", "failed", 1.0, 1.0)
     progress.close()
     assert log.getvalue().splitlines() == [
-        "9 min to go, 2 of 2 workers busy | objects 4/10 | views 0/10 | modes 0/10 | encode 0/10",
+        "0%, 9 min to go, 2 of 2 workers busy | objects 4/10 | views 0/10 | modes 0/10 | encode 0/10",
         "objects: 2 computed, 1 failed, 4 kept, 1 restored",
         *[f"{stage}: no object" for stage in ("views", "modes", "encode")],
     ]
 
 
-def test_a_log_goes_on_while_nothing_happens(clock, monkeypatch):
-    monkeypatch.setattr("pipeline.run.flow_progress.LOG_INTERVAL_S", 0.001)
+def test_a_log_goes_on_while_nothing_happens_and_a_short_command_leaves_none(monkeypatch):
+    monkeypatch.setattr("pipeline.run.display.LOG_INTERVAL_S", 0.001)
     log = Terminal()
     monkeypatch.setattr(log, "isatty", lambda: False)
-    progress = flow(clock, log)
-    progress.workers(2, 2)
-    assert log.enough.wait(60)
-    progress.close()
+    with Display(lambda: "solving modes", stream=log):
+        assert log.enough.wait(60)
+    quiet = io.StringIO()
+    with Display(lambda: "solving modes", stream=quiet, delay_s=60):
+        pass
+    assert (set(log.getvalue().splitlines()), quiet.getvalue()) == ({"solving modes"}, "")
 
 
-def test_a_terminal_has_bars_that_leave_only_the_outcomes(clock, monkeypatch):
+def test_a_terminal_has_one_bar_that_leaves_only_the_outcomes(clock, monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "70")
     screen = Terminal()
@@ -90,9 +97,9 @@ def test_a_terminal_has_bars_that_leave_only_the_outcomes(clock, monkeypatch):
     assert screen.enough.wait(60)
     progress.close()
     shown = screen.getvalue()
-    assert "4/10" in shown
+    assert "objects 4/10" in shown
     assert "9 min to go, 1 of 2 workers busy" in shown
-    assert "\033[2K" in shown  # the bars are erased
+    assert "\033[2K" in shown  # the bar is erased
     assert shown.endswith("encode: no object\n")
 
 
@@ -105,8 +112,13 @@ def test_nothing_to_do_shows_the_outcomes_alone(clock):
     assert log.getvalue() == "views: 1 kept\nmodes: no object\n"
 
 
+def quiet(progress):
+    progress._display.start = lambda: None
+    return progress
+
+
 def test_time_to_go_is_work_over_workers_and_no_less_than_the_last_chain(clock):
-    progress = FlowProgress(STAGES, io.StringIO(), clock)
+    progress = quiet(FlowProgress(STAGES, io.StringIO(), clock))
     assert progress.seconds_to_go() == 0
     for index in range(8):
         progress.submit("views", f"mug_{index}", 100.0, 150.0)
@@ -122,10 +134,9 @@ def test_time_to_go_is_work_over_workers_and_no_less_than_the_last_chain(clock):
     assert progress.seconds_to_go() == pytest.approx(450)
     clock.now += 60
     assert progress.seconds_to_go() == pytest.approx(390)
-    progress.close()
 
 
-def test_time_to_go_follows_the_seconds_that_tasks_took_and_not_those_of_kept_objects(clock):
+def test_time_to_go_follows_what_tasks_needed_and_not_kept_objects(clock):
     progress = FlowProgress({"views": ()}, io.StringIO(), clock)
     for index in range(101):
         progress.expect("views", f"mug_{index}", 10.0)
@@ -133,35 +144,48 @@ def test_time_to_go_follows_the_seconds_that_tasks_took_and_not_those_of_kept_ob
     assert progress.seconds_to_go() == pytest.approx(1000)
     for index in range(1, 51):
         clock.now += 20
-        progress.settle("views", f"mug_{index}", "computed", 20.0)
+        progress.settle("views", f"mug_{index}", "computed", 20.0, 20.0)
     assert progress.seconds_to_go() == pytest.approx(50 * 20, rel=0.02)
 
 
 def test_time_to_go_falls_while_a_task_runs_and_never_to_nothing(clock):
-    progress = FlowProgress({"views": ()}, io.StringIO(), clock)
+    progress = quiet(FlowProgress({"views": ()}, io.StringIO(), clock))
     for name in ("mug", "bell"):
         progress.submit("views", name, 100.0, 100.0)
     progress.workers(1, 1)
     clock.now += 60
     assert progress.seconds_to_go() == pytest.approx(140)
     clock.now += 60
-    progress.settle("views", "mug", "computed", 120.0)  # though the other one seemed to run
+    progress.settle("views", "mug", "computed", 120.0, 120.0)  # though the other one seemed to run
     progress.workers(1, 1)
     assert progress.seconds_to_go() == pytest.approx(120, rel=0.01)
     clock.now += 60
     assert progress.seconds_to_go() == pytest.approx(60, rel=0.01)
-    clock.now += 80
-    assert progress.seconds_to_go() == pytest.approx(35)  # a quarter of what it has run
-    assert progress.line().startswith("35 s to go, 1 of 1 workers busy")
-    progress.close()
+    clock.now += 59
+    assert progress.seconds_to_go() == pytest.approx(LEAST * 119, rel=0.1)
+    clock.now += 61
+    assert progress.seconds_to_go() == pytest.approx(TAIL * 180, rel=0.01)  # a late one is later still
+    assert progress.line().startswith("87%, 45 s to go, 1 of 1 workers busy")
 
 
-def test_a_slow_machine_shows_in_stages_that_have_not_begun(clock):
+def test_time_to_go_follows_what_a_busy_machine_gives(clock):
+    progress = quiet(FlowProgress({"views": ()}, io.StringIO(), clock))
+    progress.measure(lambda: 0.25 * min(clock.now - 100, 60) + 0.5 * max(clock.now - 160, 0))
+    progress.submit("views", "mug", 100.0, 100.0)
+    progress.workers(1, 1)
+    clock.now = 160.0
+    assert progress.seconds_to_go() == pytest.approx(85 / 0.25, rel=0.1)
+    for clock.now in range(170, 290, 10):
+        progress.workers(1, 1)
+    assert progress.seconds_to_go() == pytest.approx(25 / 0.5, rel=0.1)  # the machine is less busy now
+
+
+def test_stages_that_have_not_begun_follow_those_that_ended(clock):
     progress = FlowProgress(STAGES, io.StringIO(), clock)
     progress.expect("views", "mug", 50.0)
     progress.expect("encode", "mug", 30.0)
     clock.now += 150
-    progress.settle("views", "mug", "computed", 150.0)
+    progress.settle("views", "mug", "computed", 150.0, 150.0)
     assert progress.seconds_to_go() == pytest.approx(90, rel=0.1)
 
 

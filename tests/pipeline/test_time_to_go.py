@@ -3,6 +3,7 @@
 import csv
 import heapq
 import io
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,7 @@ import pytest
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import STAGES
 from pipeline.run.flow_progress import FlowProgress
-from pipeline.run.forecast.estimates import Estimates, fit, packaged_costs
+from pipeline.run.forecast.estimates import Estimates, fit, packaged_costs, starter_costs
 
 REPOSITORY = Path(__file__).parents[2]
 RECORDED = Path(__file__).with_name("recorded_run.csv")
@@ -31,6 +32,7 @@ class Ended(NamedTuple):
     stage: str
     object_id: str
     wall_s: float
+    cpu_s: float
 
 
 class Clock:
@@ -69,57 +71,98 @@ class Submitting:
         return self._expected(stage, object_id, measured) + max(chains, default=0.0)
 
 
-def scheduled(took: dict[tuple[str, str], float], expected: Expected, workers: int) -> list[Ended]:
-    """Return how tasks end that workers take by priority."""
-    submitting, ready, running, ended = Submitting(expected), [], [], []
+def scheduled(
+    needed: dict[tuple[str, str], float],
+    expected: Expected,
+    workers: int,
+    cores: float = math.inf,
+    others: int = 0,
+) -> list[Ended]:
+    """Return how tasks end that share the cores with other processes.
+
+    Workers take tasks by priority; a single one takes the shortest first.
+    """
+    submitting, ready, running, ended = Submitting(expected), [], {}, []
     now = 0.0
 
     def submit(object_id: str) -> None:
-        for stage, _, priority in submitting.ready(object_id):
-            heapq.heappush(ready, (-priority, stage, object_id))
+        for stage, seconds, priority in submitting.ready(object_id):
+            heapq.heappush(ready, (seconds if workers == 1 else -priority, stage, object_id))
 
-    for object_id in sorted({object_id for _, object_id in took}):
+    for object_id in sorted({object_id for _, object_id in needed}):
         submit(object_id)
     while ready or running:
         while ready and len(running) < workers:
             _, stage, object_id = heapq.heappop(ready)
-            heapq.heappush(running, (now + took[stage, object_id], stage, object_id))
-        now, stage, object_id = heapq.heappop(running)
-        ended.append(Ended(now, stage, object_id, took[stage, object_id]))
-        submitting.ended(stage, object_id)
-        submit(object_id)
+            running[stage, object_id] = [needed[stage, object_id], now]
+        pace = min(1.0, cores / (len(running) + others))
+        task = min(running, key=lambda task: running[task][0])
+        left_s, began_s = running.pop(task)
+        now += left_s / pace
+        for other in running.values():
+            other[0] -= left_s
+        ended.append(Ended(now, *task, now - began_s, needed[task]))
+        submitting.ended(*task)
+        submit(task[1])
     return ended
 
 
-def worst_factor(run: list[Ended], expected: Expected, workers: int) -> float:
-    """Return the largest ratio of said and true time to go, from the second minute on."""
+class Machine:
+    """The CPU seconds that the tasks of a run used until now."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._ended_s = 0.0
+        self.running: set[Ended] = set()
+
+    def end(self, task: Ended) -> None:
+        self.running.remove(task)
+        self._ended_s += task.cpu_s
+
+    def used(self) -> float:
+        now = self._clock.now
+        shares = ((one, 1 - (one.at_s - now) / (one.wall_s or 1.0)) for one in self.running)
+        return self._ended_s + sum(one.cpu_s * min(1.0, share) for one, share in shares)
+
+
+def worst_factor(run: list[Ended], expected: Expected, workers: int, *, here: bool = True) -> float:
+    """Return the largest ratio of said and true time to go, from the second minute on.
+
+    The CPU seconds of tasks that run are known where they run `here`.
+    """
     clock = Clock()
+    machine = Machine(clock)
     progress = FlowProgress(FOLLOWS, io.StringIO(), clock)
-    progress._thread = type("Shown", (), {"ident": 1})()  # nothing is to be printed
+    progress._display.start = lambda: None  # nothing is to be printed
     submitting = Submitting(expected)
     objects = sorted({one.object_id for one in run})
     for stage in FOLLOWS:
         for object_id in objects:
             progress.expect(stage, object_id, expected(stage, object_id, False))
+    progress.measure(machine.used if here else lambda: None)
     for object_id in objects:
         for stage, seconds, priority in submitting.ready(object_id):
             progress.submit(stage, object_id, seconds, priority)
     end_s = max(one.at_s for one in run)
-    events = [(one.at_s, 0, one) for one in run] + [(one.at_s - one.wall_s, 1, one) for one in run]
+    # A task ends before the next one begins, whatever the rounding of their times.
+    events = [(round(one.at_s, 6), 0, one) for one in run]
+    events += [(round(one.at_s - one.wall_s, 6), 1, one) for one in run]
     events += [(float(at), 2, run[0]) for at in range(SECOND_MINUTE_S, int(end_s - SHORT_S), TICK_S)]
-    busy, worst = 0, 1.0
+    worst = 1.0
     for clock.now, kind, one in sorted(events):
         if kind == 2:
             said, true = progress.seconds_to_go(), end_s - clock.now
             worst = max(worst, said / true, true / said)
             continue
-        busy += 1 if kind else -1
-        if not kind:
-            progress.settle(one.stage, one.object_id, "computed", one.wall_s)
+        if kind:
+            machine.running.add(one)
+        else:
+            machine.end(one)
+            progress.settle(one.stage, one.object_id, "computed", one.cpu_s, one.wall_s)
             submitting.ended(one.stage, one.object_id)
             for stage, seconds, priority in submitting.ready(one.object_id):
                 progress.submit(stage, one.object_id, seconds, priority)
-        progress.workers(busy, workers)
+        progress.workers(len(machine.running), workers)
     return worst
 
 
@@ -127,11 +170,17 @@ def test_the_starter_set_on_a_busy_machine(tmp_path: Path) -> None:
     """A recorded run; other work took half of both cores, so tasks took twice the packaged CPU seconds."""
     with RECORDED.open(newline="") as file:
         run = [
-            Ended(float(row["ended_s"]), row["stage"], row["object"], float(row["wall_s"]))
+            Ended(
+                float(row["ended_s"]),
+                row["stage"],
+                row["object"],
+                float(row["wall_s"]),
+                float(row["wall_s"]) / 2,
+            )
             for row in csv.DictReader(file)
         ]
     estimates = Estimates(tmp_path, read_parameters(REPOSITORY / "params.yaml"))
-    factor = worst_factor(run, lambda stage, name, _: estimates.of(stage, name).wall_s, 2)
+    factor = worst_factor(run, lambda stage, name, _: estimates.of(stage, name).cpu_s, 2)
     print(f"starter set, 2 workers: {factor:.2f}")
     assert factor <= 1.5
 
@@ -156,7 +205,35 @@ def test_a_hundred_scans_that_nothing_is_known_of(workers: int, most: float) -> 
     assert factor <= most
 
 
-def test_tasks_that_all_take_twice_as_long_show_once_some_have_ended() -> None:
-    took = {(stage, f"o{index}"): 20.0 for stage in FOLLOWS for index in range(40)}
-    factor = worst_factor(scheduled(took, lambda *_: 10.0, 4), lambda *_: 10.0, 4)
+def test_tasks_that_all_need_twice_as_much_show_once_some_have_ended() -> None:
+    needed = {(stage, f"o{index}"): 20.0 for stage in FOLLOWS for index in range(40)}
+    factor = worst_factor(scheduled(needed, lambda *_: 10.0, 4), lambda *_: 10.0, 4)
     assert factor <= 1.5
+
+
+@pytest.mark.parametrize("others", [0, 2, 8])
+@pytest.mark.parametrize(("objects", "workers"), [(1, 1), (7, 2)], ids=["a build", "the starter set"])
+def test_two_cores_shared_with_busy_processes(others: int, objects: int, workers: int) -> None:
+    """Tasks need a quarter more CPU seconds than expected, or a fifth less, as on another machine."""
+    starter = {
+        task[::-1]: cost.cpu_s
+        for task, cost in starter_costs().items()
+        if task[1] in FOLLOWS
+        and task[0] in ("mug", "die", "bell", "bowl", "fork", "plate", "spatula")[:objects]
+    }
+    for ratio in (0.8, 1.0, 1.25):
+        needed = {task: ratio * cpu_s for task, cpu_s in starter.items()}
+
+        def expected(stage: str, object_id: str, measured: bool) -> float:
+            return starter[stage, object_id]
+
+        run = scheduled(needed, expected, workers, 2, others)
+        factor = worst_factor(run, expected, workers)
+        print(f"{objects} objects beside {others}, CPU seconds {ratio} of those expected: {factor:.2f}")
+        assert factor <= 1.5
+
+
+def test_workers_elsewhere_show_the_pace_of_what_ended() -> None:
+    needed = {(stage, f"o{index}"): 10.0 for stage in FOLLOWS for index in range(40)}
+    run = scheduled(needed, lambda *_: 10.0, 4, cores=2)  # a second on the wall is half of one on a core
+    assert worst_factor(run, lambda *_: 10.0, 4, here=False) <= 1.5

@@ -181,6 +181,9 @@ class Here:
     def submit(self, job: Job) -> None:
         self._jobs.append(job)
 
+    def cpu_seconds(self) -> None:
+        return None
+
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         while self._jobs:
             job = max(self._jobs, key=lambda one: one.priority)

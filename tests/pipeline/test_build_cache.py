@@ -1,0 +1,65 @@
+"""What an interrupted build leaves, and for how long."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from pipeline.dataset.job import Finished, Job
+from pipeline.dataset.task import Call, Failure, Outcome, Request
+from pipeline.run import build_cache
+from pipeline.run.build_cache import unfinished_build
+from pipeline.run.single_build import UntilFailure
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "objectfolder" / "builds"
+
+
+def interrupt(output: str, content: bytes = b"views") -> Path:
+    with suppress(KeyboardInterrupt), unfinished_build(Path("mug.obj"), Path(output)) as folder:
+        folder.mkdir(exist_ok=True)
+        (folder / "views").write_bytes(content)
+        raise KeyboardInterrupt
+    return folder
+
+
+def test_the_same_command_resumes_and_a_build_that_succeeds_leaves_nothing() -> None:
+    folder = interrupt("mug.safetensors")
+    with unfinished_build(Path("mug.obj"), Path("other.safetensors")) as other:
+        other.mkdir()
+    with unfinished_build(Path("mug.obj").absolute(), Path("mug.safetensors")) as resumed:
+        assert (resumed / "views").read_bytes() == b"views"
+    assert resumed == folder != other
+    assert not folder.exists()
+    assert not other.exists()
+
+
+def test_old_builds_go_and_then_those_longest_untouched(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
+    folders = [interrupt(f"{name}.safetensors", bytes(1000)).parent for name in ("old", "large", "new")]
+    for age, folder in zip((40, 2, 1), folders, strict=True):
+        touched = (folder / ".objectfolder").stat().st_mtime - 86_400 * age
+        os.utime(folder / ".objectfolder", (touched, touched))
+    monkeypatch.setattr(build_cache, "MOST_BYTES", 1 << 20)
+    interrupt("a.safetensors")
+    assert [folder.exists() for folder in folders] == [False, True, True]
+    monkeypatch.setattr(build_cache, "MOST_BYTES", 25_000)  # folders count, too
+    with unfinished_build(Path("mug.obj"), Path("large.safetensors")):  # its own is never removed
+        assert folders[1].exists()
+    monkeypatch.setattr(build_cache, "MOST_BYTES", 0)
+    interrupt("b.safetensors")
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_a_build_ends_with_the_first_stage_that_fails() -> None:
+    class Failing:
+        def finished(self, on_workers: object) -> object:
+            for error in (None, Failure("mug", "too thick"), None):
+                call = Call("views", "", Request("mug", {}, {}, {}, 0), (), "", {})
+                yield Finished(Job(call), Outcome("mug", error))
+
+    ended = list(UntilFailure(Failing()).finished(lambda busy, total: None))
+    assert [one.outcome.failure is None for one in ended] == [True, False]
