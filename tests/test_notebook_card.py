@@ -30,7 +30,7 @@ def test_a_notebook_shows_a_picture_a_strike_fidelity_and_licence() -> None:
     assert 0.7 < np.abs(sound).max() < 0.71
     fidelity = mug.description["fidelity"]
     for said in (
-        fidelity["vision"]["psnr_db"],
+        fidelity["vision"]["psnr_foreground_db"],
         fidelity["audio"]["gain_error_db"],
         fidelity["touch"]["psnr_contact_db"],
     ):

@@ -54,9 +54,8 @@ def _figures(fidelity: Any) -> list[str]:
         if fidelity["audio"]["audible"]
         else "none"
     )
-    touch = fidelity["touch"]["psnr_contact_db"]
-    return [
-        f"sight {fidelity['vision']['psnr_db']:.1f} dB",
-        f"sound {audio}",
-        f"touch {'unknown' if touch is None else f'{touch:.1f} dB'} in contact",
-    ]
+    sight, touch = (
+        "unknown" if value is None else f"{value:.1f} dB"
+        for value in (fidelity["vision"]["psnr_foreground_db"], fidelity["touch"]["psnr_contact_db"])
+    )
+    return [f"sight {sight} in the foreground", f"sound {audio}", f"touch {touch} in contact"]

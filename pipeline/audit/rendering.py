@@ -18,6 +18,7 @@ from pipeline.audit.history import GONE, ObjectVersion, Unreadable
 from pipeline.audit.recomputation import Remade
 from pipeline.audit.verification import Verified
 from pipeline.dataset.lock_file import MD5
+from pipeline.dataset.measures import BYTES, HEADLINE
 
 TEMPLATES = Path(__file__).parent / "template"
 NARROWEST, WIDEST = 72, 120
@@ -25,7 +26,7 @@ GROUPS, FIDELITY_ROWS, FINDINGS = 40, 20, 200  # that are shown
 LEAST_WEIGHT = 0.01  # of what a person would notice
 COLUMNS = ("stage", "changed", "made", "gone", "= arrays", "~ arrays", "!= arrays", "not read", "CPU s")
 # One measure of each sense, and the size, beside the words of a history.
-SHOWN = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db", "bytes.total")
+SHOWN = (*(measure.key for measure in HEADLINE), BYTES.key)
 
 
 def as_json(content: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from objectfolder.products.atomic import write_whole
 from pipeline.dataset.failures import read_failures
+from pipeline.dataset.measures import FULL_IMAGE, HEADLINE, number_at
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.publish.cards.croissant import croissant_text
 from pipeline.publish.cards.data_card import card_text, citation_text
@@ -14,11 +15,12 @@ from pipeline.run.costs import costs_path
 from pipeline.run.exclusive import exclusive
 
 REPORTS = "reports"
-SUMMARISED = (
-    ("Sight:        PSNR of held-out views", "vision", "psnr_db"),
-    ("Sound:        gain error at held-out points", "audio", "gain_error_db"),
-    ("Touch:        PSNR in contact, held-out touches,", "touch", "psnr_contact_db"),
-)
+# The headline figure of each sense, in words.
+SUMMARISED = {
+    "vision.psnr_foreground_db": "Sight:        PSNR of the foreground, held-out views,",
+    "audio.gain_error_db": "Sound:        gain error at held-out points",
+    "touch.psnr_contact_db": "Touch:        PSNR in contact, held-out touches,",
+}
 
 
 def make_report(root: Path) -> None:
@@ -39,12 +41,17 @@ def summary_of(root: Path) -> str:
     """
     metrics = json.loads((root / REPORTS / "metrics.json").read_bytes())
     lines = []
-    for title, sense, measure in SUMMARISED:
-        found = metrics.get(sense, {}).get(measure, {"mean": None})
-        if found["mean"] is None:  # all failed, or all are silent
+    for measure in HEADLINE:
+        title = SUMMARISED[measure.key]
+        average, worst = (number_at(metrics, f"{measure.key}.{of}") for of in ("mean", "worst"))
+        if average is None or worst is None:  # all failed, or all are silent
             lines.append(f"{title} none measured")
-        else:
-            lines.append(f"{title} {found['mean']:.1f} dB in the mean, {found['worst']:.1f} at worst")
+            continue
+        line = f"{title} {average:.1f} dB in the mean, {worst:.1f} at worst"
+        full = number_at(metrics, f"{FULL_IMAGE.key}.mean")
+        if measure.sense == FULL_IMAGE.sense and full is not None:
+            line += f" (of the full image {full:.1f} in the mean)"
+        lines.append(line)
     files = sorted((root / OBJECT_FILES.folder).glob("*.safetensors"))
     look = [f"Look:         objectfolder view {files[0].relative_to(root)}"] if files else []
     return "\n".join(

@@ -423,7 +423,10 @@ def test_the_last_report_is_summed_up_in_a_line_a_sense(
     assert "metrics.json: no such file" in _last_line(capsys)
     (tmp_path / "reports").mkdir()
     metrics = {
-        "vision": {"psnr_db": {"mean": 52.83, "worst": 47.1}},
+        "vision": {
+            "psnr_db": {"mean": 52.83, "worst": 47.1},
+            "psnr_foreground_db": {"mean": 45.25, "worst": 40.12},
+        },
         "audio": {"silent_objects": 1, "gain_error_db": {"mean": None, "worst": None}},
         "touch": {},
     }
@@ -432,7 +435,8 @@ def test_the_last_report_is_summed_up_in_a_line_a_sense(
     (tmp_path / "data" / "object_files" / "mug.safetensors").touch()
     assert main(["report", "--summary", "--root", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "Sight:        PSNR of held-out views 52.8 dB in the mean, 47.1 at worst"
+    figures = "45.2 dB in the mean, 40.1 at worst (of the full image 52.8 in the mean)"
+    assert lines[0] == f"Sight:        PSNR of the foreground, held-out views, {figures}"
     assert lines[1] == "Sound:        gain error at held-out points none measured"
     assert lines[2].startswith("Touch:")
     assert lines[-1] == "Look:         objectfolder view data/object_files/mug.safetensors"

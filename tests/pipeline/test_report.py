@@ -15,7 +15,7 @@ from objectfolder.audio.synthesis import mode_bank
 from objectfolder.errors import InputError
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.products.store import Product, write_product
-from pipeline.dataset.measures import HEADLINE, Measure, number_at
+from pipeline.dataset.measures import REPORTED, Measure, number_at
 from pipeline.publish.report.charts import WIDTH, histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.sounds import recursions
 from pipeline.publish.report.summary import MeasureSummary
@@ -64,8 +64,8 @@ def test_metrics_take_the_worst_in_the_direction_of_each_measure(report: Path) -
     assert (metrics["objects"], metrics["failed"]) == (2, 1)
 
 
-def test_every_headline_measure_knows_its_direction() -> None:
-    worse_when_lower = {measure.key for measure in HEADLINE if measure.higher_is_better}
+def test_every_reported_measure_knows_its_direction() -> None:
+    worse_when_lower = {measure.key for measure in REPORTED if measure.higher_is_better}
     assert worse_when_lower == {
         "vision.psnr_db",
         "vision.psnr_foreground_db",
@@ -73,7 +73,7 @@ def test_every_headline_measure_knows_its_direction() -> None:
         "touch.psnr_db",
         "touch.psnr_contact_db",
     }
-    for measure in HEADLINE:
+    for measure in REPORTED:
         assert measure.worst([1.0, 2.0]) == (1.0 if measure.higher_is_better else 2.0)
         if measure.target is not None:
             better = measure.target + (1 if measure.higher_is_better else -1)

@@ -105,7 +105,7 @@ def test_the_card_has_what_hugging_face_reads_and_all_sources(folder):
     assert front["configs"][0]["data_files"] == "reports/per_object.csv"
     assert "- museum; CC-BY-4.0; attribution: B. Scanner. 1 object: `fork`" in body
     assert "- scans; CC0-1.0; attribution: A. Maker. 1 object: `cup`" in body
-    assert "| vision: View, full image (dB) | 50.5 | 50.0 |" in body
+    assert "| vision: View, PSNR of the full image (dB) | 50.5 | 50.0 |" in body
     assert "PSNR of \\|images\\| on white" in body
 
 

@@ -12,7 +12,7 @@ import yaml
 
 import objectfolder
 from objectfolder.products.splits import OBJECT_SPLITS
-from pipeline.dataset.measures import HEADLINE, number_at
+from pipeline.dataset.measures import REPORTED, number_at
 from pipeline.dataset.stages import STAGES
 from pipeline.publish.cards.licences import Licence
 from pipeline.publish.cards.published_data_set import LIMITS, PER_OBJECT, DataSet, PublishedObject, counted
@@ -46,7 +46,7 @@ def card_text(data_set: DataSet, root: Path, folder: Path) -> str:
         materials=Counter(sorted(one.material for one in objects)).most_common(),
         licences=_licences(data_set),
         splits=OBJECT_SPLITS,
-        measures=[one for one in HEADLINE if number_at(data_set.metrics, f"{one.key}.mean") is not None],
+        measures=[one for one in REPORTED if number_at(data_set.metrics, f"{one.key}.mean") is not None],
         costs={stage: seconds for stage, seconds in costs.items() if seconds},
         limits=LIMITS,
         reports=reports,

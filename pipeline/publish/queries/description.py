@@ -41,7 +41,8 @@ def fidelity_lines(file: ObjectFile) -> list[str]:
             f"solver within about {_number(audio['solver_error_estimate_cents'])} cents"
         )
     return [
-        f"vision       PSNR {vision['psnr_db']:.2f} dB, foreground {vision['psnr_foreground_db']:.2f} dB, "
+        f"vision       PSNR of the foreground {_number(vision['psnr_foreground_db'])} dB, "
+        f"of the full image {vision['psnr_db']:.2f} dB, "
         f"SSIM {vision['ssim']:.4f} ({vision['held_out_views']} held-out views)",
         f"audio        {heard}",
         f"touch        PSNR {touch['psnr_db']:.2f} dB, in contact {_number(touch['psnr_contact_db'])} dB "

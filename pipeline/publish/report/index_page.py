@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 from markupsafe import Markup
 
 from pipeline.dataset.failures import FailedObject
-from pipeline.dataset.measures import RANKING, SENSES, number_at
+from pipeline.dataset.measures import FULL_IMAGE, HEADLINE, SENSES, number_at
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
 from pipeline.publish.report.object_page import OBJECTS, SENSE_NAMES, page_name
@@ -25,8 +25,6 @@ from pipeline.publish.report.summary import (
 from pipeline.publish.report.templates import security_policy, template_environment, web_link
 
 SCRIPTS = ("theme.js", "index.js")
-# What is said of sight, sound and touch at the top of the page.
-FIGURES = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db")
 MOST_SOURCES = 60  # others are found only by the search
 
 
@@ -43,7 +41,7 @@ class Column(NamedTuple):
 COLUMNS = (
     Column("margin", "Margin", "dB", 1),
     Column("vision.psnr_foreground_db", "View, foreground", "dB", 1),
-    Column("vision.psnr_db", "View", "dB", 1),
+    Column("vision.psnr_db", "View, full image", "dB", 1),
     Column("vision.ssim", "View", "SSIM", 4),
     Column("audio.gain_error_db", "Gain error", "dB", 1),
     Column("audio.modes", "Modes", "", 0),
@@ -107,9 +105,10 @@ def render_index(
         failed=len(failed),
         pages=pages,
         summary=measured,
-        figures=[row for key in FIGURES for row in measured if row.measure.key == key],
+        figures=[row for row in measured if row.measure in HEADLINE],
+        full_image=next(row for row in measured if row.measure == FULL_IMAGE),
         noise_floor_db=mean([number_at(one.attributes, "vision.noise_floor_db") for one in objects]),
-        ranking=RANKING,
+        ranking=HEADLINE,
         distributions=[(one, *histogram(one)) for one in [*measured, cost] if len(one.values) > 1],
         efforts=_efforts(objects),
         sense_names=SENSE_NAMES,

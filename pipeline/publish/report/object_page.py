@@ -15,7 +15,7 @@ from objectfolder.fidelity.contacts import PIXELS
 from objectfolder.products.provenance import canonical_json
 from objectfolder.products.store import Product
 from pipeline.dataset.failures import FailedObject
-from pipeline.dataset.measures import BYTE_PARTS, HEADLINE, number_at
+from pipeline.dataset.measures import BYTE_PARTS, REPORTED, number_at
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.dataset.verified import Verified
@@ -234,7 +234,7 @@ def _environment() -> jinja2.Environment:
         "byte_parts": BYTE_PARTS,
         "contact_pixels": PIXELS,
         "definitions_of": definitions_of,
-        "headline": HEADLINE,
+        "headline": REPORTED,
         "material_of": _material,
         "sense_names": SENSE_NAMES,
         "spectrogram_marks": [

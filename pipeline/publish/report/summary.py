@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.dataset.failures import FailedObject
-from pipeline.dataset.measures import BYTE_PARTS, BYTES, HEADLINE, SENSES, Measure, number_at
+from pipeline.dataset.measures import BYTE_PARTS, BYTES, REPORTED, SENSES, Measure, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
 
 COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, 240.0)
@@ -71,7 +71,7 @@ class MeasureSummary:
 def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
     """Return every headline measure and the bytes; silent objects leave those of audio."""
     found = []
-    for measure in (*HEADLINE, BYTES):
+    for measure in (*REPORTED, BYTES):
         counted = [one for one in objects if not (measure.sense == "audio" and one.silent)]
         known = [(value, one) for one in counted if (value := measure.of(one.attributes)) is not None]
         trivial = mean([measure.trivial_of(one.attributes) for _, one in known])
@@ -156,7 +156,7 @@ def object_table(objects: Sequence[MeasuredObject]) -> str:
     """Return one row an object with every number known of it; an empty cell for an unknown one."""
     stated = [(one, part, name) for one in objects for part in PARTS[:-1] for name in one.part(part)]
     keys = {(part, name) for one, part, name in stated if number_at(one.part(part), name) is not None}
-    keys |= {(measure.sense, measure.name) for measure in HEADLINE}
+    keys |= {(measure.sense, measure.name) for measure in REPORTED}
     ordered = sorted(keys, key=lambda key: (PARTS.index(key[0]), key[1]))
     ordered += [("bytes", name) for name in BYTE_PARTS]
     stages = stage_names(objects)
