@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from objectfolder.live.pybullet_simulation import PybulletSimulation
     from objectfolder.live.resting import Rest
     from objectfolder.live.sight import LiveSight, SceneImage
+    from objectfolder.live.simulators import open_simulation
     from objectfolder.live.sound import Impact, LiveSound
     from objectfolder.live.touch import Felt, Finger, LiveTouch
 else:
@@ -25,6 +26,7 @@ else:
             "pybullet_simulation": ["PybulletSimulation"],
             "resting": ["Rest"],
             "sight": ["LiveSight", "SceneImage"],
+            "simulators": ["open_simulation"],
             "sound": ["Impact", "LiveSound"],
             "touch": ["Felt", "Finger", "LiveTouch"],
         },
@@ -45,5 +47,6 @@ __all__ = [
     "Squeeze",
     "Strike",
     "Touching",
+    "open_simulation",
     "standing",
 ]

@@ -62,7 +62,7 @@ class Posed(Protocol):
 
 
 class Simulation(Posed, Protocol):
-    """An engine of rigid bodies with objects in it: `MujocoSimulation`, `PybulletSimulation`."""
+    """An engine of rigid bodies with objects in it: `MujocoSimulation`, `PybulletSimulation`, a plugin's."""
 
     @property
     def time_s(self) -> float:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from objectfolder.errors import InputError
@@ -111,21 +111,14 @@ def export(
     output
         a folder that does not exist yet; several objects get a folder each in it
     """
-    from pipeline.publish.export.assets import ALL_FORMATS, all_objects, write_assets
-    from pipeline.publish.export.exports import write_export
-    from pipeline.publish.export.found_products import find_products
+    from pipeline.publish.export.formats import known_formats, write_exports
 
-    if wanted.format in (*ALL_FORMATS, "all"):
-        names = objects or all_objects(root)
-        with status_line(f"writing assets: {', '.join(names)}"):
-            for line in write_assets(names, root, wanted, output):
-                print(line, flush=True)
-        return
-    if len(objects) != 1:
-        raise InputError("OBJECT", f"{len(objects)} are named", f"Name one: --format {wanted.format}.")
-    with status_line(f"exporting {objects[0]}"):
-        line = write_export(find_products(objects[0], root), wanted, output)
-    print(line)
+    if wanted.format not in (known := known_formats()):
+        there = ", ".join(f'"{name}"' for name in known)
+        raise CycloptsError(msg=f'--format: "{wanted.format}" is unknown. Use one of {there}.')
+    with status_line(f"writing {wanted.format}: {', '.join(objects) or 'all objects'}"):
+        for line in write_exports(objects, root, wanted, output):
+            print(line, flush=True)
 
 
 def scene(
@@ -181,6 +174,7 @@ def play(
     height: Annotated[int, Number(gte=16, lte=2160)] = 360,
     width: Annotated[int, Number(gte=16, lte=3840)] = 480,
     seed: int = 0,
+    simulator: str = "mujoco",
     port: int = 0,
     no_browser: bool = False,
 ) -> None:
@@ -204,12 +198,16 @@ def play(
         of the video's image, pixels
     seed
         of heights, turns and rough surfaces
+    simulator
+        what moves the objects in the video: mujoco, or the simulator of a plugin
     port
         of 127.0.0.1 for the page; 0 for any free one
     no_browser
         print the page's address, open nothing
     """
     if output is None:
+        if simulator != "mujoco":
+            raise InputError("--simulator", f"{simulator!r} plays videos alone", "Give --output too.")
         from pipeline.publish.viewer.play import play_in_browser
 
         play_in_browser(scene, port, not no_browser)
@@ -217,7 +215,7 @@ def play(
     from pipeline.publish.playing import play as played
 
     with status_line(f"playing {scene}"):
-        line = played(scene, output, seconds, lift_m, (height, width), seed)
+        line = played(scene, output, seconds, lift_m, (height, width), seed, simulator)
     print(line)
 
 

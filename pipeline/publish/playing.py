@@ -6,15 +6,22 @@ from typing import Any
 import numpy as np
 
 from objectfolder.audio.synthesis.wav import listening_gain
-from objectfolder.live import LiveSound, MujocoSimulation
+from objectfolder.live import LiveSound, MujocoSimulation, Simulation
 from objectfolder.live.clip import FRAMES_PER_S, SAMPLE_RATE_HZ, recorded, write_clip
+from objectfolder.live.simulators import OWN, open_simulation
 from pipeline.publish.opened_scene import OpenedScene, camera_over
 
 MOST_TURN_RAD = 0.6
 
 
 def play(
-    scene: Path, output: Path, seconds: float, lift_m: float, resolution: tuple[int, int], seed: int
+    scene: Path,
+    output: Path,
+    seconds: float,
+    lift_m: float,
+    resolution: tuple[int, int],
+    seed: int,
+    simulator: str = OWN[0],
 ) -> str:
     """Drop the objects of a scene, write what is seen and heard, and say what was heard.
 
@@ -26,11 +33,13 @@ def play(
         How far objects are lifted at first, and up to twice as far; 0 leaves them as they stand.
     seed
         Of heights, turns and rough surfaces.
+    simulator
+        ``"mujoco"``, or that of a plugin.
 
     Raises
     ------
     InputError
-        A scene that cannot be opened.
+        A scene that cannot be opened; no such simulator.
     """
     opened = OpenedScene.of(scene)
     import mujoco  # which is there, then
@@ -38,7 +47,9 @@ def play(
     model, files = opened.model, opened.files
     data = mujoco.MjData(model)
     _lift(model, data, lift_m, np.random.default_rng(seed))
-    simulation = MujocoSimulation(model, data)
+    simulation: Simulation = MujocoSimulation(model, data)
+    if simulator not in OWN:
+        simulation = open_simulation(simulator, scene, {name: simulation.pose(name) for name in files})
     standing = opened.points(MujocoSimulation(model, mujoco.MjData(model)))
     camera = camera_over(np.concatenate([standing, opened.points(simulation)]))
     sound = LiveSound(

@@ -1,5 +1,7 @@
 """Sensors as YAML files: those that come with the package, by name, and a user's own, by path.
 
+The name may also be that of a plugin's sensor, which is none of the package's (docs/extending.md).
+
 Reading one needs PyYAML; an Object File holds its sensor itself, and needs nothing of this.
 """
 
@@ -12,6 +14,7 @@ from typing import Any
 
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
+from objectfolder.plugins import SENSORS, find_plugin, plugin_names
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.illumination import Illumination, photometric_table
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
@@ -80,7 +83,7 @@ def sensor_path(source: Path | str, root: Path | None = None) -> Path:
         return FOLDER / f"{source}.yaml"
     path = Path(source) if root is None else root / source
     if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
-        known = ", ".join(sensor_names())
+        known = ", ".join([*sensor_names(), *plugin_names(SENSORS)])
         raise InputError("sensor", f"{str(source)!r} is no known sensor and no YAML file", f"Known: {known}.")
     return path
 
@@ -91,7 +94,7 @@ def read_sensor(source: Path | str, root: Path | None = None) -> Sensor:
     Parameters
     ----------
     source
-        ``"digit"``, ``"gelsight"``, or a path of a file as they are.
+        ``"digit"``, ``"gelsight"``, the name of a plugin's sensor, or a path of a file as they are.
     root
         Where relative paths start; the working directory if None.
 
@@ -99,7 +102,7 @@ def read_sensor(source: Path | str, root: Path | None = None) -> Sensor:
     ------
     InputError
         A file that is not there or not YAML, a missing or unknown key, a value of a wrong kind, or a
-        sensor that cannot be; it names the file and the field.
+        sensor that cannot be; it names the file and the field. A plugin that brings no `Sensor`.
 
     Examples
     --------
@@ -107,6 +110,12 @@ def read_sensor(source: Path | str, root: Path | None = None) -> Sensor:
     >>> (digit.image_height, digit.image_width), digit.gel_youngs_modulus_pa
     ((160, 120), 560000.0)
     """
+    plugin = find_plugin(SENSORS, str(source), sensor_names())
+    if plugin is not None:
+        if not isinstance(plugin.part, Sensor):
+            finding = f"is of type {type(plugin.part).__name__}, and no Sensor of objectfolder"
+            raise plugin.error(finding, "Let its entry point name one.")
+        return plugin.part
     path = sensor_path(source, root)
     content = _yaml(path)
     return _sensor(path, content, _photometry(_Reader(path.name), path, content.get("photometry")))

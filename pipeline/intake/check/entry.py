@@ -13,7 +13,7 @@ from objectfolder.mesh.mesh import with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls
 from objectfolder.products.provenance import file_digest
-from pipeline.intake.sources.registry import SOURCES
+from pipeline.intake.sources.registry import SOURCES, source_and_name
 from pipeline.intake.sources.source import Source
 
 ERROR, WARNING, NOTE = SEVERITIES = ("error", "warning", "note")
@@ -128,8 +128,12 @@ class Entry:
     @property
     def source(self) -> Source | None:
         """The public source that it names, by its source_id or in words; None for one's own."""
-        prefix, colon, _ = self.cell("source_id").partition(":")
-        return SOURCES.get(prefix) if colon else self.source_in_words
+        if ":" not in self.cell("source_id"):
+            return self.source_in_words
+        try:
+            return source_and_name(self.cell("source_id"))[0]
+        except InputError:
+            return None  # a finding of its own: `row_rules.check_provenance`
 
     @property
     def source_in_words(self) -> Source | None:

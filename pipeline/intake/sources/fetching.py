@@ -10,7 +10,7 @@ from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.intake.disk import locked, writing
-from pipeline.intake.sources.download import Downloader
+from pipeline.intake.sources.download import LIMIT_BYTES, REMEDY, Downloader, Expected
 from pipeline.intake.sources.http_client import AbsentError, RefusedError, UnreachableError
 from pipeline.intake.sources.recorded_hashes import (
     RECORD,
@@ -203,9 +203,7 @@ class Fetcher:
         folder.mkdir(parents=True)
         listed = asked.source.downloads(asked.name, asked.resolution, self._downloader)
         for entry in listed:
-            if anew:
-                self._downloader.forget(entry.url)
-            file = self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
+            file = self._file(entry, anew=anew)
             if entry.top is None:
                 place = folder / entry.path
                 place.parent.mkdir(parents=True, exist_ok=True)
@@ -217,9 +215,22 @@ class Fetcher:
         if RECORD in paths:
             raise FormatError(asked.id, f"has a file {RECORD!r} of its own", "Tell its source.")
         mesh, texture = asked.source.mesh_and_texture(folder, asked.name, asked.resolution)
-        form = Form(mesh, texture, tuple(entry.url for entry in listed), tuple(paths))
+        form = Form(mesh, texture, tuple(str(entry.url) for entry in listed), tuple(paths))
         contents = {path: content_of(folder / path) for path in paths}
         return form, record_hashes(self._hashes, asked.id, contents, accept_changed=self._accept_changed)
+
+    def _file(self, entry: Download, *, anew: bool) -> Path:
+        """Return the path of a verified file: of this machine, or in the cache."""
+        if isinstance(entry.url, Path):
+            path = str(entry.url)
+            if not entry.url.is_file():
+                raise AbsentError(path, "no such file", "See whether its disk is there.")
+            if difference := Expected(path, entry.md5, entry.size, LIMIT_BYTES).difference(entry.url):
+                raise FormatError(path, difference, REMEDY)
+            return entry.url
+        if anew:
+            self._downloader.forget(entry.url)
+        return self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
 
     def _absent(self, asked: SourceObject, problem: InputError) -> InputError:
         """Return the error for an object that the source does not have, or refuses."""

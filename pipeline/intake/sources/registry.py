@@ -1,10 +1,12 @@
-"""The sources that are known. Another one is a module with a subclass of `Source`, and its line here."""
+"""The sources that are known: those of the project, and those of plugins (docs/extending.md)."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
+from objectfolder.plugins import SOURCES as GROUP
+from objectfolder.plugins import Plugin, find_plugin, plugin_names
 from pipeline.dataset.validation import did_you_mean
 from pipeline.intake.sources.google_scanned_objects import GoogleScannedObjects
 from pipeline.intake.sources.poly_haven import PolyHaven
@@ -14,12 +16,41 @@ from pipeline.intake.sources.ycb import YCB
 SOURCES: Mapping[str, Source] = {source.id: source for source in (YCB(), GoogleScannedObjects(), PolyHaven())}
 
 
+def source_ids() -> list[str]:
+    """Return the ids of all sources; no plugin is imported."""
+    return [*SOURCES, *plugin_names(GROUP)]
+
+
 def source_named(name: str) -> Source:
-    """Return a source by its id; InputError with the nearest one for another name."""
+    """Return a source by its id.
+
+    Raises
+    ------
+    InputError
+        No such source, with the nearest one; or a plugin that brings none.
+    """
+    plugin = find_plugin(GROUP, name, SOURCES)
+    if plugin is not None:
+        return _source_of(plugin)
     if name in SOURCES:
         return SOURCES[name]
-    remedy = did_you_mean(name.casefold(), SOURCES, f"There are {', '.join(SOURCES)}.")
+    remedy = did_you_mean(name.casefold(), source_ids(), f"There are {', '.join(source_ids())}.")
     raise InputError(name, "no such source", remedy)
+
+
+def _source_of(plugin: Plugin) -> Source:
+    """Return the source of a plugin, all of whose attributes are there."""
+    try:
+        source = plugin.part()
+    except TypeError as error:
+        raise plugin.error(f"makes no source ({error})", "Let it name a subclass of Source.") from error
+    absent = [name for name in Source.__annotations__ if not hasattr(source, name)]
+    if not isinstance(source, Source) or absent:
+        finding = f"lacks {', '.join(absent)}" if absent else "is no source"
+        raise plugin.error(finding, "Let it name a subclass of Source with all attributes.")
+    if source.id != plugin.name:
+        raise plugin.error(f"has the id {source.id!r}", "Give the entry point and the source one name.")
+    return source
 
 
 def source_and_name(source_id: str) -> tuple[Source, str]:
@@ -35,7 +66,7 @@ def source_and_name(source_id: str) -> tuple[Source, str]:
         raise InputError(
             source_id,
             "does not say of which source it is",
-            f"Write it as {SOURCES['ycb'].source_id('025_mug')}; there are {', '.join(SOURCES)}.",
+            f"Write it as {SOURCES['ycb'].source_id('025_mug')}; there are {', '.join(source_ids())}.",
         )
     return source_named(start), name
 
@@ -82,21 +113,29 @@ class Resolutions:
     """
 
     def __init__(self, texts: Sequence[str] = ()) -> None:
-        self._by_source: dict[str, str] = {}
+        self._asked: list[tuple[str | None, str]] = []
         for text in texts:
             of, equals, resolution = text.rpartition("=")
-            sources = [source_named(of)] if equals else list(SOURCES.values())
-            having = [source for source in sources if resolution in source.resolutions]
-            if not having:
-                there = "; ".join(f"{source.id}: {', '.join(source.resolutions)}" for source in sources)
-                raise InputError(f"--resolution {text}", "no such resolution", f"There are {there}.")
-            self._by_source |= {source.id: resolution for source in having}
+            self._asked.append((of if equals else None, resolution))
+            there = []
+            # A plugin is imported only where no source before it has the resolution.
+            for source in map(source_named, [of] if equals else source_ids()):
+                there.append(f"{source.id}: {', '.join(source.resolutions)}")
+                if resolution in source.resolutions:
+                    break
+            else:
+                remedy = f"There are {'; '.join(there)}."
+                raise InputError(f"--resolution {text}", "no such resolution", remedy)
 
     def asked(self, source_id: str) -> SourceObject:
         """Return what an id asks for; InputError for an id that no source can have."""
         source, name = source_and_name(source_id)
         source.check_name(name)
-        return SourceObject(source, name, self._by_source.get(source.id, source.resolutions[0]))
+        resolution = source.resolutions[0]
+        for of, asked in self._asked:
+            if of in (None, source.id) and asked in source.resolutions:
+                resolution = asked
+        return SourceObject(source, name, resolution)
 
 
 def table_ids(table: Path, only: Collection[str] = ()) -> list[str]:

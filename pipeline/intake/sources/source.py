@@ -20,7 +20,7 @@ class Download:
     Parameters
     ----------
     url
-        Its address.
+        Its address; or the path of a file of this machine, which is copied.
     path
         Its place in the object's folder; of an archive its file name.
     size, md5
@@ -29,7 +29,7 @@ class Download:
         None for a plain file. An archive's members lie under this folder in it, ``""`` for none.
     """
 
-    url: str
+    url: str | Path
     path: str
     size: int | None = None
     md5: str | None = None

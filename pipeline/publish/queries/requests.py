@@ -178,7 +178,7 @@ class Exporting:
     Parameters
     ----------
     format
-        what to write
+        nerf, colmap or gltf; for simulators mjcf, urdf, sdf, usd or all; or the format of a plugin
     overwrite
         replace an earlier export
     frame
@@ -218,7 +218,7 @@ class Exporting:
         the object)
     """
 
-    format: Literal["nerf", "colmap", "gltf", "mjcf", "urdf", "sdf", "usd", "all"]
+    format: str
     overwrite: bool = False
     frame: Literal["unit", "object"] = "unit"
     exr: bool = False
