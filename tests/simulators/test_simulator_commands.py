@@ -195,7 +195,7 @@ def test_a_missing_package_is_one_line_and_leaves_nothing(
     monkeypatch.setattr("objectfolder.simulators.collision.find_spec", lambda name: None)
     assert run("export", str(bar), *options, "-o", str(tmp_path / "out")) == 1
     error = capsys.readouterr().err
-    assert f"pip install 'objectfolder-factory[{extra}]'" in error
+    assert f'pip install "objectfolder-factory[{extra}]"' in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
