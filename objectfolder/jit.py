@@ -10,7 +10,7 @@ of the process, unless ``NUMBA_CPU_NAME`` names another.
 """
 
 import gc
-import sys
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -28,6 +28,14 @@ CPU_FEATURES = (
     "+64bit,+avx,+avx2,+bmi,+bmi2,+cmov,+cx16,+f16c,+fma,+fxsr,+lzcnt,+mmx,+movbe,+popcnt,+sahf,"
     "+sse,+sse2,+sse3,+sse4.1,+sse4.2,+ssse3,+xsave"
 )
+
+# CPU seconds on a processor of 2020; a busy machine takes longer.
+ONCE = "about 10 s for each sense, once for this installation"
+EACH_TIME = (
+    "about 10 s for each sense, in every process: neither the folder of this package nor the user's cache "
+    "folder can be written. Set NUMBA_CACHE_DIR to a folder that can be."
+)
+_logger = logging.getLogger(__name__)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -52,26 +60,32 @@ def _compiled(function: Callable[..., Any], flags: frozenset[str]) -> Any:
         return njit(function, cache=True, **options)
     except RuntimeError:
         # Neither this folder nor the user's cache folder can be written: each process compiles anew.
+        _Compiling.cached = False
         return njit(function, **options)
 
 
 class _Compiling(event.Listener):
-    """Says on standard error, once a process, that kernels are compiled; those in the cache load silently.
+    """Logs a warning, once a process, that kernels are compiled; those in the cache load silently.
+
+    Python shows warnings on standard error unless the caller configures logging;
+    ``logging.getLogger("objectfolder.jit").setLevel("ERROR")`` silences this one.
 
     Garbage is not collected meanwhile: numba keeps what it makes, and looking through it is a twentieth of
     the time.
     """
 
-    said, nested, collected = False, 0, False
+    cached = True  # whether numba's cache can be written
+    reported, nested, collected = False, 0, False
 
     def on_start(self, event: event.Event) -> None:
         if self.nested == 0:
             self.collected = gc.isenabled()
             gc.disable()
         self.nested += 1
-        if not self.said and (event.data["dispatcher"].py_func.__module__ or "").startswith("objectfolder."):
-            self.said = True
-            print("objectfolder: compiling kernels, once for this installation", file=sys.stderr)
+        module = event.data["dispatcher"].py_func.__module__ or ""
+        if not self.reported and module.startswith("objectfolder."):
+            self.reported = True
+            _logger.warning("objectfolder: compiling kernels, %s", ONCE if self.cached else EACH_TIME)
 
     def on_end(self, event: event.Event) -> None:
         self.nested -= 1

@@ -10,6 +10,7 @@ import pytest
 from llvmlite.binding import get_host_cpu_features
 
 import objectfolder
+from objectfolder.jit import _Compiling, kernel
 
 PROGRAM = """
 import numpy as np
@@ -53,6 +54,28 @@ def compiled_in_a_new_process(tmp_path, program: str = PROGRAM, **environment: s
 def test_compiling_is_said_once_and_loading_from_the_cache_is_not(tmp_path):
     assert compiled_in_a_new_process(tmp_path)[1].count("compiling kernels") == 1
     assert compiled_in_a_new_process(tmp_path)[1] == ""
+
+
+def test_compiling_is_logged_once_and_without_a_cache_with_the_remedy(caplog, monkeypatch):
+    function = types.SimpleNamespace(py_func=kernel)  # any of this package
+    compilation = types.SimpleNamespace(data={"dispatcher": function})
+    listener = _Compiling()
+    for _ in range(2):
+        listener.on_start(compilation)
+        listener.on_end(compilation)
+    monkeypatch.setattr(_Compiling, "cached", False)
+    uncached = _Compiling()
+    uncached.on_start(compilation)
+    uncached.on_end(compilation)
+    once, each_time = caplog.records
+    assert "once for this installation" in once.getMessage()
+    assert "Set NUMBA_CACHE_DIR" in each_time.getMessage()
+
+
+@pytest.mark.slow
+def test_where_no_cache_can_be_written_the_remedy_is_shown(tmp_path):
+    locators = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}  # finds no folder for a module
+    assert "Set NUMBA_CACHE_DIR" in compiled_in_a_new_process(tmp_path, **locators)[1]
 
 
 @pytest.mark.slow
