@@ -20,7 +20,11 @@ FILLED = {
 def test_a_box_has_the_mass_and_inertia_of_a_box(tmp_path: Path) -> None:
     sides, density = np.array([0.2, 0.1, 0.05]), 750.0
     trimesh.creation.box(sides).export(tmp_path / "box.ply")
-    body = body_of(ingest_object(tmp_path / "box.ply", None, None, "box").attributes, density, FILLED)
+    body = body_of(
+        ingest_object(tmp_path / "box.ply", object_id="box").attributes,
+        density,
+        FILLED,
+    )
     mass = density * sides.prod()
     assert body["mass_kg"] == pytest.approx(mass)
     assert body["filled_mass_kg"] == 0.75
@@ -35,7 +39,11 @@ def test_a_box_has_the_mass_and_inertia_of_a_box(tmp_path: Path) -> None:
 def test_an_open_surface_has_the_mass_of_what_fills_it_and_no_inertia(tmp_path: Path) -> None:
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     trimesh.Trimesh(box.vertices, box.faces[:-1], process=False).export(tmp_path / "open.ply")
-    body = body_of(ingest_object(tmp_path / "open.ply", None, None, "open").attributes, 1000.0, FILLED)
+    body = body_of(
+        ingest_object(tmp_path / "open.ply", object_id="open").attributes,
+        1000.0,
+        FILLED,
+    )
     assert body["mass_kg"] is None
     assert body["inertia_kg_m2"] is None
     assert body["filled_mass_kg"] == 0.75

@@ -2,8 +2,12 @@
 
 import ast
 import importlib
+import inspect
 import re
+from collections.abc import Callable, Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -53,3 +57,55 @@ def test_importing_rooms_loads_nothing_heavy():
     heavy = {"torch", "scipy", "numba", "zarr", "PIL", "bpy", "dask", "mujoco", "gymnasium", "xarray"}
     rooms = ", ".join(f"objectfolder.{room}" for room in ROOMS)
     assert not heavy & loaded_by(f"import {rooms}")
+
+
+# What a unit, or a frame, belongs to the name of.
+BARE = {
+    "duration", "time", "depth", "force", "forces", "impulse", "impulses", "tilt", "azimuth", "roll", "mass",
+    "length", "radius", "distance", "speed", "sample_rate", "field_of_view", "camera_to_world", "light",
+    "light_position", "light_positions", "light_colour", "light_colours", "lamps_m", "lamp_colours",
+    "color", "colors",
+}  # fmt: skip
+
+# The queries of an Object File and their answers have earlier names still.
+LATER = {"objectfolder.audio.ObjectStream", "objectfolder.touch.Touches"}
+
+
+def public_calls() -> Iterator[tuple[str, Callable[..., Any]]]:
+    """Functions of the reference, and how its classes are made and asked."""
+    for path in DOCUMENTED:
+        if path in LATER or path.startswith("objectfolder.object_file."):
+            continue
+        package, _, name = path.rpartition(".")
+        documented = getattr(importlib.import_module(package), name)
+        if inspect.isfunction(documented):
+            yield path, documented
+        elif inspect.isclass(documented):
+            for method, function in inspect.getmembers(documented, inspect.isroutine):
+                own = (getattr(function, "__module__", None) or "").startswith("objectfolder.")
+                if own and (method == "__init__" or not method.startswith("_")):
+                    yield f"{path}.{method}", function
+
+
+def test_public_parameters_state_units_frames_and_lights_in_one_way():
+    calls = dict(public_calls())
+    assert len(calls) > 60
+    for path, function in calls.items():
+        for name in inspect.signature(function).parameters:
+            in_world = path.startswith("objectfolder.live.") and name == "camera_to_world"
+            assert name not in BARE or in_world, f"{path}({name})"
+
+
+def test_public_functions_take_four_arguments_by_position_at_most():
+    by_position = {inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD}
+    for path, function in public_calls():
+        if path.endswith("__init__") and is_record(path.removesuffix(".__init__")):
+            continue
+        names = [p.name for p in inspect.signature(function).parameters.values() if p.kind in by_position]
+        assert len([name for name in names if name != "self"]) <= 4, f"{path}({', '.join(names)})"
+
+
+def is_record(path: str) -> bool:
+    package, _, name = path.rpartition(".")
+    documented = getattr(importlib.import_module(package), name)
+    return is_dataclass(documented) or hasattr(documented, "_fields")

@@ -62,7 +62,7 @@ class ReferenceRenderer:
         pose[:3, 3] = sensor.camera_position_m
         field_of_view = float(np.radians(sensor.field_of_view_deg))
         self._scene.add(pyrender.PerspectiveCamera(yfov=field_of_view, znear=sensor.near_m), pose=pose)
-        for position, color in zip(sensor.light_positions_m, sensor.light_colors, strict=True):
+        for position, color in zip(sensor.light_positions_m, sensor.light_colours, strict=True):
             pose = np.eye(4)
             pose[:3, 3] = position
             self._scene.add(pyrender.PointLight(color=np.array(color), intensity=1.0), pose=pose)
@@ -73,7 +73,7 @@ class ReferenceRenderer:
 
     def _mesh(self, corners: np.ndarray, normals: np.ndarray) -> Any:
         material = self._pyrender.MetallicRoughnessMaterial(
-            baseColorFactor=[self.sensor.base_color] * 3 + [1.0],
+            baseColorFactor=[self.sensor.base_colour] * 3 + [1.0],
             metallicFactor=self.sensor.metallic,
             roughnessFactor=self.sensor.roughness,
         )

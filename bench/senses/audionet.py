@@ -157,7 +157,13 @@ def struck(modes: Product, gains: np.ndarray, rate_hz: float) -> np.ndarray:
     """Sounds (n, samples) of unit impulses along x, y and z in turn on gains (n, 3, modes)."""
     impulses = np.eye(3)[np.arange(len(gains)) % 3]
     amplitudes = np.einsum("nk,nkm->nm", impulses, gains) * modes["radiation_weights"]
-    sounds = mode_bank(modes["eigenvalues"], modes["dampings_per_s"], amplitudes, DURATION_S, rate_hz)
+    sounds = mode_bank(
+        modes["eigenvalues"],
+        modes["dampings_per_s"],
+        amplitudes,
+        duration_s=DURATION_S,
+        sample_rate_hz=rate_hz,
+    )
     return np.asarray(sounds, dtype=np.float64)
 
 

@@ -65,7 +65,12 @@ class Scans:
     def mesh(self, name: str, with_textures: bool = True) -> TexturedMesh:
         """Return an object cleaned, metres."""
         record = self._records[name]
-        product = ingest_object(record.mesh, None, record.length_m, name, with_textures=with_textures)
+        product = ingest_object(
+            record.mesh,
+            length_m=record.length_m,
+            object_id=name,
+            with_textures=with_textures,
+        )
         return textured_mesh_of(product)
 
     def surface(self, name: str) -> Surface:

@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--chair", type=Path, default=default, help="glTF with a map of normals")
     given = parser.parse_args()
     scans, rows = Scans(given.objects), given.folder / "rows"
-    chair = textured_mesh_of(ingest_object(given.chair, None, None, "chair"))
+    chair = textured_mesh_of(ingest_object(given.chair, object_id="chair"))
     plastic = Appearance(scans.material("plastic_monobloc_chair_01").roughness, 0.0)
     steel = Appearance(scans.material(PUNCHED).roughness, scans.material(PUNCHED).metallic)
     mug = scans.mesh(PUNCHED)

@@ -98,7 +98,13 @@ class Contest:
 
     def _spectrogram_network(self) -> dict[str, Any]:
         truth, each = self._truth, np.eye(self._shapes.shape[2])
-        sounds = mode_bank(truth["eigenvalues"], truth["dampings_per_s"], each, DURATION_S, SAMPLE_RATE_HZ)
+        sounds = mode_bank(
+            truth["eigenvalues"],
+            truth["dampings_per_s"],
+            each,
+            duration_s=DURATION_S,
+            sample_rate_hz=SAMPLE_RATE_HZ,
+        )
         net = fit_spectrogram_network(
             self._points,
             self._shapes * truth["radiation_weights"],

@@ -138,8 +138,8 @@ def _true_sounds(reader: ProductReader, rows: np.ndarray, query: Sample, setting
         reader.whole("eigenvalues"),
         reader.whole("dampings_per_s"),
         struck * moved,
-        settings.duration_s,
-        settings.sample_rate_hz,
+        duration_s=settings.duration_s,
+        sample_rate_hz=settings.sample_rate_hz,
         out=np.empty((len(rows), samples_of(settings.duration_s, settings.sample_rate_hz)), np.float32),
     )
     return {"sound": sounds}

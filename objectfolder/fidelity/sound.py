@@ -118,7 +118,13 @@ def true_amplitudes(modes: Product, count: int | None = SOUNDS_COMPARED) -> np.n
 def true_sounds(modes: Product) -> np.ndarray:
     """Return the truth's part (n, samples) of `sound_pairs`."""
     amplitudes = true_amplitudes(modes)
-    sounds = mode_bank(modes["eigenvalues"], modes["dampings_per_s"], amplitudes, DURATION_S, SAMPLE_RATE_HZ)
+    sounds = mode_bank(
+        modes["eigenvalues"],
+        modes["dampings_per_s"],
+        amplitudes,
+        duration_s=DURATION_S,
+        sample_rate_hz=SAMPLE_RATE_HZ,
+    )
     return sounds.astype(np.float32)
 
 
@@ -184,7 +190,7 @@ def strike_differences_db(
         (n,) dB; infinite where the truth alone is silent, NaN where both are.
     """
     units = [
-        mode_bank(*own, np.eye(len(own[0])), DURATION_S, SAMPLE_RATE_HZ)
+        mode_bank(*own, np.eye(len(own[0])), duration_s=DURATION_S, sample_rate_hz=SAMPLE_RATE_HZ)
         for own in zip(eigenvalues, dampings_per_s, strict=True)
     ]
     products = np.concatenate(units) @ np.concatenate(units).T
@@ -204,4 +210,6 @@ def stored_strike(fidelity: Product, which: int, row: int) -> np.ndarray:
     amplitudes = steps[0] * fidelity["strike_truth"][row]
     if which:
         amplitudes = amplitudes + steps[1] * fidelity["strike_difference"][row]
-    return mode_bank(eigenvalues, dampings_per_s, amplitudes, DURATION_S, SAMPLE_RATE_HZ)[0]
+    return mode_bank(
+        eigenvalues, dampings_per_s, amplitudes, duration_s=DURATION_S, sample_rate_hz=SAMPLE_RATE_HZ
+    )[0]

@@ -120,7 +120,13 @@ class PybulletSimulation:
             if mass > 0:
                 centre, axes = self._motions[self._link(body)][:2]
                 point, normal = (touching.point_m - centre) @ axes, touching.normal @ axes
-                mobility += 1 / mass_at_contact(mass, np.diag(moments), np.zeros(3), point, normal)
+                mobility += 1 / mass_at_contact(
+                    mass,
+                    inertia_kg_m2=np.diag(moments),
+                    centre_of_mass_m=np.zeros(3),
+                    point_m=point,
+                    normal=normal,
+                )
         return 1 / mobility if mobility > 0 else np.inf
 
     def _link(self, body: str) -> tuple[int, int]:

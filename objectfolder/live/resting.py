@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
+from objectfolder.renaming import formerly_positional
 
 Floats = NDArray[np.float64]
 # 2 (1 - nu) / (2 - nu) of a Poisson ratio of 0.25 (R. D. Mindlin, J. Appl. Mech. 16, 1949).
@@ -42,8 +43,10 @@ class Rest:
             raise QueryError("rest", f"{self}", "Give numbers that are not negative.")
 
     @classmethod
+    @formerly_positional
     def on_plate(
         cls,
+        *,
         youngs_modulus_pa: float,
         poisson_ratio: float,
         density_kg_m3: float,
@@ -71,4 +74,6 @@ class Rest:
 
 # A table top of 25 mm: the wood of the table of materials (Gao et al. 2022), and the loss factor that its
 # Rayleigh damping, 60 1/s and 2 microseconds, has at 1 kHz.
-WOODEN_TOP = Rest.on_plate(1.1e10, 0.25, 750.0, 0.025, 0.022)
+WOODEN_TOP = Rest.on_plate(
+    youngs_modulus_pa=1.1e10, poisson_ratio=0.25, density_kg_m3=750.0, thickness_m=0.025, loss_factor=0.022
+)

@@ -163,8 +163,8 @@ def _rendered(
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return colour (h, w, 4) and depth (h, w) of a part of a view; all in the object's frame."""
     drawn = file.render(
-        view.camera, None if lamps is None else lamps[None], view.size, view.field_of_view, True, sub_rays,
-        light=around, light_colour=colours, crop=crop, passes=("image", "depth"),
+        view.camera, None if lamps is None else lamps[None], view.size, view.field_of_view_deg, True,
+        sub_rays, light=around, light_colour=colours, crop=crop, passes=("image", "depth"),
     )  # fmt: skip
     return drawn["image"][0], drawn["depth"][0]
 

@@ -1,7 +1,10 @@
 """What lights a scene: lamps in the world, and light from all round."""
 
+import functools
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +12,15 @@ from numpy.typing import NDArray
 from objectfolder.errors import QueryError
 from objectfolder.live.scene_view import inverse_pose, moved_by
 from objectfolder.query_values import real_array
+from objectfolder.renaming import REMOVED_IN
 from objectfolder.vision.environment import Environment, named_map, pixel_directions
+from objectfolder.vision.lamps import Lamps
 
 Floats = NDArray[np.float64]
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+AS_THEY_ARE = (Lamps, Environment, str)  # beside these a list is no array of places
+EARLIER = ("lamps_m", "lamp_colours", "environment")
 # In the world: a key lamp on the left, a weaker one on the right, one above, metres; and their colours.
 LAMPS_M = ((-0.6, -0.8, 1.2), (0.9, -0.6, 0.7), (0.2, 0.4, 1.6))
 LAMP_COLOURS = ((1.0, 0.97, 0.92), (0.3, 0.32, 0.36), (0.3, 0.3, 0.3))
@@ -41,25 +50,27 @@ class SceneLight:
     shares: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
-    def of(cls, lamps_m: Any, lamp_colours: Any, environment: Any) -> "SceneLight":
-        """Return the light of a scene; None everywhere stands for `LAMPS_M`, beside an environment for none.
+    def of(cls, lights: Any = None) -> "SceneLight":
+        """Return the light of a scene, as `LiveSight` takes it.
 
         Raises
         ------
         QueryError
             Lamps or colours of other shapes, another environment than `ObjectFile.render` knows.
         """
-        if lamps_m is None and lamp_colours is None:
-            lamps_m, lamp_colours = (LAMPS_M, LAMP_COLOURS) if environment is None else np.zeros((2, 0, 3))
-        lamps, colours = real_array("lamps_m", lamps_m), real_array("lamp_colours", lamp_colours)
+        given, environment = _parts(lights)
+        lamps = real_array("lights", given.positions_m)
+        colours = np.ones(lamps.shape) if given.colours is None else real_array("lights", given.colours)
         if lamps.ndim != 2 or lamps.shape[1:] != (3,) or colours.shape != lamps.shape:
-            finding = f"{lamps.shape} and {colours.shape}"
-            raise QueryError("lamps_m, lamp_colours", finding, "Give a place and a colour (3,) of each.")
+            finding = f"lamps of shape {lamps.shape} with colours of {colours.shape}"
+            raise QueryError("lights", finding, "Give a place (3,) and a colour (3,) of each.")
         if environment is None:
             return cls(lamps, colours)
-        known = Environment.of(environment)  # or it is refused
-        radiance = named_map(environment) if isinstance(environment, str) else np.asarray(environment, float)
-        rows = len(radiance)
+        known = environment if isinstance(environment, Environment) else Environment.of(environment)
+        rows = int(known.heights[0])
+        radiance = known.texels[: 2 * rows**2].reshape(rows, 2 * rows, 3).astype(np.float64)
+        if isinstance(environment, str):
+            radiance = named_map(environment)
         edges = np.maximum(np.cos(np.pi * np.arange(rows + 1) / rows), 0.0)
         arriving = (edges[:-1] ** 2 - edges[1:] ** 2) / (2 * rows)  # cosine times solid angle, over pi
         above = np.tensordot(arriving, radiance.sum(axis=1), 1)
@@ -73,6 +84,43 @@ class SceneLight:
         radiance = None if self.radiance is None else _turned(self.radiance, pose[:3, :3])
         lamps = moved_by(inverse_pose(pose), self.lamps_m)
         return SceneLight(lamps, self.colours / unit_m**2, radiance, self.above)
+
+
+def _parts(lights: Any) -> tuple[Lamps, Environment | str | None]:
+    """Return the lamps and the environment of what lights a scene."""
+    if lights is None:
+        return Lamps(LAMPS_M, LAMP_COLOURS), None
+    several = isinstance(lights, list | tuple) and any(isinstance(part, AS_THEY_ARE) for part in lights)
+    parts = list(lights) if several else [lights]
+    around = [part for part in parts if isinstance(part, str | Environment)]
+    placed = [part for part in parts if not isinstance(part, str | Environment)]
+    lamps = [part if isinstance(part, Lamps) else Lamps(part) for part in placed]
+    if len(around) > 1 or len(lamps) > 1:
+        finding = f"{len(around)} environments and {len(lamps)} sets of lamps"
+        raise QueryError("lights", finding, "Give one of each at most.")
+    return lamps[0] if lamps else Lamps(np.zeros((0, 3))), around[0] if around else None
+
+
+def earlier_scene_lights(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Let a function that takes `lights` take lamps and an environment as it did before, with a warning."""
+
+    @functools.wraps(function)
+    def call(*arguments: Parameters.args, **keywords: Parameters.kwargs) -> Result:
+        earlier: dict[str, Any] = {name: keywords.pop(name) for name in EARLIER if name in keywords}
+        if not earlier:
+            return function(*arguments, **keywords)
+        message = f"use `lights` in place of {', '.join(earlier)}; the old names go with {REMOVED_IN}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        positions, colours, environment = (earlier.get(name) for name in EARLIER)
+        if positions is None and colours is not None:
+            raise QueryError("lamps_m", "colours without lamps", "Give a place of each.")
+        parts: list[Any] = [] if positions is None else [Lamps(positions, colours)]
+        if environment is not None:
+            parts.append(environment if isinstance(environment, str) else Environment.of(environment))
+        keywords["lights"] = parts or None
+        return function(*arguments, **keywords)
+
+    return call
 
 
 def _turned(radiance: Floats, turn: Floats) -> Floats:

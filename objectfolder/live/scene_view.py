@@ -19,13 +19,13 @@ class View:
 
     camera: Floats
     size: tuple[int, int]
-    field_of_view: float
+    field_of_view_deg: float
 
     @cached_property
     def rays(self) -> Floats:
         """Unit directions (h, w, 3) in the world through the centres of pixels."""
         pixels = np.arange(self.size[0] * self.size[1])
-        _, along = pixel_rays(self.camera, pixels, CENTRE, self.size, self.field_of_view)
+        _, along = pixel_rays(self.camera, pixels, CENTRE, self.size, self.field_of_view_deg)
         return along.reshape(*self.size, 3)
 
     @cached_property
@@ -37,7 +37,7 @@ class View:
         """Return the rays of a part of the image, as `pixel_rays` through offsets (k, 2)."""
         top, left, height, width = crop
         pixels = np.arange(top, top + height)[:, None] * self.size[1] + np.arange(left, left + width)
-        return pixel_rays(self.camera, pixels.ravel(), offsets, self.size, self.field_of_view)
+        return pixel_rays(self.camera, pixels.ravel(), offsets, self.size, self.field_of_view_deg)
 
     def points(self, depth_m: Floats) -> Floats:
         """Return (h, w, 3) what is seen at the centres of pixels, NaN where nothing is."""
@@ -57,7 +57,7 @@ class View:
     def pixel_m(self, centre: Floats) -> float:
         """Return how wide a pixel is where a point (3,) of the world lies."""
         depth_m = abs(float(moved_by(inverse_pose(self.camera), centre)[2]))
-        return depth_m / focal_length_px(self.size, self.field_of_view)
+        return depth_m / focal_length_px(self.size, self.field_of_view_deg)
 
     def crop(self, centre: Floats, radius: float) -> Crop | None:
         """Return the part of the image (top, left, height, width) that a ball may cover; None: no part."""
@@ -65,7 +65,7 @@ class View:
         if -z <= radius:
             return None if -z <= -radius else (0, 0, *self.size)
         # A ball's outline lies within that of the cube around it, whose nearest face is at -z - radius.
-        focal = focal_length_px(self.size, self.field_of_view)
+        focal = focal_length_px(self.size, self.field_of_view_deg)
         sides = np.array([-1, 1])
         corners = np.array([-y, x])[:, None] + sides * radius
         ends = focal * (corners[:, None] / (-z + sides[:, None] * radius)).reshape(2, 4)

@@ -1,25 +1,29 @@
 """What a camera sees of the objects of a simulation, each drawn from its own Object File."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Posed, finite_pose
 from objectfolder.live.lamp_ways import LitPoints
 from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_layers import DrawnObject, Layer, Tabletop, composited
-from objectfolder.live.scene_light import SceneLight
+from objectfolder.live.scene_light import SceneLight, earlier_scene_lights
 from objectfolder.live.scene_view import View, inverse_pose, moved_by
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import real, real_array
+from objectfolder.renaming import renamed_keywords
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, image_size
 from objectfolder.vision.compositing import on_white
+from objectfolder.vision.environment import Environment
+from objectfolder.vision.lamps import Lamps
 from objectfolder.vision.studio import exposure
 
 Floats = NDArray[np.float64]
+SceneLights = ArrayLike | Lamps | Environment | Sequence[ArrayLike | Lamps | Environment]
 # Shadow rays begin this share of their way off the surface.
 OFF = 1e-3
 STILL_PIXELS = 0.1  # that an object may move while a moving image shows it as it was
@@ -57,11 +61,11 @@ class LiveSight:
         Object Files by the names of their bodies.
     matt
         Bodies without a file, by name. No environment lights them.
-    lamps_m, lamp_colours
-        (k, 3) point lamps in the world, and linear factors (k, 3) of the light that a data set's lamp gives
-        at one metre. None: three lamps; none beside an environment.
-    environment
-        Light from all round, as `light` of `ObjectFile.render`, in the frame of the world; or None.
+    lights
+        Positions (k, 3) of point lamps, metres, in the world; or `Lamps`, whose colours (k, 3) are factors of
+        the light that a data set's lamp gives at one metre; or light from all round in the frame of the
+        world, the name of an environment or an `Environment`; or a list of lamps and an environment, whose
+        light adds up. None: three lamps.
     table_m
         Side and height in metres of a matt square table about the z axis; None: there is none.
     shadows
@@ -76,23 +80,22 @@ class LiveSight:
         in one, values out of range.
     """
 
+    @earlier_scene_lights
     def __init__(
         self,
         simulation: Posed,
         files: Mapping[str, ObjectFile],
         *,
         matt: Mapping[str, MattBody] | None = None,
-        lamps_m: Floats | None = None,
-        lamp_colours: Floats | None = None,
-        environment: str | Floats | None = None,
+        lights: SceneLights | None = None,
         table_m: tuple[float, float] | None = (1.0, 0.0),
         shadows: bool = True,
         exposure_factor: float | None = None,
     ) -> None:
         self._simulation, self._files, self._shadows = simulation, dict(files), shadows
         self._drawable: dict[str, ObjectFile | MattBody] = {**files, **(matt or {})}
-        self._light = SceneLight.of(lamps_m, lamp_colours, environment)
-        if matt and environment is not None:
+        self._light = SceneLight.of(lights)
+        if matt and self._light.radiance is not None:
             raise QueryError("matt", "an environment does not light such bodies", "Give lamps alone.")
         self._table = None
         if table_m is not None:
@@ -107,9 +110,10 @@ class LiveSight:
         for name in self._drawable:
             finite_pose(simulation, name)
 
+    @renamed_keywords(field_of_view="field_of_view_deg")
     def image(
         self, camera_to_world: Floats, resolution: int | tuple[int, int] = 256,
-        field_of_view: float = FIELD_OF_VIEW_DEG, sub_rays: int | None = 4,
+        field_of_view_deg: float = FIELD_OF_VIEW_DEG, sub_rays: int | None = 4,
     ) -> SceneImage:  # fmt: skip
         """Draw the scene as it is now.
 
@@ -117,7 +121,7 @@ class LiveSight:
         ----------
         camera_to_world
             (4, 4) pose; the camera looks along -z, +y is up.
-        resolution, field_of_view, sub_rays
+        resolution, field_of_view_deg, sub_rays
             As for `ObjectFile.render`; but 1 is a ray through the centre of each pixel and no more, for
             images that move: edges are jagged.
 
@@ -128,7 +132,7 @@ class LiveSight:
         """
         camera, size = real_array("camera_to_world", camera_to_world), image_size(resolution)
         poses = {name: finite_pose(self._simulation, name) for name in self._drawable}
-        view, table = self._seen_from(camera, size, float(field_of_view))
+        view, table = self._seen_from(camera, size, float(field_of_view_deg))
         drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}
         layers = [self._shaded(name, drawn) for name in drawn]
         if table:
@@ -143,12 +147,12 @@ class LiveSight:
         return SceneImage(on_white(rgba * ([self._exposure] * 3 + [1.0])), depth, body)
 
     def _seen_from(
-        self, camera: Floats, size: tuple[int, int], field_of_view: float
+        self, camera: Floats, size: tuple[int, int], field_of_view_deg: float
     ) -> tuple[View, Tabletop | None]:
         """Return what only the camera decides: of the last four cameras it is known."""
-        key = camera.tobytes(), size, field_of_view
+        key = camera.tobytes(), size, field_of_view_deg
         if key not in self._views:
-            view = View(camera, size, field_of_view)
+            view = View(camera, size, field_of_view_deg)
             table = None if self._table is None else Tabletop.of(*self._table, self._light.lamps_m, view)
             self._views = dict([*self._views.items(), (key, (view, table))][-4:])
         return self._views[key]

@@ -18,16 +18,18 @@ from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
+from objectfolder.renaming import formerly_positional
 from objectfolder.surface.codec import too_large
 from objectfolder.surface.overlap import NOTHING, counted_again
 
 
+@formerly_positional
 def ingest_object(
     mesh_path: Path,
-    texture_path: Path | None,
-    length_m: float | None,
-    object_id: str,
     *,
+    texture_path: Path | None = None,
+    length_m: float | None = None,
+    object_id: str | None = None,
     with_textures: bool = True,
 ) -> Product:
     """Load, clean, scale and measure one object.
@@ -41,7 +43,7 @@ def ingest_object(
     length_m
         Longest side of the bounding box in metres; None takes the file to be in metres.
     object_id
-        Names the object in errors.
+        Names the object in errors; None takes the name of the file without its ending.
     with_textures
         False leaves colours unread, and files that name textures that are missing usable for sound and touch.
 
@@ -64,10 +66,11 @@ def ingest_object(
     Examples
     --------
     >>> from pathlib import Path
-    >>> bar = ingest_object(Path("bar.obj"), None, 0.24, "bar")  # twice as large
+    >>> bar = ingest_object(Path("bar.obj"), length_m=0.24)  # twice as large
     >>> [round(side, 3) for side in bar.attributes["length"]["extents_m"]]
     [0.24, 0.06, 0.016]
     """
+    object_id = mesh_path.stem if object_id is None else object_id
     where = f"{object_id} ({mesh_path})"
     try:
         mesh, report = clean(load_mesh(mesh_path, texture_path, with_textures=with_textures), where)

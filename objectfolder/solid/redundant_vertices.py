@@ -1,9 +1,12 @@
 """A surface without the vertices that say nothing of its shape."""
 
-import manifold3d
 import numpy as np
 
+from objectfolder.extras import needs_extra
 from objectfolder.surface.surface import Surface
+
+with needs_extra("factory"):
+    import manifold3d
 
 TOLERANCE = 1e-6  # of the longest side, by which a surface may move
 

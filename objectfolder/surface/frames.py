@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from objectfolder.renaming import renamed_keywords
+
 
 @dataclass(frozen=True)
 class UnitFrame:
@@ -44,14 +46,16 @@ class UnitFrame:
         """Map (..., 3) points from the unit frame to the object frame."""
         return np.asarray(points, dtype=np.float64) * self.scale + self.centre
 
-    def camera_to_unit(self, camera_to_world: np.ndarray) -> np.ndarray:
+    @renamed_keywords(camera_to_world="camera_to_object")
+    def camera_to_unit(self, camera_to_object: np.ndarray) -> np.ndarray:
         """Map (..., 4, 4) camera poses from the object frame to the unit frame."""
-        result = np.array(camera_to_world, dtype=np.float64)
+        result = np.array(camera_to_object, dtype=np.float64)
         result[..., :3, 3] = self.to_unit(result[..., :3, 3])
         return result
 
-    def camera_to_object(self, camera_to_world: np.ndarray) -> np.ndarray:
+    @renamed_keywords(camera_to_world="camera_to_unit")
+    def camera_to_object(self, camera_to_unit: np.ndarray) -> np.ndarray:
         """Map (..., 4, 4) camera poses from the unit frame to the object frame."""
-        result = np.array(camera_to_world, dtype=np.float64)
+        result = np.array(camera_to_unit, dtype=np.float64)
         result[..., :3, 3] = self.to_object(result[..., :3, 3])
         return result

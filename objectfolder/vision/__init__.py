@@ -7,6 +7,7 @@ from objectfolder.lazy import lazy_names
 if TYPE_CHECKING:
     from objectfolder.vision.cameras import look_at
     from objectfolder.vision.environment import Environment
+    from objectfolder.vision.lamps import Lamps
     from objectfolder.vision.truth.views import simulate_views
 else:
     __getattr__, __dir__ = lazy_names(
@@ -14,8 +15,9 @@ else:
         {
             "cameras": ["look_at"],
             "environment": ["Environment"],
+            "lamps": ["Lamps"],
             "truth.views": ["simulate_views"],
         },
     )
 
-__all__ = ["Environment", "look_at", "simulate_views"]
+__all__ = ["Environment", "Lamps", "look_at", "simulate_views"]

@@ -135,7 +135,7 @@ def sub_ray_offsets(sub_rays: int) -> np.ndarray:
 
 
 def pixel_rays(
-    camera_to_world: np.ndarray,
+    pose: np.ndarray,
     pixels: np.ndarray,
     offsets: np.ndarray,
     resolution: int | tuple[int, int],
@@ -145,8 +145,8 @@ def pixel_rays(
 
     Parameters
     ----------
-    camera_to_world
-        (4, 4) pose.
+    pose
+        (4, 4) of the camera, in any frame.
     pixels
         (n,) flat pixel indices, row * width + column.
     offsets
@@ -155,7 +155,7 @@ def pixel_rays(
     Returns
     -------
     origins, directions
-        (n * k, 3) each, world frame, directions of length 1; the k rays of a pixel are adjacent.
+        (n * k, 3) each, in that frame, directions of length 1; the k rays of a pixel are adjacent.
     """
     height, width = image_size(resolution)
     focal = focal_length_px((height, width), field_of_view_deg)
@@ -164,22 +164,22 @@ def pixel_rays(
     x = (positions[..., 0] - width / 2.0) / focal
     y = (height / 2.0 - positions[..., 1]) / focal
     # Not a matrix product: libraries round that by the number of rays; a crop would differ from its image.
-    right, up, backward = camera_to_world[:3, :3].T
+    right, up, backward = pose[:3, :3].T
     directions = (x[..., None] * right + y[..., None] * up - backward).reshape(-1, 3)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return np.broadcast_to(camera_to_world[:3, 3], directions.shape), directions
+    return np.broadcast_to(pose[:3, 3], directions.shape), directions
 
 
 def project(
     points: np.ndarray,
-    camera_to_world: np.ndarray,
+    pose: np.ndarray,
     resolution: int | tuple[int, int],
     field_of_view_deg: float,
 ) -> np.ndarray:
     """Return the (n, 2) image positions (x, y) in pixels, from the top left corner, of (n, 3) points."""
     height, width = image_size(resolution)
     focal = focal_length_px((height, width), field_of_view_deg)
-    local = (np.asarray(points, dtype=np.float64) - camera_to_world[:3, 3]) @ camera_to_world[:3, :3]
+    local = (np.asarray(points, dtype=np.float64) - pose[:3, 3]) @ pose[:3, :3]
     return np.stack(
         [width / 2.0 - focal * local[:, 0] / local[:, 2], height / 2.0 + focal * local[:, 1] / local[:, 2]],
         axis=1,

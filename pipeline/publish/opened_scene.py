@@ -14,6 +14,7 @@ from objectfolder.live.scene_view import moved_by
 from objectfolder.live.sight import LiveSight
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
+from objectfolder.vision.lamps import Lamps
 
 VIEWED_FROM = np.array([0.15, -1.0, 0.65])  # from the middle of the objects towards the camera
 # Names in a scene's MJCF: its lamps' begin with that; the text that names its environment.
@@ -71,15 +72,13 @@ class OpenedScene:
         QueryError
             Another environment than `ObjectFile.render` knows.
         """
-        lights = [self.model.light(number) for number in range(self.model.nlight)]
-        lamps = [one for one in lights if one.name.startswith(LAMP)]
-        return LiveSight(
-            simulation, self.files,
-            lamps_m=np.array([one.pos for one in lamps]) if lamps else None,
-            lamp_colours=np.array([one.diffuse for one in lamps], np.float64) if lamps else None,
-            environment={one.name: one.data for one in self.spec.texts}.get(ENVIRONMENT),
-            table_m=self.table_m,
-        )  # fmt: skip
+        stated = [self.model.light(number) for number in range(self.model.nlight)]
+        lamps = [light for light in stated if light.name.startswith(LAMP)]
+        lights: list[Lamps | str] = [text.data for text in self.spec.texts if text.name == ENVIRONMENT][-1:]
+        if lamps:
+            places, colours = ([getattr(lamp, key) for lamp in lamps] for key in ("pos", "diffuse"))
+            lights.append(Lamps(np.array(places), np.array(colours, np.float64)))
+        return LiveSight(simulation, self.files, lights=lights or None, table_m=self.table_m)
 
     @property
     def table_m(self) -> tuple[float, float] | None:

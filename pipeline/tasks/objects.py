@@ -10,4 +10,9 @@ from pipeline.dataset.task import Request
 def prepare_object(request: Request) -> Product:
     """Clean, scale and measure one object (see `objectfolder.mesh.ingest.ingest_object`)."""
     texture: Path | None = request.inputs.get("texture")
-    return ingest_object(request.inputs["mesh"], texture, request.record["length_m"], request.object_id)
+    return ingest_object(
+        request.inputs["mesh"],
+        texture_path=texture,
+        length_m=request.record["length_m"],
+        object_id=request.object_id,
+    )

@@ -36,7 +36,7 @@ def ceramic(count: int, highest_hz: float, seed: int = 0) -> tuple[np.ndarray, n
 @given(MODES, st.integers(0, 1000), st.floats(0.001, 0.2))
 def test_it_is_the_sum_of_the_velocities_of_modes(count: int, seed: int, duration: float) -> None:
     eigenvalues, dampings, amplitudes = modes(count, seed)
-    sound = mode_bank(eigenvalues, dampings, amplitudes, duration, RATE)
+    sound = mode_bank(eigenvalues, dampings, amplitudes, duration_s=duration, sample_rate_hz=RATE)
     t = np.arange(round(duration * RATE)) / RATE
     root = np.sqrt(eigenvalues - dampings**2)[:, None]
     c = dampings[:, None]
@@ -53,7 +53,7 @@ def test_the_error_stays_below_1e_10_for_seconds(rate: int, damped: bool) -> Non
     eigenvalues, dampings = ceramic(64, 20000 if rate == 48000 else 19800)
     dampings = dampings * damped
     amplitudes = np.random.default_rng(1).normal(size=64)
-    sound = mode_bank(eigenvalues, dampings, amplitudes, 8.0, rate)[0]
+    sound = mode_bank(eigenvalues, dampings, amplitudes, duration_s=8.0, sample_rate_hz=rate)[0]
     peak = np.abs(sound).max()
     for sample in (0, 1, 63, 591, 1776, 4099, 44100, 123457, 8 * rate - 1):
         truth = sound_at(eigenvalues, dampings, amplitudes, sample, rate)
@@ -87,7 +87,7 @@ def test_critically_damped_and_over_damped_modes(subtests: pytest.Subtests) -> N
         with subtests.test(ratio=ratio):
             omega = 2 * np.pi * 500.0
             eigenvalues, dampings = np.array([omega**2]), np.array([ratio * omega])
-            sound = mode_bank(eigenvalues, dampings, [1.0], 0.02, RATE)[0]
+            sound = mode_bank(eigenvalues, dampings, [1.0], duration_s=0.02, sample_rate_hz=RATE)[0]
             assert np.isfinite(sound).all()
             for sample in (0, 1, 2, 17, 200, 881):
                 truth = sound_at(eigenvalues, dampings, np.ones(1), sample, RATE)
@@ -96,7 +96,9 @@ def test_critically_damped_and_over_damped_modes(subtests: pytest.Subtests) -> N
 
 def test_exactly_critical_damping_is_the_series() -> None:
     omega = 4096.0  # its square is exact
-    sound = mode_bank([omega**2], [omega], [1.0], 0.01, RATE, response="displacement")[0]
+    sound = mode_bank(
+        [omega**2], [omega], [1.0], duration_s=0.01, sample_rate_hz=RATE, response="displacement"
+    )[0]
     t = np.arange(441) / RATE
     np.testing.assert_allclose(sound, t * np.exp(-omega * t), rtol=1e-12, atol=1e-11 * sound.max())
 
@@ -104,14 +106,14 @@ def test_exactly_critical_damping_is_the_series() -> None:
 def test_far_over_damped_modes_lose_nothing_to_cancellation() -> None:
     """c = 1000 omega: what is left after a millisecond is 1e-7 of the start and right to 12 digits."""
     eigenvalues, dampings = np.array([1e6]), np.array([1e6])
-    sound = mode_bank(eigenvalues, dampings, [1.0], 0.01, RATE)[0]
+    sound = mode_bank(eigenvalues, dampings, [1.0], duration_s=0.01, sample_rate_hz=RATE)[0]
     truth = sound_at(eigenvalues, dampings, np.ones(1), 44, RATE)
     assert abs(truth) < 1e-6
     assert abs(sound[44] / truth - 1) < 1e-12
 
 
 def test_a_material_without_damping_rings_for_ever() -> None:
-    sound = mode_bank([(2 * np.pi * 440) ** 2], [0.0], [1.0], 20, 8000)[0]
+    sound = mode_bank([(2 * np.pi * 440) ** 2], [0.0], [1.0], duration_s=20, sample_rate_hz=8000)[0]
     t = np.arange(len(sound)) / 8000
     np.testing.assert_allclose(sound, np.cos(2 * np.pi * 440 * t), atol=1e-10)
 
@@ -122,7 +124,7 @@ def test_beta_of_1e_4_over_damps_what_is_above_3_khz() -> None:
     over = dampings**2 > eigenvalues
     assert 0 < over.sum() < 40
     amplitudes = np.random.default_rng(2).normal(size=40)
-    sound = mode_bank(eigenvalues, dampings, amplitudes, 0.05, RATE)[0]
+    sound = mode_bank(eigenvalues, dampings, amplitudes, duration_s=0.05, sample_rate_hz=RATE)[0]
     for sample in (0, 1, 7, 100, 2204):
         truth = sound_at(eigenvalues, dampings, amplitudes, sample, RATE)
         assert abs(sound[sample] - truth) < 1e-10
@@ -133,7 +135,9 @@ def test_displacement_velocity_and_acceleration_are_derivatives_of_one_another()
     dampings = np.array([40.0, 900.0, 5e3])
     rate = 4e6
     motion = {
-        response: mode_bank(eigenvalues, dampings, [1.0, -0.4, 0.3], 2e-3, rate, response=response)[0]
+        response: mode_bank(
+            eigenvalues, dampings, [1.0, -0.4, 0.3], duration_s=2e-3, sample_rate_hz=rate, response=response
+        )[0]
         for response in ("displacement", "velocity", "acceleration")
     }
     for lower, upper in (("displacement", "velocity"), ("velocity", "acceleration")):
@@ -145,8 +149,15 @@ def test_displacement_velocity_and_acceleration_are_derivatives_of_one_another()
 @given(MODES, st.integers(0, 1000), st.floats(-100, 100), st.floats(-100, 100))
 def test_it_is_linear_in_the_force_to_1e_12(count: int, seed: int, a: float, b: float) -> None:
     eigenvalues, dampings, amplitudes = modes(count, seed)
-    mixed = mode_bank(eigenvalues, dampings, a * amplitudes[0] + b * amplitudes[1], 0.05, RATE, pulse_s=3e-4)
-    apart = mode_bank(eigenvalues, dampings, amplitudes, 0.05, RATE, pulse_s=3e-4)
+    mixed = mode_bank(
+        eigenvalues,
+        dampings,
+        a * amplitudes[0] + b * amplitudes[1],
+        duration_s=0.05,
+        sample_rate_hz=RATE,
+        pulse_s=3e-4,
+    )
+    apart = mode_bank(eigenvalues, dampings, amplitudes, duration_s=0.05, sample_rate_hz=RATE, pulse_s=3e-4)
     size = np.abs(a * amplitudes[0]).sum() + np.abs(b * amplitudes[1]).sum()
     # Numbers below the smallest normal one have fewer digits.
     atol = max(1e-12 * size, np.finfo(float).tiny)
@@ -159,20 +170,26 @@ def test_a_contact_sounds_alone_as_in_a_batch(
     count: int, seed: int, pulse: float | tuple[float, ...] | None, samples: int
 ) -> None:
     eigenvalues, dampings, amplitudes = modes(count, seed, 7000)
-    together = mode_bank(eigenvalues, dampings, amplitudes, samples / 16000, 16000, pulse_s=pulse)
+    together = mode_bank(
+        eigenvalues, dampings, amplitudes, duration_s=samples / 16000, sample_rate_hz=16000, pulse_s=pulse
+    )
     for index, amplitude in enumerate(amplitudes):
         own = pulse[index] if isinstance(pulse, tuple) else pulse
-        alone = mode_bank(eigenvalues, dampings, amplitude, samples / 16000, 16000, pulse_s=own)
+        alone = mode_bank(
+            eigenvalues, dampings, amplitude, duration_s=samples / 16000, sample_rate_hz=16000, pulse_s=own
+        )
         assert_equal_but_for_rounding(alone[0], together[index])
 
 
 def test_no_force_and_no_mode_are_silence() -> None:
     for pulse in (None, 1e-3):
-        assert not mode_bank([1e7, 1e8], [1.0, 2e4], [[0.0, 0.0]], 0.1, RATE, pulse_s=pulse).any()
-        silent = mode_bank([], [], np.zeros((2, 0)), 0.1, RATE, pulse_s=pulse)
+        assert not mode_bank(
+            [1e7, 1e8], [1.0, 2e4], [[0.0, 0.0]], duration_s=0.1, sample_rate_hz=RATE, pulse_s=pulse
+        ).any()
+        silent = mode_bank([], [], np.zeros((2, 0)), duration_s=0.1, sample_rate_hz=RATE, pulse_s=pulse)
         assert silent.shape == (2, 4410)
         assert not silent.any()
-    assert mode_bank([1e7], [1.0], np.zeros((0, 1)), 0.1, RATE).shape == (0, 4410)
+    assert mode_bank([1e7], [1.0], np.zeros((0, 1)), duration_s=0.1, sample_rate_hz=RATE).shape == (0, 4410)
 
 
 def test_a_force_along_a_nodal_line_is_silence() -> None:
@@ -180,16 +197,16 @@ def test_a_force_along_a_nodal_line_is_silence() -> None:
     gains = np.array([[0.0, 3.0], [2.0, 0.0], [1.0, -1.0]])  # axes by modes
     eigenvalues = [(2 * np.pi * 700) ** 2, (2 * np.pi * 1900) ** 2]
     nodal = np.array([1.0, 0.0, 0.0]) @ gains
-    sound = mode_bank(eigenvalues, [3.0, 9.0], nodal, 0.1, RATE)
-    alone = mode_bank(eigenvalues[1:], [9.0], nodal[1:], 0.1, RATE)
+    sound = mode_bank(eigenvalues, [3.0, 9.0], nodal, duration_s=0.1, sample_rate_hz=RATE)
+    alone = mode_bank(eigenvalues[1:], [9.0], nodal[1:], duration_s=0.1, sample_rate_hz=RATE)
     np.testing.assert_allclose(sound, alone, atol=1e-13)
-    assert not mode_bank(eigenvalues[:1], [3.0], nodal[:1], 0.1, RATE).any()
+    assert not mode_bank(eigenvalues[:1], [3.0], nodal[:1], duration_s=0.1, sample_rate_hz=RATE).any()
 
 
 def test_what_would_alias_is_left_out_by_its_damped_frequency() -> None:
     def heard(frequency: float, rate: float, damping: float = 0.0) -> bool:
         square = (2 * np.pi * frequency) ** 2
-        return bool(mode_bank([square], [damping], [1.0], 0.1, rate)[0].any())
+        return bool(mode_bank([square], [damping], [1.0], duration_s=0.1, sample_rate_hz=rate)[0].any())
 
     assert not heard(23000.0, 44100)
     assert not heard(7300.0, 16000)
@@ -208,8 +225,18 @@ def test_what_is_dropped_stays_within_its_bound(seed: int, floor_db: float, puls
     eigenvalues = (2 * np.pi * random.uniform(50, 19000, 20)) ** 2
     dampings = np.sqrt(eigenvalues) * 10 ** random.uniform(-4, 1, 20)
     amplitudes = random.normal(size=20)
-    whole = mode_bank(eigenvalues, dampings, amplitudes, 0.4, RATE, floor_db=-600, pulse_s=pulse)
-    cut = mode_bank(eigenvalues, dampings, amplitudes, 0.4, RATE, floor_db=floor_db, pulse_s=pulse)
+    whole = mode_bank(
+        eigenvalues, dampings, amplitudes, duration_s=0.4, sample_rate_hz=RATE, floor_db=-600, pulse_s=pulse
+    )
+    cut = mode_bank(
+        eigenvalues,
+        dampings,
+        amplitudes,
+        duration_s=0.4,
+        sample_rate_hz=RATE,
+        floor_db=floor_db,
+        pulse_s=pulse,
+    )
     bound = 4 * 10 ** (floor_db / 20) * np.abs(amplitudes).sum() + 1e-13
     assert np.abs(whole - cut).max() <= bound
 
@@ -227,10 +254,18 @@ def test_most_work_is_saved_once_high_modes_have_died() -> None:
 
 def test_a_delay_moves_the_sound_by_any_part_of_a_sample() -> None:
     eigenvalues, dampings, amplitudes = modes(6, 5, 3000)
-    fine = mode_bank(eigenvalues, dampings, amplitudes, 0.02, 8 * 12000, pulse_s=4e-4)
+    fine = mode_bank(
+        eigenvalues, dampings, amplitudes, duration_s=0.02, sample_rate_hz=8 * 12000, pulse_s=4e-4
+    )
     for eighth in range(8):
         late = mode_bank(
-            eigenvalues, dampings, amplitudes, 0.01, 12000, pulse_s=4e-4, delay_s=(16 + eighth) / 96000
+            eigenvalues,
+            dampings,
+            amplitudes,
+            duration_s=0.01,
+            sample_rate_hz=12000,
+            pulse_s=4e-4,
+            delay_s=(16 + eighth) / 96000,
         )
         first = 2 + (eighth > 0)
         assert not late[:, :first].any()
@@ -240,10 +275,12 @@ def test_a_delay_moves_the_sound_by_any_part_of_a_sample() -> None:
 
 def test_a_sound_shorter_than_its_pulse_or_delay() -> None:
     eigenvalues, dampings, amplitudes = modes(3, 6, 5000)
-    long = mode_bank(eigenvalues, dampings, amplitudes, 0.02, RATE, pulse_s=0.01)
-    short = mode_bank(eigenvalues, dampings, amplitudes, 0.002, RATE, pulse_s=0.01)
+    long = mode_bank(eigenvalues, dampings, amplitudes, duration_s=0.02, sample_rate_hz=RATE, pulse_s=0.01)
+    short = mode_bank(eigenvalues, dampings, amplitudes, duration_s=0.002, sample_rate_hz=RATE, pulse_s=0.01)
     np.testing.assert_allclose(short, long[:, : short.shape[1]], atol=1e-12)
-    assert not mode_bank(eigenvalues, dampings, amplitudes, 0.002, RATE, delay_s=1.0).any()
+    assert not mode_bank(
+        eigenvalues, dampings, amplitudes, duration_s=0.002, sample_rate_hz=RATE, delay_s=1.0
+    ).any()
 
 
 def test_one_million_contacts_in_bounded_memory(tmp_path: Path) -> None:
@@ -255,14 +292,18 @@ def test_one_million_contacts_in_bounded_memory(tmp_path: Path) -> None:
     eigenvalues, dampings = ceramic(8, 18000)
     tracemalloc.start()
     try:
-        sound = mode_bank(eigenvalues, dampings, amplitudes, samples / RATE, RATE, out=out)
+        sound = mode_bank(
+            eigenvalues, dampings, amplitudes, duration_s=samples / RATE, sample_rate_hz=RATE, out=out
+        )
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     assert sound is out
     assert peak < 120e6
     for contact in (0, 131_072, 999_999):
-        alone = mode_bank(eigenvalues, dampings, amplitudes[contact], samples / RATE, RATE)
+        alone = mode_bank(
+            eigenvalues, dampings, amplitudes[contact], duration_s=samples / RATE, sample_rate_hz=RATE
+        )
         assert_equal_but_for_rounding(alone[0].astype(np.float32), out[contact])
 
 
@@ -324,8 +365,8 @@ def test_no_magnitude_overflows(
         eigenvalues,
         dampings,
         np.ones(len(exponents)),
-        max(samples, 0.3) / rate,
-        rate,
+        duration_s=max(samples, 0.3) / rate,
+        sample_rate_hz=rate,
         response=response,
         pulse_s=None if pulse is None else 10.0**pulse / rate,
     )

@@ -122,8 +122,12 @@ def test_the_mass_at_a_contact_is_impulse_over_the_velocity_it_gives_that_point(
     spin = np.linalg.solve(inertia, np.cross(point - centre, impulse))
     velocity = impulse / mass + np.cross(spin, point - centre)
     expected = 0.02 / (velocity @ normal)
-    assert mass_at_contact(mass, inertia, centre, point, 3 * normal) == pytest.approx(expected, rel=1e-12)
-    assert mass_at_contact(mass, inertia, centre, centre + 0.1 * normal, normal) == pytest.approx(mass)
+    assert mass_at_contact(
+        mass, inertia_kg_m2=inertia, centre_of_mass_m=centre, point_m=point, normal=3 * normal
+    ) == pytest.approx(expected, rel=1e-12)
+    assert mass_at_contact(
+        mass, inertia_kg_m2=inertia, centre_of_mass_m=centre, point_m=centre + 0.1 * normal, normal=normal
+    ) == pytest.approx(mass)
     assert expected < mass
 
 

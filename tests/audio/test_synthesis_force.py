@@ -66,7 +66,13 @@ def test_a_half_sine_is_what_runge_kutta_finds(ratio: float, pulse_s: float) -> 
     truth = integrated(OMEGA**2, damping, force, samples / rate, times, [pulse_s])
     for row, response in enumerate(("displacement", "velocity")):
         sound = mode_bank(
-            [OMEGA**2], [damping], [1.0], samples / rate, rate, response=response, pulse_s=pulse_s
+            [OMEGA**2],
+            [damping],
+            [1.0],
+            duration_s=samples / rate,
+            sample_rate_hz=rate,
+            response=response,
+            pulse_s=pulse_s,
         )
         np.testing.assert_allclose(sound[0], truth[row], atol=2e-11 * np.abs(truth[row]).max(), rtol=0)
 
@@ -85,7 +91,9 @@ def test_a_mode_in_resonance_with_its_pulse_has_no_small_denominator(detuning: f
 
     times = np.arange(60) / RATE
     truth = integrated(root**2 + damping**2, damping, force, 60 / RATE, times, [pulse_s])
-    sound = mode_bank([root**2 + damping**2], [damping], [1.0], 60 / RATE, RATE, pulse_s=pulse_s)[0]
+    sound = mode_bank(
+        [root**2 + damping**2], [damping], [1.0], duration_s=60 / RATE, sample_rate_hz=RATE, pulse_s=pulse_s
+    )[0]
     np.testing.assert_allclose(sound, truth[1], atol=1e-11, rtol=0)
     if detuning == damping == 0:
         during = times <= pulse_s
@@ -95,15 +103,19 @@ def test_a_mode_in_resonance_with_its_pulse_has_no_small_denominator(detuning: f
 
 def test_a_short_pulse_becomes_the_impulse() -> None:
     eigenvalues, dampings = [OMEGA**2, (9 * OMEGA) ** 2], [30.0, 300.0]
-    ideal = mode_bank(eigenvalues, dampings, [1.0, 0.5], 0.05, RATE)[0, 1:]
+    ideal = mode_bank(eigenvalues, dampings, [1.0, 0.5], duration_s=0.05, sample_rate_hz=RATE)[0, 1:]
     for pulse_s, reach in ((1e-6, 0.1), (1e-8, 1e-3), (1e-10, 1e-5)):
-        pulsed = mode_bank(eigenvalues, dampings, [1.0, 0.5], 0.05, RATE, pulse_s=pulse_s)[0, 1:]
+        pulsed = mode_bank(
+            eigenvalues, dampings, [1.0, 0.5], duration_s=0.05, sample_rate_hz=RATE, pulse_s=pulse_s
+        )[0, 1:]
         assert np.abs(pulsed - ideal).max() < reach
 
 
 def test_a_long_pulse_leaves_high_modes_at_rest() -> None:
     def loudest(pulse_s: float) -> float:
-        sound = mode_bank([(2 * np.pi * 8000) ** 2], [20.0], [1.0], 0.02, RATE, pulse_s=pulse_s)[0]
+        sound = mode_bank(
+            [(2 * np.pi * 8000) ** 2], [20.0], [1.0], duration_s=0.02, sample_rate_hz=RATE, pulse_s=pulse_s
+        )[0]
         return float(np.abs(sound[600:]).max())
 
     assert loudest(5e-5) > 0.5
@@ -140,7 +152,13 @@ def test_sampled_forces_are_what_stepping_the_matrix_exponential_finds(ratio: fl
     truth = foh_truth(omega**2, ratio * omega, force, 500, RATE)
     for row, response in enumerate(("displacement", "velocity")):
         sound = driven_bank(
-            [omega**2], [ratio * omega], [[1.0]], force[:, None], 500 / RATE, RATE, response=response
+            [omega**2],
+            [ratio * omega],
+            [[1.0]],
+            force[:, None],
+            duration_s=500 / RATE,
+            sample_rate_hz=RATE,
+            response=response,
         )
         np.testing.assert_allclose(sound[0], truth[:, row], atol=2e-11 * np.abs(truth[:, row]).max(), rtol=0)
 
@@ -151,7 +169,7 @@ def test_any_length_of_force_and_of_sound(force_samples: int, samples: int, seed
     random = np.random.default_rng(seed)
     omega, damping = random.uniform(100, 1e5, 2), random.uniform(0, 3e4, 2)
     gains, force = random.normal(size=(3, 2)), random.normal(size=(force_samples, 3))
-    sound = driven_bank(omega**2, damping, gains, force, samples / RATE, RATE)[0]
+    sound = driven_bank(omega**2, damping, gains, force, duration_s=samples / RATE, sample_rate_hz=RATE)[0]
     truth = np.zeros(samples)
     for mode in range(2):
         if omega[mode] ** 2 - damping[mode] ** 2 <= (0.45 * RATE * 2 * np.pi) ** 2:
@@ -165,8 +183,10 @@ def test_a_sampled_half_sine_converges_to_the_closed_form() -> None:
     for rate in (48000, 96000, 192000):
         times = np.arange(round(pulse_s * rate) + 1) / rate
         force = np.pi / (2 * pulse_s) * np.sin(np.pi * times / pulse_s)
-        sampled = driven_bank([OMEGA**2], [50.0], [[1.0]], force[:, None], 0.01, rate)[0]
-        exact = mode_bank([OMEGA**2], [50.0], [1.0], 0.01, rate, pulse_s=pulse_s)[0]
+        sampled = driven_bank(
+            [OMEGA**2], [50.0], [[1.0]], force[:, None], duration_s=0.01, sample_rate_hz=rate
+        )[0]
+        exact = mode_bank([OMEGA**2], [50.0], [1.0], duration_s=0.01, sample_rate_hz=rate, pulse_s=pulse_s)[0]
         errors.append(np.abs(sampled - exact).max())
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
@@ -179,7 +199,7 @@ def test_it_is_linear_in_the_forces_to_1e_12(seed: int, a: float, b: float) -> N
     eigenvalues, dampings = random.uniform(100, 1e5, 5) ** 2, random.uniform(0, 1e4, 5)
     gains, one, two = random.normal(size=(3, 5)), random.normal(size=(200, 3)), random.normal(size=(200, 3))
     sounds = [
-        driven_bank(eigenvalues, dampings, gains, force, 0.01, RATE)[0]
+        driven_bank(eigenvalues, dampings, gains, force, duration_s=0.01, sample_rate_hz=RATE)[0]
         for force in (one, two, a * one + b * two)
     ]
     size = abs(a) * np.abs(sounds[0]).max() + abs(b) * np.abs(sounds[1]).max()
@@ -191,19 +211,29 @@ def test_contacts_of_a_batch_do_not_depend_on_one_another_and_zero_is_zero() -> 
     eigenvalues, dampings = random.uniform(100, 1e5, 7) ** 2, random.uniform(0, 1e4, 7)
     gains, forces = random.normal(size=(3, 3, 7)), random.normal(size=(3, 150, 3))
     forces[1] = 0
-    together = driven_bank(eigenvalues, dampings, gains, forces, 0.02, RATE, delay_samples=9)
+    together = driven_bank(
+        eigenvalues, dampings, gains, forces, duration_s=0.02, sample_rate_hz=RATE, delay_samples=9
+    )
     assert not together[1].any()
     assert not together[:, :9].any()
     for index in range(3):
-        alone = driven_bank(eigenvalues, dampings, gains[index], forces[index], 0.02, RATE, delay_samples=9)
+        alone = driven_bank(
+            eigenvalues,
+            dampings,
+            gains[index],
+            forces[index],
+            duration_s=0.02,
+            sample_rate_hz=RATE,
+            delay_samples=9,
+        )
         assert_equal_but_for_rounding(alone[0], together[index])
 
 
 def test_impossible_forces_are_refused(subtests: pytest.Subtests) -> None:
     for change in [
-        {"forces": np.full((4, 3), np.nan)},
+        {"forces_n": np.full((4, 3), np.nan)},
         {"gains": np.full((3, 2), np.inf)},
-        {"forces": np.zeros((4, 2))},
+        {"forces_n": np.zeros((4, 2))},
         {"gains": np.zeros((3, 3))},
         {"delay_samples": -1},
     ]:
@@ -212,7 +242,7 @@ def test_impossible_forces_are_refused(subtests: pytest.Subtests) -> None:
                 "eigenvalues": [1e7, 2e7],
                 "dampings_per_s": [1.0, 1.0],
                 "gains": np.ones((3, 2)),
-                "forces": np.ones((4, 3)),
+                "forces_n": np.ones((4, 3)),
                 "duration_s": 0.01,
                 "sample_rate_hz": RATE,
             } | change
@@ -230,4 +260,8 @@ def test_no_magnitude_overflows(exponents: list[tuple[float, float]], rate: floa
     """Warnings of overflow are errors here."""
     eigenvalues, dampings = 10.0 ** np.array(exponents).T
     gains, rate = np.ones((1, len(exponents))), 10.0**rate
-    assert np.isfinite(driven_bank(eigenvalues, dampings, gains, np.ones((7, 1)), samples / rate, rate)).all()
+    assert np.isfinite(
+        driven_bank(
+            eigenvalues, dampings, gains, np.ones((7, 1)), duration_s=samples / rate, sample_rate_hz=rate
+        )
+    ).all()

@@ -49,7 +49,15 @@ def test_blocks_of_any_size_are_the_offline_sound_to_1e_10(sizes: list[int], see
     ]
     streamed = blocks_of(Voices.of_modes(eigenvalues, dampings, RATE), sizes, samples, events)
     offline = sum(
-        mode_bank(eigenvalues, dampings, a, samples / RATE, RATE, pulse_s=pulse, delay_s=at / RATE)[0]
+        mode_bank(
+            eigenvalues,
+            dampings,
+            a,
+            duration_s=samples / RATE,
+            sample_rate_hz=RATE,
+            pulse_s=pulse,
+            delay_s=at / RATE,
+        )[0]
         for at, a, pulse in events
     )
     np.testing.assert_allclose(streamed, offline, atol=1e-10 * np.abs(amplitudes).sum(), rtol=0)
@@ -60,7 +68,9 @@ def test_seconds_of_blocks_keep_the_phase_of_undamped_modes() -> None:
     voices = Voices.of_modes(eigenvalues, np.zeros(3), RATE)
     voices.strike(np.ones(3))
     streamed = np.concatenate([voices.block(128) for _ in range(4000)])
-    offline = mode_bank(eigenvalues, np.zeros(3), np.ones(3), 4000 * 128 / RATE, RATE)[0]
+    offline = mode_bank(
+        eigenvalues, np.zeros(3), np.ones(3), duration_s=4000 * 128 / RATE, sample_rate_hz=RATE
+    )[0]
     np.testing.assert_allclose(streamed, offline, atol=1e-9, rtol=0)
 
 
@@ -81,7 +91,9 @@ def test_sampled_forces_stream_as_they_sound_offline() -> None:
     voices = Voices.of_modes(eigenvalues, dampings, RATE)
     voices.push(gains, force, at=55)
     streamed = np.concatenate([voices.block(90) for _ in range(40)])
-    offline = driven_bank(eigenvalues, dampings, gains, force, 3600 / RATE, RATE, delay_samples=55)[0]
+    offline = driven_bank(
+        eigenvalues, dampings, gains, force, duration_s=3600 / RATE, sample_rate_hz=RATE, delay_samples=55
+    )[0]
     np.testing.assert_allclose(streamed, offline, atol=1e-10 * np.abs(offline).max(), rtol=0)
 
 
@@ -91,7 +103,13 @@ def test_output_weights_and_response_are_those_of_the_bank() -> None:
     voices = Voices.of_modes(eigenvalues, dampings, RATE, response="displacement", output_weights=weights)
     voices.strike(amplitudes, pulse_s=1e-3)
     offline = mode_bank(
-        eigenvalues, dampings, weights * amplitudes, 0.02, RATE, response="displacement", pulse_s=1e-3
+        eigenvalues,
+        dampings,
+        weights * amplitudes,
+        duration_s=0.02,
+        sample_rate_hz=RATE,
+        response="displacement",
+        pulse_s=1e-3,
     )[0]
     np.testing.assert_allclose(voices.block(882), offline, atol=1e-10 * np.abs(offline).max(), rtol=0)
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from objectfolder.audio.synthesis import write_wav
+from objectfolder.audio.synthesis.sound import Sound
 from objectfolder.errors import QueryError
 
 
@@ -19,7 +20,7 @@ def test_what_is_written_is_read_with_its_true_values(
 ) -> None:
     path = tmp_path_factory.mktemp("wav") / "sound.wav"
     sound = 30 * np.random.default_rng(samples).normal(size=(channels, samples))
-    write_wav(path, sound, rate, gain=gain)
+    write_wav(path, sound, sample_rate_hz=rate, gain=gain)
     if samples == 0:
         assert path.stat().st_size == 58
         return
@@ -30,21 +31,27 @@ def test_what_is_written_is_read_with_its_true_values(
 
 
 def test_one_channel_may_be_flat(tmp_path: Path) -> None:
-    assert write_wav(tmp_path / "a.wav", [0.0, 2.5, -7.0], 8000, gain=1) == 1
+    assert write_wav(tmp_path / "a.wav", [0.0, 2.5, -7.0], sample_rate_hz=8000, gain=1) == 1
     np.testing.assert_array_equal(wavfile.read(tmp_path / "a.wav")[1], np.float32([0.0, 2.5, -7.0]))
 
 
 @pytest.mark.parametrize("peak", [1e-9, 0.3, 213.0])
 def test_by_default_a_sound_peaks_three_decibels_below_full_scale(tmp_path: Path, peak: float) -> None:
     sound = peak * np.array([[0.5, -1.0], [0.25, 0.0]])
-    gain = write_wav(tmp_path / "a.wav", sound, 8000)
+    gain = write_wav(tmp_path / "a.wav", sound, sample_rate_hz=8000)
     found = wavfile.read(tmp_path / "a.wav")[1]
     assert 20 * np.log10(np.abs(found).max()) == pytest.approx(-3, abs=1e-6)
     np.testing.assert_allclose(found.T, gain * sound, rtol=1e-6)
 
 
+def test_a_sound_brings_its_own_rate(tmp_path: Path) -> None:
+    write_wav(tmp_path / "a.wav", Sound.of(np.ones(4), 8000.0))
+    write_wav(tmp_path / "b.wav", np.ones(4))
+    assert [wavfile.read(tmp_path / name)[0] for name in ("a.wav", "b.wav")] == [8000, 44100]
+
+
 def test_silence_stays_silence(tmp_path: Path) -> None:
-    assert write_wav(tmp_path / "a.wav", np.zeros(8), 8000) == 1
+    assert write_wav(tmp_path / "a.wav", np.zeros(8), sample_rate_hz=8000) == 1
     np.testing.assert_array_equal(wavfile.read(tmp_path / "a.wav")[1], np.zeros(8, np.float32))
 
 
@@ -62,5 +69,5 @@ def test_what_wav_cannot_hold_is_refused_and_leaves_nothing(
     ]:
         with subtests.test(sound=sound):
             with pytest.raises(QueryError):
-                write_wav(tmp_path / "a.wav", sound, rate, gain=gain)
+                write_wav(tmp_path / "a.wav", sound, sample_rate_hz=rate, gain=gain)
             assert not list(tmp_path.iterdir())

@@ -29,7 +29,7 @@ def test_differences_are_those_of_the_sounds() -> None:
     truth = np.random.default_rng(0).normal(size=(5, 3))
     amplitudes = np.stack([truth, truth + 0.03 * np.random.default_rng(1).normal(size=(5, 3))])
     sounds = [
-        mode_bank(*own, DURATION_S, SAMPLE_RATE_HZ)
+        mode_bank(*own, duration_s=DURATION_S, sample_rate_hz=SAMPLE_RATE_HZ)
         for own in zip(EIGENVALUES, DAMPINGS_PER_S, amplitudes, strict=True)
     ]
     wanted = [gain_error_db(*pair) for pair in zip(*sounds, strict=True)]
@@ -57,7 +57,7 @@ def test_every_held_out_strike_is_stored_as_it_sounds(small_file: Path, modes: P
     points, impulses = struck(modes, None)
     assert len(points) == modes["held_out"].sum() == len(stored["strike_truth"])
     solved = modes["eigenvalues"], modes["dampings_per_s"], true_amplitudes(modes, None)
-    truths = mode_bank(*solved, DURATION_S, SAMPLE_RATE_HZ)
+    truths = mode_bank(*solved, duration_s=DURATION_S, sample_rate_hz=SAMPLE_RATE_HZ)
     answers = file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ, observed=RMS)
     for row, (truth, answer) in enumerate(zip(truths, answers, strict=True)):
         found = [stored_strike(stored, which, row) for which in (0, 1)]

@@ -151,7 +151,10 @@ def test_the_ground_damps_as_a_spring_on_a_plate_at_the_foot(mug):
 
 def test_a_wide_plate_carries_as_the_books_say_and_a_lossless_contact_on_rock_damps_nothing():
     """Steel of 10 mm: Z = 8 (B m)^(1/2) with c_L = 5200 m/s is 2.3 c_L rho h^2 (Cremer and Heckl)."""
-    plate = Rest.on_plate(7800 * 5200**2 * (1 - 0.28**2), 0.28, 7800.0, 0.01, 0.0)
+    plate = Rest.on_plate(
+        youngs_modulus_pa=7800 * 5200**2 * (1 - 0.28**2), poisson_ratio=0.28, density_kg_m3=7800.0,
+        thickness_m=0.01, loss_factor=0.0,
+    )  # fmt: skip
     assert plate.impedance_n_s_m == pytest.approx(2.3 * 5200 * 7800 * 0.01**2, rel=0.01)
     angular = np.array([1e3, 1e5])
     assert not np.any(Rest(np.inf, 0.0).resistance_n_s_m(angular, 1e6))

@@ -12,7 +12,8 @@ from objectfolder.live.scene_layers import TABLE_ALBEDO
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at, pixel_rays
 from objectfolder.vision.compositing import on_white, srgb_decode, srgb_encode
-from objectfolder.vision.environment import named_map, pixel_directions
+from objectfolder.vision.environment import Environment, named_map, pixel_directions
+from objectfolder.vision.lamps import Lamps
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 CAMERA = look_at(np.array([[0.1, -0.45, 0.35]]), np.array([[0.0, 0.0, 0.03]]))[0]
@@ -83,7 +84,7 @@ def test_the_nearest_body_is_seen(files, still):
 def test_one_object_alone_is_its_own_image(files, still):
     lamp, colour = np.array([[0.4, -0.6, 0.8]]), np.array([[2.0, 1.0, 0.5]])
     sight = LiveSight(
-        still, {"cup": files["cup"]}, lamps_m=lamp, lamp_colours=colour, table_m=None, exposure_factor=1.0
+        still, {"cup": files["cup"]}, lights=Lamps(lamp, colour), table_m=None, exposure_factor=1.0
     )
     back = np.linalg.inv(still.pose("cup"))
     # Light falls with the square of metres in the scene, of its own unit in an Object File.
@@ -99,8 +100,7 @@ def test_one_object_alone_is_its_own_image(files, still):
 def test_a_table_is_lit_by_the_law_of_squares_where_no_shadow_falls(files, still):
     lamp = np.array([-0.5, -0.3, 0.35])
     wanted = {
-        "lamps_m": lamp[None],
-        "lamp_colours": np.ones((1, 3)),
+        "lights": lamp[None],
         "table_m": (1.0, 0.0),
         "exposure_factor": 2.0,
     }
@@ -121,7 +121,7 @@ def test_a_table_is_lit_by_the_law_of_squares_where_no_shadow_falls(files, still
 
 
 def test_one_object_shades_another(files):
-    lamp = {"lamps_m": np.array([[0.6, 0.0, 0.2]]), "lamp_colours": np.ones((1, 3)), "exposure_factor": 20.0}
+    lamp = {"lights": [[0.6, 0.0, 0.2]], "exposure_factor": 20.0}
     between = Still(
         {"cup": placed(files["cup"], 0.0, 0.0, 0.0), "bell": placed(files["bell"], 0.15, 0.0, 0.0)}
     )
@@ -141,10 +141,11 @@ def test_a_body_at_the_camera_or_behind_it_is_no_failure(files):
 @pytest.mark.parametrize(
     ("changed", "name"),
     [
-        ({"lamps_m": [[0, 0, 1]]}, "lamp_colours"),
-        ({"lamps_m": [[np.nan, 0, 1]], "lamp_colours": [[1, 1, 1]]}, "lamps_m"),
-        ({"lamp_colours": [[1, 1, 1]]}, "lamps_m"),
-        ({"environment": "disco"}, "light"),
+        ({"lights": [0, 0, 1]}, "lights: lamps of shape"),
+        ({"lights": Lamps([[0, 0, 1]], [1, 1, 1])}, "lights: lamps of shape"),
+        ({"lights": [[np.nan, 0, 1]]}, "lights"),
+        ({"lights": ["sky", "window"]}, "lights: 2 environments"),
+        ({"lights": "disco"}, "light"),
         ({"table_m": (0.0, 0.0)}, "table_m"),
         ({"exposure_factor": -1.0}, "exposure_factor"),
     ],
@@ -152,6 +153,18 @@ def test_a_body_at_the_camera_or_behind_it_is_no_failure(files):
 def test_bad_scenes_are_refused(files, still, changed, name):
     with pytest.raises(QueryError, match=name):
         LiveSight(still, files, **changed)
+
+
+def test_lamps_and_environments_by_their_old_names_warn(files, still):
+    lamp, colour = np.array([[0.4, -0.6, 0.8]]), np.array([[2.0, 1.0, 0.5]])
+    with pytest.warns(
+        DeprecationWarning, match="use `lights` in place of lamps_m, lamp_colours, environment"
+    ):
+        old = LiveSight(
+            still, files, lamps_m=lamp, lamp_colours=colour, environment="sky", exposure_factor=1.0
+        )
+    new = LiveSight(still, files, lights=[Lamps(lamp, colour), "sky"], exposure_factor=1.0)
+    np.testing.assert_array_equal(old.image(CAMERA, 24).rgb, new.image(CAMERA, 24).rgb)
 
 
 def test_a_body_that_is_not_there_or_flies_off_is_named(files, still):
@@ -167,8 +180,7 @@ def test_one_ray_a_pixel_is_the_radiance_at_its_centre(files, still):
     sight = LiveSight(
         still,
         {"cup": files["cup"]},
-        lamps_m=lamp,
-        lamp_colours=np.ones((1, 3)),
+        lights=lamp,
         table_m=None,
         exposure_factor=1.0,
     )
@@ -221,9 +233,9 @@ def test_a_moving_image_shows_what_moved_by_a_tenth_of_a_pixel(files):
 def test_one_object_in_an_environment_is_its_own_image(files, still, sub_rays):
     """The cup stands unturned but moved in the world: maps look the same from everywhere."""
     moved = Still({"cup": placed(files["cup"], -0.05, -0.03, 0.0)})
-    seen = LiveSight(
-        moved, {"cup": files["cup"]}, environment="window", table_m=None, exposure_factor=1.0
-    ).image(CAMERA, SIZE, sub_rays=sub_rays)
+    seen = LiveSight(moved, {"cup": files["cup"]}, lights="window", table_m=None, exposure_factor=1.0).image(
+        CAMERA, SIZE, sub_rays=sub_rays
+    )
     alone = files["cup"].render(
         np.linalg.inv(moved.pose("cup")) @ CAMERA, None, SIZE, sub_rays=sub_rays, light="window"
     )
@@ -235,44 +247,43 @@ def test_an_environment_stays_in_the_world_where_an_object_turns(files):
     """A quarter turn of the object is one of the map the other way: an eighth of its columns, twice."""
     quarter = Still({"cup": placed(files["cup"], 0.0, 0.0, np.pi / 2)})
     sky = named_map("sky")
-    seen = LiveSight(
-        quarter, {"cup": files["cup"]}, environment="sky", table_m=None, exposure_factor=1.0
-    ).image(CAMERA, SIZE)
+    seen = LiveSight(quarter, {"cup": files["cup"]}, lights="sky", table_m=None, exposure_factor=1.0).image(
+        CAMERA, SIZE
+    )
     turned = np.roll(sky, len(sky) // 2, axis=1)  # columns run clockwise, seen from above
     alone = files["cup"].render(
         np.linalg.inv(quarter.pose("cup")) @ CAMERA, None, SIZE, sub_rays=4, light=turned
     )[0]
     assert np.quantile(abs(seen.rgb.astype(float) - alone), 0.99) <= 1
     fixed = LiveSight(
-        Still({"cup": placed(files["cup"], 0.0, 0.0, 0.0)}), {"cup": files["cup"]}, environment="sky",
+        Still({"cup": placed(files["cup"], 0.0, 0.0, 0.0)}), {"cup": files["cup"]}, lights="sky",
         table_m=None, exposure_factor=1.0,
     ).image(CAMERA, SIZE)  # fmt: skip
     assert abs(seen.rgb.astype(float) - fixed.rgb)[seen.body == 0].mean() > 1
 
 
 def test_lamps_and_environments_add_up_and_so_do_colours(files, still):
-    lamps = {"lamps_m": np.array([[0.4, -0.6, 0.8], [-0.5, -0.3, 0.35]])}
+    lamps = np.array([[0.4, -0.6, 0.8], [-0.5, -0.3, 0.35]])
     settings = {"exposure_factor": 0.5}
 
-    def linear(**light):
-        sight = LiveSight(still, files, **light, **settings)
+    def linear(*lights):
+        sight = LiveSight(still, files, lights=list(lights), **settings)
         return srgb_decode(sight.image(CAMERA, SIZE).rgb / 255.0)
 
-    red = {"lamp_colours": np.array([[1.0, 0, 0], [0.5, 0, 0]])} | lamps
-    green = {"lamp_colours": np.array([[0, 0.5, 0], [0, 1.0, 0]])} | lamps
-    both = {"lamp_colours": red["lamp_colours"] + green["lamp_colours"]} | lamps
-    grey = np.full((8, 16, 3), 0.1)
-    inside = linear(**both)[..., 0] < 0.98  # not the white behind the table
-    total = linear(**both, environment=grey)
-    parts = linear(**red) + linear(**green) + linear(environment=grey)
+    colours = np.array([[1.0, 0, 0], [0.5, 0, 0]]), np.array([[0, 0.5, 0], [0, 1.0, 0]])
+    red, green, both = (Lamps(lamps, colour) for colour in (*colours, sum(colours)))
+    grey = Environment.of(np.full((8, 16, 3), 0.1))
+    inside = linear(both)[..., 0] < 0.98  # not the white behind the table
+    total = linear(both, grey)
+    parts = linear(red) + linear(green) + linear(grey)
     step = 0.012  # of three images in whole steps of sRGB
     close = abs(total - parts)[inside] < step
     assert close.mean() > 0.99, "but at edges, on white"
-    assert linear(**red)[inside][:, 1:2].max() < linear(**both)[inside][:, 1:2].max()
+    assert linear(red)[inside][:, 1:2].max() < linear(both)[inside][:, 1:2].max()
 
 
 def test_a_table_in_a_white_furnace_shows_its_albedo(files, still):
-    furnace = {"environment": np.ones((8, 16, 3)), "exposure_factor": 1.0}
+    furnace = {"lights": Environment.of(np.ones((8, 16, 3))), "exposure_factor": 1.0}
     seen = LiveSight(still, files, **furnace, shadows=False).image(CAMERA, SIZE)
     shown = seen.rgb[(seen.body < 0) & np.isfinite(seen.depth_m)]
     middle = np.median(shown, axis=0)
@@ -311,14 +322,14 @@ def test_a_matt_body_hides_and_shades_as_an_object_of_its_surface(files, still):
     elsewhere = as_file.body != 1
     assert (abs(seen.rgb.astype(int) - as_file.rgb).max(axis=2) <= 1)[elsewhere].mean() > 0.98
     with pytest.raises(QueryError, match="environment"):
-        LiveSight(still, {}, matt={"bell": body}, environment="sky")
+        LiveSight(still, {}, matt={"bell": body}, lights="sky")
 
 
 def test_objects_hide_an_environment_from_the_table(files):
     """Against every pixel of the map, asked for by rays from what the camera sees of the table."""
     cup, size, factor = files["cup"], (40, 40), 0.4
     still = Still({"cup": placed(cup, 0.0, 0.0, 0.4)})
-    settings = {"environment": "window", "exposure_factor": factor}
+    settings = {"lights": "window", "exposure_factor": factor}
     seen = LiveSight(still, {"cup": cup}, **settings).image(CAMERA, size)
     bare = LiveSight(still, {"cup": cup}, **settings, shadows=False).image(CAMERA, size)
     radiance, (directions, solid_angle) = named_map("window"), pixel_directions(128)

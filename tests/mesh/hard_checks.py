@@ -49,7 +49,7 @@ def check(path: Path, truth: Truth) -> Product:
     mesh, _ = clean(load_mesh(path))
     topology = topology_of(mesh.surface)
     assert (topology.watertight, topology.consistent) == (truth.watertight, True)
-    product = ingest_object(path, None, truth.length_m, "hard")
+    product = ingest_object(path, length_m=truth.length_m, object_id="hard")
     attributes = product.attributes
     assert attributes["topology"]["components"] == truth.components
     assert attributes["area_m2"] == pytest.approx(truth.area_m2, rel=truth.tolerance)
@@ -70,7 +70,7 @@ def check(path: Path, truth: Truth) -> Product:
 
 def refused(path: Path, *said: str, **options: Any) -> InputError:
     with pytest.raises(InputError) as caught:
-        ingest_object(path, None, None, "hard", **options)
+        ingest_object(path, object_id="hard", **options)
     problem = caught.value
     assert "hard (" in problem.where
     assert path.name in problem.where or path.parent.name in problem.where

@@ -103,7 +103,7 @@ def _main() -> None:
             if one["archive"]:
                 unpack(Path(one["archive"]), Path(one["folder"]) / "unpacked")
             source_files(Path(one["mesh"]))
-            product = ingest_object(Path(one["mesh"]), None, None, "stranger")
+            product = ingest_object(Path(one["mesh"]), object_id="stranger")
             said = f"{len(product['faces'])} faces"
         except (InputError, FormatError) as problem:
             outcome, said = "refused", str(problem)
@@ -130,7 +130,7 @@ def _warm_up(ingest_object: Any) -> None:
     with tempfile.TemporaryDirectory() as folder:
         mesh = Path(folder) / "m.obj"
         mesh.write_text("v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-        ingest_object(mesh, None, None, "warm")
+        ingest_object(mesh, object_id="warm")
 
 
 def _asked_for_too_much(problem: BaseException | None) -> bool:

@@ -22,9 +22,9 @@ def write_obj(path: Path, vertices, faces, *, coordinates: bool = False) -> Path
     return path
 
 
-def refused(*arguments) -> InputError:
+def refused(path: Path, texture: Path | None = None, length_m: float | None = None) -> InputError:
     with pytest.raises(InputError) as caught:
-        ingest_object(*arguments)
+        ingest_object(path, texture_path=texture, length_m=length_m, object_id="thing")
     problem = caught.value
     assert "thing" in problem.where
     assert problem.remedy
@@ -50,7 +50,7 @@ def assert_only_bad_fails(path: Path, field: str, finding: str) -> InputError:
     catalogue = read_catalogue(path, MATERIALS)
     assert [record.id for record in catalogue.records] == ["good"]
     record = catalogue.records[0]
-    ingest_object(record.mesh, record.texture, record.length_m, record.id)
+    ingest_object(record.mesh, texture_path=record.texture, length_m=record.length_m, object_id=record.id)
     problem = catalogue.errors["bad"]
     assert f"{path} line 2" in problem.where
     assert f"field {field}" in problem.where
@@ -65,7 +65,7 @@ GOOD_ROW = "good,good/model.obj,,steel,as in file"
 def test_missing_mesh(good):
     path = table(good, "bad,nowhere/model.obj,,steel,0.1", GOOD_ROW)
     assert_only_bad_fails(path, "mesh", "nowhere/model.obj does not exist")
-    assert "does not exist" in refused(good / "nowhere.obj", None, None, "thing").finding
+    assert "does not exist" in refused(good / "nowhere.obj").finding
 
 
 def test_missing_texture(good):
@@ -75,14 +75,14 @@ def test_missing_texture(good):
 
 def test_missing_texture_of_the_material_library(good):
     (good / "good" / "texture.png").unlink()
-    problem = refused(good / "good" / "model.obj", None, None, "thing")
+    problem = refused(good / "good" / "model.obj")
     assert "model.mtl line 3" in problem.where
     assert "'texture.png', which is not there" in problem.finding
 
 
 def test_missing_material_library(good):
     (good / "good" / "model.mtl").unlink()
-    problem = refused(good / "good" / "model.obj", None, None, "thing")
+    problem = refused(good / "good" / "model.obj")
     assert "material library 'model.mtl', which is not there" in problem.finding
 
 
@@ -100,7 +100,7 @@ def test_zero_negative_or_absurd_length(subtests, good):
 
 
 def test_length_in_millimetres(good):
-    problem = refused(good / "good" / "model.obj", None, 116.98, "thing")
+    problem = refused(good / "good" / "model.obj", None, 116.98)
     assert "field length_m" in problem.where
     assert "millimetres" in problem.remedy
     assert "0.11698" in problem.remedy
@@ -109,22 +109,22 @@ def test_length_in_millimetres(good):
 def test_length_in_millimetres_that_would_pass_as_metres(good):
     """A 16 mm die given as 16, on a mesh that is in metres."""
     path = write_textured_cube(good / "die", side_m=0.016)
-    problem = refused(path, None, 16.0, "thing")
+    problem = refused(path, None, 16.0)
     assert "1000 times" in problem.finding
     assert "0.016" in problem.remedy
 
 
 def test_mesh_in_millimetres(good):
     path = write_textured_cube(good / "mm", side_m=80.0)
-    problem = refused(path, None, None, "thing")
+    problem = refused(path)
     assert "as in the file, is 80 m" in problem.finding
     assert "0.08" in problem.remedy
-    product = ingest_object(path, None, 0.08, "thing")
+    product = ingest_object(path, length_m=0.08, object_id="thing")
     np.testing.assert_allclose(product.attributes["length"]["extents_m"], 0.08)
 
 
 def test_large_objects_are_accepted_when_stated(good):
-    product = ingest_object(good / "good" / "model.obj", None, 24.0, "ship")
+    product = ingest_object(good / "good" / "model.obj", length_m=24.0, object_id="ship")
     assert "unusual" in product.attributes["warnings"][0]
 
 
@@ -132,19 +132,19 @@ def test_large_objects_are_accepted_when_stated(good):
 def test_empty_mesh(tmp_path, text):
     path = tmp_path / "model.obj"
     path.write_text(text)
-    assert "no faces" in refused(path, None, None, "thing").finding
+    assert "no faces" in refused(path).finding
 
 
 def test_mesh_of_one_point(tmp_path):
     path = write_obj(tmp_path / "model.obj", np.zeros((3, 3)), [[0, 1, 2]])
-    assert "no faces are left of 1: 1 collapse" in refused(path, None, None, "thing").finding
+    assert "no faces are left of 1: 1 collapse" in refused(path).finding
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "1e999"])
 def test_nan_vertices(tmp_path, value):
     path = tmp_path / "model.obj"
     path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 {value} 0\nf 1 2 3\n")
-    problem = refused(path, None, None, "thing")
+    problem = refused(path)
     assert "1 of 3 vertices are not finite (the first is vertex 3)" in problem.finding
 
 
@@ -155,7 +155,7 @@ def test_zero_area_faces_are_kept_and_reported(tmp_path):
     faces += [[0, 8, 5], [8, 1, 5], [0, 1, 8]]
     faces = [[0, 8, 5] if face == [0, 8, 5] else face for face in faces]
     mesh = write_obj(tmp_path / "model.obj", vertices, faces)
-    attributes = ingest_object(mesh, None, None, "thing").attributes
+    attributes = ingest_object(mesh, object_id="thing").attributes
     assert attributes["topology"]["zero_area_faces"] == 1
     assert attributes["topology"]["watertight"]
     assert "1 faces have no area" in attributes["warnings"][0]
@@ -163,7 +163,7 @@ def test_zero_area_faces_are_kept_and_reported(tmp_path):
 
 def test_open_surface_is_made_and_reported(tmp_path):
     mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES[2:])
-    attributes = ingest_object(mesh, None, None, "thing").attributes
+    attributes = ingest_object(mesh, object_id="thing").attributes
     assert not attributes["topology"]["watertight"]
     assert attributes["topology"]["boundary_edges"] == 4
     assert not attributes["solid"]["meaningful"]
@@ -178,7 +178,7 @@ def test_open_surface_is_made_and_reported(tmp_path):
 def test_several_components_are_made_and_reported(tmp_path):
     vertices = np.concatenate([0.1 * CUBE_VERTICES, 0.1 * CUBE_VERTICES + 0.5])
     mesh = write_obj(tmp_path / "model.obj", vertices, np.concatenate([CUBE_FACES, CUBE_FACES + 8]))
-    attributes = ingest_object(mesh, None, None, "thing").attributes
+    attributes = ingest_object(mesh, object_id="thing").attributes
     assert attributes["topology"]["components"] == 2
     assert "2 separate pieces" in attributes["warnings"][0]
     assert attributes["solid"]["volume_m3"] == pytest.approx(0.002)
@@ -186,7 +186,7 @@ def test_several_components_are_made_and_reported(tmp_path):
 
 def test_inverted_normals_are_turned_outwards(tmp_path):
     mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES[:, ::-1])
-    product = ingest_object(mesh, None, None, "thing")
+    product = ingest_object(mesh, object_id="thing")
     assert product.attributes["cleaning"]["faces_reversed"] == 12
     assert product.attributes["solid"]["volume_m3"] == pytest.approx(0.001)
 
@@ -196,14 +196,14 @@ def test_no_uvs_with_a_texture(tmp_path):
 
     mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES)
     Image.fromarray(checker()).save(tmp_path / "texture.png")
-    problem = refused(mesh, tmp_path / "texture.png", None, "thing")
+    problem = refused(mesh, tmp_path / "texture.png", None)
     assert "12 of 12 faces have a texture but no texture coordinates" in problem.finding
     assert "Unwrap" in problem.remedy
 
 
 def test_no_uvs_without_a_texture_gives_the_base_colour(tmp_path):
     mesh = write_obj(tmp_path / "model.obj", 0.1 * CUBE_VERTICES, CUBE_FACES)
-    product = ingest_object(mesh, None, None, "thing")
+    product = ingest_object(mesh, object_id="thing")
     np.testing.assert_array_equal(product["texture_0"], [[[204, 204, 204, 255]]])
 
 
@@ -216,7 +216,7 @@ def test_no_uvs_without_a_texture_gives_the_base_colour(tmp_path):
     ],
 )
 def test_four_channel_grey_and_sixteen_bit_textures(tmp_path, texture):
-    product = ingest_object(write_textured_cube(tmp_path, texture=texture), None, None, "thing")
+    product = ingest_object(write_textured_cube(tmp_path, texture=texture), object_id="thing")
     assert product["texture_0"].shape == (8, 8, 4)
     np.testing.assert_array_equal(product["texture_0"][..., 0], checker()[..., 0])
     assert (product["texture_0"][..., 3] == 255).all()
@@ -225,7 +225,7 @@ def test_four_channel_grey_and_sixteen_bit_textures(tmp_path, texture):
 @pytest.mark.parametrize("content", [b"", b"not an image", b"\x89PNG\r\n\x1a\n broken"])
 def test_texture_that_is_not_an_image(good, content):
     (good / "other.png").write_bytes(content)
-    problem = refused(good / "good" / "model.obj", good / "other.png", None, "thing")
+    problem = refused(good / "good" / "model.obj", good / "other.png")
     assert "other.png" in problem.where
     assert "not a readable image" in problem.finding
 
@@ -233,14 +233,14 @@ def test_texture_that_is_not_an_image(good, content):
 def test_truncated_texture(good):
     path = good / "good" / "texture.png"
     path.write_bytes(path.read_bytes()[:-40])
-    assert "not a readable image" in refused(good / "good" / "model.obj", None, None, "thing").finding
+    assert "not a readable image" in refused(good / "good" / "model.obj").finding
 
 
 def test_texture_of_floating_point_values(good):
     from PIL import Image
 
     Image.fromarray(np.zeros((4, 4), dtype=np.float32)).save(good / "float.tif")
-    problem = refused(good / "good" / "model.obj", good / "float.tif", None, "thing")
+    problem = refused(good / "good" / "model.obj", good / "float.tif")
     assert "floating point" in problem.finding
 
 
@@ -284,7 +284,7 @@ def test_ids_that_would_escape_the_folder(subtests, good):
 def test_mesh_file_that_is_not_one(tmp_path, suffix, content):
     path = tmp_path / f"model.{suffix}"
     path.write_bytes(content)
-    problem = refused(path, None, None, "thing")
+    problem = refused(path)
     assert f"model.{suffix}" in problem.where
     assert "cannot be read" in problem.finding or "no faces" in problem.finding
 
@@ -292,7 +292,7 @@ def test_mesh_file_that_is_not_one(tmp_path, suffix, content):
 def test_mesh_of_an_unknown_format(tmp_path):
     path = tmp_path / "model.fbx"
     path.write_bytes(b"Kaydara FBX Binary")
-    problem = refused(path, None, None, "thing")
+    problem = refused(path)
     assert "'.fbx' is not a known mesh format" in problem.finding
     assert ".glb" in problem.remedy
 
@@ -308,6 +308,6 @@ def test_obj_line_that_cannot_be_read(subtests, tmp_path):
         with subtests.test(line=line):
             path = tmp_path / "model.obj"
             path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\n")
-            problem = refused(path, None, None, "thing")
+            problem = refused(path)
             assert "model.obj line 4" in problem.where
             assert finding in problem.finding

@@ -286,7 +286,10 @@ def test_gltf_of_every_kind(subtests, tmp_path):
             path, truth = GLTF[name](tmp_path)
             if name == "webp in a file":
                 (tmp_path / "skin.webp").write_bytes(encoded(quarters(), "WEBP", lossless=True))
-            first, second = check(path, truth), ingest_object(path, None, None, "hard")
+            first, second = (
+                check(path, truth),
+                ingest_object(path, object_id="hard"),
+            )
             assert first.attributes["digests"] == second.attributes["digests"]
 
 

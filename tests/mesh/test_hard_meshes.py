@@ -174,14 +174,14 @@ def test_a_line_of_a_material_library_that_is_refused(subtests, tmp_path_factory
 
 
 def check_shape_alone(path: Path) -> bool:
-    return ingest_object(path, None, None, "hard", with_textures=False).attributes["solid"]["meaningful"]
+    return ingest_object(path, object_id="hard", with_textures=False).attributes["solid"]["meaningful"]
 
 
 def test_a_material_that_its_library_does_not_define_is_refused(tmp_path):
     path = write_obj_box(tmp_path, library="newmtl other\nKd 1 0 0\n")
     refused(path, "uses the material 'skin', which its material library does not define")
     without = write_obj_box(tmp_path / "without", mtllib="")
-    assert ingest_object(without, None, None, "hard")["texture_0"].tolist() == [[[204, 204, 204, 255]]]
+    assert ingest_object(without, object_id="hard")["texture_0"].tolist() == [[[204, 204, 204, 255]]]
 
 
 def test_several_materials_and_textures_in_one_file(tmp_path):
@@ -214,7 +214,7 @@ def test_several_materials_and_textures_in_one_file(tmp_path):
 @pytest.mark.parametrize(("low", "high"), [(-6.1, 11.4), (0.0, 1.0), (100.0, 103.0), (-0.5, 0.5)])
 def test_textures_repeat(tmp_path, low, high):
     path = write_obj_box(tmp_path, scale_uv=high - low, shift_uv=low)
-    mesh = textured_mesh_of(ingest_object(path, None, None, "hard"))
+    mesh = textured_mesh_of(ingest_object(path, object_id="hard"))
     assert mesh.texture_coordinates.min() == pytest.approx(low)
     assert mesh.texture_coordinates.max() == pytest.approx(high)
     share = np.random.default_rng(0).random((200, 2))
@@ -362,7 +362,7 @@ def test_parts_that_touch_along_an_edge_are_reported(tmp_path):
     """Two boxes with one edge in common: no solid has an edge of four faces, and the report says so."""
     vertices, polygons = TWO_TOUCHING
     path = write_text(tmp_path / "model.obj", obj_text(vertices, polygons, material=""))
-    attributes = ingest_object(path, None, None, "hard").attributes
+    attributes = ingest_object(path, object_id="hard").attributes
     assert attributes["topology"]["non_manifold_edges"] == 1
     assert attributes["topology"]["boundary_edges"] == 0
     assert "1 non-manifold edges" in attributes["warnings"][0]

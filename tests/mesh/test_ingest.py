@@ -32,7 +32,7 @@ MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "st
 
 
 def test_product_holds_the_mesh_and_its_measures(tmp_path):
-    product = ingest_object(write_textured_cube(tmp_path, side_m=0.1), None, None, "cube")
+    product = ingest_object(write_textured_cube(tmp_path, side_m=0.1), object_id="cube")
     attributes = product.attributes
     assert attributes["topology"]["watertight"]
     assert attributes["topology"]["components"] == 1
@@ -50,7 +50,7 @@ def test_product_holds_the_mesh_and_its_measures(tmp_path):
 
 
 def test_product_survives_the_store_and_gives_the_mesh_back(tmp_path):
-    product = ingest_object(write_textured_cube(tmp_path), None, 0.25, "cube")
+    product = ingest_object(write_textured_cube(tmp_path), length_m=0.25, object_id="cube")
     write_product(tmp_path / "cube.zarr.zip", product)
     mesh = textured_mesh_of(read_product(tmp_path / "cube.zarr.zip"))
     np.testing.assert_allclose(mesh.extents, 0.25)
@@ -72,7 +72,7 @@ def test_a_ball_in_a_ball_that_faces_outward_like_it_is_a_doubt(tmp_path):
     volume = solid_properties(vertices, faces).volume_m3
     for name, layers, volume_share in (("solid", inner, 1), ("hollow", inner[:, ::-1], 1 - 0.9**3)):
         path = write_obj(tmp_path / f"{name}.obj", both, np.concatenate([faces, layers]))
-        attributes = ingest_object(path, None, None, name).attributes
+        attributes = ingest_object(path, object_id=name).attributes
         assert attributes["solid"]["volume_m3"] == pytest.approx(volume_share * volume, rel=1e-3)
         doubts = [text for text in attributes["warnings"] if "turn their faces inwards" in text]
         assert len(doubts) == (name == "solid")
@@ -80,7 +80,7 @@ def test_a_ball_in_a_ball_that_faces_outward_like_it_is_a_doubt(tmp_path):
 
 def test_faces_doubled_back_to_back_are_mended_and_named(tmp_path):
     path = write_obj(tmp_path / "m.obj", 0.1 * CUBE_VERTICES, [*CUBE_FACES, *CUBE_FACES[:, ::-1]])
-    attributes = ingest_object(path, None, None, "cube").attributes
+    attributes = ingest_object(path, object_id="cube").attributes
     assert attributes["solid"]["volume_m3"] == pytest.approx(1e-3)
     assert "12 faces lay back to back with others and were left out" in attributes["warnings"]
 
@@ -96,7 +96,7 @@ def test_crossing_bars_count_their_overlap_once(tmp_path):
     inertia = np.diag([flat, flat, around - core * 0.01**2 / 6])
     for name, rotation, tolerance in (("upright", np.eye(3), 1e-6), ("turned", turn, 1e-3)):
         path = write_obj(tmp_path / f"{name}.obj", bars @ rotation.T + 0.3, faces)
-        solid = ingest_object(path, None, None, name).attributes["solid"]
+        solid = ingest_object(path, object_id=name).attributes["solid"]
         assert solid["volume_m3"] == pytest.approx(2 * long - core, rel=tolerance)
         assert abs(solid["volume_m3"] - (2 * long - core)) <= 4 * solid["volume_uncertainty_m3"] + 1e-15
         np.testing.assert_allclose(solid["centre_of_mass_m"], 0.3, atol=1e-5)
@@ -107,17 +107,20 @@ def test_crossing_bars_count_their_overlap_once(tmp_path):
 def test_equal_inputs_give_equal_bytes(tmp_path):
     for name in ("first", "second"):
         path = write_textured_cube(tmp_path / name)
-        write_product(tmp_path / f"{name}.zarr.zip", ingest_object(path, None, None, "cube"))
+        write_product(
+            tmp_path / f"{name}.zarr.zip",
+            ingest_object(path, object_id="cube"),
+        )
     assert (tmp_path / "first.zarr.zip").read_bytes() == (tmp_path / "second.zarr.zip").read_bytes()
 
 
 def test_what_is_said_of_walls_moves_no_digest_of_shape_or_texture(tmp_path, monkeypatch):
     path = write_textured_cube(tmp_path / "a", side_m=0.3)
-    said = ingest_object(path, None, None, "cube").attributes
+    said = ingest_object(path, object_id="cube").attributes
     assert [text.split(":")[0] for text in said["warnings"]] == ["too thick (possible)"]
     assert WallMeasures(**said["walls"]) == measure_walls(cube(0.3).surface)
     monkeypatch.setattr("objectfolder.mesh.ingest.wall_findings", lambda measures: ())
-    silent = ingest_object(path, None, None, "cube").attributes
+    silent = ingest_object(path, object_id="cube").attributes
     assert silent["warnings"] == []
     same = {name: silent["digests"][name] == said["digests"][name] for name in said["digests"]}
     assert same == {"body": False, "geometry": True, "texture": True, "normals": True}
@@ -125,7 +128,7 @@ def test_what_is_said_of_walls_moves_no_digest_of_shape_or_texture(tmp_path, mon
 
 def test_digests_tell_a_new_shape_from_a_new_texture(tmp_path):
     digests = {
-        name: ingest_object(path, None, length, "cube").attributes["digests"]
+        name: ingest_object(path, length_m=length, object_id="cube").attributes["digests"]
         for name, path, length in (
             ("base", write_textured_cube(tmp_path / "base"), 0.1),
             ("painted", write_textured_cube(tmp_path / "painted", texture=checker()[::-1]), 0.1),
@@ -146,7 +149,7 @@ def test_length_is_the_longest_side():
 
 @pytest.mark.parametrize("object_id", ["025_mug", "Threshold_Porcelain_Teapot_White", "painted_wooden_stool"])
 def test_real_scans(shared_objects: Path, object_id: str):
-    product = ingest_object(shared_objects / object_id / "model.obj", None, None, object_id)
+    product = ingest_object(shared_objects / object_id / "model.obj", object_id=object_id)
     assert product.attributes["topology"]["watertight"] == (object_id != "painted_wooden_stool")
     assert product["texture_0"].shape == (1024, 1024, 4)
 
@@ -159,7 +162,9 @@ def ingested(shared_objects: Path) -> dict[str, tuple[str, dict]]:
     return {
         record.id: (
             record.material,
-            ingest_object(record.mesh, record.texture, record.length_m, record.id).attributes,
+            ingest_object(
+                record.mesh, texture_path=record.texture, length_m=record.length_m, object_id=record.id
+            ).attributes,
         )
         for record in catalogue.records
     }
@@ -230,7 +235,7 @@ def test_walls_of_real_scans_that_cannot_be_are_found(ingested, classes):
 def test_shape_alone_is_ingested_where_textures_are_missing(tmp_path):
     path = write_textured_cube(tmp_path)
     (tmp_path / "texture.png").unlink()
-    product = ingest_object(path, None, None, "cube", with_textures=False)
+    product = ingest_object(path, object_id="cube", with_textures=False)
     assert product["texture_0"].shape == (1, 1, 4)
 
 
@@ -244,4 +249,4 @@ def test_a_mesh_that_no_object_file_holds_is_refused(tmp_path):
     path = tmp_path / "spindle.obj"
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match=r"up to 5000 corners of faces in one place\. Decimate it"):
-        ingest_object(path, None, 0.1, "spindle")
+        ingest_object(path, length_m=0.1, object_id="spindle")

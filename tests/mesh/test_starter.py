@@ -27,7 +27,10 @@ def starter(tmp_path_factory) -> Path:
 def products(starter):
     catalogue = read_catalogue(starter / "starter.csv", MATERIALS)
     assert catalogue.errors == {}
-    return {r.id: ingest_object(r.mesh, r.texture, r.length_m, r.id) for r in catalogue.records}
+    return {
+        r.id: ingest_object(r.mesh, texture_path=r.texture, length_m=r.length_m, object_id=r.id)
+        for r in catalogue.records
+    }
 
 
 def test_table_lists_the_whole_set_in_many_materials(starter):

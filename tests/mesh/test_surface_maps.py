@@ -164,12 +164,12 @@ def test_normals_survive_the_product_and_change_its_digest(tmp_path):
     path = write_gltf(
         tmp_path / "model.gltf", outer={"normalTexture": {"index": 1}}, images={"bumps.png": NORMALS}
     )  # fmt: skip
-    product = ingest_object(path, None, None, "leaf")
+    product = ingest_object(path, object_id="leaf")
     write_product(tmp_path / "leaf.zarr.zip", product)
     found = textured_mesh_of(read_product(tmp_path / "leaf.zarr.zip"))
     np.testing.assert_array_equal(found.normal_maps[0], NORMALS)
     (tmp_path / "bumps.png").write_bytes(png(NORMALS[..., [1, 0, 2]]))
-    other = ingest_object(path, None, None, "leaf")
+    other = ingest_object(path, object_id="leaf")
     assert other.attributes["digests"]["texture"] != product.attributes["digests"]["texture"]
 
 
@@ -203,7 +203,7 @@ def test_maps_survive_the_product_and_change_its_digest(tmp_path):
         outer={"alphaMode": "MASK", "alphaCutoff": 0.3}, images={"layers.png": LAYERS},
     )  # fmt: skip
     (tmp_path / "texture.png").write_bytes(png(SHEER))
-    product = ingest_object(path, None, None, "leaf")
+    product = ingest_object(path, object_id="leaf")
     write_product(tmp_path / "leaf.zarr.zip", product)
     mesh, found = load_mesh(path), textured_mesh_of(read_product(tmp_path / "leaf.zarr.zip"))
     assert found.alpha_cutoffs == {0: 0.3}
@@ -211,7 +211,7 @@ def test_maps_survive_the_product_and_change_its_digest(tmp_path):
     np.testing.assert_array_equal(found.roughness_maps[0], LAYERS[..., 1])
     np.testing.assert_array_equal(found.metallic_maps[0], LAYERS[..., 2])
     (tmp_path / "layers.png").write_bytes(png(LAYERS[::-1]))
-    other = ingest_object(path, None, None, "leaf")
+    other = ingest_object(path, object_id="leaf")
     assert other.attributes["digests"]["texture"] != product.attributes["digests"]["texture"]
     assert other.attributes["digests"]["geometry"] == product.attributes["digests"]["geometry"]
 

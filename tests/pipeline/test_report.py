@@ -204,7 +204,7 @@ def test_recursions_of_modes_are_what_the_mode_bank_gives() -> None:
         [(2 * np.pi * 90) ** 2, (2 * np.pi * 19000) ** 2, 100.0, 0.999 * 400.0, (3e5) ** 2]
     )
     dampings = np.array([1.0, 80.0, 30.0, 20.0, 1.0])  # two over-damped, nearly critical; one above the rate
-    wanted = mode_bank(eigenvalues, dampings, np.eye(5), 1.0, SAMPLE_RATE_HZ)
+    wanted = mode_bank(eigenvalues, dampings, np.eye(5), duration_s=1.0, sample_rate_hz=SAMPLE_RATE_HZ)
     for (a, b, first, second), sound in zip(recursions(eigenvalues, dampings), wanted, strict=True):
         impulse = [first, second - a * first]
         found = lfilter(impulse, [1, -a, -b], np.eye(1, len(sound))[0])

@@ -117,7 +117,9 @@ def test_sounds_are_the_velocity_where_a_held_out_point_is_struck(small_set):
     normals = modes["normals"][modes["held_out"]][: len(points)]
     shapes = held_out_gains(modes)[: len(points)]
     start = np.einsum("nk,nkm->nm", impulses, shapes) * np.einsum("nk,nkm->nm", normals, shapes)
-    truth = mode_bank(modes["eigenvalues"], modes["dampings_per_s"], start, 1.0, 44100.0)
+    truth = mode_bank(
+        modes["eigenvalues"], modes["dampings_per_s"], start, duration_s=1.0, sample_rate_hz=44100.0
+    )
     for source, sounds in (("truth", truth), ("object_file", file.strike(points, impulses, 1.0))):
         samples = ObjectFolderDataset(small_set, "audio", "held_out", source)
         for index in (0, 1, 17):

@@ -97,7 +97,7 @@ def test_an_object_comes_as_its_source_has_it(place, source_id):
 @pytest.mark.parametrize("source_id", IDS)
 def test_what_came_can_be_ingested_with_its_colours(place, source_id):
     got = place.fetch(source_id)
-    product = ingest_object(got.mesh, got.texture, None, "bar")
+    product = ingest_object(got.mesh, texture_path=got.texture, object_id="bar")
     assert product.attributes["topology"]["watertight"]
     sides = SIDES_M[[0, 2, 1]] if got.texture is None else SIDES_M
     assert product.attributes["length"]["extents_m"] == pytest.approx(sides, abs=1e-6)
@@ -109,8 +109,8 @@ def test_the_same_colours_are_found_without_naming_the_texture(place):
     """What is named mends nothing else: mesh and mtl are the source's, and loading follows them too."""
     for source_id in IDS[:2]:
         got = place.fetch(source_id)
-        named = ingest_object(got.mesh, got.texture, None, "bar").attributes["digests"]
-        assert ingest_object(got.mesh, None, None, "bar").attributes["digests"] == named
+        named = ingest_object(got.mesh, texture_path=got.texture, object_id="bar").attributes["digests"]
+        assert ingest_object(got.mesh, object_id="bar").attributes["digests"] == named
 
 
 @pytest.mark.parametrize("source_id", IDS)

@@ -111,7 +111,7 @@ def test_what_the_project_knows_of_them_holds(fetched_samples):
 @pytest.mark.parametrize("source_id", SAMPLES)
 def test_they_are_ingested_in_metres_with_their_colours(fetched_samples, source_id):
     got = fetched_samples[source_id]
-    product = ingest_object(got.mesh, got.texture, None, source_id)
+    product = ingest_object(got.mesh, texture_path=got.texture, object_id=source_id)
     longest = max(product.attributes["length"]["extents_m"])
     assert longest == pytest.approx(EXTENTS_M[source_id], abs=1e-5)
     (image, *_) = textured_mesh_of(product).textures

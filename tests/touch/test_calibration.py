@@ -32,7 +32,14 @@ def pressed_balls(sensor: Sensor, count: int, seed: int, radius: float = RADIUS)
 @pytest.fixture(scope="module")
 def fitted() -> Sensor:
     images, centres, depths = pressed_balls(SENSOR, 40, seed=1)
-    table = fit_table(SENSOR, images, centres, depths, RADIUS, no_contact_image(SENSOR))
+    table = fit_table(
+        SENSOR,
+        images,
+        centres_m=centres,
+        depths_m=depths,
+        radius_m=RADIUS,
+        untouched=no_contact_image(SENSOR),
+    )
     return Sensor.from_dict({**SENSOR.to_dict(), "photometric_table": table.to_dict()})
 
 
@@ -53,10 +60,14 @@ def test_what_cannot_be_fitted_is_refused() -> None:
     images, centres, depths = pressed_balls(SENSOR, 2, seed=1)
     untouched = no_contact_image(SENSOR)
     with pytest.raises(InputError, match="curved"):
-        fit_table(Sensor(), images, centres, depths, RADIUS, untouched)
+        fit_table(Sensor(), images, centres_m=centres, depths_m=depths, radius_m=RADIUS, untouched=untouched)
     with pytest.raises(InputError, match="untouched"):
-        fit_table(SENSOR, images[:, ::2], centres, depths, RADIUS, untouched)
+        fit_table(
+            SENSOR, images[:, ::2], centres_m=centres, depths_m=depths, radius_m=RADIUS, untouched=untouched
+        )
     with pytest.raises(InputError, match="not one for each image"):
-        fit_table(SENSOR, images, centres[:1], depths, RADIUS, untouched)
+        fit_table(
+            SENSOR, images, centres_m=centres[:1], depths_m=depths, radius_m=RADIUS, untouched=untouched
+        )
     with pytest.raises(InputError, match="in none"):
-        fit_table(SENSOR, images, centres, -depths, RADIUS, untouched)
+        fit_table(SENSOR, images, centres_m=centres, depths_m=-depths, radius_m=RADIUS, untouched=untouched)

@@ -13,7 +13,7 @@ from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.touches import Press
 
-FLAT = Sensor(gel_sagitta_m=0.0, light_positions_m=(), light_colors=())
+FLAT = Sensor(gel_sagitta_m=0.0, light_positions_m=(), light_colours=())
 
 
 def random_table(seed: int = 0, slopes: int = 4, directions: int = 5) -> PhotometricTable:

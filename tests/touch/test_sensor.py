@@ -48,7 +48,7 @@ def test_the_lights_are_tactos() -> None:
     positions = np.array(Sensor().light_positions_m) - [0.005, 0, 0.015]
     assert np.allclose(np.linalg.norm(positions, axis=1), 0.02)
     assert np.allclose(positions[2], [0, 0, -0.02])
-    assert np.sum(Sensor().light_colors) == pytest.approx(3 / 255)
+    assert np.sum(Sensor().light_colours) == pytest.approx(3 / 255)
 
 
 def test_the_gels_corners_lie_at_the_sagitta() -> None:

@@ -55,6 +55,26 @@ def test_a_user_puts_a_calibrated_table_in_place(tmp_path: Path) -> None:
     assert image[120, -1] == pytest.approx(0.5 + 0.25 * 20.29 / 25.25, abs=0.004)
 
 
+def test_a_file_in_the_old_spelling_is_read_and_names_the_new_keys(tmp_path) -> None:
+    old = DIGIT.replace("colour:", "color:")
+    assert old.count("color:") == 4
+    (tmp_path / "mine.yaml").write_text(old)
+    with pytest.warns(FutureWarning, match="mine.yaml: the key .* is now") as caught:
+        assert read_sensor(tmp_path / "mine.yaml") == read_sensor("digit")
+    said = [str(warning.message) for warning in caught]
+    assert sum("`color` is now `colour`" in message for message in said) == 3
+    assert sum("`base_color` is now `base_colour`" in message for message in said) == 1
+
+
+def test_a_sensor_answers_to_the_old_spelling_and_is_stored_by_it() -> None:
+    with pytest.warns(DeprecationWarning, match="Sensor: `base_color` is now `base_colour`"):
+        sensor = Sensor(base_color=0.4)  # type: ignore[call-arg]
+    with pytest.warns(DeprecationWarning, match="the attribute is now `base_colour`"):
+        assert sensor.base_color == 0.4
+    assert sensor.to_dict()["base_color"] == 0.4
+    assert Sensor.from_dict(sensor.to_dict()) == sensor
+
+
 def test_a_mistake_is_named_with_its_file_and_field(subtests: pytest.Subtests, tmp_path) -> None:
     for right, wrong, message in [
         ("width_m: 0.020", "widht_m: 0.020", "unknown key gel.widht_m. Did you mean gel.width_m?"),
@@ -65,8 +85,8 @@ def test_a_mistake_is_named_with_its_file_and_field(subtests: pytest.Subtests, t
         ("image_width: 120", "image_width: true", "camera.image_width is True"),
         ("apex_m: [0.022, 0.0, 0.015]", "apex_m: [0.022, 0.0]", "gel.apex_m is [0.022, 0.0]. It must be a"),
         ("name: DIGIT", "name: 5", "name is 5. It must be a text"),
-        ("base_color: 0.3", "base_colour: 0.3", "Did you mean photometry.base_color?"),
-        ("color: [0.0, 0.0,", "colour: [0.0, 0.0,", "photometry.lights[2].colour"),
+        ("base_colour: 0.3", "base_hue: 0.3", "unknown key photometry.base_hue"),
+        ("colour: [0.0, 0.0,", "hue: [0.0, 0.0,", "unknown key photometry.lights[2].hue"),
         ("model: cook_torrance", "model: phong", "photometry.model is 'phong'. It is cook_torrance or table"),
         ("blur_pixels: 7", "blur_pixels: 6", "background_blur_pixels is 6, not odd"),
         ("poisson_ratio: 0.48", "poisson_ratio: 0.5", "gel_poisson_ratio is 0.5"),

@@ -184,8 +184,8 @@ def test_shading_by_table_is_the_exact_power_to_a_hundredth_of_a_grey_level() ->
     normals = random.normal(size=(3, 5000)) + np.array([[-2.0], [0.0], [0.0]])
     # Bright lights saturate, dim ones end below the table.
     for factor in (1e-9, 1e-3, 1.0, 30.0):
-        colors = tuple((factor * r, factor * g, factor * b) for r, g, b in SENSOR.light_colors)
-        sensor = replace(SENSOR, light_colors=colors)
+        colors = tuple((factor * r, factor * g, factor * b) for r, g, b in SENSOR.light_colours)
+        sensor = replace(SENSOR, light_colours=colors)
         exact = cook_torrance(sensor, positions, normals)
         found = point_lights(sensor).shade(5000, positions.astype(np.float32), normals.astype(np.float32)).T
         assert np.abs(found - exact).max() < 1e-2 / 255

@@ -12,6 +12,7 @@ from objectfolder.errors import QueryError
 from objectfolder.live import LiveSight
 from objectfolder.live.scene_view import View
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
+from objectfolder.vision.lamps import Lamps
 from pipeline.cli import main
 from pipeline.publish.opened_scene import OpenedScene, camera_over
 from pipeline.publish.viewer import played_world
@@ -242,8 +243,8 @@ def test_a_scene_says_its_lamps_and_its_environment(scene, world):
     other.write_text(said)
     opened, posed = OpenedScene.of(other), world._poses
     seen = opened.sight(posed).image(camera_over(world._points), 32)
-    lamps = {"lamps_m": np.array([[0.0, -1.0, 1.0]]), "lamp_colours": np.array([[1.0, 0.1, 0.1]])}
-    expected = LiveSight(posed, opened.files, table_m=opened.table_m, environment="sky", **lamps).image(
+    lights = [Lamps([[0.0, -1.0, 1.0]], [[1.0, 0.1, 0.1]]), "sky"]
+    expected = LiveSight(posed, opened.files, table_m=opened.table_m, lights=lights).image(
         camera_over(world._points), 32
     )
     assert abs(seen.rgb.astype(int) - expected.rgb).max() <= 1, "colours are float32 in the engine"

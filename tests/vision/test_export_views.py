@@ -272,7 +272,7 @@ def test_a_convex_body_is_seen_exactly_where_it_faces_the_camera(views, surface)
     seen[model.observed_image, model.observed_point] = True
     metric = posed.unit_frame.to_object(model.points)
     normals = surface.face_normals[surface.closest_points(metric).face]
-    for row, pose in enumerate(posed.camera_to_world):
+    for row, pose in enumerate(posed.camera_to_object):
         towards = pose[:3, 3] - model.points
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
         assert not seen[row, cosine < -1e-6].any()
@@ -312,9 +312,9 @@ def test_without_a_surface_there_are_no_points_and_it_says_so(views, tmp_path):
 def test_light_obeys_the_inverse_square_law_in_either_frame(views):
     unit, metric = (PosedViews.of_product(views, frame) for frame in ("unit", "object"))
     point = np.array([0.1, 0.2, -0.3])
-    in_unit = unit.light_intensity / np.sum((unit.light_position - point) ** 2, axis=1)
+    in_unit = unit.light_intensity / np.sum((unit.lights - point) ** 2, axis=1)
     in_metres = metric.light_intensity / np.sum(
-        (metric.light_position - metric.unit_frame.to_object(point)) ** 2, axis=1
+        (metric.lights - metric.unit_frame.to_object(point)) ** 2, axis=1
     )
     np.testing.assert_allclose(in_metres, in_unit, rtol=1e-12)
     # Radiance of a Lambertian surface in the data set is albedo P cos / (4 pi^2 d^2).

@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass
-from typing import Any, Required, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,24 +34,10 @@ OFF_SURFACE = 0.08
 NO_TRANSFER, MULTIPOLE = "none", "multipole"
 # Of the band, unless others are asked for.
 MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 256
+# How far a mode may be off, and what may be spent on it, unless others are asked for.
+ACCURACY_CENTS, HIGHEST_ORDER, MAX_UNKNOWNS = 5.0, 5, 180_000
+TIME_LIMIT_S, MEMORY_LIMIT_GB = 600.0, 3.0
 OPEN_SHARE = 0.05  # of a solid's outside, from which on openings of its surface are warned of
-
-
-class Options(TypedDict, total=False):
-    """Keywords of `modes_of_solid`, which says what they mean."""
-
-    max_frequency_hz: float
-    max_modes: int
-    training_points: Required[int]
-    held_out_points: Required[int]
-    seed: Required[int]
-    accuracy_cents: float
-    highest_order: int
-    max_unknowns: int
-    time_limit_s: float
-    memory_limit_gb: float
-    transfer: str
-    seconds: dict[str, float] | None
 
 
 def simulate_modes(
@@ -62,7 +48,18 @@ def simulate_modes(
     shell_m: float | None = None,
     filling: Filling | None = None,
     name: str = "surface",
-    **options: Unpack[Options],
+    max_frequency_hz: float = MAX_FREQUENCY_HZ,
+    max_modes: int = MAX_MODES,
+    training_points: int,
+    held_out_points: int,
+    seed: int = 0,
+    accuracy_cents: float = ACCURACY_CENTS,
+    highest_order: int = HIGHEST_ORDER,
+    max_unknowns: int = MAX_UNKNOWNS,
+    time_limit_s: float = TIME_LIMIT_S,
+    memory_limit_gb: float = MEMORY_LIMIT_GB,
+    transfer: str = NO_TRANSFER,
+    seconds: dict[str, float] | None = None,
 ) -> Product:
     """Fill a surface and solve every elastic mode below a frequency.
 
@@ -74,8 +71,12 @@ def simulate_modes(
         As for `fill`.
     filling
         Resolution of the tetrahedra.
-    options
+    name
+        What errors call the surface.
+    max_frequency_hz, max_modes, training_points, held_out_points, seed, accuracy_cents, highest_order
         As for `modes_of_solid`, and so is the product.
+    max_unknowns, time_limit_s, memory_limit_gb, transfer, seconds
+        As for `modes_of_solid`.
 
     Raises
     ------
@@ -88,20 +89,22 @@ def simulate_modes(
     >>> from objectfolder.audio import read_materials
     >>> from objectfolder.mesh import load_mesh
     >>> bar, glass = load_mesh(Path("bar.obj")).surface, read_materials("materials.csv")["glass"]
-    >>> counts = {"training_points": 10, "held_out_points": 2, "seed": 0}
-    >>> modes = simulate_modes(bar, glass, max_frequency_hz=5000, **counts)
+    >>> modes = simulate_modes(bar, glass, max_frequency_hz=5000, training_points=10, held_out_points=2)
     >>> [round(float(hertz), -1) for hertz in modes["frequencies_hz"]]  # a slender beam: 2790
     [2750.0]
     """
     started = _cpu_seconds()
     surface = Surface(surface.vertices, surface.faces)  # normals of a source are made to be seen by
-    band = options.get("max_frequency_hz", MAX_FREQUENCY_HZ), options.get("max_modes", MAX_MODES)
-    waves = waves_of(material, *band)
+    waves = waves_of(material, max_frequency_hz, max_modes)
     solid = fill(surface, filling, wall_m=wall_m, shell_m=shell_m, waves=waves, name=name)
-    seconds = options.get("seconds")
     if seconds is not None:
         seconds["fill"] = _cpu_seconds() - started
-    return modes_of_solid(surface, solid, material, **options)
+    return modes_of_solid(
+        surface, solid, material, max_frequency_hz=max_frequency_hz, max_modes=max_modes,
+        training_points=training_points, held_out_points=held_out_points, seed=seed,
+        accuracy_cents=accuracy_cents, highest_order=highest_order, max_unknowns=max_unknowns,
+        time_limit_s=time_limit_s, memory_limit_gb=memory_limit_gb, transfer=transfer, seconds=seconds,
+    )  # fmt: skip
 
 
 def waves_of(
@@ -122,11 +125,11 @@ def modes_of_solid(
     training_points: int,
     held_out_points: int,
     seed: int,
-    accuracy_cents: float = 5.0,
-    highest_order: int = 5,
-    max_unknowns: int = 180_000,
-    time_limit_s: float = 600.0,
-    memory_limit_gb: float = 3.0,
+    accuracy_cents: float = ACCURACY_CENTS,
+    highest_order: int = HIGHEST_ORDER,
+    max_unknowns: int = MAX_UNKNOWNS,
+    time_limit_s: float = TIME_LIMIT_S,
+    memory_limit_gb: float = MEMORY_LIMIT_GB,
     transfer: str = NO_TRANSFER,
     seconds: dict[str, float] | None = None,
 ) -> Product:

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from objectfolder.audio.synthesis.half_sine import HalfSine
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.errors import QueryError
+from objectfolder.renaming import formerly_positional
 
 Floats = NDArray[np.float64]
 FLOOR_DB = -220.0
@@ -35,13 +36,14 @@ PRODUCT_NUMBERS = 1 << 17  # of weighted rows multiplied at once: they stay in t
 SEGMENT_BLOCKS = 512
 
 
+@formerly_positional
 def mode_bank(
     eigenvalues: ArrayLike,
     dampings_per_s: ArrayLike,
     amplitudes: ArrayLike,
-    duration_s: float,
-    sample_rate_hz: float,
     *,
+    duration_s: float = 2.0,
+    sample_rate_hz: float = 44100.0,
     response: str = "velocity",
     pulse_s: float | ArrayLike | None = None,
     delay_s: float = 0.0,

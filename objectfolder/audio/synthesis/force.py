@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from objectfolder.audio.synthesis.bank import FLOOR_DB, Bank, samples_of, sound_array
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.errors import QueryError
+from objectfolder.renaming import formerly_positional, renamed_keywords
 
 Floats = NDArray[np.float64]
 FORCE_BLOCK = 128
@@ -21,14 +22,16 @@ SERIES_TERMS = 24
 SERIES_REACH = 1.0  # of (c + omega) h, up to which the Taylor series is summed
 
 
+@renamed_keywords(forces="forces_n")
+@formerly_positional
 def driven_bank(
     eigenvalues: ArrayLike,
     dampings_per_s: ArrayLike,
     gains: ArrayLike,
-    forces: ArrayLike,
-    duration_s: float,
-    sample_rate_hz: float,
+    forces_n: ArrayLike,
     *,
+    duration_s: float = 2.0,
+    sample_rate_hz: float = 44100.0,
     response: str = "velocity",
     delay_samples: int = 0,
     floor_db: float = FLOOR_DB,
@@ -42,7 +45,7 @@ def driven_bank(
         As for `mode_bank`.
     gains
         (n, directions, modes) or (directions, modes): modal velocity an impulse of 1 N s gives.
-    forces
+    forces_n
         (n, k, directions) or (k, directions) newtons at the samples from t = 0 on, linear between them, and
         to zero within one sample after the last; a first sample that is not zero is a jump.
     delay_samples
@@ -63,12 +66,12 @@ def driven_bank(
     >>> import numpy as np
     >>> push = np.zeros((100, 1))
     >>> push[50] = 44100.0  # newtons, over one sample: an impulse of 1 N s
-    >>> tone = driven_bank([(2 * np.pi * 440) ** 2], [3.0], [[1.0]], push, 0.1, 44100)
+    >>> tone = driven_bank([(2 * np.pi * 440) ** 2], [3.0], [[1.0]], push, duration_s=0.1)
     >>> bool((tone[0, :50] == 0).all()), float(tone[0, 51].round(2))
     (True, 1.0)
     """
     oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-    fields, pushes = _checked(gains, forces, len(oscillators))
+    fields, pushes = _checked(gains, forces_n, len(oscillators))
     if not delay_samples >= 0:
         raise QueryError("delay_samples", f"{delay_samples}", "Give a delay that is not negative.")
     sound = sound_array(out, len(fields), samples_of(duration_s, sample_rate_hz))
@@ -94,12 +97,12 @@ def _checked(gains: ArrayLike, forces: ArrayLike, modes: int) -> tuple[Floats, F
     agree = fields.ndim == pushes.ndim == 3 and fields.shape[:2] == (len(pushes), pushes.shape[2])
     if not agree or fields.shape[2] != modes:
         raise QueryError(
-            "gains, forces",
+            "gains, forces_n",
             f"shapes {fields.shape} and {pushes.shape} for {modes} modes",
             "Give (n, directions, modes) and (n, k, directions).",
         )
     if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
-        raise QueryError("gains, forces", "not finite", "Give numbers.")
+        raise QueryError("gains, forces_n", "not finite", "Give numbers.")
     return fields, pushes
 
 

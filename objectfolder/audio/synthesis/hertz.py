@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.query_values import real
+from objectfolder.renaming import formerly_positional
 
 Floats = NDArray[np.float64]
 # Twice the integral of (1 - x^(5/2))^(-1/2) over 0 to 1: 4/5 Beta(2/5, 1/2) = 2.9432 (Johnson, 11.24).
@@ -126,8 +127,10 @@ class HertzContact:
         return np.asarray(_speeds(impulse_n_s) / ((1 + _share(restitution)) * self.mass_kg))
 
 
+@formerly_positional
 def mass_at_contact(
     mass_kg: float,
+    *,
     inertia_kg_m2: ArrayLike,
     centre_of_mass_m: ArrayLike,
     point_m: ArrayLike,
@@ -141,10 +144,10 @@ def mass_at_contact(
     Examples
     --------
     >>> import numpy as np
-    >>> ball = 0.4 * np.eye(3)  # 1 kg, of a radius of 1 m
-    >>> mass_at_contact(1.0, ball, [0, 0, 0], [0, 0, 1], [0, 0, 1])  # pushed through its centre
+    >>> ball = {"inertia_kg_m2": 0.4 * np.eye(3), "centre_of_mass_m": [0, 0, 0]}  # 1 kg, of a radius of 1 m
+    >>> mass_at_contact(1.0, **ball, point_m=[0, 0, 1], normal=[0, 0, 1])  # pushed through its centre
     1.0
-    >>> round(mass_at_contact(1.0, ball, [0, 0, 0], [0, 0, 1], [1, 0, 0]), 3)  # pushed along its surface
+    >>> round(mass_at_contact(1.0, **ball, point_m=[0, 0, 1], normal=[1, 0, 0]), 3)  # along its surface
     0.286
     """
     arm = np.asarray(point_m, dtype=np.float64) - np.asarray(centre_of_mass_m, dtype=np.float64)

@@ -78,7 +78,7 @@ class Sound(np.ndarray):
             remedy = "Write one at a time: `sound[:1].write(...)`, with all of its channels."
             raise QueryError("write", f"shape {self.shape} is not one sound", remedy)
         sound = np.asarray(self).reshape(self.shape[-2:] if self.ndim == 3 else (self.shape[-1],))
-        return write_wav(path, sound, round(self.sample_rate_hz), gain=gain)
+        return write_wav(path, sound, sample_rate_hz=round(self.sample_rate_hz), gain=gain)
 
     def _repr_html_(self) -> str | None:
         """Return players of the first rows at a level to listen to; None where this is not whole sounds."""

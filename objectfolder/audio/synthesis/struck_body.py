@@ -48,7 +48,13 @@ class RigidBody:
         """Mass offered to a push at a point; the whole mass where the inertia is not known."""
         if self.inertia_kg_m2 is None:
             return self.mass_kg
-        return mass_at_contact(self.mass_kg, self.inertia_kg_m2, self.centre_m, point, direction)
+        return mass_at_contact(
+            self.mass_kg,
+            inertia_kg_m2=self.inertia_kg_m2,
+            centre_of_mass_m=self.centre_m,
+            point_m=point,
+            normal=direction,
+        )
 
 
 @dataclass(frozen=True)

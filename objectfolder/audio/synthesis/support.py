@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.query_values import point_rows, real_array
+from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -65,12 +66,13 @@ class Support:
             object.__setattr__(self, name, each)
 
     @classmethod
-    def grip(cls, surface: Surface, centre: ArrayLike, radius_m: float, **total: float) -> "Support":
+    @renamed_keywords(centre="centre_m")
+    def grip(cls, surface: Surface, centre_m: ArrayLike, radius_m: float, **total: float) -> "Support":
         """Hold the surface all over a ball, as a hand or a clamp does.
 
         Parameters
         ----------
-        centre, radius_m
+        centre_m, radius_m
             Of the ball, metres, object frame.
         total
             ``stiffness_n_m`` and ``damping_n_s_m`` of the whole patch.
@@ -81,7 +83,7 @@ class Support:
             No surface in the ball.
         """
         points = surface.sample(SAMPLES, 0).points
-        middle = point_rows(np.asarray(centre), "centre")
+        middle = point_rows(np.asarray(centre_m), "centre_m")
         inside = np.linalg.norm(points - middle, axis=1) <= radius_m
         return cls._over(points[inside], f"no surface within {radius_m:g} m of {middle.tolist()}", total)
 

@@ -16,6 +16,7 @@ from objectfolder.audio.synthesis.force import FORCE_BLOCK, ForceTables
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.errors import QueryError
 from objectfolder.query_values import whole
+from objectfolder.renaming import renamed_keywords
 
 Floats = NDArray[np.float64]
 LONGEST_BLOCK = 1024
@@ -163,30 +164,31 @@ class Voices:
         onset, coefficients = self._bank.onset(given[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
         self._voices.append(Voice(begin, onset[0], coefficients))
 
-    def push(self, gains: ArrayLike, forces: ArrayLike, *, at: int | None = None) -> None:
+    @renamed_keywords(forces="forces_n")
+    def push(self, gains: ArrayLike, forces_n: ArrayLike, *, at: int | None = None) -> None:
         """Let a sampled force begin; see `driven_bank`.
 
         Parameters
         ----------
         gains
             (directions, modes) modal velocity an impulse of 1 N s gives.
-        forces
+        forces_n
             (k, directions) newtons.
         at
             Whole sample at which the first of them acts.
         """
-        fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces, dtype=np.float64)
+        fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces_n, dtype=np.float64)
         begin, ahead = self._beginning(at)
         if ahead:
             raise QueryError("at", f"{at}", "Sampled forces begin on a sample.")
         if pushes.ndim != 2 or fields.shape != (pushes.shape[1], self._given):
             raise QueryError(
-                "gains, forces",
+                "gains, forces_n",
                 f"shapes {fields.shape} and {pushes.shape} for {self._given} modes",
                 "Give (directions, modes) and (k, directions).",
             )
         if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
-            raise QueryError("gains, forces", "not finite", "Give numbers.")
+            raise QueryError("gains, forces_n", "not finite", "Give numbers.")
         self._make_room(len(pushes))
         if self._forces is None:
             self._forces = ForceTables(self._bank.oscillators, self._bank.weights, FORCE_BLOCK)

@@ -8,9 +8,11 @@ from numpy.typing import ArrayLike
 
 from objectfolder.errors import QueryError
 from objectfolder.products.atomic import write_whole
+from objectfolder.renaming import formerly_positional
 
 FLOAT_FORMAT = 3  # WAVE_FORMAT_IEEE_FLOAT
 LARGEST_BYTES = 2**32 - 64
+SAMPLE_RATE_HZ = 44100.0
 LISTENING_PEAK = 10 ** (-3 / 20)  # 3 dB below full scale, 1: what players clip is above that
 
 
@@ -25,21 +27,31 @@ def listening_gain(peak: float) -> float:
     return LISTENING_PEAK / peak if peak > 0 else 1.0
 
 
-def write_wav(path: Path | str, sound: ArrayLike, sample_rate_hz: int, *, gain: float | None = None) -> float:
+@formerly_positional
+def write_wav(
+    path: Path | str, sound: ArrayLike, *, sample_rate_hz: float | None = None, gain: float | None = None
+) -> float:
     """Write a sound times a gain, and return that gain; see `wav_bytes`.
+
+    Parameters
+    ----------
+    sample_rate_hz
+        A whole number. None takes that of a `Sound` that knows it, and 44,100 for others.
 
     Examples
     --------
-    >>> gain = write_wav("tone.wav", [0.0, 2.0, -4.0], 44100)
+    >>> gain = write_wav("tone.wav", [0.0, 2.0, -4.0], sample_rate_hz=44100)
     >>> round(4 * gain, 3)  # the peak, 3 dB below full scale
     0.708
     """
+    if sample_rate_hz is None:
+        sample_rate_hz = getattr(sound, "sample_rate_hz", None) or SAMPLE_RATE_HZ
     content, gain = wav_bytes(sound, sample_rate_hz, gain=gain)
     write_whole(path, content)
     return gain
 
 
-def wav_bytes(sound: ArrayLike, sample_rate_hz: int, *, gain: float | None = None) -> tuple[bytes, float]:
+def wav_bytes(sound: ArrayLike, sample_rate_hz: float, *, gain: float | None = None) -> tuple[bytes, float]:
     """Return a WAV file of a sound times a gain, and that gain.
 
     Parameters

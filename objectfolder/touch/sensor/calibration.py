@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.renaming import formerly_positional
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.photometric_table import (
     CHANNELS,
@@ -23,14 +24,15 @@ from objectfolder.touch.sensor.sensor import Sensor
 TRUSTED = 0.9
 
 
+@formerly_positional
 def fit_table(
     sensor: Sensor,
     images: np.ndarray,
+    *,
     centres_m: np.ndarray,
     depths_m: np.ndarray,
     radius_m: float,
     untouched: np.ndarray,
-    *,
     shape: tuple[int, int] = (13, 24),
     smoothness: float = 1e-4,
 ) -> PhotometricTable:
@@ -69,7 +71,8 @@ def fit_table(
     >>> from objectfolder.touch import read_sensor
     >>> gelsight = read_sensor("gelsight")
     >>> grey = np.full((gelsight.image_height, gelsight.image_width, 3), 128, np.uint8)
-    >>> table = fit_table(gelsight, grey[None], np.zeros((1, 2)), np.array([0.001]), 0.004, grey)
+    >>> ball = {"centres_m": np.zeros((1, 2)), "depths_m": np.array([0.001]), "radius_m": 0.004}
+    >>> table = fit_table(gelsight, grey[None], **ball, untouched=grey)
     >>> table.coefficients[:, 0, 0, 0].round(2).tolist()  # as grey when flat
     [0.5, 0.5, 0.5]
     """

@@ -22,7 +22,7 @@ class Strip:
     """A row of `points` equal lights between two ends (sensor frame, metres) of one colour (linear RGB)."""
 
     ends_m: tuple[Vector, Vector]
-    color: Vector
+    colour: Vector
     points: int = 16
 
     def positions(self) -> np.ndarray:
@@ -61,7 +61,7 @@ class Illumination:
     def from_dict(cls, values: dict[str, Any]) -> "Illumination":
         """Return what the section ``photometry.made_from`` of a sensor file states."""
         strips = tuple(
-            Strip((strip["ends_m"][0], strip["ends_m"][1]), strip["color"], strip["points"])
+            Strip((strip["ends_m"][0], strip["ends_m"][1]), strip["colour"], strip["points"])
             for strip in values["strips"]
         )
         return cls(strips, **{key: value for key, value in values.items() if key != "strips"})
@@ -80,7 +80,7 @@ class Illumination:
                 towards = position - points
                 squared = np.einsum("ij,ij->i", towards, towards)
                 facing = np.maximum(np.einsum("ij,ij->i", normals, towards), 0.0)
-                total += (facing / squared**1.5 / strip.points)[:, None] * np.asarray(strip.color)
+                total += (facing / squared**1.5 / strip.points)[:, None] * np.asarray(strip.colour)
         return total
 
 

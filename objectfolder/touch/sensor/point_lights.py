@@ -41,7 +41,7 @@ class PointLights:
     ----------
     camera
         (3,) metres.
-    positions, colors
+    positions, colours
         (lights, 3).
     material
         (4,): GGX's alpha squared, Schlick-Smith's k, reflectance at normal incidence, diffuse albedo / pi.
@@ -51,7 +51,7 @@ class PointLights:
 
     camera: np.ndarray
     positions: np.ndarray
-    colors: np.ndarray
+    colours: np.ndarray
     material: np.ndarray
     exponent: np.float32
 
@@ -60,8 +60,8 @@ class PointLights:
         work, scale = np.ones(WORK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
         values = np.empty((3, count), dtype=np.float32)
         _shade(
-            count, positions, normals, self.camera, self.positions, self.colors, self.material, self.exponent,
-            work, work.view(np.int32), scale, scale.view(np.int32), values,
+            count, positions, normals, self.camera, self.positions, self.colours, self.material,
+            self.exponent, work, work.view(np.int32), scale, scale.view(np.int32), values,
         )  # fmt: skip
         return values
 
@@ -73,13 +73,13 @@ def point_lights(sensor: Sensor) -> PointLights:
     material = [
         sensor.roughness**4,
         (sensor.roughness + 1) ** 2 / 8,
-        dielectric * DIELECTRIC_REFLECTANCE + sensor.metallic * sensor.base_color,
-        dielectric * sensor.base_color * (1 - DIELECTRIC_REFLECTANCE) / np.pi,
+        dielectric * DIELECTRIC_REFLECTANCE + sensor.metallic * sensor.base_colour,
+        dielectric * sensor.base_colour * (1 - DIELECTRIC_REFLECTANCE) / np.pi,
     ]
     return PointLights(
         np.array(sensor.camera_position_m, dtype=np.float32),
         np.array(sensor.light_positions_m, dtype=np.float32).reshape(-1, 3),
-        np.array(sensor.light_colors, dtype=np.float32).reshape(-1, 3),
+        np.array(sensor.light_colours, dtype=np.float32).reshape(-1, 3),
         np.array(material, dtype=np.float32),
         np.float32(1 / sensor.display_gamma),
     )
@@ -108,12 +108,12 @@ def _directions(work, camera, k):
 
 
 @relaxed_kernel
-def _reflect(work, light, color, alpha2, k, base, diffuse):
+def _reflect(work, light, colour, alpha2, k, base, diffuse):
     """Add what the points reflect of a light to the radiance."""
     zero, one, least, four = np.float32(0), np.float32(1), np.float32(0.001), np.float32(4)
     scale = alpha2 / np.float32(np.pi)
     light_x, light_y, light_z = light[0], light[1], light[2]
-    red, green, blue = color[0], color[1], color[2]
+    red, green, blue = colour[0], colour[1], colour[2]
     for i in range(BLOCK):
         x = light_x - work[POSITION + i]
         y = light_y - work[POSITION + BLOCK + i]
@@ -171,7 +171,7 @@ def _encode(bits, row, exponent, values, start, size, octaves):
 
 @relaxed_kernel
 def _shade(
-    count, positions, normals, camera, lights, colors, material, exponent, work, bits, scale, octaves, values
+    count, positions, normals, camera, lights, colours, material, exponent, work, bits, scale, octaves, values
 ):
     """Write pixel values; working memory are `work` (`WORK`,), `scale` (`BLOCK`,) and int32 views of them."""
     # Indices that cannot be negative are not tested for it.
@@ -190,7 +190,7 @@ def _shade(
                 work[row + i] = np.float32(0)
         _directions(work, camera, material[1])
         for light in range(len(lights)):
-            _reflect(work, lights[light], colors[light], material[0], material[1], material[2], material[3])
+            _reflect(work, lights[light], colours[light], material[0], material[1], material[2], material[3])
         for channel in range(3):
             shown = values[channel]
             _encode(bits, np.uint64(RADIANCE + channel * BLOCK), exponent, shown, start, size, octaves)

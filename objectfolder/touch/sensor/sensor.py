@@ -7,9 +7,12 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.query_values import image_sides
+from objectfolder.renaming import renamed_attribute, renamed_keywords
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 
 Vector = tuple[float, float, float]
+# Keys of a stored sensor whose fields are spelt otherwise.
+STORED_NAMES = {"light_colours": "light_colors", "base_colour": "base_color"}
 
 
 def _ring(x: float, radius: float, centre: Vector, angles_deg: tuple[float, ...]) -> tuple[Vector, ...]:
@@ -44,10 +47,10 @@ class Sensor:
     gel_radius_m, gel_sagitta_m
         The gel is a spherical cap of that radius, stretched along x until its corners lie
         `gel_sagitta_m` behind the apex: 0 for a flat gel.
-    light_positions_m, light_colors
+    light_positions_m, light_colours
         Point lights and their linear RGB radiant intensity. TACTO writes its colours as integers, and
         its renderer divides integer colours by 255.
-    base_color, metallic, roughness
+    base_colour, metallic, roughness
         Grey metallic-roughness material of gel and object.
     display_gamma
         Pixel value = radiance ** (1 / display_gamma).
@@ -84,8 +87,8 @@ class Sensor:
     gel_radius_m: float = 0.100
     gel_sagitta_m: float = 0.005
     light_positions_m: tuple[Vector, ...] = _ring(0.005, 0.020, (0.005, 0.0, 0.015), (30.0, 150.0, 270.0))
-    light_colors: tuple[Vector, ...] = ((1 / 255, 0.0, 0.0), (0.0, 1 / 255, 0.0), (0.0, 0.0, 1 / 255))
-    base_color: float = 0.3
+    light_colours: tuple[Vector, ...] = ((1 / 255, 0.0, 0.0), (0.0, 1 / 255, 0.0), (0.0, 0.0, 1 / 255))
+    base_colour: float = 0.3
     metallic: float = 0.2
     roughness: float = 0.8
     display_gamma: float = 2.2
@@ -101,14 +104,17 @@ class Sensor:
     background_gain: float = 0.5
     background_blur_pixels: int = 7
 
+    light_colors = renamed_attribute("light_colours")
+    base_color = renamed_attribute("base_colour")
+
     def __post_init__(self) -> None:
         corner = float(np.hypot(self.gel_width_m, self.gel_height_m)) / 2
         if not corner < self.gel_radius_m:
             raise ValueError(f"{self.name}: the gel's corners lie {corner} m out, beyond gel_radius_m")
         if min(self.image_height, self.image_width) < 2:
             raise ValueError(f"{self.name}: an image needs at least 2 x 2 pixels")
-        if len(self.light_positions_m) != len(self.light_colors):
-            raise ValueError(f"{self.name}: as many light_colors as light_positions_m are needed")
+        if len(self.light_positions_m) != len(self.light_colours):
+            raise ValueError(f"{self.name}: as many light_colours as light_positions_m are needed")
         if not (self.gel_youngs_modulus_pa > 0 and self.gel_thickness_m > 0):
             raise ValueError(f"{self.name}: the gel needs a Young's modulus and a thickness above 0")
         if not 0 <= self.gel_poisson_ratio < 0.5:
@@ -140,7 +146,10 @@ class Sensor:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the sensor as JSON."""
-        values = {field.name: _as_list(getattr(self, field.name)) for field in fields(self)}
+        values = {
+            STORED_NAMES.get(field.name, field.name): _as_list(getattr(self, field.name))
+            for field in fields(self)
+        }
         table = self.photometric_table
         return {**values, "photometric_table": None if table is None else table.to_dict()}
 
@@ -153,15 +162,21 @@ class Sensor:
         FormatError
             A key too many or too few, or a photometric table that is none.
         """
-        expected = {field.name for field in fields(cls)}
+        names = {STORED_NAMES.get(field.name, field.name): field.name for field in fields(cls)}
+        expected = set(names)
         if expected != set(values):
             missing, unknown = sorted(expected - set(values)), sorted(set(values) - expected)
             raise FormatError("sensor", f"missing fields {missing}, unknown fields {unknown}")
         table = values["photometric_table"]
-        read = {key: _as_tuple(value) for key, value in values.items()}
+        read = {names[key]: _as_tuple(value) for key, value in values.items()}
         return cls(
             **{**read, "photometric_table": None if table is None else PhotometricTable.from_dict(table)}
         )
+
+
+Sensor.__init__ = renamed_keywords(  # type: ignore[method-assign]
+    **{old: new for new, old in STORED_NAMES.items()}
+)(Sensor.__init__)
 
 
 def _as_list(value: Any) -> Any:

@@ -7,6 +7,7 @@ Reading one needs PyYAML; an Object File holds its sensor itself, and needs noth
 
 import difflib
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.plugins import SENSORS, find_plugin, plugin_names
+from objectfolder.renaming import REMOVED_IN
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.illumination import Illumination, photometric_table
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
@@ -43,7 +45,7 @@ GEL = {
     "thickness_m": ("gel_thickness_m", "number"),
 }
 MATERIAL = {
-    "base_color": ("base_color", "number"),
+    "base_colour": ("base_colour", "number"),
     "metallic": ("metallic", "number"),
     "roughness": ("roughness", "number"),
     "display_gamma": ("display_gamma", "number"),
@@ -54,9 +56,11 @@ BACKGROUND = {
     "gain": ("background_gain", "number"),
     "blur_pixels": ("background_blur_pixels", "whole"),
 }
+# Keys as they were spelt before.
+OLD_KEYS = {"base_color": "base_colour", "color": "colour"}
 SECTIONS = {"camera": CAMERA, "gel": GEL, "housing": HOUSING, "noise": NOISE, "background": BACKGROUND}
-LIGHT = {"position_m": ("position_m", "vector"), "color": ("color", "vector")}
-STRIP = {"color": ("color", "vector"), "points": ("points", "whole")}
+LIGHT = {"position_m": ("position_m", "vector"), "colour": ("colour", "vector")}
+STRIP = {"colour": ("colour", "vector"), "points": ("points", "whole")}
 MADE_FROM = {
     "ambient": ("ambient", "number"),
     "centre_value": ("centre_value", "number"),
@@ -203,14 +207,14 @@ def _photometry(fields: "_Reader", path: Path, content: Any) -> dict[str, Any]:
         return {
             **fields.section("photometry", material, MATERIAL),
             "light_positions_m": tuple(light["position_m"] for light in lights),
-            "light_colors": tuple(light["color"] for light in lights),
+            "light_colours": tuple(light["colour"] for light in lights),
         }
     if model == "table":
         rest.pop("made_from", None)
         fields.check_keys("photometry.", rest, ("table",))
         name = fields.value("photometry.table", rest["table"], "text")
         table = PhotometricTable.read(path.parent / name)
-        return {"light_positions_m": (), "light_colors": (), "photometric_table": table}
+        return {"light_positions_m": (), "light_colours": (), "photometric_table": table}
     raise InputError(path.name, f"photometry.model is {model!r}", "It is cook_torrance or table.")
 
 
@@ -223,7 +227,25 @@ def _yaml(path: Path) -> dict[str, Any]:
         raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
     if not isinstance(content, dict):
         raise InputError(path.name, "holds no keys", "digit.yaml shows what a sensor needs.")
-    return content
+    return {
+        key: _with_new_keys(path, value) if key == "photometry" else value for key, value in content.items()
+    }
+
+
+def _with_new_keys(path: Path, content: Any) -> Any:
+    """Return a section of a file whose keys that were spelt otherwise are as they are now, with a warning."""
+    if isinstance(content, list):
+        return [_with_new_keys(path, item) for item in content]
+    if not isinstance(content, dict):
+        return content
+    renamed: dict[Any, Any] = {}
+    for key, value in content.items():
+        new = OLD_KEYS.get(key, key) if isinstance(key, str) else key
+        if new != key:
+            message = f"{path.name}: the key `{key}` is now `{new}`; the old name goes with {REMOVED_IN}"
+            warnings.warn(message, FutureWarning, stacklevel=2)  # who wrote the file sees it
+        renamed[new] = _with_new_keys(path, value)
+    return renamed
 
 
 @dataclass(frozen=True)

@@ -55,12 +55,12 @@ def cook_torrance(sensor: Sensor, positions: np.ndarray, normals: np.ndarray) ->
     alpha2 = np.float32(sensor.roughness**4)
     k = np.float32((sensor.roughness + 1) ** 2 / 8)
     dielectric = 1 - sensor.metallic
-    base = np.float32(dielectric * DIELECTRIC_REFLECTANCE + sensor.metallic * sensor.base_color)
-    diffuse = np.float32(dielectric * sensor.base_color * (1 - DIELECTRIC_REFLECTANCE) / np.pi)
+    base = np.float32(dielectric * DIELECTRIC_REFLECTANCE + sensor.metallic * sensor.base_colour)
+    diffuse = np.float32(dielectric * sensor.base_colour * (1 - DIELECTRIC_REFLECTANCE) / np.pi)
     one = np.float32(1)
     visible = nv / (nv * (one - k) + k)
     radiance = np.zeros((3, positions.shape[1]), dtype=np.float32)
-    for light, color in zip(sensor.light_positions_m, sensor.light_colors, strict=True):
+    for light, colour in zip(sensor.light_positions_m, sensor.light_colours, strict=True):
         towards = np.asarray(light, dtype=np.float32)[:, None] - positions
         squared = _dot(towards, towards)
         towards /= np.sqrt(squared)
@@ -76,8 +76,8 @@ def cook_torrance(sensor: Sensor, positions: np.ndarray, normals: np.ndarray) ->
         specular /= np.float32(4) * nl * nv + np.float32(0.001)
         reflected = nl / squared * ((one - fresnel) * diffuse + specular)
         for channel in range(3):
-            if color[channel] != 0:
-                radiance[channel] += np.float32(color[channel]) * reflected
+            if colour[channel] != 0:
+                radiance[channel] += np.float32(colour[channel]) * reflected
     return np.minimum(radiance ** np.float32(1 / sensor.display_gamma), one).T
 
 

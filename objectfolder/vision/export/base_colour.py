@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from objectfolder.extras import needs_extra
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
@@ -113,7 +114,8 @@ def network_colour(
 
 def _network_of(network: VisionNet) -> "tuple[SparseGrid, Reflectance]":
     """Return the feature grid of a VisionNet and its network, from the tensors it stores."""
-    import torch
+    with needs_extra("factory"):
+        import torch
 
     from objectfolder.vision.network.reflectance import Reflectance
 
@@ -134,7 +136,8 @@ def _reflectance_along_normal(
     With t = sin of the angle from the normal, rho = integral of 2 t f over t in 0..1 and the mean over
     azimuth: the midpoint rule in t, so that the highlight, which lies near t = 0, is resolved.
     """
-    import torch
+    with needs_extra("factory"):
+        import torch
 
     from objectfolder.vision.network.reflectance import angle_inputs, surrounding_inputs
 

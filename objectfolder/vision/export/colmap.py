@@ -150,7 +150,7 @@ def write_colmap(
         "light_intensity": views.light_intensity,
         "images": {
             name: {"light_position": light.tolist(), "held_out": bool(kept)}
-            for name, light, kept in zip(model.names, views.light_position, views.held_out, strict=True)
+            for name, light, kept in zip(model.names, views.lights, views.held_out, strict=True)
         },
     }
     write_json(folder / "views.json", described)
@@ -164,7 +164,7 @@ def sparse_model(views: PosedViews, surface: Surface | None, *, points: int, see
     from the camera meets the point first and the object covers half of the pixel or more. A point's colour is
     the mean of what training views show there.
     """
-    rotation, translation = world_to_camera(views.camera_to_world)
+    rotation, translation = world_to_camera(views.camera_to_object)
     positions, image, point, at = _observations(views, surface, points, seed)
     colours, trained = _mean_colours(views, len(positions), image, point, at)
     kept = (np.bincount(point, minlength=len(positions)) >= 2) & trained
@@ -190,7 +190,7 @@ def _observations(
     positions = metric if views.frame == "object" else frame.to_unit(metric)
     height, width = views.size
     images, rows, places = [], [], []
-    for index, pose in enumerate(views.camera_to_world):
+    for index, pose in enumerate(views.camera_to_object):
         local = (positions - pose[:3, 3]) @ pose[:3, :3]
         ahead = np.flatnonzero(local[:, 2] < 0)
         at = project(positions[ahead], pose, (height, width), views.field_of_view_deg)

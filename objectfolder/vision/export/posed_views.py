@@ -10,6 +10,7 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.products.store import Product
+from objectfolder.renaming import renamed_attribute
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import focal_length_px
 from objectfolder.vision.export.files import write_exr, write_png
@@ -26,10 +27,10 @@ class PosedViews:
     ----------
     rgba
         (n, h, w, 4) float16 scene-linear premultiplied.
-    camera_to_world
+    camera_to_object
         (n, 4, 4) poses, OpenGL convention (looks along -z, +y up), in `frame`.
-    light_position
-        (n, 3) in `frame`.
+    lights
+        (n, 3) places of point lights, in `frame`.
     light_intensity
         Radiant intensity of the point light in watts per steradian, for distances in `frame`: a Lambertian
         surface of albedo a at distance d has the radiance a / pi * intensity * cos / d^2.
@@ -48,8 +49,8 @@ class PosedViews:
     """
 
     rgba: np.ndarray
-    camera_to_world: np.ndarray
-    light_position: np.ndarray
+    camera_to_object: np.ndarray
+    lights: np.ndarray
     light_intensity: float
     held_out: np.ndarray
     names: tuple[str, ...]
@@ -57,6 +58,9 @@ class PosedViews:
     frame: FrameName
     unit_frame: UnitFrame
     attributes: dict[str, Any]
+
+    camera_to_world = renamed_attribute("camera_to_object")
+    light_position = renamed_attribute("lights")
 
     @classmethod
     def of_product(cls, views: Product, frame: FrameName = "unit", where: str = "views") -> "PosedViews":

@@ -96,10 +96,10 @@ def _with_intrinsics(views: PosedViews, shared: dict[str, Any], exr: bool) -> di
 
 
 def _frame(views: PosedViews, row: int, file_path: str, exr: bool) -> dict[str, Any]:
-    light = views.light_position[row].tolist()
+    light = views.lights[row].tolist()
     frame: dict[str, Any] = {
         "file_path": file_path,
-        "transform_matrix": views.camera_to_world[row].tolist(),
+        "transform_matrix": views.camera_to_object[row].tolist(),
         "light_position": light,
         "pl_pos": light,
         "pl_intensity": [views.light_intensity] * 3,

@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor, nn
-from torch.nn import functional
 
+from objectfolder.extras import needs_extra
 from objectfolder.vision.network.incidence import Incidence
 from objectfolder.vision.network.network_layout import (
     ANGLES,
@@ -28,6 +26,11 @@ from objectfolder.vision.network.network_layout import (
     SURROUNDINGS,
     WIDTH,
 )
+
+with needs_extra("factory"):
+    import torch
+    from torch import Tensor, nn
+    from torch.nn import functional
 
 
 class _Interpolate(torch.autograd.Function):

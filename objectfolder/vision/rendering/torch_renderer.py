@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
-import torch
 
 from objectfolder.errors import FormatError, QueryError
+from objectfolder.extras import needs_extra
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors
 from objectfolder.vision.network.reflectance import (
@@ -18,6 +18,9 @@ from objectfolder.vision.network.reflectance import (
 )
 from objectfolder.vision.network.sparse_grid import SparseGrid
 from objectfolder.vision.rendering.pixel_integration import integrate_pixels
+
+with needs_extra("cuda"):
+    import torch
 
 # Points lit at a time: what a render holds at once does not grow with its lights or its rays.
 POINTS = 1 << 14

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
 from objectfolder.products.store import Product
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import pixel_rays, sub_ray_offsets
@@ -20,6 +20,9 @@ from objectfolder.vision.network.reflectance import (
     surrounding_inputs,
 )
 from objectfolder.vision.network.sparse_grid import SparseGrid
+
+with needs_extra("factory"):
+    import torch
 
 # A mirror shows the lamp, a point, to no pixel: its highlight starts a little wider, and is never narrower.
 LEAST_ALPHA = 0.0025

@@ -122,7 +122,9 @@ def check_object(wanted: Wanted) -> Checked:
     where = f"{object_id} ({wanted.mesh})"
     if wanted.length_m is None:
         check_unit(where, float(load_mesh(wanted.mesh, with_textures=False).extents.max()))
-    product = ingest_object(wanted.mesh, wanted.texture, wanted.length_m, object_id)
+    product = ingest_object(
+        wanted.mesh, texture_path=wanted.texture, length_m=wanted.length_m, object_id=object_id
+    )
     if not wanted.attribution and licence not in WITHOUT_NAMING:
         finding = f"{licence} asks for the author to be named"
         raise InputError("--attribution", finding, "Name whom to thank")

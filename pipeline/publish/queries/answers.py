@@ -133,7 +133,7 @@ def strike_points(
     output.mkdir(parents=True, exist_ok=True)
     for rows, sounds in strikes():  # again: all at once need not fit in memory
         for index, sound in zip(range(rows.start, rows.stop), sounds, strict=True):
-            write_wav(output / f"{index:04d}.wav", sound, wanted.sample_rate_hz, gain=gain)
+            write_wav(output / f"{index:04d}.wav", sound, sample_rate_hz=wanted.sample_rate_hz, gain=gain)
     unit = "Pa" if wanted.listener else "m/s"
     more = f" (--gain 1 keeps {unit})" if wanted.gain is None and peak > 0 else ""
     written = "" if gain == 1 else f", written times {gain:.3g}{more}"

@@ -38,7 +38,7 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         raise InputError("--material", "not given", "Name a row of the materials table, such as ceramic.")
     material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
     started = time.process_time()
-    ingested = ingest_object(mesh, None, wanted.length_m, mesh.stem, with_textures=False)
+    ingested = ingest_object(mesh, length_m=wanted.length_m, object_id=mesh.stem, with_textures=False)
     seconds = {"ingest": time.process_time() - started}
     modes = simulate_modes(
         textured_mesh_of(ingested).surface,

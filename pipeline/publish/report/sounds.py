@@ -39,7 +39,13 @@ def recursions(eigenvalues: np.ndarray, dampings_per_s: np.ndarray) -> np.ndarra
     step = 1 / SAMPLE_RATE_HZ
     roots = np.sqrt(dampings_per_s**2 - eigenvalues + 0j)
     a = 2 * np.exp(-dampings_per_s * step) * np.cosh(roots * step).real
-    starts = mode_bank(eigenvalues, dampings_per_s, np.eye(len(eigenvalues)), 2 * step, SAMPLE_RATE_HZ)
+    starts = mode_bank(
+        eigenvalues,
+        dampings_per_s,
+        np.eye(len(eigenvalues)),
+        duration_s=2 * step,
+        sample_rate_hz=SAMPLE_RATE_HZ,
+    )
     return np.column_stack([a, -np.exp(-2 * dampings_per_s * step), starts])
 
 
