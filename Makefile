@@ -12,7 +12,11 @@ EXAMPLE_PARAMETERS := .objectfolder/examples.yaml
 EXAMPLE := --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
 
+COMPILE := UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-annotate --python-version 3.11
+
 .DEFAULT_GOAL := help
+# Stamps of purposes are kept, though only a pattern names them.
+.PRECIOUS: $(VENV)/.installed-%
 .PHONY: help environment dataset hundred learn learn-small metaworld examples test lint docs stages lock
 
 help: ## Say what can be made
@@ -25,23 +29,31 @@ $(STAMP): pyproject.toml requirements.lock environment.sh
 	@bash environment.sh $(VENV)
 	@touch $@
 
+# What a purpose needs beyond making: test, learn, docs, cluster.
+environment-%: $(VENV)/.installed-%
+	@:
+
+$(VENV)/.installed-%: requirements-%.lock $(STAMP)
+	@bash environment.sh $(VENV) requirements-$*.lock
+	@touch $@
+
 dataset: $(STAMP) ## Make the data set: what is missing or out of date
 	@objectfolder select $(if $(OBJECTS),--table "$(OBJECTS)") --only "$(ONLY)"
-	@dvc repro && status=0 || status=$$?; objectfolder report --summary; exit $$status
+	@python -m pipeline.cli.reproduce && status=0 || status=$$?; objectfolder report --summary; exit $$status
 
 hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the data set of them
 	objectfolder fetch --table data/objects.csv
 	$(MAKE) --no-print-directory dataset OBJECTS=data/objects.csv
 
-learn: $(STAMP) ## Evaluate the learning tasks on the data set: reports/learning.html
+learn: $(VENV)/.installed-learn ## Evaluate the learning tasks on the data set: reports/learning.html
 	dvc repro learning/dvc.yaml
 
-learn-small: $(STAMP) ## Evaluate all learning tasks on 20 objects, smaller: reports/learning_small/learning.html
+learn-small: $(VENV)/.installed-learn ## Evaluate all learning tasks on 20 objects, smaller: reports/learning_small/learning.html
 	python -m learning all --objects 20 --params learning/small.yaml --results reports/learning_small \
 		--page reports/learning_small/learning.html
 
 # Meta-World pins a MuJoCo that is older than ours.
-metaworld: $(STAMP) ## Do Meta-World's tasks with the objects of the data set, in .venv-metaworld
+metaworld: $(VENV)/.installed-test ## Do Meta-World's tasks with the objects of the data set, in .venv-metaworld
 	uv venv --quiet --allow-existing --python 3.11 .venv-metaworld
 	uv pip sync --quiet --python .venv-metaworld learning/metaworld/requirements.txt
 	objectfolder export --format mjcf --overwrite -o .objectfolder/assets
@@ -54,24 +66,29 @@ examples: $(STAMP) ## Make the Object Files inside the package again
 	objectfolder build data/starter/bell/model.obj --id bell --name "Bell with a knob" --material iron $(EXAMPLE)/bell.safetensors
 
 # One process more than there are processors: tests of clusters wait most of their time.
-test: $(STAMP) ## Check style, types and imports, and run all tests
+test: $(VENV)/.installed-test ## Check style, types and imports, and run all tests
 	$(MAKE) --no-print-directory lint
 	pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-lint: $(STAMP) ## Check style, types and imports
+lint: $(VENV)/.installed-test ## Check style, types and imports
 	ruff check .
 	ruff format --check --exclude '*.md' .
 	mypy
 	lint-imports --no-logo
 
-docs: $(STAMP) ## Build these pages as a site that opens from disk: site/index.html
+docs: $(VENV)/.installed-docs ## Build these pages as a site that opens from disk: site/index.html
 	mkdocs build --strict --clean --quiet
 
 stages: $(STAMP) ## Write into dvc.yaml what the stages declare
 	python -m pipeline.cli.declare
 
-lock: $(STAMP) ## Write requirements.lock: what stands in it stays as far as pyproject.toml allows
-	UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --all-extras --no-annotate \
-		--python-version 3.11 --output-file requirements.lock pyproject.toml
-	UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-annotate --python-version 3.11 \
-		--output-file learning/metaworld/requirements.txt learning/metaworld/requirements.in
+lock: $(VENV)/.installed-test ## Write the locks: what stands in them stays as far as pyproject.toml allows
+	$(COMPILE) --extra factory --output-file requirements.lock pyproject.toml
+	$(COMPILE) --all-extras --constraint requirements.lock --output-file requirements-test.lock pyproject.toml
+	$(COMPILE) --extra factory --extra learning --constraint requirements-test.lock \
+		--output-file requirements-learn.lock pyproject.toml
+	$(COMPILE) --extra factory --extra docs --constraint requirements-test.lock \
+		--output-file requirements-docs.lock pyproject.toml
+	$(COMPILE) --extra factory --extra dashboard --extra s3 --extra ssh --extra slurm --extra kubernetes \
+		--constraint requirements-test.lock --output-file requirements-cluster.lock pyproject.toml
+	$(COMPILE) --output-file learning/metaworld/requirements.txt learning/metaworld/requirements.in

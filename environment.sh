@@ -1,14 +1,17 @@
 #!/usr/bin/env bash
-# Make the environment: environment.sh FOLDER. Python 3.11 (Blender's module needs it; fetched by uv where
-# it is missing), the pinned packages, and the system libraries, installed where this user may and named
-# where not.
+# Make the environment: environment.sh FOLDER [LOCK...]. Python 3.11 (Blender's module needs it; fetched by uv
+# where it is missing), the packages that the locks pin (requirements.lock: what making a data set needs), and
+# the system libraries, installed where this user may and named where not.
 # TORCH_INDEX, if set, is the package index to take torch from (a CPU or a CUDA build).
 set -euo pipefail
 cd "$(dirname "$0")"
 folder=${1:-.venv}
-# What Blender's module links, and what the reference renderer of touch needs.
-libraries=(libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libxext6 libxt6
-  libegl1 libgl1-mesa-dri libgbm1)
+locks=("${@:2}")
+[ "${#locks[@]}" -gt 0 ] || locks=(requirements.lock)
+# What Blender's module links.
+libraries=(libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libice6 libgl1 libxext6 libxt6)
+# What the reference renderer of touch needs, which tests compare with.
+[[ " ${locks[*]} " != *" requirements-test.lock "* ]] || libraries+=(libegl1 libgl1-mesa-dri libgbm1)
 
 as_root() {
   if [ "$(id -u)" = 0 ]; then
@@ -44,6 +47,46 @@ find_python() {
     fi
   done
   return 1
+}
+
+megabytes() { du -sm "$folder" | cut -f1; }
+
+# Install with pip, which is silent while it unpacks; every few seconds say how far it is.
+install() {
+  "${pip[@]}" install --no-compile --progress-bar off --retries 5 "$@" 2>&1 | tee "$folder/pip.log" | follow || {
+    tail -n 20 "$folder/pip.log" >&2
+    exit 1
+  }
+}
+
+follow() {
+  local line="" packages=0 begun=$SECONDS next=$((SECONDS + 5)) every=5 status
+  [ -t 1 ] || every=30
+  while :; do
+    status=0
+    IFS= read -r -t 1 line || status=$?
+    if [ "$status" -gt 0 ] && [ "$status" -le 128 ]; then return 0; fi
+    case $line in Collecting* | Processing*) packages=$((packages + 1)) ;; esac
+    line=""
+    if [ "$SECONDS" -ge "$next" ]; then
+      echo "  $((SECONDS - begun)) s: $packages packages fetched, $(megabytes) MB in $folder"
+      next=$((SECONDS + every))
+    fi
+  done
+}
+
+# Remove what nothing here runs, half a gigabyte: packages' own tests, headers and tools of torch, Blender's
+# kernels for GPUs and its modules for add-ons, and of MKL all but the sequential solver of sparse systems.
+prune() {
+  local site="$folder/lib/python3.11/site-packages" package
+  for package in numpy pandas scipy sympy; do
+    if [ -d "$site/$package" ]; then
+      find "$site/$package" -type d -name tests -prune -exec rm -rf {} +
+    fi
+  done
+  rm -rf "$site"/torch/{test,include,bin/protoc*,bin/*[tT]est*}
+  rm -rf "$site"/bpy/*/scripts/addons_core/cycles/lib "$site"/bpy/*/python
+  rm -f "$folder"/lib/libmkl_{intel_thread,tbb_thread,gnu_thread,intel_ilp64,scalapack_*,blacs_*,cdft_core}.so.*
 }
 
 uv=()
@@ -82,9 +125,19 @@ if command -v dpkg-query >/dev/null; then
 fi
 
 pip=("$folder/bin/python" -m pip --disable-pip-version-check)
+torch=$(grep '^torch==' requirements.lock)
 if [ -n "${TORCH_INDEX:-}" ]; then
-  "${pip[@]}" install -qq --index-url "$TORCH_INDEX" "$(grep '^torch==' requirements.lock)"
+  echo "Installing $torch from $TORCH_INDEX"
+  install --no-deps --index-url "$TORCH_INDEX" "$torch"
 fi
-echo "Installing packages (a few minutes the first time)"
-"${pip[@]}" install -qq --retries 5 -r requirements.lock
-"${pip[@]}" install -qq --no-deps -e .
+for lock in "${locks[@]}"; do
+  echo "Installing the $(grep -c '==' "$lock") packages of $lock"
+  # A lock is whole: what packages ask for beyond it is not needed here.
+  install --no-deps -r "$lock"
+done
+# But for a CUDA build of torch, whose libraries are packages.
+install "$torch"
+install --no-deps -e .
+prune
+rm -f "$folder/pip.log"
+echo "$folder: $(megabytes) MB"

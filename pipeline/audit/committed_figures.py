@@ -31,28 +31,22 @@ def figures_by_object(version: Version) -> dict[str, Attributes] | None:
     return {row.get("id") or "": _nested(row) for row in rows}
 
 
-def changes_of_means(old: Version, new: Version) -> list[FidelityChange]:
-    """Return the means of ``metrics.json`` that differ; none where a version has no such file.
+def changes_of_means(old: bytes | None, new: bytes | None) -> list[FidelityChange]:
+    """Return the means that differ between two texts of ``metrics.json``; none where one is absent.
 
     Raises
     ------
     FormatError
-        A file that is not JSON of an object.
+        A text that is not JSON of an object.
     """
-    before, after = _means(old), _means(new)
-    return [] if before is None or after is None else changes(MEAN, before, after)
+    return [] if old is None or new is None else changes(MEAN, _means(old), _means(new))
 
 
-def _means(version: Version) -> Attributes | None:
-    text = version.texts.get(METRICS)
-    if text is None:
-        return None
+def _means(text: bytes) -> Attributes:
     try:
         metrics = dict(json.loads(text))
     except (ValueError, TypeError, RecursionError) as error:
-        raise FormatError(
-            f"{METRICS} of {version.label}", f"no JSON of an object ({error})", RESTORE
-        ) from error
+        raise FormatError(METRICS, f"no JSON of an object ({error})", RESTORE) from error
     metrics["bytes"] = {"total": metrics.get("bytes")}
     found = {}
     for key, measure in MEASURES.items():

@@ -16,7 +16,7 @@ from pipeline.audit.findings import Audit, ObjectChange, StageChange, State
 from pipeline.audit.product_comparison import ProductComparison
 from pipeline.audit.reasons import Circumstances
 from pipeline.audit.reproducibility import Arrays
-from pipeline.audit.versions import Version
+from pipeline.audit.versions import METRICS, Version
 from pipeline.dataset.differences import Reason
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.stage import Stage
@@ -87,10 +87,11 @@ class Comparison:
             else:
                 state = State.NOT_COMPARED if self._not_compared else State.UNCHANGED
             found.append(ObjectChange(object_id, state, former.get(object_id, ""), stages, failure))
+        means = changes_of_means(old.texts.get(METRICS), new.texts.get(METRICS))
         return Audit(
             old.label, new.label, tuple(found), tuple(worst_first(fidelity)),
             to_fetch(self._contents, old, new), self._products.read_arrays, self.problems,
-            tuple(worst_first(changes_of_means(old, new))), self._not_compared,
+            tuple(worst_first(means)), self._not_compared,
         )  # fmt: skip
 
     def stages(self, was: str, object_id: str) -> tuple[tuple[StageChange, ...], list[FidelityChange]]:

@@ -52,12 +52,16 @@ def report(*, summary: bool = False, root: Root = Path(".")) -> None:
     Parameters
     ----------
     summary
-        write nothing; say what the last report found, and how to look at it
+        write nothing; say what the last report found, how to look at it, and what of it differs from HEAD
     """
     from pipeline.publish.data_set import make_report, summary_of
 
     if summary:
+        from pipeline.audit.recorded_outputs import difference
+
         print(summary_of(root))
+        if line := difference(root):
+            print(line)
     else:
         with status_line("writing the report"):
             make_report(root.absolute())

@@ -22,11 +22,20 @@ MD5 = re.compile(r"[0-9a-f]{32}(\.dir)?")
 
 @dataclass(frozen=True)
 class Lock:
-    """MD5 of outputs by path, parameters by stage, and paths of all that any stage reads or makes."""
+    """What a ``dvc.lock`` says.
+
+    Attributes
+    ----------
+    outs : MD5 of outputs by path
+    parameters : by stage
+    paths : all that any stage reads or makes
+    deps : MD5 of dependencies by stage and path
+    """
 
     outs: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     paths: frozenset[str] = frozenset()
+    deps: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def table(self) -> str:
@@ -60,6 +69,7 @@ def read_lock(where: str, text: bytes) -> Lock:
         outs: dict[str, str] = {}
         parameters: dict[str, dict[str, Any]] = {}
         paths: set[str] = set()
+        deps: dict[str, dict[str, str]] = {}
         for stage, said in stages.items():
             for out in said.get("outs", ()):
                 md5 = out.get("md5")
@@ -67,6 +77,7 @@ def read_lock(where: str, text: bytes) -> Lock:
                     continue  # in no cache by MD5: a cloud's own version, or another file system's
                 outs[str(out["path"])] = md5
             paths |= {str(one["path"]) for one in (*said.get("outs", ()), *said.get("deps", ()))}
+            deps[str(stage)] = {str(one["path"]): str(one.get("md5", "")) for one in said.get("deps", ())}
             parameters[str(stage)] = {
                 str(name): value
                 for file in said.get("params", {}).values()
@@ -74,7 +85,7 @@ def read_lock(where: str, text: bytes) -> Lock:
             }
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise FormatError(where, f"no lock file of DVC ({type(error).__name__})", RESTORE) from error
-    return Lock(outs, parameters, frozenset(paths))
+    return Lock(outs, parameters, frozenset(paths), deps)
 
 
 def read_folder(where: str, text: bytes) -> dict[str, str]:

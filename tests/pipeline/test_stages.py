@@ -61,18 +61,40 @@ def test_all_code_of_a_stage_is_a_dependency(name, module):
     )
 
 
+def pins(path):
+    """Lines of a lock without its head."""
+    return {line for line in path.read_text().splitlines() if not line.startswith("#")}
+
+
 @pytest.mark.parametrize("name", STAGES)
 def test_packages_of_a_task_are_pinned(name):
-    pinned = {line.partition("==")[0] for line in (REPOSITORY / "requirements.lock").read_text().splitlines()}
+    pinned = {line.partition("==")[0] for line in pins(REPOSITORY / "requirements.lock")}
     assert {package.lower() for package in STAGES[name].packages} <= pinned
 
 
-def test_lock_names_no_place_and_no_build():
-    text = (REPOSITORY / "requirements.lock").read_text()
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
+LOCKS = {path.name: pins(path) for path in sorted(REPOSITORY.glob("requirements*.lock"))}
+
+
+@pytest.mark.parametrize("name", LOCKS)
+def test_a_lock_has_all_of_making_and_names_no_place_and_no_build(name):
+    lines = LOCKS[name]
     assert all(line.count("==") == 1 for line in lines)
     assert not any(mark in line for line in lines for mark in ("+", "/", "@", " "))
     assert "torch==2.13.0" in lines
+    assert LOCKS["requirements.lock"] <= lines <= LOCKS["requirements-test.lock"]
+
+
+def test_making_installs_nothing_of_tests_and_clusters():
+    lock = {line.partition("==")[0] for line in LOCKS["requirements.lock"]}
+    assert not lock & {
+        "playwright",
+        "pybullet",
+        "tensorboard",
+        "moto",
+        "kubernetes",
+        "mujoco",
+        "intel-openmp",
+    }
 
 
 def test_make_says_what_it_can_do():
