@@ -84,9 +84,9 @@ def sample(
     output
         folder for views.npy, points.npy and forces.npy
     """
-    from pipeline.publish.queries.answers import sample_queries
-
     with status_line(f"drawing queries of {file}"):
+        from pipeline.publish.queries.answers import sample_queries
+
         lines = sample_queries(file, views, contacts, seed, anywhere, output)
     print(lines)
 
@@ -101,9 +101,9 @@ def render(
     output
         folder for 0000.png and so on
     """
-    from pipeline.publish.queries.answers import render_views
-
     with status_line(f"rendering {file}"):
+        from pipeline.publish.queries.answers import render_views
+
         lines = render_views(file, wanted, output)
     print(lines)
 
@@ -128,9 +128,9 @@ def strike(
     output
         folder for 0000.wav and so on
     """
-    from pipeline.publish.queries.answers import strike_points
-
     with status_line(f"striking {file}"):
+        from pipeline.publish.queries.answers import strike_points
+
         lines = strike_points(file, wanted, output, pulse_s, striker)
     print(lines)
 
@@ -155,9 +155,9 @@ def press(
     output
         folder for 0000.png, depth.npy and labels.json
     """
-    from pipeline.publish.queries.answers import press_points
-
     with status_line(f"pressing {file}"):
+        from pipeline.publish.queries.answers import press_points
+
         lines = press_points(file, wanted, output, depth_m, force_n)
     print(lines)
 
@@ -169,9 +169,9 @@ def modes(
 
     The exit status is 1 where the accuracy asked for was not reached.
     """
-    from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
-
     with on_interrupt(REPEATED), status_line(f"solving the modes of {mesh}"):
+        from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
+
         result = solve_modes(mesh, wanted)
     print(json_text.dumps(result) if json else modes_table(result))
     return FAILED if result.get("accuracy_reached") is False else FINE

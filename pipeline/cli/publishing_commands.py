@@ -32,9 +32,9 @@ def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(al
     output
         folder of its reports (default: reports in the root)
     """
-    from pipeline.publish.data_set import REPORTS, write_cards
-
     with status_line("writing cards"):
+        from pipeline.publish.data_set import REPORTS, write_cards
+
         written = write_cards(root, output or root / REPORTS)
     print("\n".join(map(str, written)))
 
@@ -111,12 +111,12 @@ def export(
     output
         a folder that does not exist yet; several objects get a folder each in it
     """
-    from pipeline.publish.export.formats import known_formats, write_exports
-
-    if wanted.format not in (known := known_formats()):
-        there = ", ".join(f'"{name}"' for name in known)
-        raise CycloptsError(msg=f'--format: "{wanted.format}" is unknown. Use one of {there}.')
     with status_line(f"writing {wanted.format}: {', '.join(objects) or 'all objects'}"):
+        from pipeline.publish.export.formats import known_formats, write_exports
+
+        if wanted.format not in (known := known_formats()):
+            there = ", ".join(f'"{name}"' for name in known)
+            raise CycloptsError(msg=f'--format: "{wanted.format}" is unknown. Use one of {there}.')
         for line in write_exports(objects, root, wanted, output):
             print(line, flush=True)
 
@@ -153,13 +153,13 @@ def scene(
     overwrite
         replace an earlier scene and its assets
     """
-    from pipeline.publish.export.assets import all_objects, compose_scene
-
     wanted = Exporting(
         format="all", seed=seed, most_parts=most_parts, texture_side=texture_side, overwrite=overwrite
     )
-    named = objects or all_objects(root)
-    with status_line(f"composing a scene: {', '.join(named)}"):
+    with status_line(f"composing a scene: {', '.join(objects) or 'all objects'}"):
+        from pipeline.publish.export.assets import all_objects, compose_scene
+
+        named = objects or all_objects(root)
         line = compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m)
     print(line)
 
@@ -212,9 +212,9 @@ def play(
 
         play_in_browser(scene, port, not no_browser)
         end_at_once()
-    from pipeline.publish.playing import play as played
-
     with status_line(f"playing {scene}"):
+        from pipeline.publish.playing import play as played
+
         line = played(scene, output, seconds, lift_m, (height, width), seed, simulator)
     print(line)
 
@@ -295,9 +295,10 @@ def listen(
         seconds of each sound
     """
     from objectfolder.products.atomic import write_whole
-    from pipeline.publish.listening.listening_page import draw_pairs, page_text
 
     with status_line("drawing trials"):
+        from pipeline.publish.listening.listening_page import draw_pairs, page_text
+
         pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)
         write_whole(output, page_text(pairs, seed))
     print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")
