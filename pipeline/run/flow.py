@@ -74,7 +74,7 @@ class Flow:
         for name, outcomes in self.outcomes.items():
             for object_id in self._rows:
                 if object_id not in outcomes:
-                    yield name, object_id, self._estimates.of(name, object_id).cpu_s
+                    yield name, object_id, self._estimates.cpu_s(name, object_id)
 
     @cached_property
     def _estimates(self) -> "Estimates":
@@ -129,8 +129,9 @@ class Flow:
         object_id = call.request.object_id
         own = self._estimates.of(stage.name, object_id)
         expected_s, late_s = self._chain_seconds(stage, object_id)
+        cpu_s = self._estimates.cpu_s(stage.name, object_id)
         return Job(
-            call, own.wall_s, expected_s, late_s, own.memory_bytes, stage.needs, prepared.inputs, own.cpu_s
+            call, own.wall_s, expected_s, late_s, own.memory_bytes, stage.needs, prepared.inputs, cpu_s
         )
 
     def _chain_seconds(self, stage: Stage, object_id: str) -> tuple[float, float]:

@@ -115,9 +115,11 @@ class FlowProgress:
 
 def duration(seconds: float) -> str:
     """Return seconds in the unit that suits them."""
-    for size, unit, decimals in ((1, "s", 0), (60, "min", 0), (3600, "h", 1)):
+    seconds = max(0.0, seconds)
+    for size, unit, least in ((1, "s", 0), (60, "min", 10), (3600, "h", 100)):
         if seconds < 100 * size:
-            return f"{max(0.0, seconds) / size:.{decimals}f} {unit}"
+            decimals = 1 if seconds < least * size else 0
+            return f"{seconds / size:.{decimals}f} {unit}"
     return f"{seconds / 86400:.1f} days"
 
 

@@ -15,6 +15,7 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.dataset.task import Outcome
 from pipeline.run.costs import COLUMNS, add_costs, costs_path
+from pipeline.run.forecast import machine
 from pipeline.run.forecast.estimates import (
     HIGH_QUANTILE,
     MEMORY_MARGIN,
@@ -57,6 +58,22 @@ def test_few_runs_set_the_pace_of_this_machine(tmp_path):
     after = Estimates(tmp_path).of("modes", "new")
     assert after.wall_s == pytest.approx(3 * before.wall_s, rel=0.01)
     assert after.memory_bytes >= before.memory_bytes
+
+
+def test_packaged_cpu_seconds_are_scaled_by_the_speed_of_this_machine(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine, "slowness", lambda: 2.0)
+    packaged = Estimates(tmp_path)
+    assert packaged.cpu_s("modes", "new") == 2 * packaged.of("modes", "new").cpu_s
+    note(tmp_path, "modes", "cup", 8.0)
+    own = Estimates(tmp_path)
+    assert own.cpu_s("modes", "cup") == 4.0
+    assert own.cpu_s("modes", "new") == own.of("modes", "new").cpu_s
+
+
+def test_the_speed_of_this_machine_is_measured_in_a_moment():
+    begin = time.process_time()
+    assert 0.05 < machine.slowness() < 20
+    assert time.process_time() - begin < 1.0  # 0.05 s on an idle machine
 
 
 def test_a_rendering_is_never_taken_for_one_without_its_child(tmp_path):

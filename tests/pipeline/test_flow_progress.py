@@ -70,7 +70,7 @@ def test_a_log_has_time_workers_and_shares_now_and_then_and_the_outcomes_at_the_
     progress.settle("objects", "mug_7", "failed", 1.0, 1.0)
     progress.close()
     assert log.getvalue().splitlines() == [
-        "0%, 9 min to go, 2 of 2 workers busy | objects 4/10 | views 0/10 | modes 0/10 | encode 0/10",
+        "0%, 9.0 min to go, 2 of 2 workers busy | objects 4/10 | views 0/10 | modes 0/10 | encode 0/10",
         "objects: 2 computed, 1 failed, 4 kept, 1 restored",
         *[f"{stage}: no object" for stage in ("views", "modes", "encode")],
     ]
@@ -98,7 +98,7 @@ def test_a_terminal_has_one_bar_that_leaves_only_the_outcomes(clock, monkeypatch
     progress.close()
     shown = screen.getvalue()
     assert "objects 4/10" in shown
-    assert "9 min to go, 1 of 2 workers busy" in shown
+    assert "9.0 min to go, 1 of 2 workers busy" in shown
     assert "\033[2K" in shown  # the bar is erased
     assert shown.endswith("encode: no object\n")
 
@@ -190,5 +190,5 @@ def test_stages_that_have_not_begun_follow_those_that_ended(clock):
 
 
 def test_durations_are_short():
-    said = [duration(seconds) for seconds in (-1, 3, 99, 600, 20_000, 1_000_000)]
-    assert said == ["0 s", "3 s", "99 s", "10 min", "5.6 h", "11.6 days"]
+    said = [duration(seconds) for seconds in (-1, 3, 99, 130, 600, 20_000, 1_000_000)]
+    assert said == ["0 s", "3 s", "99 s", "2.2 min", "10 min", "5.6 h", "11.6 days"]

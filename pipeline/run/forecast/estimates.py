@@ -30,6 +30,7 @@ from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.records import read_records
 from pipeline.dataset.stages import FIDELITY, MODES, OBJECTS, STAGES
 from pipeline.run.costs import QUERY, Cost, known_costs, read_costs
+from pipeline.run.forecast import machine
 
 PACKAGED = Path(__file__).with_name("known_costs.csv")
 STARTER = Path(__file__).with_name("starter_costs.csv")  # of the starter set at the default size
@@ -132,6 +133,13 @@ class Estimates:
             # Cycles is a process of its own, whose peak is noted only if it is a worker's first.
             memory = max(memory, model.usual.memory_bytes)
         return Estimate(own.wall_s, own.cpu_s, memory, model.usual.product_bytes)
+
+    def cpu_s(self, stage: str, object_id: str) -> float:
+        """Return the CPU seconds that a task is expected to need on this machine.
+
+        Where nothing of this data set ran here, packaged costs are scaled by how fast the machine is.
+        """
+        return self.of(stage, object_id).cpu_s * (1.0 if self._own else machine.slowness())
 
     def load(self, stage: str, object_id: str) -> float | None:
         """Return the load of a task; None for other stages than modes, and for an object not measured yet."""
