@@ -287,7 +287,7 @@ def test_a_folder_is_no_object_file(
 # rich, which prints the help, ends the process by itself.
 @pytest.mark.parametrize(
     ("words", "status"),
-    [(["modes", str(objectfolder.EXAMPLES / "mug.safetensors")], 141), (["--help"], 1)],
+    [(["info", str(objectfolder.EXAMPLES / "mug.safetensors")], 141), (["--help"], 1)],
     ids=["a table", "help"],
 )
 def test_output_that_nobody_reads_ends_a_command_silently(words: list[str], status: int) -> None:
