@@ -16,7 +16,8 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from objectfolder.errors import InputError, ObjectFolderError, SimulationError
+from objectfolder.errors import InputError, MissingPackageError, ObjectFolderError, SimulationError
+from objectfolder.extras import needs_extra
 from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.validation import number_of
 
@@ -131,12 +132,14 @@ class Store:
         }
         try:
             if self.url.startswith(("s3:", "s3a:")):
+                with needs_extra("s3"):
+                    import boto3  # noqa: F401  (the next line needs it)
                 from obstore.auth.boto3 import Boto3CredentialProvider  # knows profiles, too
 
                 options["credential_provider"] = Boto3CredentialProvider()
             return from_url(self.url, **options)
-        except ImportError as error:
-            raise InputError(self.url, str(error), "Install the project's extra `s3`.") from error
+        except MissingPackageError:
+            raise
         except Exception as error:  # of the URL or the credentials; each library has errors of its own
             remedy = f"Correct {STORE} (s3://bucket/prefix, file:///folder) or the credentials (AWS_...)."
             raise InputError(self.url, _said(error), remedy) from error

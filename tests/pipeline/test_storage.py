@@ -13,7 +13,7 @@ import pytest
 import s3_server
 from toys import FILES, QUALITY, REPOSITORY, TUNED
 
-from objectfolder.errors import InputError, SimulationError
+from objectfolder.errors import InputError, MissingPackageError, SimulationError
 from pipeline.dataset import products
 from pipeline.store import memo, shared
 from pipeline.store.storage import PATIENCE, STORE, Store, product_name, source_name
@@ -258,7 +258,7 @@ def test_an_error_of_azure_is_one_of_the_store(
 def test_a_store_without_its_library_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "boto3", None)
     monkeypatch.delitem(sys.modules, "obstore.auth.boto3", raising=False)
-    with pytest.raises(InputError, match="extra `s3`"):
+    with pytest.raises(MissingPackageError, match=r"boto3: is not installed.*factory\[s3\]"):
         Store("s3://bucket/x")
 
 
