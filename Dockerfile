@@ -7,7 +7,7 @@ COPY pyproject.toml README.md LICENSE /source/
 COPY objectfolder /source/objectfolder
 COPY pipeline /source/pipeline
 COPY data /source/data
-RUN pip install --no-cache-dir /source cyclopts Jinja2 matplotlib pandas Pillow tornado && rm -rf /source \
+RUN pip install --no-cache-dir /source Jinja2 matplotlib pandas && rm -rf /source \
     && useradd --create-home user && mkdir /work && chown user /work
 
 USER user

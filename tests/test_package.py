@@ -1,11 +1,14 @@
 """The package as it is installed: from a wheel, in another folder, with nothing but what it depends on."""
 
 import json
+import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 import tomllib
+import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,22 +19,27 @@ import yaml
 
 import objectfolder
 from objectfolder.errors import QueryError
+from pipeline.cli import COMMANDS
 from tests.conftest import REPOSITORY
 
 EXAMPLES = ("bell", "mug")
 LARGEST_BYTES = 1_200_000
-# Torch is kept away: it is no dependency.
-SENSES = """
-import sys
-sys.modules["torch"] = None
-import objectfolder
+VERSIONS = ("3.11", "3.12", "3.13")
+LARGEST_CORE_BYTES = 450e6  # as packages bring it, without bytecode
+# The first lines of the README in Python, then commands with their arguments: all in one process, which
+# compiles a kernel once.
+FIRST_LINES = """
+{python}
+assert picture.std() > 0
+assert len(images) == len(sounds) == 4
+assert touches.depth.max() > 0
 assert objectfolder.__file__.startswith({folder!r}), objectfolder.__file__
-mug = objectfolder.example("mug")
-points, normals = mug.sample_contacts()
-assert mug.pictures(1, 32).std() > 0
-assert abs(mug.strike(points, duration=0.1)).max() > 0
-assert mug.press(points).depth.max() > 0
+from pipeline.cli import main
+for words, status in {commands!r}:
+    assert main(words) == status, words
 """
+# Small answers of the commands that the README shows.
+SMALL = {"render": ["--views", "2", "--resolution", "24"], "strike": ["--points", "2", "--duration", "0.1"]}
 
 
 @pytest.fixture(scope="module")
@@ -88,10 +96,97 @@ def _run(installed: Path, folder: Path, *words: str) -> subprocess.CompletedProc
     )
 
 
+def _interpreter(version: str) -> str:
+    """Return an interpreter that runs, or the version, which uv then finds or fetches."""
+    for name in (f"python{version}", "python3", "python"):
+        for folder in os.get_exec_path():
+            found = shutil.which(name, path=folder)
+            if found is None:
+                continue
+            asked = [found, "-c", "import sys; print('%d.%d' % sys.version_info[:2], sys.executable)"]
+            said = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split(maxsplit=1)
+            if said[:1] == [version]:
+                return said[1].strip()
+    return version
+
+
+def _blocks(kind: str) -> list[str]:
+    """Return the README's blocks of code of a language."""
+    return re.findall(
+        rf"```{kind}\n(.*?)```", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+
+
+@pytest.fixture(scope="module", params=VERSIONS)
+def bare(request: pytest.FixtureRequest, installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment of a Python version with the wheel, and the packages that it depends on, alone."""
+    folder = tmp_path_factory.mktemp("bare") / "environment"
+    uv = [sys.executable, "-m", "uv"]
+    made = subprocess.run(
+        [*uv, "venv", "-q", "--python", _interpreter(request.param), str(folder)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if made.returncode:
+        pytest.skip(f"no Python {request.param}: {made.stderr.strip()}")
+    (wheel,) = installed.parent.glob("*.whl")
+    python = folder / "bin" / "python"
+    subprocess.run([*uv, "pip", "install", "-q", "--python", str(python), str(wheel)], check=True)
+    return folder
+
+
 @pytest.mark.slow
-def test_a_wheel_answers_with_all_senses_without_torch(installed: Path, tmp_path: Path) -> None:
-    done = _run(installed, tmp_path, "-c", SENSES.format(folder=str(installed)))
-    assert done.returncode == 0, done.stderr
+def test_the_readmes_first_lines_and_every_help_work_from_the_core(bare: Path, tmp_path: Path) -> None:
+    """A command that needs more says so in a line; the core is without torch, and not large."""
+    (site,) = (bare / "lib").glob("python*/site-packages")
+    assert not (site / "torch").exists()
+    size = sum(file.stat().st_size for file in site.rglob("*") if file.is_file() and file.suffix != ".pyc")
+    assert size <= LARGEST_CORE_BYTES
+
+    names = [function.__name__.replace("_", "-") for group in COMMANDS.values() for function in group]
+    shown = [shlex.split(line, comments=True)[1:] for line in _blocks("console")[1].splitlines()]
+    assert [words[0] for words in shown] == ["render", "strike", "view"]
+    mug = "mug.safetensors"
+    ran = [
+        ["--version"],
+        ["--help"],
+        *([name, "--help"] for name in names),
+        *([*words, *SMALL[words[0]]] for words in shown[:2]),
+        ["info", mug, "--json"],
+        ["modes", mug],
+        ["sample", mug, "-o", "queries"],
+        ["press", mug, "--points", "1", "-o", "touches"],
+        ["export", mug, "--format", "gltf", "--vertex-colours", "-o", "glb"],
+    ]
+    refused = [["build", "a.obj", "--material", "steel", "-o", "a.safetensors"], ["status"], ["plan"]]
+    program = FIRST_LINES.format(
+        python="\n".join(_blocks("python")),
+        folder=str(site),
+        commands=[(words, 0) for words in ran] + [(words, 1) for words in refused],
+    )
+    done = subprocess.run(
+        [str(bare / "bin" / "python"), "-P", "-c", program],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
+    assert len(said) == len(refused), done.stderr
+    for words, line in zip(refused, said, strict=True):
+        assert line.startswith(f"objectfolder: {words[0]} needs ")
+        assert line.endswith('pip install "objectfolder-factory[factory]"')
+
+    view = [str(bare / "bin" / "objectfolder"), *shown[2], "--no-browser"]
+    with subprocess.Popen(view, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        address = server.stdout.readline().split()[1]
+        with urllib.request.urlopen(address) as page:
+            assert b"<html" in page.read()
+        server.terminate()
+    assert server.returncode == 0
 
 
 @pytest.mark.slow

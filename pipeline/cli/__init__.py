@@ -28,6 +28,8 @@ from pipeline.cli.printing import FAILED, FINE, print_error
 
 USAGE, INTERRUPTED, UNREAD = 2, 130, 141
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+# Extras of pyproject.toml that have a package which `factory` lacks.
+EXTRAS = {"av": "video", "boto3": "s3", "mujoco": "video", "pxr": "simulators", "xarray": "xarray"}
 EPILOG = """Examples:
 
 ```
@@ -84,10 +86,11 @@ def application() -> App:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         with _ended_by_signals():
             status = application()(
-                list(sys.argv[1:] if arguments is None else arguments),
+                words,
                 exit_on_error=False,
                 print_error=False,
                 result_action="return_value",
@@ -99,6 +102,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return USAGE
     except ObjectFolderError as error:
         print_error(error)
+    except ModuleNotFoundError as error:
+        print_error(_absent_package(words, error))
     except FileNotFoundError as error:
         print_error(f"{error.filename}: no such file. Check the path.")
     except BrokenPipeError:
@@ -136,6 +141,15 @@ def _ended_by_signals() -> Iterator[None]:
 
 def _interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
+
+
+def _absent_package(words: Sequence[str], error: ModuleNotFoundError) -> str:
+    """Return what to install for a command, or raise the error again where a module of ours is not there."""
+    module = (error.name or "").partition(".")[0]
+    if module in ("", "objectfolder", "pipeline"):
+        raise error
+    command, extra = words[0] if words else "", EXTRAS.get(module, "factory")
+    return f'{command} needs {module}, which is not installed. pip install "objectfolder-factory[{extra}]"'
 
 
 def _default_to_show(default: object) -> str | None:

@@ -6,7 +6,6 @@ from typing import Any
 
 from objectfolder.errors import FormatError
 from objectfolder.products.atomic import PARTIAL
-from pipeline.dataset import archives
 
 # Folder beside a data set and outside its versions; losing it costs time only.
 STATE = ".objectfolder"
@@ -94,6 +93,8 @@ def read_description(path: Path) -> dict[str, Any]:
         A file that cannot be read.
     """
     if not path.name.endswith(TENSORS):
+        from pipeline.dataset import archives
+
         return archives.read_attributes(path)
     from objectfolder.products.tensor_file import read_metadata
 
@@ -131,4 +132,6 @@ def verify(path: Path) -> None:
         if DIGEST not in read_tensor_file(path).metadata:
             raise FormatError(str(path), "it carries no content digest", "Delete it; a run makes it again.")
         return
+    from pipeline.dataset import archives
+
     archives.check(path)

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
-from pipeline.dataset.parameters import ObjectsParameters
 from pipeline.dataset.task import Failure, failure_of
 
 # Stages after the first need neither tables nor meshes, and start sooner without.
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
     from objectfolder.catalogue import ObjectRecord
+    from pipeline.dataset.parameters import ObjectsParameters
 
 MATERIALS = Path("data/materials.csv")
 RECORDS = Path("data/records.json")
@@ -48,7 +48,7 @@ class Records:
         return Records(rows, tuple(failure for failure in self.refused if failure.object_id in only))
 
 
-def read_table(root: Path, objects: ObjectsParameters) -> Records:
+def read_table(root: Path, objects: "ObjectsParameters") -> Records:
     """Read the table of objects and the materials; rows have source files besides their records.
 
     All objects of the table are returned, those that ``objects.only`` leaves out included.

@@ -1,19 +1,19 @@
 """The stages that converge, in order, with the products and the exact inputs of each."""
 
 from pipeline.dataset.job import BLENDER
-from pipeline.dataset.products import TENSORS, ProductKind
+from pipeline.dataset.product_kinds import (
+    COLLISION,
+    ENCODED,
+    FIDELITY,
+    MODES,
+    OBJECT_FILES,
+    OBJECTS,
+    TOUCHES,
+    VIEWS,
+)
 from pipeline.dataset.records import sources
 from pipeline.dataset.stage import ProductInput, Stage
 from pipeline.dataset.tolerances import TOLERANCES
-
-OBJECTS = ProductKind("data/objects")
-VIEWS = ProductKind("data/views")
-MODES = ProductKind("data/modes")
-TOUCHES = ProductKind("data/touches")
-COLLISION = ProductKind("data/collision")
-ENCODED = ProductKind("data/encoded", TENSORS, "encode")
-OBJECT_FILES = ProductKind("data/object_files", TENSORS, "fidelity")
-FIDELITY = ProductKind("data/fidelity")
 
 GEOMETRY = ProductInput(OBJECTS, ("digests.geometry",))
 LIT_SURFACE = ProductInput(OBJECTS, ("digests.geometry", "digests.normals"))

@@ -22,7 +22,7 @@ from objectfolder.simulators.stable_poses import lay_out
 from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.gltf import Part
 from objectfolder.vision.export.textured_surface import baked_part, mesh_parts
-from pipeline.dataset.stages import OBJECT_FILES
+from pipeline.dataset.product_kinds import OBJECT_FILES
 from pipeline.publish.export.exports import appearance_of, stored_colours
 from pipeline.publish.export.found_products import FoundProducts, find_products
 from pipeline.publish.queries.requests import Exporting

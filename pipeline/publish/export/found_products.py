@@ -13,8 +13,8 @@ from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata
 from objectfolder.vision.export.files import MANIFEST, Credit, write_json
+from pipeline.dataset.product_kinds import COLLISION, OBJECT_FILES, OBJECTS, VIEWS
 from pipeline.dataset.records import RECORDS, read_records
-from pipeline.dataset.stages import COLLISION, OBJECT_FILES, OBJECTS, VIEWS
 
 KINDS = {"views": VIEWS, "object_file": OBJECT_FILES, "objects": OBJECTS, "collision": COLLISION}
 

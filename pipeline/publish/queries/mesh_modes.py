@@ -6,14 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas
 
 import objectfolder
 from objectfolder.audio.materials import find_material, read_materials
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.object_file import ObjectFile
 from pipeline.publish.queries.requests import ModesOfMesh
 
@@ -37,6 +33,11 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     if wanted.material is None:
         raise InputError("--material", "not given", "Name a row of the materials table, such as ceramic.")
     material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
+    # An Object File is listed without what meshes need.
+    from objectfolder.audio.modes.modes import simulate_modes
+    from objectfolder.mesh.ingest import ingest_object
+    from objectfolder.mesh.mesh import textured_mesh_of
+
     started = time.process_time()
     ingested = ingest_object(mesh, length_m=wanted.length_m, object_id=mesh.stem, with_textures=False)
     seconds = {"ingest": time.process_time() - started}
@@ -95,6 +96,21 @@ def _stored_modes(file: ObjectFile) -> dict[str, Any]:
     }
 
 
+def _columns(shown: dict[str, list[float | None]]) -> list[str]:
+    """Return the lines of numbered rows under their names, aligned to the right."""
+    count = len(next(iter(shown.values())))
+    cells = [["", *map(str, range(count))]]
+    cells += [
+        [name, *("unknown" if value is None else f"{value:.2f}" for value in values)]
+        for name, values in shown.items()
+    ]
+    widths = [max(map(len, column)) for column in cells]
+    return [
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        for row in zip(*cells, strict=True)
+    ]
+
+
 def modes_table(result: dict[str, Any]) -> str:
     """Return the result of `solve_modes` for people."""
     count, limit_hz = len(result["frequencies_hz"]), result["frequency_limit_hz"]
@@ -102,9 +118,7 @@ def modes_table(result: dict[str, Any]) -> str:
     if count:
         columns = ("frequencies_hz", "dampings_per_s", "t60_s", "error_estimates_cents")
         shown = {name: result[name] for name in columns if name in result}
-        lines.append(
-            pandas.DataFrame(shown, dtype=float).to_string(float_format="{:.2f}".format, na_rep="unknown")
-        )
+        lines += _columns(shown)
     if "count_certificate" not in result:
         cents = result["error_estimate_cents"]
         return "\n".join([*lines, f"error: {'unknown' if cents is None else f'about {cents:.1f} cents'}"])
