@@ -7,6 +7,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ import objectfolder
 from objectfolder.errors import InputError
 from objectfolder.live import LiveSound, open_simulation
 from objectfolder.plugins import EXPORTS, SENSORS, SIMULATORS, SOURCES
-from objectfolder.touch import read_sensor
+from objectfolder.touch import Press, press, read_sensor
 from pipeline.cli import main
 from pipeline.dataset.parameters import read_parameters
 from pipeline.intake.sources.registry import Resolutions, source_named
@@ -93,14 +94,15 @@ def test_objects_of_a_source_are_listed_and_fetched(
 
 @pytest.mark.usefixtures("lab")
 def test_a_sensor_is_pressed_and_all_of_it_is_a_parameter(tmp_path: Path) -> None:
-    names: dict[str, object] = {}
+    names: dict[str, Any] = {}
     exec(FILES["press.py"], names)
     touches = names["touches"]
     flat = read_sensor("flat")
     assert (flat.name, flat.gel_sagitta_m) == ("Flat DIGIT", 0.0)
     assert touches.reachable.all()
     assert touches.mask.any()
-    assert (touches.rgb != names["mug"].press(names["points"], depth=0.001).rgb).any()
+    of_digit = press(names["mug"].surface, read_sensor("digit"), names["points"], Press(depth_m=0.001))
+    assert (touches.rgb != of_digit.rgb).any()
     written = yaml.safe_load((REPOSITORY / "params.yaml").read_text(encoding="utf-8"))
     written["sizes"]["default"]["touch"]["sensor"] = "flat"
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(written))

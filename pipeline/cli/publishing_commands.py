@@ -111,7 +111,7 @@ def export(
     output
         a folder that does not exist yet; several objects get a folder each in it
     """
-    with status_line(f"writing {wanted.format}: {', '.join(objects) or 'all objects'}"):
+    with status_line(f"exporting {', '.join(objects) or 'all objects'}"):
         from pipeline.publish.export.formats import known_formats, write_exports
 
         if wanted.format not in (known := known_formats()):
