@@ -46,7 +46,7 @@ hundred: $(STAMP) ## Fetch the hundred objects of ObjectFolder 1.0 and make the 
 	$(MAKE) --no-print-directory dataset OBJECTS=data/objects.csv
 
 learn: $(VENV)/.installed-learn ## Evaluate the learning tasks on the data set: reports/learning.html
-	dvc repro learning/dvc.yaml
+	python -m pipeline.cli.reproduce learning/dvc.yaml
 
 learn-small: $(VENV)/.installed-learn ## Evaluate all learning tasks on 20 objects, smaller: reports/learning_small/learning.html
 	python -m learning all --objects 20 --params learning/small.yaml --results reports/learning_small \

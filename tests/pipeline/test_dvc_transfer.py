@@ -10,6 +10,9 @@ import pytest
 from dvc.repo import Repo
 from toys import REPOSITORY
 
+from pipeline.cli.printing import FAILED, FINE
+from pipeline.cli.reproduce import reproduce
+
 COPIED = ("dvc.yaml", "params.yaml", "learning/dvc.yaml", "learning/dvc.lock", "learning/params.yaml")
 SIGNATURE = pygit2.Signature("t", "t@t")
 
@@ -62,7 +65,7 @@ def made_data_set(root: Path, store: Path) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_pushed_pulled_as_links_and_an_older_version_checked_out(tmp_path):
+def test_pushed_pulled_as_links_and_an_older_version_checked_out(tmp_path, capsys):
     root, store, clone = tmp_path / "made", tmp_path / "store", tmp_path / "clone"
     first = made_data_set(root, store)
     commit(root, "v1")
@@ -86,6 +89,10 @@ def test_pushed_pulled_as_links_and_an_older_version_checked_out(tmp_path):
         repository.checkout()
     assert read(clone, first) == first
     assert not git.status()
+    with chdir(clone):
+        assert reproduce(["starter"]) == FINE
+        assert reproduce(["nowhere"]) == FAILED
+    assert "nowhere" in capsys.readouterr().err
 
 
 def read(root: Path, names: Iterable[str]) -> dict[str, str]:
