@@ -16,7 +16,7 @@ Task = tuple[float, str, str]  # the smallest begins first; stage and object
 PRIOR = 0.07  # share of the expected seconds that counts as needed as expected, before any task ended
 SPREAD = 0.6  # standard deviation of the CPU seconds of a task over those expected, of views and modes
 LEAST = 0.05  # of what a task has used, that it goes on to use at least
-TAIL = 0.25  # the same of one that is late: it is later still
+TAIL = 0.25  # of what a task has used beyond what was expected, that it goes on to use, too
 WINDOW_S = 120.0  # of the past, whose pace is that of the future
 PRIOR_S = 2.0  # at full pace, that count as seen before a run begins
 
@@ -176,7 +176,7 @@ class TimeToGo:
         for (_, stage, name), since in self._since.items():
             used = self._clock.now_s - since
             late = used - left[stage].get(name, 0.0)
-            left[stage][name] = max(-late, min(LEAST * used + max(0.0, late), TAIL * used))
+            left[stage][name] = max(-late, LEAST * used + TAIL * max(0.0, late))
         return left
 
 
