@@ -1,26 +1,53 @@
 """ObjectFolder Factory: what an object looks, sounds and feels like, in one small file."""
 
-import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from objectfolder.lazy import lazy_names
 
 if TYPE_CHECKING:
     from objectfolder.audio.synthesis.sound import Sound
     from objectfolder.errors import (
         FormatError,
         InputError,
+        MissingPackageError,
         ObjectFolderError,
         QueryError,
         SimulationError,
         UnsolvableError,
     )
-    from objectfolder.object_file import ObjectFile
+    from objectfolder.object_file.object_file import ObjectFile
     from objectfolder.touch.truth.touches import Press, Touches
+    from objectfolder.vision.environment import Environment
+    from objectfolder.vision.lamps import Lamps
+else:
+    __getattr__, _ = lazy_names(
+        __name__,
+        {
+            "audio.synthesis.sound": ["Sound"],
+            "errors": [
+                "FormatError",
+                "InputError",
+                "MissingPackageError",
+                "ObjectFolderError",
+                "QueryError",
+                "SimulationError",
+                "UnsolvableError",
+            ],
+            "object_file.object_file": ["ObjectFile"],
+            "touch.truth.touches": ["Press", "Touches"],
+            "vision.environment": ["Environment"],
+            "vision.lamps": ["Lamps"],
+        },
+    )
 
 __version__ = "0.1.0"
 __all__ = [
+    "Environment",
     "FormatError",
     "InputError",
+    "Lamps",
+    "MissingPackageError",
     "ObjectFile",
     "ObjectFolderError",
     "Press",
@@ -34,20 +61,6 @@ __all__ = [
     "load",
 ]
 EXAMPLES = Path(__file__).with_name("examples")
-# Modules of the names that are imported when they are asked for: the import of the package stays instant.
-_MODULES = {
-    "ObjectFile": "objectfolder.object_file",
-    "Press": "objectfolder.touch.truth.touches",
-    "Sound": "objectfolder.audio.synthesis.sound",
-    "Touches": "objectfolder.touch.truth.touches",
-    **dict.fromkeys((name for name in __all__ if name.endswith("Error")), "objectfolder.errors"),
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'objectfolder' has no attribute {name!r}")
-    return getattr(importlib.import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:
@@ -145,7 +158,9 @@ def build(
     Raises
     ------
     InputError
-        A mesh, a material, a length or a name that cannot be used; packages that are not installed.
+        A mesh, a material, a length or a name that cannot be used.
+    MissingPackageError
+        The factory, or a package that it needs, is not installed.
     SimulationError
         A stage that failed, with its error and remedy.
 

@@ -4,10 +4,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from objectfolder.errors import InputError
+from objectfolder.extras import missing_package, needs_extra
 
-GROUP, NAME = "objectfolder.builders", "object_file"
-REMEDY = 'Install the factory: pip install "objectfolder-factory[factory]".'
+GROUP, NAME, EXTRA = "objectfolder.builders", "object_file", "factory"
 
 
 def build_object_file(mesh: Path, output: Path, **description: Any) -> None:
@@ -22,13 +21,11 @@ def build_object_file(mesh: Path, output: Path, **description: Any) -> None:
 
     Raises
     ------
-    InputError
+    MissingPackageError
         No factory is installed, or a package that it needs is not.
     """
     builders = entry_points(group=GROUP, name=NAME)
     if not builders:
-        raise InputError("build", "the factory is not installed", REMEDY)
-    try:
+        raise missing_package("the factory", EXTRA)
+    with needs_extra(EXTRA):
         builders[NAME].load()(mesh, output, **description)
-    except ModuleNotFoundError as error:
-        raise InputError("build", f"{error.name} is not installed", REMEDY) from error

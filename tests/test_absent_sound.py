@@ -61,7 +61,9 @@ def seen_and_felt(small_file: Path, tmp_path_factory: pytest.TempPathFactory) ->
     body = body_of(read_attributes(folder / "objects.zarr.zip"), 7850.0, absent_modes(LEFT_OUT).attributes)
     silent = fit_audionet(bar.surface, absent_modes(REASON))
     described = {**bar.description, "body": body}
-    file = bar.of_encoders(encode_surface(bar.surface), bar.frame, bar.vision, silent, bar.touch, described)
+    file = bar.of_encoders(
+        encode_surface(bar.surface), bar.frame, bar.vision, silent, bar.touch.net, described
+    )
     path = folder / "bar.safetensors"
     file.save(path)
     return objectfolder.load(path)

@@ -60,6 +60,6 @@ def test_what_is_nearly_too_much_is_answered(asked: ObjectFile) -> None:
     points, normals = asked.sample_contacts(1, seed=0, reachable=False)
     assert asked.strike(points, -normals, 1 / 44100).shape == (1, 1)
     assert asked.strike(points, -normals, 0.01, modes=0).shape == (1, 441)
-    assert asked.press(points, 0.0, 45.0, -720.0, roll=1e6).rgb.shape == (1, 160, 120, 3)
+    assert asked.press(points, 0.0, 45.0, -720.0, roll_deg=1e6).rgb.shape == (1, 160, 120, 3)
     assert asked.press(points, resolution=(8, 6)).rgb.shape == (1, 8, 6, 3)
     assert np.isfinite(asked.press(np.repeat(points, 2, 0), noise_seed=[1, 2]).rgb).all()

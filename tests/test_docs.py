@@ -78,5 +78,9 @@ def test_pages_load_nothing_from_elsewhere(site):
 @pytest.mark.slow
 def test_reference_has_the_queries_of_an_object_file(site):
     names = {has.get("id") for _, has in parts(site / "api.html")}
-    for name in ("render", "strike", "press", "sample_views", "sample_contacts", "load", "save"):
-        assert f"objectfolder.object_file.ObjectFile.{name}" in names
+    for name in (
+        "vision.SightQueries.render", "vision.SightQueries.sample_views", "audio.SoundQueries.strike",
+        "touch.TouchQueries.press", "touch.TouchQueries.sample_contacts", "object_file.ObjectFile.save",
+        "load",
+    ):  # fmt: skip
+        assert f"objectfolder.{name}" in names

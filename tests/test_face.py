@@ -1,20 +1,25 @@
 """What a user meets first: the namespace, an object's own words, and calls without arguments."""
 
+import inspect
 import subprocess
 import sys
+import warnings
+from collections.abc import Callable
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.io import wavfile
 
 import objectfolder
-from objectfolder import ObjectFile, QueryError, Sound, Touches
+from objectfolder import Environment, Lamps, ObjectFile, Press, QueryError, Sound, Touches
 from pipeline.run.single_build import Building
 from tests.conftest import REPOSITORY
 
-TOP = [0.0, 0.0, 0.004]
+TOP, LAMP = [0.0, 0.0, 0.004], [0.1, 0.1, 0.3]
+POSE = np.eye(4) + np.eye(4, k=1) * [[0.0], [0.0], [0.3], [0.0]]  # above, looking down
 
 
 @pytest.fixture
@@ -52,7 +57,7 @@ def test_objects_of_equal_content_are_equal(bar: ObjectFile, small_file: Path) -
     tensors = {name: tensor.copy() for name, tensor in content.tensors.items()}
     tensors["audio.coefficients" if "audio.coefficients" in tensors else max(tensors)].flat[0] += 1
     assert bar != ObjectFile(
-        bar.surface, bar.frame, bar.vision, bar.modes, bar.touch, bar.description, tensors
+        bar.surface, bar.frame, bar.vision, bar.modes, bar.touch.net, bar.description, tensors
     )
     assert bar != "bar"
 
@@ -69,7 +74,7 @@ def test_a_view_without_a_light_has_the_data_sets_lamp_beside_the_camera(bar: Ob
 def test_without_an_impulse_a_strike_is_one_newton_second_inwards(bar: ObjectFile) -> None:
     points, normals = bar.sample_contacts(2, reachable=False)
     np.testing.assert_array_equal(
-        bar.strike(points, duration=0.01), bar.strike(points, -normals, duration=0.01)
+        bar.strike(points, duration_s=0.01), bar.strike(points, -normals, duration_s=0.01)
     )
 
 
@@ -87,7 +92,7 @@ def test_touches_are_taken_apart(bar: ObjectFile) -> None:
 
 
 def test_a_sound_says_what_it_is_and_writes_itself(bar: ObjectFile, tmp_path: Path) -> None:
-    sounds = bar.strike([TOP, TOP], duration=0.1, sample_rate=8000)
+    sounds = bar.strike([TOP, TOP], duration_s=0.1, sample_rate_hz=8000)
     assert isinstance(sounds, Sound)
     assert repr(sounds) == f"Sound((2, 800), 0.1 s at 8000 Hz, peak {np.abs(sounds).max():.3g})"
     assert repr(sounds[:, ::2]).startswith("array(")
@@ -122,10 +127,105 @@ def test_build_asks_the_installed_factory(monkeypatch: pytest.MonkeyPatch, small
 
 def test_build_names_the_extra_where_the_factory_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     for entries, finding in (
-        (EntryPoints([]), "the factory is not installed"),
-        (EntryPoints([EntryPoint("object_file", "no_package:build", "g")]), "no_package is not installed"),
+        (EntryPoints([]), "the factory: is not installed"),
+        (EntryPoints([EntryPoint("object_file", "no_package:build", "g")]), "no_package: is not installed"),
     ):
         monkeypatch.setattr("objectfolder.factory.entry_points", lambda entries=entries, **_: entries)
-        with pytest.raises(objectfolder.InputError, match=finding) as error:
+        with pytest.raises(objectfolder.MissingPackageError, match=finding) as error:
             objectfolder.build("bar.obj", material="glass", output="bar.safetensors")
         assert 'pip install "objectfolder-factory[factory]"' in str(error.value)
+
+
+def test_queries_of_a_sense_are_at_hand_in_short(bar: ObjectFile) -> None:
+    assert bar.render == bar.sight.render
+    assert bar.strike == bar.sound.strike
+    assert bar.press == bar.touch.press
+    assert (bar.sight.net, bar.sound.net) == (bar.vision, bar.modes)
+    names = ["points", "impulses_n_s", "duration_s", "sample_rate_hz", "modes"]
+    assert list(inspect.signature(bar.strikes).parameters)[:5] == names
+    assert "Sound the object under contacts." in str(ObjectFile.strike.__doc__)
+    bar.surface_tolerance_m = 0.01
+    assert bar.strike([0.0, 0.0, 0.009], duration_s=0.01).any()
+
+
+EARLIER: dict[str, tuple[Callable[[ObjectFile], Any], Callable[[ObjectFile], Any]]] = {
+    "one lamp": (
+        lambda bar: bar.render(camera_to_world=POSE, light_position=LAMP, resolution=8, field_of_view=30),
+        lambda bar: bar.render(POSE, LAMP, 8, 30),
+    ),
+    "coloured lamps": (
+        lambda bar: bar.render(POSE, LAMP, 8, light_colour=[1, 0, 0]),
+        lambda bar: bar.render(POSE, Lamps(LAMP, [1, 0, 0]), 8),
+    ),
+    "a map": (
+        lambda bar: bar.render(POSE, resolution=8, light=np.ones((4, 8, 3))),
+        lambda bar: bar.render(POSE, Environment.of(np.ones((4, 8, 3))), 8),
+    ),
+    "linear by place": (
+        lambda bar: bar.render(POSE, LAMP, 8, 30, True, 4),
+        lambda bar: bar.render_linear(POSE, LAMP, 8, 30, sub_rays=4),
+    ),
+    "linear passes": (
+        lambda bar: bar.render(POSE, LAMP, 8, linear=True, passes=["image"])["image"],
+        lambda bar: bar.render_linear(POSE, LAMP, 8),
+    ),
+    "rays": (
+        lambda bar: bar.radiance([[0, 0, 0.1]], [[0, 0, -1]], LAMP, light_colour=[2, 2, 2]),
+        lambda bar: bar.radiance([[0, 0, 0.1]], [[0, 0, -1]], Lamps(LAMP, [2, 2, 2])),
+    ),
+    "impulses": (
+        lambda bar: bar.strike(TOP, forces=[0, 0, -2], duration=0.01, sample_rate=8000),
+        lambda bar: bar.strike(TOP, [0, 0, -2], 0.01, 8000),
+    ),
+    "forces by keyword": (
+        lambda bar: bar.strike(TOP, forces=np.ones((1, 4, 3)), duration_s=0.01),
+        lambda bar: bar.strike(TOP, forces_n=np.ones((1, 4, 3)), duration_s=0.01),
+    ),
+    "forces by place": (
+        lambda bar: bar.strike(TOP, np.ones((1, 4, 3)), 0.01),
+        lambda bar: bar.strike(TOP, None, 0.01, forces_n=np.ones((1, 4, 3))),
+    ),
+    "contacts in parts": (
+        lambda bar: next(bar.strikes(TOP, forces=[0, 0, -2], duration=0.01))[1],
+        lambda bar: next(bar.strikes(TOP, [0, 0, -2], 0.01))[1],
+    ),
+    "modes by place": (
+        lambda bar: bar.strike(TOP, [0, 0, -2], 0.01, 44100, 2),
+        lambda bar: bar.strike(TOP, [0, 0, -2], 0.01, modes=2),
+    ),
+    "a depth and angles": (
+        lambda bar: bar.press(TOP, depth=0.0005, tilt=5, azimuth=9, roll=3, resolution=(16, 12)).rgb,
+        lambda bar: bar.press(TOP, 0.0005, 5, 9, roll_deg=3, resolution=(16, 12)).rgb,
+    ),
+    "the net of touch": (
+        lambda bar: bar.touch.press(np.array([TOP]), Press(depth_m=0.0005)).rgb,
+        lambda bar: bar.touch.net.press(np.array([TOP]), Press(depth_m=0.0005)).rgb,
+    ),
+    "a part of that net": (lambda bar: bar.touch.samples, lambda bar: bar.touch.net.samples),
+    "how many": (lambda bar: bar.sample_views(count=2)[0], lambda bar: bar.sample_views(2)[0]),
+}
+
+
+@pytest.mark.parametrize(("before", "now"), EARLIER.values(), ids=EARLIER.keys())
+def test_earlier_calls_answer_the_same_and_warn_the_caller(
+    bar: ObjectFile, before: Callable[[ObjectFile], Any], now: Callable[[ObjectFile], Any]
+) -> None:
+    with pytest.warns(DeprecationWarning, match="goes with") as warned:
+        answer = before(bar)
+    callers = {(warning.filename, warning.lineno) for warning in warned}
+    assert callers == {(__file__, before.__code__.co_firstlineno)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(answer, now(bar))
+
+
+def test_lamps_and_light_from_all_round_exclude_each_other(bar: ObjectFile) -> None:
+    with (
+        pytest.warns(DeprecationWarning, match="goes with"),
+        pytest.raises(QueryError, match="lamps beside light"),
+    ):
+        bar.render(POSE, LAMP, 8, light="sky")
+    with pytest.raises(QueryError, match="both given"):
+        bar.strike(TOP, [0, 0, -1], forces_n=np.ones((1, 4, 3)))
+    with pytest.raises(AttributeError, match="no attribute 'flavour'"):
+        bar.touch.flavour  # type: ignore[attr-defined]  # noqa: B018

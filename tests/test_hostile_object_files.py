@@ -180,7 +180,7 @@ def test_maps_of_as_many_places_as_a_lattice_may_have(changed, small_file):
 
     def ask(path: Path) -> float:
         begin = time.process_time()
-        ObjectFile.load(path).render(camera, light, 8, passes=["image", "normal", "albedo"])
+        ObjectFile.load(path).render_passes(camera, ["image", "normal", "albedo"], light, 8)
         return time.process_time() - begin
 
     few = changed(*crowded(file, names, 1 / 32))

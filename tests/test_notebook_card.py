@@ -64,7 +64,7 @@ def test_modes_and_touches_show_themselves() -> None:
 def test_sounds_play_themselves_and_are_arrays_in_all_else() -> None:
     mug = objectfolder.example("mug")
     points, normals = mug.sample_contacts(6, seed=0, reachable=False)
-    sounds = mug.strike(points, -normals, duration=0.1, sample_rate=8000)
+    sounds = mug.strike(points, -normals, duration_s=0.1, sample_rate_hz=8000)
     shown = sounds._repr_html_()
     players = re.findall(r"base64,([^\"]+)", shown)
     assert len(players) == 4

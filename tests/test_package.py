@@ -244,7 +244,7 @@ def test_reachable_contacts_are_those_a_sensor_fits_at(monkeypatch: pytest.Monke
     assert len(np.unique(points, axis=0)) == len(normals) == 60
     assert np.array_equal(points, mug.sample_contacts(60, seed=1)[0])
     assert len(mug.sample_contacts(0, seed=1)[0]) == 0
-    monkeypatch.setattr("objectfolder.object_file.object_file.MOST_ATTEMPTS", 1)
+    monkeypatch.setattr("objectfolder.touch.touch_queries.MOST_ATTEMPTS", 1)
     with pytest.raises(QueryError, match="of 60 contacts drawn can be reached"):
         mug.sample_contacts(60, seed=1)
 

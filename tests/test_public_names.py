@@ -67,7 +67,7 @@ BARE = {
     "color", "colors",
 }  # fmt: skip
 
-# The queries of an Object File and their answers have earlier names still.
+# Made by the library alone: nobody writes their arguments.
 LATER = {"objectfolder.audio.ObjectStream", "objectfolder.touch.Touches"}
 
 

@@ -17,8 +17,8 @@ from bench.record import arguments, conclude, save, subplots
 
 QUERIES = {
     "sight": "mug.render(*mug.sample_views(1, seed=0), resolution=256)",
-    "sound": "mug.strike(points, -normals, duration=1.0)",
-    "touch": "mug.press(points, depth=0.001)",
+    "sound": "mug.strike(points, -normals, duration_s=1.0)",
+    "touch": "mug.press(points, depth_m=0.001)",
 }
 PROGRAM = """
 import json, sys, time

@@ -171,8 +171,9 @@ def with_modes(modes: int) -> ObjectFile:
         "audio.radiation_weights": net.radiation_weights[which],
         "audio.coefficients": pack_matrix(shapes.reshape(len(shapes), -1)),
     }
-    file.modes = AudioNet.from_tensors(tensors, net.metadata() | {"modes": modes}, file.surface)
-    return file
+    net = AudioNet.from_tensors(tensors, net.metadata() | {"modes": modes}, file.surface)
+    tensors = file.content().tensors | tensors
+    return ObjectFile(file.surface, file.frame, file.vision, net, file.touch.net, file.description, tensors)
 
 
 def ringing(file: ObjectFile, count: int, culled: bool = False) -> tuple[dict[str, Any], np.ndarray]:

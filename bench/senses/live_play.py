@@ -137,7 +137,7 @@ def queries() -> dict[str, float]:
         for camera, light, point, normal in zip(cameras, lights, points, normals, strict=True):
             asked = (
                 lambda camera=camera, light=light, file=file: file.render(camera, light, 256),
-                lambda point=point, normal=normal, file=file: file.strike(point, -normal, duration=3.0),
+                lambda point=point, normal=normal, file=file: file.strike(point, -normal, duration_s=3.0),
                 lambda point=point, file=file: file.press(point, 0.001),
             )
             for name_of, ask in zip(spent, asked, strict=True):

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
     from objectfolder.audio.synthesis.object_stream import ObjectStream
     from objectfolder.audio.synthesis.sound import Sound
+    from objectfolder.audio.synthesis.sound_queries import SoundQueries
     from objectfolder.audio.synthesis.support import Support
     from objectfolder.audio.synthesis.voices import Voices
     from objectfolder.audio.synthesis.wav import listening_gain, write_wav
@@ -28,6 +29,7 @@ else:
             "synthesis.hertz": ["ContactBody", "HertzContact", "mass_at_contact"],
             "synthesis.object_stream": ["ObjectStream"],
             "synthesis.sound": ["Sound"],
+            "synthesis.sound_queries": ["SoundQueries"],
             "synthesis.support": ["Support"],
             "synthesis.voices": ["Voices"],
             "synthesis.wav": ["listening_gain", "write_wav"],
@@ -42,6 +44,7 @@ __all__ = [
     "Material",
     "ObjectStream",
     "Sound",
+    "SoundQueries",
     "Support",
     "Voices",
     "driven_bank",

@@ -103,13 +103,13 @@ def _rendered_views(
         height, width = reader.shape("rgba")[1:3]
         size, field_of_view = (height, width), float(reader.attributes["field_of_view_deg"])
     passes = ("image", "depth", "mask") if settings.passes else ("image",)
-    seen = file.render(
+    seen = file.render_passes(
         query["camera_to_object"],
+        passes,
         query["light_position_m"],
         size,
-        field_of_view,
+        field_of_view_deg=field_of_view,
         sub_rays=settings.sub_rays,
-        passes=passes,
     )
     samples = {"image": _pictures(seen["image"])}
     if settings.passes:

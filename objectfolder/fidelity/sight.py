@@ -36,7 +36,7 @@ def held_out_answer(file: ObjectFile, views: Product, sub_rays: int | None = Non
         file.frame.camera_to_object(views["camera_to_world"][held_out]),
         file.frame.to_object(views["light_position"][held_out]),
         resolution=(height, width),
-        field_of_view=float(views.attributes["field_of_view_deg"]),
+        field_of_view_deg=float(views.attributes["field_of_view_deg"]),
         sub_rays=sub_rays,
     )
 
@@ -80,10 +80,12 @@ def measure_reflectance(file: ObjectFile, views: Product) -> dict[str, float]:
         return {}
     held_out, size = views["held_out"], views["mask"].shape[1:]
     cameras = file.frame.camera_to_object(views["camera_to_world"][held_out])
-    answer = file.render(
-        cameras, np.zeros(3), (int(size[0]), int(size[1])), float(views.attributes["field_of_view_deg"]),
-        passes=("mask", *REFLECTANCE),
-    )  # fmt: skip
+    answer = file.render_passes(
+        cameras,
+        ("mask", *REFLECTANCE),
+        resolution=(int(size[0]), int(size[1])),
+        field_of_view_deg=float(views.attributes["field_of_view_deg"]),
+    )
     both = answer["mask"] & views["mask"][held_out]
     measured = {}
     for name in REFLECTANCE:

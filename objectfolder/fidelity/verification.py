@@ -179,7 +179,7 @@ def _sound(
             kept = max(1, round(share * count))
             with _timed(seconds, _key("audio", "modes", kept), len(points)):
                 partial = file.strike(
-                    points, impulses, sound.DURATION_S, sound.SAMPLE_RATE_HZ, kept, observed=RMS
+                    points, impulses, sound.DURATION_S, sound.SAMPLE_RATE_HZ, modes=kept, observed=RMS
                 )
             error = 10 * np.log10(max(stft_distance(truth, partial, sound.SAMPLE_RATE_HZ), 1e-30))
             size = round(file.bytes_by_part()["audio"] * kept / count)
@@ -202,7 +202,7 @@ def _feel(
     rows = []
     for step in SURFACE_STEPS_M:
         tensors = encode_surface(file.surface, step)
-        net = TouchNet(decode_surface(tensors), file.touch.sensor, contact=file.touch.contact)
+        net = TouchNet(decode_surface(tensors), file.touch.sensor, contact=file.touch.net.contact)
         net.press(queries[0][:1])  # prepares the surface
         with _timed(seconds, _key("touch", "surface_step_um", step * 1e6), len(truth)):
             coarse = net.press(queries[0], Press(queries[1], None, *angles))

@@ -13,6 +13,8 @@ from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_light import SceneLight
 from objectfolder.live.scene_view import CENTRE, Crop, View, inverse_pose
 from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.vision.environment import Environment
+from objectfolder.vision.lamps import Lamps
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
@@ -162,11 +164,17 @@ def _rendered(
     colours: Floats | None = None, around: Floats | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return colour (h, w, 4) and depth (h, w) of a part of a view; all in the object's frame."""
-    drawn = file.render(
-        view.camera, None if lamps is None else lamps[None], view.size, view.field_of_view_deg, True,
-        sub_rays, light=around, light_colour=colours, crop=crop, passes=("image", "depth"),
-    )  # fmt: skip
-    return drawn["image"][0], drawn["depth"][0]
+    lights = Lamps(lamps[None], colours) if around is None and lamps is not None else Environment.of(around)
+    drawn = file.render_passes(
+        view.camera,
+        ("linear", "depth"),
+        lights,
+        view.size,
+        field_of_view_deg=view.field_of_view_deg,
+        sub_rays=sub_rays,
+        crop=crop,
+    )
+    return drawn["linear"][0], drawn["depth"][0]
 
 
 def _cast(file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floats) -> tuple[Floats, Floats]:
@@ -175,7 +183,7 @@ def _cast(file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floa
     depth = file.surface.ray_hits(starts, along).distance * -(along @ view.camera[:3, 2])
     hit = np.isfinite(depth)
     rgba = np.zeros((len(along), 4))
-    rgba[hit] = file.radiance(starts[hit], along[hit], lamps, light_colour=colours)
+    rgba[hit] = file.radiance(starts[hit], along[hit], Lamps(lamps, colours))
     depth[rgba[:, 3] == 0] = np.inf  # in holes
     return rgba.reshape(*crop[2:], 4), depth.reshape(crop[2:])
 

@@ -1,10 +1,8 @@
 """An Object File in a notebook: a picture, a strike to play, its fidelity and its licence."""
 
 import html
-from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.wav import wav_bytes
@@ -15,34 +13,31 @@ SIDE_PX = 256
 DURATION_S, SAMPLE_RATE_HZ = 1.0, 44100
 
 
-class NotebookCard(SightQueries, SoundQueries):
-    """What a notebook shows; a part of `ObjectFile`."""
+def notebook_card(sight: SightQueries, sound: SoundQueries, description: Mapping[str, Any]) -> str:
+    """Return HTML that needs no network and no script.
 
-    @abstractmethod
-    def sample_contacts(
-        self, n: int = 1, seed: int = 0, *, reachable: bool = True
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Draw contacts; see `ObjectFile.sample_contacts`."""
-
-    def _repr_html_(self) -> str:
-        """Return HTML that needs no network and no script."""
-        said = self.description["object"]
-        stated = ("name", "licence", "attribution")
-        name, licence, by = (html.escape(str(said.get(key) or "not stated")) for key in stated)
-        material = html.escape(str((self.description["material"] or {}).get("name", "unknown material")))
-        picture = data_uri("image/png", png_bytes(self.pictures(1, SIDE_PX)[0]))
-        heard = "no sound" if self.modes.absent else "no audible mode"
-        if len(self.modes.frequencies_hz):
-            points, _ = self.sample_contacts(reachable=False)
-            sound = self.strike(points, None, DURATION_S, SAMPLE_RATE_HZ)
-            wav = data_uri("audio/wav", wav_bytes(sound, SAMPLE_RATE_HZ)[0])
-            heard = f'<audio controls src="{wav}"></audio>'
-        figures = "<br>".join(_figures(self.description["fidelity"]))
-        return (
-            f'<div style="display:flex;gap:1em;align-items:center;font-family:sans-serif">'
-            f'<img src="{picture}" width="{SIDE_PX}" height="{SIDE_PX}" alt="{name}">'
-            f"<div><b>{name}</b>, {material}<br>{heard}<br>{figures}<br>licence {licence}; {by}</div></div>"
-        )
+    Parameters
+    ----------
+    sight, sound, description
+        Of an Object File.
+    """
+    described = description["object"]
+    stated = ("name", "licence", "attribution")
+    name, licence, author = (html.escape(str(described.get(key) or "not stated")) for key in stated)
+    material = html.escape(str((description["material"] or {}).get("name", "unknown material")))
+    picture = data_uri("image/png", png_bytes(sight.pictures(1, SIDE_PX)[0]))
+    player = "no sound" if sound.net.absent else "no audible mode"
+    if len(sound.net.frequencies_hz):
+        point = sound.contacts.surface.sample(1, seed=0).points
+        strike = sound.strike(point, None, DURATION_S, SAMPLE_RATE_HZ)
+        wav = data_uri("audio/wav", wav_bytes(strike, SAMPLE_RATE_HZ)[0])
+        player = f'<audio controls src="{wav}"></audio>'
+    figures = "<br>".join(_figures(description["fidelity"]))
+    return (
+        f'<div style="display:flex;gap:1em;align-items:center;font-family:sans-serif">'
+        f'<img src="{picture}" width="{SIDE_PX}" height="{SIDE_PX}" alt="{name}">'
+        f"<div><b>{name}</b>, {material}<br>{player}<br>{figures}<br>licence {licence}; {author}</div></div>"
+    )
 
 
 def _figures(fidelity: Any) -> list[str]:

@@ -6,16 +6,17 @@ seconds, seconds.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.audionet.audionet import AudioNet
-from objectfolder.errors import FormatError, QueryError
-from objectfolder.object_file.html import NotebookCard
+from objectfolder.audio.synthesis.sound_queries import SoundQueries
+from objectfolder.errors import FormatError
+from objectfolder.object_file.html import notebook_card
 from objectfolder.products.stored_values import (
     check_body,
     check_fidelity,
@@ -25,20 +26,20 @@ from objectfolder.products.stored_values import (
     numbers,
 )
 from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
-from objectfolder.query_values import LARGEST_SEED, MOST_SAMPLED, point_rows, whole
-from objectfolder.renaming import renamed_keywords
+from objectfolder.signatures import ShortForm
 from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
+from objectfolder.surface.contact_surface import ContactSurface
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import ClosestPoints, Surface
+from objectfolder.touch.touch_queries import TouchQueries
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.touches import Press, Reach, Touches
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH
+from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 FORMAT = "objectfolder"
 FORMAT_VERSION = 3
 SURFACE_TOLERANCE_M = 1e-3
-MOST_ATTEMPTS = 100
 REQUIRED = (
     "object",
     "material",
@@ -53,7 +54,7 @@ REQUIRED = (
 )
 
 
-class ObjectFile(NotebookCard):
+class ObjectFile:
     """What an object looks, sounds and feels like.
 
     Open one with `objectfolder.load`; an encoder makes one with `ObjectFile.of_encoders`.
@@ -64,13 +65,12 @@ class ObjectFile(NotebookCard):
         The stored surface, metres.
     frame
         The unit frame of the data set's cameras and lights.
-    vision, modes, touch
-        The encoders of the three senses.
+    sight, sound, touch
+        The queries of each sense; `render`, `strike`, `press` and the others are short for theirs. Each has
+        its encoder as `net`.
     description
         Everything the file says of itself: object, licence, material, frames, sensor, provenance and its
         own fidelity.
-    surface_tolerance_m
-        How far from the surface a contact may be given; it is projected onto the surface.
     """
 
     def __init__(
@@ -85,11 +85,11 @@ class ObjectFile(NotebookCard):
     ) -> None:
         self.surface = surface
         self.frame = frame
-        self.vision = vision
-        self.modes = modes
-        self.touch = touch
         self.description = dict(description)
-        self.surface_tolerance_m = SURFACE_TOLERANCE_M
+        self._contacts = ContactSurface(surface, SURFACE_TOLERANCE_M)
+        self.sight = SightQueries(surface, frame, vision)
+        self.sound = SoundQueries(modes, self._contacts, self.description)
+        self.touch = TouchQueries(touch, self._contacts)
         self._tensors = dict(tensors)
 
     def __repr__(self) -> str:
@@ -111,6 +111,25 @@ class ObjectFile(NotebookCard):
     def __hash__(self) -> int:
         # Of what equal files share and nobody edits; the description is a dictionary, which may change.
         return hash(frozenset((name, tensor.shape) for name, tensor in self._tensors.items()))
+
+    @property
+    def vision(self) -> VisionNet:
+        """The encoder of sight."""
+        return self.sight.net
+
+    @property
+    def modes(self) -> AudioNet:
+        """The encoder of sound."""
+        return self.sound.net
+
+    @property
+    def surface_tolerance_m(self) -> float:
+        """How far from the surface a contact may be given; it is projected onto the surface."""
+        return self._contacts.tolerance_m
+
+    @surface_tolerance_m.setter
+    def surface_tolerance_m(self, tolerance_m: float) -> None:
+        self._contacts.tolerance_m = tolerance_m
 
     @property
     def name(self) -> str:
@@ -175,7 +194,7 @@ class ObjectFile(NotebookCard):
         >>> from objectfolder.surface.codec import encode_surface
         >>> surface = encode_surface(bar.surface)
         >>> told = bar.description
-        >>> same = bar.of_encoders(surface, bar.frame, bar.vision, bar.modes, bar.touch, told)
+        >>> same = bar.of_encoders(surface, bar.frame, bar.vision, bar.modes, bar.touch.net, told)
         >>> same.bytes_by_part() == bar.bytes_by_part()
         True
         """
@@ -273,7 +292,7 @@ class ObjectFile(NotebookCard):
         """
         described = {**self.description, **more}
         return ObjectFile(
-            self.surface, self.frame, self.vision, self.modes, self.touch, described, self._tensors
+            self.surface, self.frame, self.vision, self.modes, self.touch.net, described, self._tensors
         )
 
     def on(self, device: str = "cpu") -> "ObjectFile":
@@ -293,7 +312,7 @@ class ObjectFile(NotebookCard):
         """
         seen = self.vision.on(device)
         return ObjectFile(
-            self.surface, self.frame, seen, self.modes, self.touch, self.description, self._tensors
+            self.surface, self.frame, seen, self.modes, self.touch.net, self.description, self._tensors
         )
 
     def content(self) -> TensorFile:
@@ -339,103 +358,7 @@ class ObjectFile(NotebookCard):
             parts[name.split(".")[0]] += tensor.nbytes
         return parts
 
-    def press(
-        self,
-        points: np.ndarray,
-        depth: float | np.ndarray | None = None,
-        tilt: float | np.ndarray = 0.0,
-        azimuth: float | np.ndarray = 0.0,
-        *,
-        roll: float | np.ndarray = 0.0,
-        force: float | np.ndarray | None = None,
-        contact: str | None = None,
-        resolution: int | tuple[int, int] | None = None,
-        background: np.ndarray | None = None,
-        noise_seed: int | Sequence[int] | None = None,
-    ) -> Touches:
-        """Press the sensor along the surface normal.
-
-        Parameters
-        ----------
-        points
-            (3,) or (n, 3) contacts, metres, within `surface_tolerance_m` of the surface.
-        depth
-            How far into the gel, metres; a millimetre where neither a depth nor a force is given.
-        tilt, azimuth
-            Inclination of the sensor from the normal and its direction, degrees.
-        roll
-            Turn of the sensor about its own axis, degrees, the image's right towards its top; `reach` finds
-            rolls at which it fits.
-        force
-            Instead of a depth: newtons along the sensor's axis, under the elastic model.
-        contact
-            ``"rigid"``, as TACTO, or ``"elastic"``; by default the file's own, and elastic with a force.
-        resolution
-            Height and width of the images in pixels, or one number for both; by default the sensor's.
-        background
-            (height, width, 3) uint8, a real sensor's untouched image to lay the touches over.
-        noise_seed
-            Seed of the sensor's noise, or (n,) one a touch, each then as it is alone; by default no noise.
-
-        Raises
-        ------
-        QueryError
-            A contact off the surface (with its distance), or a depth, force, size or model that the
-            sensor cannot answer.
-
-        Examples
-        --------
-        >>> import objectfolder
-        >>> bar = objectfolder.load("bar.safetensors")
-        >>> points, _ = bar.sample_contacts(2, seed=0)
-        >>> touches = bar.press(points, depth=0.001)
-        >>> touches.rgb.shape, touches.penetration_m.tolist()
-        ((2, 160, 120, 3), [0.001, 0.001])
-        """
-        return self.touch.press(
-            self.project(points).points,
-            Press(depth, force, tilt, azimuth, roll, contact, self.touch.samples),
-            resolution=resolution,
-            background=background,
-            noise_seed=noise_seed,
-        )
-
-    def reach(
-        self,
-        points: np.ndarray,
-        depth: float | np.ndarray | None = None,
-        tilt: float | np.ndarray = 0.0,
-        azimuth: float | np.ndarray = 0.0,
-        *,
-        roll: float | np.ndarray = 0.0,
-        rolls: int = 24,
-    ) -> Reach:
-        """Find rolls of the sensor at which points can be pressed, under the rigid model and without images.
-
-        Parameters
-        ----------
-        points, depth, tilt, azimuth, roll
-            As for `press`; the roll is the first that is tried.
-        rolls
-            How many are tried, evenly round a turn, 1 to 360.
-
-        Returns
-        -------
-        Reach
-            ``reachable`` (n, rolls), ``at_some_roll`` (n,) and ``best_roll_deg`` (n,).
-
-        Examples
-        --------
-        >>> import objectfolder
-        >>> bar = objectfolder.load("bar.safetensors")
-        >>> reach = bar.reach([[0.0, 0.0, 0.004]])
-        >>> reach.at_some_roll.tolist(), reach.best_roll_deg.tolist()
-        ([True], [0.0])
-        """
-        asked = Press(depth, None, tilt, azimuth, roll)
-        return self.touch.reach(self.project(points).points, asked, rolls)
-
-    def project(self, points: np.ndarray, *, name: str = "points") -> ClosestPoints:
+    def project(self, points: ArrayLike, *, name: str = "points") -> ClosestPoints:
         """Bring contacts onto the surface.
 
         Parameters
@@ -458,64 +381,27 @@ class ObjectFile(NotebookCard):
         >>> top.points.round(4).tolist(), top.distance.round(4).tolist()
         ([[0.0, 0.0, 0.004]], [0.0005])
         """
-        contacts = point_rows(points, name)
-        closest = self.surface.closest_points(contacts)
-        worst = int(np.argmax(closest.distance)) if len(contacts) else 0
-        if len(contacts) and closest.distance[worst] > self.surface_tolerance_m:
-            raise QueryError(
-                f"{name}[{worst}]",
-                f"{closest.distance[worst] * 1e3:.3g} mm off the surface",
-                f"Contacts lie within {self.surface_tolerance_m * 1e3:.3g} mm, in metres, object frame; "
-                "`sample_contacts` gives valid ones.",
-            )
-        return closest
+        return self._contacts.project(points, name=name)
 
-    @renamed_keywords(count="n")
-    def sample_contacts(
-        self, n: int = 1, seed: int = 0, *, reachable: bool = True
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw contacts uniformly by area: points (n, 3) metres and outward unit normals (n, 3).
+    # The queries of each sense, in short.
+    render = ShortForm("sight", SightQueries.render)
+    render_linear = ShortForm("sight", SightQueries.render_linear)
+    render_passes = ShortForm("sight", SightQueries.render_passes)
+    radiance = ShortForm("sight", SightQueries.radiance)
+    pictures = ShortForm("sight", SightQueries.pictures)
+    sample_views = ShortForm("sight", SightQueries.sample_views)
+    strike = ShortForm("sound", SoundQueries.strike)
+    strikes = ShortForm("sound", SoundQueries.strikes)
+    stream = ShortForm("sound", SoundQueries.stream)
+    rms_velocity = ShortForm("sound", SoundQueries.rms_velocity)
+    mode_velocities = ShortForm("sound", SoundQueries.mode_velocities)
+    press = ShortForm("touch", TouchQueries.press)
+    reach = ShortForm("touch", TouchQueries.reach)
+    sample_contacts = ShortForm("touch", TouchQueries.sample_contacts)
 
-        Parameters
-        ----------
-        n, seed
-            How many, and the seed of the draw.
-        reachable
-            Only contacts at which the sensor can be pressed a millimetre deep along the normal; each is
-            tried. False draws anywhere on the surface, also where no sensor fits, as deep inside of a mug:
-            `Touches.reachable` of a press says so.
-
-        Raises
-        ------
-        QueryError
-            Hardly any of the surface can be reached.
-
-        Examples
-        --------
-        >>> import objectfolder
-        >>> bar = objectfolder.load("bar.safetensors")
-        >>> points, normals = bar.sample_contacts(20)
-        >>> bool(bar.press(points).reachable.all())
-        True
-        >>> points, normals = bar.sample_contacts(1000, reachable=False)
-        >>> points.shape, float(abs(points).max(axis=0)[0].round(2))
-        ((1000, 3), 0.06)
-        """
-        count, seed = whole("n", n, 0, MOST_SAMPLED), whole("seed", seed, 0, LARGEST_SEED)
-        samples = self.surface.sample(count, seed)
-        if not reachable or not count:
-            return samples.points, samples.normals
-        points, normals = np.zeros((0, 3)), np.zeros((0, 3))
-        for attempt in range(1, MOST_ATTEMPTS + 1):
-            fits = self.reach(samples.points, rolls=1).at_some_roll
-            points = np.concatenate([points, samples.points[fits]])
-            normals = np.concatenate([normals, samples.normals[fits]])
-            if len(points) >= count:
-                return points[:count], normals[:count]
-            again = np.random.SeedSequence([seed, attempt]).generate_state(1)
-            samples = self.surface.sample(count, int(again[0]))
-        finding = f"{len(points)} of {MOST_ATTEMPTS * count} contacts drawn can be reached"
-        raise QueryError("reachable", finding, "Draw contacts anywhere, or ask for more of them.")
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows; see `notebook_card`."""
+        return notebook_card(self.sight, self.sound, self.description)
 
 
 def _equal_tensors(some: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:

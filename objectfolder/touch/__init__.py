@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from objectfolder.touch.sensor.calibration import fit_table
     from objectfolder.touch.sensor.sensor import Sensor
     from objectfolder.touch.sensor.sensor_file import make_table, read_sensor
+    from objectfolder.touch.touch_queries import TouchQueries
     from objectfolder.touch.truth.press import press
     from objectfolder.touch.truth.record import simulate_touches
     from objectfolder.touch.truth.touches import Press, Touches
@@ -26,6 +27,7 @@ else:
             "sensor.calibration": ["fit_table"],
             "sensor.sensor": ["Sensor"],
             "sensor.sensor_file": ["make_table", "read_sensor"],
+            "touch_queries": ["TouchQueries"],
             "truth.press": ["press"],
             "truth.record": ["simulate_touches"],
             "truth.touches": ["Press", "Touches"],
@@ -39,6 +41,7 @@ __all__ = [
     "Press",
     "Sensor",
     "Shear",
+    "TouchQueries",
     "Touches",
     "fit_table",
     "force_depth_curve",

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from objectfolder.vision.environment import Environment
     from objectfolder.vision.lamps import Lamps
     from objectfolder.vision.truth.views import simulate_views
+    from objectfolder.vision.visionnet.sight_queries import SightQueries
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
@@ -17,7 +18,8 @@ else:
             "environment": ["Environment"],
             "lamps": ["Lamps"],
             "truth.views": ["simulate_views"],
+            "visionnet.sight_queries": ["SightQueries"],
         },
     )
 
-__all__ = ["Environment", "Lamps", "look_at", "simulate_views"]
+__all__ = ["Environment", "Lamps", "SightQueries", "look_at", "simulate_views"]

@@ -49,31 +49,33 @@ class Environment:
 
     @classmethod
     def of(cls, light: Any) -> "Environment":
-        """Return the environment of a name or of a map (h, 2 h, 3).
+        """Return the environment of a name or of a map (h, 2 h, 3); an environment as it is.
 
         Raises
         ------
         QueryError
             Another name or shape; values that are negative or not finite.
         """
+        if isinstance(light, Environment):
+            return light
         return _named(light) if isinstance(light, str) else _prepared(_checked(light))
 
 
 def _checked(light: Any) -> np.ndarray:
     remedy = f"Name one of {', '.join(NAMES)}, or give (h, 2 h, 3) linear radiance, h up to {MOST_ROWS}."
-    radiance = real_array("light", light, remedy)
+    radiance = real_array("lights", light, remedy)
     height = radiance.shape[0] if radiance.ndim else 0
     if not 0 < height <= MOST_ROWS or radiance.shape != (height, 2 * height, 3):
-        raise QueryError("light", f"shape {radiance.shape}", remedy)
+        raise QueryError("lights", f"shape {radiance.shape}", remedy)
     if not (radiance >= 0).all() or radiance.max() > np.finfo(np.float32).max / 1e6:
-        raise QueryError("light", "values that are negative or not finite", "Give radiance.")
+        raise QueryError("lights", "values that are negative or not finite", "Give radiance.")
     return radiance
 
 
 @cache
 def _named(name: str) -> Environment:
     if name not in NAMES:
-        raise QueryError("light", f"{name!r} is none that is known", f"Use {', '.join(NAMES)}, or a map.")
+        raise QueryError("lights", f"{name!r} is none that is known", f"Use {', '.join(NAMES)}, or a map.")
     return _prepared(named_map(name))
 
 

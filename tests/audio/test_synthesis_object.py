@@ -10,11 +10,13 @@ from rounding import assert_equal_but_for_rounding
 
 import objectfolder
 from objectfolder.audio.synthesis import ContactBody, HertzContact
+from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.struck_body import RigidBody, StruckBody
 from objectfolder.errors import QueryError
 from objectfolder.object_file import ObjectFile
 
 RATE = 44100
+SAMPLED = {"impulses_n_s": None, "forces_n": np.zeros((2, 5, 3))}
 BODY = {
     "mass_kg": 0.0749,
     "filled_mass_kg": 0.0749,
@@ -62,7 +64,7 @@ def test_a_16_mm_die_has_no_audible_mode_and_clicks() -> None:
 
 def test_the_click_alone_is_what_no_mode_leaves(bar: ObjectFile) -> None:
     points, normals = bar.sample_contacts(2, seed=1, reachable=False)
-    ask = {"duration": 0.05, "pulse": 2e-4, "listener": EARS[0]}
+    ask = {"duration_s": 0.05, "pulse": 2e-4, "listener": EARS[0]}
     whole = bar.strike(points, -0.01 * normals, **ask)
     click = bar.strike(points, -0.01 * normals, modes=0, **ask)
     assert np.abs(click).max() > 0
@@ -147,7 +149,7 @@ def test_sampled_forces_of_a_half_sine_sound_as_the_pulse(bar: ObjectFile) -> No
     shape = np.pi / (2 * pulse) * np.sin(np.pi * times / pulse)
     for listener in (None, np.array([0.0, 0.0, 0.004 + 343.2 / rate * 300])):
         forces = -normals[:, None, :] * shape[None, :, None]
-        sampled = bar.strike(points, forces, 0.03, rate, listener=listener)
+        sampled = bar.strike(points, None, 0.03, rate, forces_n=forces, listener=listener)
         closed = bar.strike(points, -normals, 0.03, rate, pulse=pulse, listener=listener)
         # A delay of whole samples against one to the bit: half a sample at most of the highest mode excited.
         assert np.abs(sampled - closed).max() < (2e-3 if listener is None else 0.05) * np.abs(closed).max()
@@ -179,15 +181,15 @@ def test_a_stream_takes_sampled_forces_and_refuses_what_is_off(bar: ObjectFile) 
     force = -normals[0] * np.hanning(80)[:, None]
     stream = bar.stream(RATE)
     assert stream.silent
-    stream.strike(points[0], force, at=10)
+    stream.strike(points[0], force_n=force, at=10)
     sound = stream.block(1000)[0]
-    offline = bar.strike(points, force[None], 990 / RATE)[0]
+    offline = bar.strike(points, None, 990 / RATE, forces_n=force)[0]
     np.testing.assert_allclose(sound[10:], offline, atol=1e-6 * np.abs(offline).max())
     assert not sound[:10].any()
     with pytest.raises(QueryError, match="off the surface"):
         stream.strike(points[0] + 0.01 * normals[0], normals[0])
     with pytest.raises(QueryError, match="pulse"):
-        stream.strike(points[0], force, pulse=1e-3)
+        stream.strike(points[0], force_n=force, pulse=1e-3)
 
 
 def test_many_contacts_take_bounded_memory() -> None:
@@ -234,11 +236,11 @@ def test_parts_are_the_whole(bar: ObjectFile) -> None:
 
 def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests, bar: ObjectFile) -> None:
     for change, where in [
-        ({"forces": np.full((2, 3), np.nan)}, "forces"),
-        ({"forces": np.full((2, 5, 3), np.nan)}, "forces"),
-        ({"forces": np.zeros((2, 5, 2))}, "forces"),
-        ({"forces": np.zeros((3, 3))}, "forces"),
-        ({"forces": np.zeros((2, 5, 3)), "pulse": 1e-3}, "pulse"),
+        ({"impulses_n_s": np.full((2, 3), np.nan)}, "impulses_n_s"),
+        (SAMPLED | {"forces_n": np.full((2, 5, 3), np.nan)}, "forces_n"),
+        (SAMPLED | {"forces_n": np.zeros((2, 5, 2))}, "forces_n"),
+        ({"impulses_n_s": np.zeros((3, 3))}, "impulses_n_s"),
+        (SAMPLED | {"pulse": 1e-3}, "pulse"),
         ({"pulse": -1.0}, "pulse"),
         ({"pulse": np.full(3, 1e-3)}, "pulse"),
         ({"pulse": np.full(1, 1e-3)}, "pulse"),
@@ -247,14 +249,14 @@ def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests, bar: O
         ({"listener": np.full(3, np.nan)}, "listener"),
         ({"observed": "ear"}, "observed"),
         ({"observed": np.full(3, 9.0)}, "observed"),
-        ({"duration": np.nan}, "duration"),
-        ({"duration": 0.0}, "duration"),
-        ({"sample_rate": -8000}, "sample_rate"),
+        ({"duration_s": np.nan}, "duration_s"),
+        ({"duration_s": 0.0}, "duration_s"),
+        ({"sample_rate_hz": -8000}, "sample_rate_hz"),
     ]:
         with subtests.test(change=change):
             points, normals = bar.sample_contacts(2, seed=9, reachable=False)
             with pytest.raises(QueryError, match=where):
-                bar.strike(**({"points": points, "forces": -normals, "duration": 0.01} | change))
+                bar.strike(**({"points": points, "impulses_n_s": -normals, "duration_s": 0.01} | change))
 
 
 def test_without_a_mass_there_is_no_pressure(small_file: Path) -> None:
@@ -271,8 +273,9 @@ def flipped(file: ObjectFile) -> ObjectFile:
     other = copy.copy(file)
     gains = file.modes.gains
     signs = (-1.0) ** np.arange(len(file.modes.eigenvalues))
-    other.modes = copy.copy(file.modes)
-    other.modes.gains = lambda points: gains(points) * signs  # type: ignore[method-assign]  (of this copy alone)
+    modes = copy.copy(file.modes)
+    modes.gains = lambda points: gains(points) * signs  # type: ignore[method-assign]  (of this copy alone)
+    other.sound = SoundQueries(modes, file.sound.contacts, file.description)
     return other
 
 

@@ -88,10 +88,8 @@ def test_one_object_alone_is_its_own_image(files, still):
     )
     back = np.linalg.inv(still.pose("cup"))
     # Light falls with the square of metres in the scene, of its own unit in an Object File.
-    alone = files["cup"].render(
-        back @ CAMERA, (back @ [*lamp[0], 1])[:3], SIZE, linear=True, sub_rays=4,
-        light_colour=colour[0] / files["cup"].frame.scale ** 2,
-    )  # fmt: skip
+    lamps = Lamps((back @ [*lamp[0], 1])[:3], colour[0] / files["cup"].frame.scale ** 2)
+    alone = files["cup"].render_linear(back @ CAMERA, lamps, SIZE, sub_rays=4)
     seen = sight.image(CAMERA, SIZE)
     np.testing.assert_array_equal(seen.rgb, on_white(alone)[0])
     assert (seen.rgb < 250).any()
@@ -188,8 +186,8 @@ def test_one_ray_a_pixel_is_the_radiance_at_its_centre(files, still):
     origins, directions = centres()
     back = pose[:3, :3]
     expected = files["cup"].radiance(
-        (origins - pose[:3, 3]) @ back, directions @ back, (lamp - pose[:3, 3]) @ back,
-        light_colour=1 / files["cup"].frame.scale ** 2 * np.ones(3),
+        (origins - pose[:3, 3]) @ back, directions @ back,
+        Lamps((lamp - pose[:3, 3]) @ back, 1 / files["cup"].frame.scale ** 2 * np.ones(3)),
     )  # fmt: skip
     np.testing.assert_array_equal(seen.rgb.reshape(-1, 3), on_white(expected))
     assert np.array_equal(seen.body.ravel() >= 0, expected[:, 3] > 0)
@@ -236,9 +234,7 @@ def test_one_object_in_an_environment_is_its_own_image(files, still, sub_rays):
     seen = LiveSight(moved, {"cup": files["cup"]}, lights="window", table_m=None, exposure_factor=1.0).image(
         CAMERA, SIZE, sub_rays=sub_rays
     )
-    alone = files["cup"].render(
-        np.linalg.inv(moved.pose("cup")) @ CAMERA, None, SIZE, sub_rays=sub_rays, light="window"
-    )
+    alone = files["cup"].render(np.linalg.inv(moved.pose("cup")) @ CAMERA, "window", SIZE, sub_rays=sub_rays)
     np.testing.assert_array_equal(seen.rgb, alone[0])
     assert (seen.rgb < 250).any()
 
@@ -252,7 +248,7 @@ def test_an_environment_stays_in_the_world_where_an_object_turns(files):
     )
     turned = np.roll(sky, len(sky) // 2, axis=1)  # columns run clockwise, seen from above
     alone = files["cup"].render(
-        np.linalg.inv(quarter.pose("cup")) @ CAMERA, None, SIZE, sub_rays=4, light=turned
+        np.linalg.inv(quarter.pose("cup")) @ CAMERA, Environment.of(turned), SIZE, sub_rays=4
     )[0]
     assert np.quantile(abs(seen.rgb.astype(float) - alone), 0.99) <= 1
     fixed = LiveSight(

@@ -75,7 +75,9 @@ def bearing(pose, force_sensor_n, place_m=(0.0, 0.0, 0.0), depth_m=0.0):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("asked", [{}, {"depth": 0.0004}, {"tilt": 9.0, "azimuth": 50.0}, {"roll": 77.0}])
+@pytest.mark.parametrize(
+    "asked", [{}, {"depth_m": 0.0004}, {"tilt_deg": 9.0, "azimuth_deg": 50.0}, {"roll_deg": 77.0}]
+)
 def test_a_finger_sees_what_a_press_at_that_pose_sees(asked):
     touches = pressed(**asked)
     found = felt(touches.sensor_to_object[0])
@@ -102,7 +104,7 @@ def test_a_finger_rolled_about_its_axis_is_a_press_at_that_roll():
     about[:3, 3] = np.array(axis) - about[:3, :3] @ axis
     found = felt(pressed().sensor_to_object[0] @ about)
     for roll in (30.0, -30.0):
-        difference = np.abs(found.image.rgb.astype(int) - pressed(roll=roll).rgb[0]).max()
+        difference = np.abs(found.image.rgb.astype(int) - pressed(roll_deg=roll).rgb[0]).max()
         assert (difference <= 1) == (roll < 0)
 
 
@@ -125,7 +127,7 @@ def test_the_object_that_lies_deepest_is_seen():
 
 @pytest.mark.parametrize("off_m", [0.0002, 0.003])
 def test_a_finger_that_shapes_stop_before_the_surface_feels_it_as_deep(off_m):
-    touches = pressed(depth=4e-4)
+    touches = pressed(depth_m=4e-4)
     pose = touches.sensor_to_object[0].copy()
     pose[:3, 3] -= (4e-4 + off_m) * pose[:3, 0]
     contacts = [bearing(pose, [-2.0, 0.0, 0.0], Finger().sensor.gel_apex_m, 5e-4)]
@@ -149,7 +151,7 @@ def test_a_finger_that_shapes_stop_before_the_surface_feels_it_as_deep(off_m):
     ],
 )
 def test_other_fingers_are_felt_where_they_are(off_m, place_m, depth_m):
-    pose = pressed(depth=1e-3).sensor_to_object[0].copy()
+    pose = pressed(depth_m=1e-3).sensor_to_object[0].copy()
     pose[:3, 3] -= (1e-3 + off_m) * pose[:3, 0]
     contacts = [bearing(pose, [-2.0, 0.0, 0.0], place_m, depth_m)]
     found = felt(pose, contacts=contacts, onto_surface=True)
@@ -359,7 +361,7 @@ def test_a_finger_does_not_feel_beyond_its_gel():
 
 
 def test_an_image_that_is_asked_for_late_is_that_of_when_it_was_felt():
-    touches = pressed(depth=0.0008)
+    touches = pressed(depth_m=0.0008)
     simulation = Posed({"mug": np.eye(4), "finger": touches.sensor_to_object[0]})
     touch = LiveTouch(simulation, {"mug": MUG}, {"finger": Finger()})
     before = touch.feel()["finger"]

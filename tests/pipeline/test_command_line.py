@@ -196,7 +196,7 @@ def test_sampled_queries_feed_render_strike_and_press(
     assert main([*strike, "--gain", "1", "-o", str(sounds)]) == 0
     assert "written times" not in capsys.readouterr().out
     points, normals = bar.sample_contacts(3, seed=4)
-    struck = bar.strike(points, -normals, duration=0.1)
+    struck = bar.strike(points, -normals, duration_s=0.1)
     for index, expected in enumerate(struck):
         rate, sound = wavfile.read(sounds / f"{index:04d}.wav")
         assert rate == 44100
@@ -223,7 +223,7 @@ def test_sampled_queries_feed_render_strike_and_press(
     expected = bar.strike(
         points,
         -normals,
-        duration=0.1,
+        duration_s=0.1,
         pulse=ContactBody(6.2e10, 0.2, 0.004, 0.002),
         listener=np.array([[0.5, -0.1, 0.3], [0.5, 0.1, 0.3]]),
     )
@@ -248,7 +248,7 @@ def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path)
     few = ["--points", "2", "--seed", "5"]
     assert main(["strike", file, *few, "--duration", "0.1", "--gain", "1", "-o", str(strikes)]) == 0
     points, normals = bar.sample_contacts(2, seed=5, reachable=False)
-    for index, expected in enumerate(bar.strike(points, -normals, duration=0.1)):
+    for index, expected in enumerate(bar.strike(points, -normals, duration_s=0.1)):
         np.testing.assert_array_equal(wavfile.read(strikes / f"{index:04d}.wav")[1], expected)
     assert main(["press", file, *few, "-o", str(touches)]) == 0
     fitting, _ = bar.sample_contacts(2, seed=5)

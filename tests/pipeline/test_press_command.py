@@ -28,7 +28,14 @@ def test_every_option_reaches_the_sensor(small_file: Path, contacts: Path, tmp_p
     output = tmp_path / "touches"
     assert main(["press", str(small_file), "--points", str(contacts), *asked, "-o", str(output)]) == 0
     expected = bar.press(
-        np.load(contacts), 0.0008, 10, 30, roll=25, resolution=(80, 60), noise_seed=4, background=background
+        np.load(contacts),
+        0.0008,
+        10,
+        30,
+        roll_deg=25,
+        resolution=(80, 60),
+        noise_seed=4,
+        background=background,
     )
     images = [np.asarray(Image.open(output / f"{index:04d}.png")) for index in range(2)]
     np.testing.assert_array_equal(images, expected.rgb)
@@ -77,7 +84,7 @@ def test_info_says_how_much_of_the_surface_the_sensor_reaches(
     [
         (["--resolution", "1", "1"], "resolution: 1. Give a whole number, 2 to"),
         (["--resolution", "0", "9", "--background", "synthetic"], "resolution: 0. Give"),
-        (["--depth", "nan"], "depth: not finite"),
+        (["--depth", "nan"], "depth_m: not finite"),
         (["--noise-seed", "-1"], "noise_seed: -1. Give a whole number"),
     ],
 )

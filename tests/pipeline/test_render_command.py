@@ -3,7 +3,6 @@
 import os
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +11,8 @@ from PIL import Image
 import objectfolder
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
+from objectfolder.vision.environment import Environment
+from objectfolder.vision.lamps import Lamps
 from pipeline.cli import main
 
 LIT = ["--light", "0", "0", "1", "1", "1", "1"]
@@ -30,11 +31,6 @@ def command(small_file: Path, tmp_path: Path) -> list[str]:
             "--frame", "unit", "-o", str(tmp_path / "images")]  # fmt: skip
 
 
-def expected(bar: ObjectFile, lights: np.ndarray, **more: Any) -> Any:
-    poses = bar.frame.camera_to_object(look_at(CAMERAS))
-    return bar.render(poses, bar.frame.to_object(lights)[None], 24, **more)
-
-
 def test_lights_crop_and_passes_are_those_of_the_query(
     bar: ObjectFile, command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -43,10 +39,14 @@ def test_lights_crop_and_passes_are_those_of_the_query(
     passes = ["--passes", "depth", "--passes", "normal", "--passes", "mask"]
     assert main([*command, *lights, *crop, *passes]) == 0
     assert "2 images of 15 x 20 pixels with depth, normal, mask, 2 lights" in capsys.readouterr().out
-    drawn = expected(
-        bar, np.array([[0, 0.6, 0.8], [-1, 0, 0]]), light_colour=np.array([[2, 1, 0.5], [1, 1, 1]]),
-        crop=(3, 2, 15, 20), passes=["image", "depth", "normal", "mask"],
-    )  # fmt: skip
+    positions = bar.frame.to_object(np.array([[[0, 0.6, 0.8], [-1, 0, 0]]]))
+    drawn = bar.render_passes(
+        bar.frame.camera_to_object(look_at(CAMERAS)),
+        ["image", "depth", "normal", "mask"],
+        Lamps(positions, np.array([[2, 1, 0.5], [1, 1, 1]])),
+        24,
+        crop=(3, 2, 15, 20),
+    )
     for index in range(2):
         stem = str(tmp_path / "images" / f"{index:04d}")
         np.testing.assert_array_equal(np.asarray(Image.open(stem + ".png")), drawn["image"][index])
@@ -84,7 +84,7 @@ def test_an_environment_is_read_as_it_was_written(
     path = tmp_path / f"around.{suffix}"
     assert cv2.imwrite(str(path), np.ascontiguousarray(radiance[..., ::-1]))
     assert main([*command, "--environment", str(path)]) == 0
-    images = bar.render(bar.frame.camera_to_object(look_at(CAMERAS)), None, 24, light=radiance)
+    images = bar.render(bar.frame.camera_to_object(look_at(CAMERAS)), Environment.of(radiance), 24)
     for index in range(2):
         written = np.asarray(Image.open(tmp_path / "images" / f"{index:04d}.png")).astype(int)
         # Radiance files have 8 bits a channel.

@@ -348,9 +348,9 @@ def test_impossible_queries_are_refused_by_name(subtests: pytest.Subtests) -> No
         ({"depth_m": 0.001, "force_n": 1.0}, "both given"),
         ({"depth_m": -0.001}, "out of range"),
         ({"depth_m": 0.0041}, "Ask for 0 to 0.004"),
-        ({"force_n": -1.0}, "force: -1.0 N is out of range"),
+        ({"force_n": -1.0}, "force_n: -1.0 N is out of range"),
         ({"force_n": np.nan}, "not finite"),
-        ({"depth_m": 0.001, "tilt_deg": 60.0}, "tilt: 60.0 degrees is out of range"),
+        ({"depth_m": 0.001, "tilt_deg": 60.0}, "tilt_deg: 60.0 degrees is out of range"),
         ({"depth_m": 0.001, "cell_m": 0.0}, "cell_m"),
         ({"depth_m": 0.001, "cell_m": 0.1}, "cell_m"),
     ]:

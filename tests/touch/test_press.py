@@ -181,11 +181,11 @@ def test_more_samples_converge() -> None:
 @pytest.mark.parametrize(
     ("query", "message"),
     [
-        ({"depth_m": -0.001}, "depth: -0.001 m is out of range"),
+        ({"depth_m": -0.001}, "depth_m: -0.001 m is out of range"),
         ({"depth_m": 0.02}, "Ask for 0 to 0.005"),
         ({"depth_m": np.nan}, "not finite"),
-        ({"tilt_deg": 60.0}, "tilt: 60.0 degrees is out of range"),
-        ({"azimuth_deg": np.zeros(3)}, "azimuth: shape .* Give a number or"),
+        ({"tilt_deg": 60.0}, "tilt_deg: 60.0 degrees is out of range"),
+        ({"azimuth_deg": np.zeros(3)}, "azimuth_deg: shape .* Give a number or"),
     ],
 )
 def test_impossible_queries_are_refused_by_name(query: dict[str, Any], message: str) -> None:
@@ -215,7 +215,7 @@ def test_a_gel_pressed_to_its_limit_is_saturated() -> None:
 def test_the_rigid_gel_bears_no_force_and_refuses_to_be_asked_for_one() -> None:
     point = BUMPY.sample(1, 1).points
     assert np.isnan(press(BUMPY_PATCHES, SENSOR, point, Press(samples=1)).force_n).all()
-    with pytest.raises(QueryError, match="force: a rigid contact bears no force"):
+    with pytest.raises(QueryError, match="force_n: a rigid contact bears no force"):
         press(BUMPY_PATCHES, SENSOR, point, Press(force_n=1.0, contact="rigid"))
     with pytest.raises(QueryError, match="Use 'rigid' or 'elastic'"):
         press(BUMPY_PATCHES, SENSOR, point, Press(contact="sticky"))

@@ -98,7 +98,7 @@ def test_the_silhouette_is_the_packages(player, folder):
     for _ in range(2):
         drawn = (pixels(player.page) < 255).any(axis=2)
         camera = np.array(evaluated(player.page, "panel.orbit.cameraToWorld()"))
-        mask = file.render(camera, np.ones(3), len(drawn), passes=["mask"])["mask"][0]
+        mask = file.render_passes(camera, ["mask"], resolution=len(drawn))["mask"][0]
         assert mask.mean() > 0.05
         assert (drawn & mask).sum() / (drawn | mask).sum() > 0.97
         drag(player.page, 0.25)

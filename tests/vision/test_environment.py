@@ -147,10 +147,10 @@ def test_a_highlight_shows_the_object_where_that_hides_a_white_furnace(net: Visi
 
 def test_what_is_no_light_is_refused(net: VisionNet, subtests: pytest.Subtests) -> None:
     for light, word in [
-        ("disco", "light: 'disco' is none"),
-        (np.ones((4, 8)), "light: shape"),
-        (np.ones((4, 4, 3)), "light: shape"),
-        (np.ones((0, 0, 3)), "light: shape"),
+        ("disco", "lights: 'disco' is none"),
+        (np.ones((4, 8)), "lights: shape"),
+        (np.ones((4, 4, 3)), "lights: shape"),
+        (np.ones((0, 0, 3)), "lights: shape"),
         ([[1, 2], [3]], "light"),
         (-np.ones((4, 8, 3)), "negative"),
         (np.full((4, 8, 3), np.nan), "not finite"),
@@ -160,7 +160,7 @@ def test_what_is_no_light_is_refused(net: VisionNet, subtests: pytest.Subtests) 
             Environment.of(light)
     other = rendered_by(net, "torch")
     other.device = "cuda"
-    with pytest.raises(QueryError, match="light: no environment on 'cuda'"):
+    with pytest.raises(QueryError, match="lights: no environment on 'cuda'"):
         other.render(CAMERAS, Environment.of("sky"), 8, 39.6)
     black = net.render(CAMERAS, Environment.of(np.zeros((4, 8, 3))), 16, 39.6)
     assert black[..., 3].any()

@@ -4,19 +4,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from objectfolder.audio.synthesis.earlier_forces import earlier_forces
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.struck_body import Motion, Observed, Pulse, Source, StruckBody, along
 from objectfolder.audio.synthesis.voices import Voices
 from objectfolder.errors import QueryError
-from objectfolder.query_values import point_rows, real, real_array
+from objectfolder.query_values import point_rows, real
 from objectfolder.surface.surface import ClosestPoints
 
 Floats = NDArray[np.float64]
 LATEST = 2.0**53  # sample: the last that a float64 counts to
 ContactQuery = Callable[
-    [Floats | ClosestPoints, Floats, Floats | None], tuple[ClosestPoints, Floats, Floats | None]
+    [ArrayLike | ClosestPoints, ArrayLike | None, ArrayLike | None], tuple[ClosestPoints, Floats]
 ]
 
 
@@ -28,7 +29,7 @@ class ObjectStream:
     body
         The struck object.
     contacts
-        Checks points and forces, and brings the points onto the surface.
+        Checks points, impulses and forces, and brings the points onto the surface.
     sample_rate_hz
         Of the sound.
     observed
@@ -73,8 +74,15 @@ class ObjectStream:
         """Whether nothing sounds and nothing waits."""
         return all(channel.voices.silent for channel in self._channels)
 
+    @earlier_forces("force", "impulse_n_s", "force_n", 2)
     def strike(
-        self, point: Floats | ClosestPoints, force: Floats, *, at: float | None = None, pulse: Pulse = None
+        self,
+        point: ArrayLike | ClosestPoints,
+        impulse_n_s: ArrayLike | None = None,
+        *,
+        force_n: ArrayLike | None = None,
+        at: float | None = None,
+        pulse: Pulse = None,
     ) -> None:
         """Let a contact begin; each listener hears it later by the way from the object.
 
@@ -82,8 +90,10 @@ class ObjectStream:
         ----------
         point
             (3,) metres, within the tolerance of the surface; or a place of `Surface.closest_points`.
-        force
-            (3,) newton seconds, or (k, 3) newtons at the samples (then `at` and the way are whole samples).
+        impulse_n_s
+            (3,) newton seconds; None, without a force, strikes with 1 N s inwards.
+        force_n
+            (k, 3) newtons at the samples, in place of an impulse (then `at` and the way are whole samples).
         at
             Sample at which it begins, `now` or later.
         pulse
@@ -95,10 +105,8 @@ class ObjectStream:
             As for `ObjectFile.strike`; a sample that has passed.
         """
         at = self.now if at is None else real("at", at, self.now, LATEST)
-        pushed = real_array("force", force)
         place = point if isinstance(point, ClosestPoints) else point_rows(point, "point")
-        given = pushed[None] if pushed.ndim == 2 else pushed
-        places, forces, _ = self._contacts(place, given, None)
+        places, forces = self._contacts(place, impulse_n_s, force_n)
         if len(forces) != 1:
             raise QueryError("point", f"{len(forces)} points", "Add contacts one by one.")
         pulses = self._body.pulses(places.points, forces, pulse)

@@ -2,14 +2,15 @@
 
 import math
 import reprlib
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.bank import samples_of
+from objectfolder.audio.synthesis.earlier_forces import earlier_forces
 from objectfolder.audio.synthesis.object_stream import ObjectStream
 from objectfolder.audio.synthesis.sound import Sound
 from objectfolder.audio.synthesis.struck_body import (
@@ -25,7 +26,10 @@ from objectfolder.audio.synthesis.support import Support
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.query_values import point_rows, real, real_array, require_room, whole
-from objectfolder.surface.surface import ClosestPoints, Surface
+from objectfolder.renaming import formerly_positional, renamed_keywords
+from objectfolder.signatures import same_arguments
+from objectfolder.surface.contact_surface import ContactSurface
+from objectfolder.surface.surface import ClosestPoints
 
 # A rigid motion has 1 everywhere; the light tip of a heavy body has more, the starter set 15 at most.
 LARGEST_SHAPE = 1e3
@@ -36,28 +40,39 @@ MOST_MODES = 10**9  # that a query may name: more than there are stands for all
 LEAST_KG = 1e-9  # of a body whose mass is not known
 
 
-class SoundQueries(ABC):
-    """The sound of contacts; a part of `ObjectFile`, which has the attributes named here."""
+class SoundQueries:
+    """The sound of contacts: `ObjectFile.sound`.
 
-    surface: Surface
-    modes: AudioNet
-    description: dict[str, Any]
+    Parameters
+    ----------
+    net
+        The encoder of sound.
+    contacts
+        The surface, metres, that contacts are brought onto.
+    description
+        Of the Object File: its ``body`` and ``material``.
+    """
 
-    @abstractmethod
-    def project(self, points: np.ndarray, *, name: str = "points") -> ClosestPoints:
-        """Bring contacts onto the surface; see `ObjectFile.project`."""
+    def __init__(self, net: AudioNet, contacts: ContactSurface, description: Mapping[str, Any]) -> None:
+        self.net = net
+        self.contacts = contacts
+        self.description = description
 
+    @renamed_keywords(duration="duration_s", sample_rate="sample_rate_hz")
+    @formerly_positional
+    @earlier_forces("forces", "impulses_n_s", "forces_n", 3, stacklevel=4)
     def strike(
         self,
-        points: np.ndarray,
-        forces: np.ndarray | None = None,
-        duration: float = 2.0,
-        sample_rate: float = 44100,
-        modes: int | None = None,
+        points: ArrayLike,
+        impulses_n_s: ArrayLike | None = None,
+        duration_s: float = 2.0,
+        sample_rate_hz: float = 44100,
         *,
+        modes: int | None = None,
+        forces_n: ArrayLike | None = None,
         pulse: Pulse = None,
-        observed: str | np.ndarray = CONTACT,
-        listener: np.ndarray | None = None,
+        observed: str | ArrayLike = CONTACT,
+        listener: ArrayLike | None = None,
         support: Support | None = None,
     ) -> Sound:
         """Sound the object under contacts.
@@ -66,16 +81,18 @@ class SoundQueries(ABC):
         ----------
         points
             (3,) or (n, 3) contacts, metres, within `surface_tolerance_m` of the surface.
-        forces
-            (3,) or (n, 3) impulses, newton seconds (the papers' unit forces lasting one second); or (n, k, 3)
-            newtons at the samples from t = 0 on, linear between them. None strikes each point with 1 N s
-            inwards, against the surface's normal.
-        duration
+        impulses_n_s
+            (3,) or (n, 3) newton seconds (the papers' unit forces lasting one second). None, without forces,
+            strikes each point with 1 N s inwards, against the surface's normal.
+        duration_s
             Seconds.
-        sample_rate
+        sample_rate_hz
             Hertz; modes above 0.45 of it are left out, they would alias.
         modes
             Number of the lowest modes to sound; all by default.
+        forces_n
+            In place of impulses: (k, 3) or (n, k, 3) newtons at the samples from t = 0 on, linear between
+            them.
         pulse
             How an impulse is spent: None, at once; seconds, one or (n,), as half a sine of that length; or
             a `ContactBody` that strikes and parts again without loss, whose Hertz contact with the object
@@ -105,8 +122,8 @@ class SoundQueries(ABC):
         Raises
         ------
         QueryError
-            A contact off the surface (with its distance), or values that are not finite; a listener to an
-            object of unknown mass.
+            A contact off the surface (with its distance), or values that are not finite; impulses beside
+            forces; a listener to an object of unknown mass.
         FormatError
             A file whose gains no body of its mass has.
 
@@ -116,54 +133,46 @@ class SoundQueries(ABC):
         >>> bar = objectfolder.load("bar.safetensors")
         >>> import numpy as np
         >>> points, normals = bar.sample_contacts()
-        >>> sound = bar.strike(points, duration=1.0)  # 1 N s inwards
+        >>> sound = bar.strike(points, duration_s=1.0)  # 1 N s inwards
         >>> sound.shape, sound.dtype.name
         ((1, 44100), 'float32')
         >>> bool(np.allclose(bar.strike(points, -2 * normals, 1.0), 2 * sound))  # twice as hard
         True
         """
         shape, single, parts = self._struck(
-            points, forces, duration, sample_rate, modes, pulse, observed, listener, support
-        )
+            points, impulses_n_s, duration_s, sample_rate_hz, modes=modes,
+            forces_n=forces_n, pulse=pulse, observed=observed, listener=listener, support=support,
+        )  # fmt: skip
         remedy = "Use `strikes`, which answers in parts, or ask for less at a time."
-        require_room("points, duration", 4 * math.prod(shape), remedy)
+        require_room("points, duration_s", 4 * math.prod(shape), remedy)
         sound = np.empty(shape, dtype=np.float32)
         for rows, part in parts:
             sound[rows] = part
-        return Sound.of(sound[:, 0] if single else sound, sample_rate)
+        return Sound.of(sound[:, 0] if single else sound, sample_rate_hz)
 
-    def strikes(
-        self,
-        points: np.ndarray,
-        forces: np.ndarray | None = None,
-        duration: float = 2.0,
-        sample_rate: float = 44100,
-        modes: int | None = None,
-        *,
-        pulse: Pulse = None,
-        observed: str | np.ndarray = CONTACT,
-        listener: np.ndarray | None = None,
-        support: Support | None = None,
-    ) -> Iterator[tuple[slice, np.ndarray]]:
+    @renamed_keywords(duration="duration_s", sample_rate="sample_rate_hz")
+    @formerly_positional
+    @earlier_forces("forces", "impulses_n_s", "forces_n", 3, stacklevel=4)
+    @same_arguments(strike)
+    def strikes(self, *arguments: Any, **keywords: Any) -> Iterator[tuple[slice, NDArray[np.float32]]]:
         """Sound any number of contacts in bounded memory: yield rows and what `strike` answers for them.
 
         Examples
         --------
         >>> import objectfolder
         >>> bar = objectfolder.load("bar.safetensors")
-        >>> points, normals = bar.sample_contacts(100, seed=0)
-        >>> sum(len(part) for rows, part in bar.strikes(points, -normals, duration=0.1))
+        >>> points, normals = bar.sample_contacts(100)
+        >>> sum(len(part) for rows, part in bar.strikes(points, duration_s=0.1))
         100
         """
-        _, single, parts = self._struck(
-            points, forces, duration, sample_rate, modes, pulse, observed, listener, support
-        )
+        _, single, parts = self._struck(*arguments, **keywords)
         for rows, part in parts:
             yield rows, part[:, 0] if single else part
 
+    @renamed_keywords(impulses="impulses_n_s", times="times_s")
     def rms_velocity(
-        self, points: np.ndarray, impulses: np.ndarray, times: np.ndarray, modes: int | None = None
-    ) -> np.ndarray:
+        self, points: ArrayLike, impulses_n_s: ArrayLike, times_s: ArrayLike, modes: int | None = None
+    ) -> NDArray[np.float64]:
         """Return how fast the whole surface moves after impulses: (n, times) metres a second.
 
         It is the rms over the surface of the velocity along the normal, with the modes' powers added up and
@@ -173,9 +182,9 @@ class SoundQueries(ABC):
 
         Parameters
         ----------
-        points, impulses, modes
+        points, impulses_n_s, modes
             (n, 3) as for `strike`, newton seconds.
-        times
+        times_s
             (times,) seconds after the impulse.
 
         Examples
@@ -187,25 +196,26 @@ class SoundQueries(ABC):
         >>> level.shape, bool(level[0, 1] < level[0, 0])
         ((1, 2), True)
         """
-        seconds = real_array("times", times).reshape(-1)
+        seconds = real_array("times_s", times_s).reshape(-1)
         if not (seconds >= 0).all():
-            raise QueryError("times", reprlib.repr(seconds.tolist()), "Give seconds after the impulse.")
-        contacts, pushes = self._impulses(points, impulses)
+            raise QueryError("times_s", reprlib.repr(seconds.tolist()), "Give seconds after the impulse.")
+        contacts, pushes = self._impulses(points, impulses_n_s)
         body = self._struck_body(modes)
         numbers = len(seconds) * (len(contacts) + len(body.eigenvalues))
-        require_room("points, times", 8 * numbers, "Ask for fewer times, or fewer contacts.")
+        require_room("points, times_s", 8 * numbers, "Ask for fewer times, or fewer contacts.")
         return body.rms_velocity(contacts, pushes, seconds)
 
+    @renamed_keywords(impulses="impulses_n_s")
     def mode_velocities(
-        self, points: np.ndarray, impulses: np.ndarray, modes: int | None = None
-    ) -> np.ndarray:
+        self, points: ArrayLike, impulses_n_s: ArrayLike, modes: int | None = None
+    ) -> NDArray[np.float64]:
         """Return what each mode adds to `strike` at first: (n, modes) metres a second.
 
         It is the velocity along the normal at the struck point that an impulse gives each mode.
 
         Parameters
         ----------
-        points, impulses, modes
+        points, impulses_n_s, modes
             As for `rms_velocity`.
 
         Examples
@@ -217,23 +227,22 @@ class SoundQueries(ABC):
         >>> velocities.shape == (2, len(bar.modes.frequencies_hz)), bool((velocities <= 0).all())
         (True, True)
         """
-        contacts, pushes = self._impulses(points, impulses)
+        contacts, pushes = self._impulses(points, impulses_n_s)
         motion = self._struck_body(modes).motion(contacts)
         return along(pushes, motion.shapes) * motion.normal
 
-    def _impulses(self, points: np.ndarray, impulses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _impulses(self, points: ArrayLike, impulses_n_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Return contacts on the surface and impulses, (n, 3) each."""
-        places, pushes, _ = self._sound_query(points, impulses, None)
-        if pushes.ndim != 2:
-            raise QueryError("impulses", f"shape {pushes.shape}", "Give (n, 3), newton seconds.")
+        places, pushes = self._pushes(points, real_array("impulses_n_s", impulses_n_s), None)
         return places.points, pushes
 
+    @renamed_keywords(sample_rate="sample_rate_hz")
     def stream(
         self,
-        sample_rate: float = 44100,
+        sample_rate_hz: float = 44100,
         *,
-        observed: str | np.ndarray = CONTACT,
-        listener: np.ndarray | None = None,
+        observed: str | ArrayLike = CONTACT,
+        listener: ArrayLike | None = None,
         support: Support | None = None,
     ) -> ObjectStream:
         """Return a silent stream: contacts are added as they come, sound is taken in blocks.
@@ -255,72 +264,73 @@ class SoundQueries(ABC):
         """
         ears = self._listeners(listener)
         places = self._places(observed)
-        sample_rate = real("sample_rate", sample_rate, *SAMPLE_RATES_HZ, " Hz")
-        return ObjectStream(self._struck_body(None, support), self._sound_query, sample_rate, places, ears)
+        rate_hz = real("sample_rate_hz", sample_rate_hz, *SAMPLE_RATES_HZ, " Hz")
+        return ObjectStream(self._struck_body(None, support), self._pushes, rate_hz, places, ears)
 
     def _struck(
-        self,
-        points: np.ndarray,
-        forces: np.ndarray | None,
-        duration: float,
-        sample_rate: float,
-        modes: int | None,
-        pulse: Pulse,
-        observed: str | np.ndarray,
-        listener: np.ndarray | None,
-        support: Support | None,
-    ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:
+        self, points: ArrayLike, impulses_n_s: ArrayLike | None = None, duration_s: float = 2.0,
+        sample_rate_hz: float = 44100, *, modes: int | None = None, forces_n: ArrayLike | None = None,
+        pulse: Pulse = None, observed: str | ArrayLike = CONTACT, listener: ArrayLike | None = None,
+        support: Support | None = None,
+    ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:  # fmt: skip
         """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
-        at, pushes, ears = self._sound_query(points, forces, listener)
-        contacts = at.points
-        sample_rate = real("sample_rate", sample_rate, *SAMPLE_RATES_HZ, " Hz")
-        duration = real("duration", duration, 1 / sample_rate, LONGEST_S, " s")
+        at, pushes = self._pushes(points, impulses_n_s, forces_n)
+        contacts, ears = at.points, self._listeners(listener)
+        rate_hz = real("sample_rate_hz", sample_rate_hz, *SAMPLE_RATES_HZ, " Hz")
+        duration_s = real("duration_s", duration_s, 1 / rate_hz, LONGEST_S, " s")
         places = self._places(observed)
         heard = places if listener is None else ears
         body = self._struck_body(modes, support)
         channels = len(heard) if isinstance(heard, np.ndarray) else 1
-        samples = samples_of(duration, sample_rate)
+        samples = samples_of(duration_s, rate_hz)
         remedy = "Ask for less time at once, or a lower rate."
-        require_room("duration, sample_rate", 4 * channels * samples, remedy)
+        require_room("duration_s, sample_rate_hz", 4 * channels * samples, remedy)
         parts = body.sounds(
-            contacts, pushes, duration, sample_rate, pulse=pulse, observed=places, listeners=ears
+            contacts, pushes, duration_s, rate_hz, pulse=pulse, observed=places, listeners=ears
         )
         single = np.ndim(observed if listener is None else listener) < 2
         return (len(contacts), channels, samples), single, parts
 
-    def _places(self, observed: str | np.ndarray) -> Observed:
+    def _places(self, observed: str | ArrayLike) -> Observed:
         """Return a name, or points (channels, 3) on the surface."""
         if not isinstance(observed, str):
-            return self.project(point_rows(observed, "observed", 1), name="observed").points
+            return self.contacts.project(point_rows(observed, "observed", 1), name="observed").points
         if observed not in (CONTACT, RMS):
             raise QueryError(
                 "observed", f"{observed!r}", f"Use {CONTACT!r}, {RMS!r} or points of the surface."
             )
         return observed
 
-    def _normals(self, points: np.ndarray | ClosestPoints) -> np.ndarray:
-        places = points if isinstance(points, ClosestPoints) else self.surface.closest_points(points)
-        return self.surface.normals_at(places.face, places.barycentric)
-
-    def _sound_query(
-        self, points: np.ndarray | ClosestPoints, forces: np.ndarray | None, listener: np.ndarray | None
-    ) -> tuple[ClosestPoints, np.ndarray, np.ndarray | None]:
-        """Return n contacts on the surface, a force each, and listeners (channels, 3)."""
-        places = points if isinstance(points, ClosestPoints) else self.project(points)
+    def _pushes(
+        self,
+        points: ArrayLike | ClosestPoints,
+        impulses_n_s: ArrayLike | None,
+        forces_n: ArrayLike | None,
+    ) -> tuple[ClosestPoints, np.ndarray]:
+        """Return n contacts on the surface, and impulses (n, 3) or forces (n, k, 3) on them."""
+        places = points if isinstance(points, ClosestPoints) else self.contacts.project(points)
         count = len(places.points)
-        remedy = "Give (n, 3) newton seconds, or (n, k, 3) newtons at the samples."
-        pushes = -self._normals(places) if forces is None else real_array("forces", forces, remedy)
-        pushes = pushes[None] if pushes.ndim == 1 else pushes
-        if pushes.ndim not in (2, 3) or pushes.shape[-1] != 3 or 0 in pushes.shape[1:]:
-            raise QueryError("forces", f"shape {pushes.shape}", remedy)
+        if forces_n is not None and impulses_n_s is not None:
+            raise QueryError("impulses_n_s, forces_n", "both given", "Give one of them.")
+        if forces_n is not None:
+            name, remedy = "forces_n", "Give (n, k, 3) newtons at the samples."
+            pushes = real_array(name, forces_n, remedy)
+            pushes = pushes[None] if pushes.ndim == 2 else pushes
+        elif impulses_n_s is not None:
+            name, remedy = "impulses_n_s", "Give (n, 3) newton seconds."
+            pushes = real_array(name, impulses_n_s, remedy)
+            pushes = pushes[None] if pushes.ndim == 1 else pushes
+        else:
+            return places, -self.contacts.normals(places)
+        if pushes.ndim != (2 if forces_n is None else 3) or pushes.shape[-1] != 3 or 0 in pushes.shape[1:]:
+            raise QueryError(name, f"shape {pushes.shape}", remedy)
         if not np.abs(pushes).max(initial=0.0) <= LARGEST_FORCE:
-            raise QueryError("forces", f"above {LARGEST_FORCE:g}", "Give newton seconds, or newtons.")
+            raise QueryError(name, f"above {LARGEST_FORCE:g}", remedy)
         if len(pushes) not in (1, count):
-            raise QueryError("forces", f"{len(pushes)} for {count} points", "Give one a point.")
-        pushes = np.broadcast_to(pushes, (count, *pushes.shape[1:]))
-        return places, pushes, self._listeners(listener)
+            raise QueryError(name, f"{len(pushes)} for {count} points", "Give one a point.")
+        return places, np.broadcast_to(pushes, (count, *pushes.shape[1:]))
 
-    def _listeners(self, listener: np.ndarray | None) -> np.ndarray | None:
+    def _listeners(self, listener: ArrayLike | None) -> np.ndarray | None:
         return None if listener is None else point_rows(listener, "listener", 1)
 
     def _gains(self, points: np.ndarray | ClosestPoints) -> np.ndarray:
@@ -335,13 +345,13 @@ class SoundQueries(ABC):
         mass_kg = float(body["filled_mass_kg"]) if body else LEAST_KG
         try:
             if isinstance(points, ClosestPoints):
-                gains = self.modes.gains_at(points)
+                gains = self.net.gains_at(points)
             else:
-                gains = self.modes.gains(points)
+                gains = self.net.gains(points)
         except np.linalg.LinAlgError as error:
             raise FormatError("audio", f"its coefficients have no solution ({error})", REMEDY) from error
         largest = np.abs(gains).max(initial=0.0) * np.sqrt(mass_kg)
-        radiating = self.modes.radiation_weights.max(initial=0.0) * np.sqrt(mass_kg)
+        radiating = self.net.radiation_weights.max(initial=0.0) * np.sqrt(mass_kg)
         if not (largest <= LARGEST_SHAPE and radiating <= LARGEST_SHAPE):
             finding = f"gains of {largest:.3g} and {radiating:.3g} over the root of the mass"
             raise FormatError("audio", f"{finding}, above {LARGEST_SHAPE:g}", REMEDY)
@@ -355,13 +365,13 @@ class SoundQueries(ABC):
         QueryError
             The object has no sound: with the reason.
         """
-        if self.modes.absent is not None:
-            finding = f"the object has no sound: {self.modes.absent}"
+        if self.net.absent is not None:
+            finding = f"the object has no sound: {self.net.absent}"
             raise QueryError("audio", finding, "It can be seen and felt.")
         modes = None if modes is None else whole("modes", modes, 0, MOST_MODES)
         if not isinstance(support, Support | None):
             raise QueryError("support", reprlib.repr(support), "Give a `Support`, or None.")
-        net, body, material = self.modes, self.description.get("body"), self.description.get("material")
+        net, body, material = self.net, self.description.get("body"), self.description.get("material")
         rigid = None
         if body:
             closed = body["inertia_kg_m2"] is not None
@@ -369,13 +379,15 @@ class SoundQueries(ABC):
             share = body["filled_mass_kg"] / body["mass_kg"] if closed else 1.0
             rigid = RigidBody(
                 float(body["filled_mass_kg"]),
-                np.asarray(body["centre_of_mass_m"]) if closed else self.surface.bounds.mean(axis=0),
+                np.asarray(body["centre_of_mass_m"]) if closed else self.contacts.surface.bounds.mean(axis=0),
                 share * np.asarray(body["inertia_kg_m2"]) if closed else None,
-                float(self.surface.area),
+                float(self.contacts.surface.area),
             )
         eigenvalues, dampings = net.eigenvalues[:modes], net.dampings_per_s[:modes]
         if support is not None:
-            held = self._gains(self.project(support.points, name="support").points)[:, :, : len(eigenvalues)]
+            held = self._gains(self.contacts.project(support.points, name="support").points)[
+                :, :, : len(eigenvalues)
+            ]
             stiffer, faster = support.added(held)
             eigenvalues, dampings = eigenvalues + stiffer, dampings + faster
         return StruckBody(
@@ -383,7 +395,7 @@ class SoundQueries(ABC):
             dampings,
             net.radiation_weights[:modes],
             self._gains,
-            self._normals,
+            self.contacts.normals,
             rigid,
             (material["youngs_modulus_pa"], material["poisson_ratio"]) if material else None,
             net.transfer,

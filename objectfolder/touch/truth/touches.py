@@ -77,7 +77,7 @@ class Press:
         if contact not in CONTACTS:
             raise QueryError("contact", reprlib.repr(contact), "Use 'rigid' or 'elastic'.")
         if contact == "rigid" and self.force_n is not None:
-            raise QueryError("force", "a rigid contact bears no force", "Ask with contact='elastic'.")
+            raise QueryError("force_n", "a rigid contact bears no force", "Ask with contact='elastic'.")
         return contact
 
     def depths(self, count: int, greatest_m: float) -> np.ndarray:
@@ -89,7 +89,7 @@ class Press:
             Another shape, or depths outside 0 to `greatest_m`.
         """
         depth = DEFAULT_DEPTH_M if self.depth_m is None else self.depth_m
-        return _per_touch("depth", depth, count, 0.0, greatest_m, " m")
+        return _per_touch("depth_m", depth, count, 0.0, greatest_m, " m")
 
     def forces(self, count: int) -> np.ndarray | None:
         """Forces (count,) newtons; None where a depth is asked for.
@@ -102,8 +102,8 @@ class Press:
         if self.force_n is None:
             return None
         if self.depth_m is not None:
-            raise QueryError("depth, force", "both given", "Ask for one of them.")
-        return _per_touch("force", self.force_n, count, 0.0, GREATEST_FORCE_N, " N")
+            raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
+        return _per_touch("force_n", self.force_n, count, 0.0, GREATEST_FORCE_N, " N")
 
     def angles(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tilts, azimuths and rolls (count,), radians.
@@ -113,10 +113,10 @@ class Press:
         QueryError
             Another shape, angles that are not finite, tilts outside 0 to 45 degrees.
         """
-        tilt = _per_touch("tilt", self.tilt_deg, count, 0.0, GREATEST_TILT_DEG, " degrees")
+        tilt = _per_touch("tilt_deg", self.tilt_deg, count, 0.0, GREATEST_TILT_DEG, " degrees")
         azimuth, roll = (
             _per_touch(name, value, count, -GREATEST_TURN_DEG, GREATEST_TURN_DEG, " degrees")
-            for name, value in (("azimuth", self.azimuth_deg), ("roll", self.roll_deg))
+            for name, value in (("azimuth_deg", self.azimuth_deg), ("roll_deg", self.roll_deg))
         )
         return np.radians(tilt), np.radians(azimuth), np.radians(roll)
 
@@ -161,7 +161,7 @@ class Touches:
     --------
     >>> import objectfolder
     >>> bar = objectfolder.load("bar.safetensors")
-    >>> touches = bar.press([[0, 0, 0.004]], depth=0.001)
+    >>> touches = bar.press([[0, 0, 0.004]], depth_m=0.001)
     >>> touches, touches[0].normals.round(3).tolist()
     (Touches(1 of 160 x 120 pixels, 1 reachable), [[0.0, 0.0, 1.0]])
     """

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from objectfolder.errors import QueryError
 from objectfolder.query_values import image_sides, real, real_array, whole
@@ -33,18 +34,16 @@ class ViewQuery:
     colours: np.ndarray
 
 
-def view_query(
-    camera_to_world: np.ndarray, light_position: np.ndarray, light_colour: np.ndarray | None = None
-) -> ViewQuery:
+def view_query(camera_to_object: ArrayLike, lights: ArrayLike, colours: ArrayLike | None = None) -> ViewQuery:
     """Return cameras and lights with every dimension spelt out.
 
     Parameters
     ----------
-    camera_to_world
+    camera_to_object
         (4, 4) or (n, 4, 4) rigid poses.
-    light_position
+    lights
         (3,), one light for all views; (n, 3), one a view; (n, k, 3) or (1, k, 3), k in each.
-    light_colour
+    colours
         (3,), of every light; (k, 3); (n, k, 3) or (1, k, 3). White if None.
 
     Raises
@@ -52,29 +51,30 @@ def view_query(
     QueryError
         Shapes that do not match, values that are not finite, a pose that is not rigid.
     """
-    cameras = real_array("camera_to_world", camera_to_world)
+    cameras = real_array("camera_to_object", camera_to_object)
     cameras = cameras[None] if cameras.ndim == 2 else cameras
     if cameras.ndim != 3 or cameras.shape[1:] != (4, 4):
-        raise QueryError("camera_to_world", f"shape {cameras.shape}", "Give (n, 4, 4) poses.")
+        raise QueryError("camera_to_object", f"shape {cameras.shape}", "Give (n, 4, 4) poses.")
     rotation = cameras[:, :3, :3]
     rigid = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) <= 1e-4
     if not rigid or (np.linalg.det(rotation) < 0).any() or (cameras[:, 3] != [0, 0, 0, 1]).any():
         remedy = "Give an orthonormal rotation without a mirror, a translation, and 0 0 0 1 below."
-        raise QueryError("camera_to_world", "not a rigid pose", remedy)
-    lights = real_array("light_position", light_position)
-    if lights.ndim in (1, 2) and lights.shape[-1] == 3:
-        lights = lights.reshape(-1, 1, 3)
-    if lights.ndim != 3 or lights.shape[2] != 3 or len(lights) not in (1, len(cameras)):
+        raise QueryError("camera_to_object", "not a rigid pose", remedy)
+    positions = real_array("lights", lights)
+    shape = positions.shape
+    if positions.ndim in (1, 2) and positions.shape[-1] == 3:
+        positions = positions.reshape(-1, 1, 3)
+    if positions.ndim != 3 or positions.shape[2] != 3 or len(positions) not in (1, len(cameras)):
         raise QueryError(
-            "light_position",
-            f"shape {np.shape(light_position)} for {len(cameras)} cameras",
+            "lights",
+            f"shape {shape} for {len(cameras)} cameras",
             "Give (3,) or (n, 3), one light a camera, or (n, k, 3), k lights a camera.",
         )
-    lights = np.broadcast_to(lights, (len(cameras), *lights.shape[1:]))
-    return ViewQuery(cameras, lights, light_colours(light_colour, lights.shape))
+    positions = np.broadcast_to(positions, (len(cameras), *positions.shape[1:]))
+    return ViewQuery(cameras, positions, light_colours(colours, positions.shape))
 
 
-def light_colours(light_colour: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+def light_colours(colours: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     """Return the colours of lights, float64 of `shape` (..., k, 3); 1 if None.
 
     Raises
@@ -82,25 +82,25 @@ def light_colours(light_colour: np.ndarray | None, shape: tuple[int, ...]) -> np
     QueryError
         A shape that does not fit that of the lights, or values not within 0 to `BRIGHTEST`.
     """
-    colours = np.ones(3) if light_colour is None else real_array("light_colour", light_colour)
+    factors = np.ones(3) if colours is None else real_array("colours", colours)
     # A colour for each light: one that numpy would repeat over a longer axis of another meaning is refused.
-    fits = colours.shape == (3,) or (
-        1 < colours.ndim <= len(shape)
-        and colours.shape[-2:] == shape[-2:]
-        and colours.shape[:-2] in ((), (1,), shape[:-2])
+    fits = factors.shape == (3,) or (
+        1 < factors.ndim <= len(shape)
+        and factors.shape[-2:] == shape[-2:]
+        and factors.shape[:-2] in ((), (1,), shape[:-2])
     )
     if not fits:
         raise QueryError(
-            "light_colour",
-            f"shape {colours.shape} for lights {shape}",
+            "colours",
+            f"shape {factors.shape} for lights {shape}",
             "Give (3,) for all lights, or (k, 3) or (n, k, 3), red, green and blue of each.",
         )
-    if not ((colours >= 0) & (colours <= BRIGHTEST)).all():
-        raise QueryError("light_colour", "a value out of range", f"Give 0 to {BRIGHTEST:g}.")
-    return np.broadcast_to(colours, shape)
+    if not ((factors >= 0) & (factors <= BRIGHTEST)).all():
+        raise QueryError("colours", "a value out of range", f"Give 0 to {BRIGHTEST:g}.")
+    return np.broadcast_to(factors, shape)
 
 
-def ray_query(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def ray_query(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return the rays (n, 3) of a query with directions of length 1.
 
     Raises
@@ -133,7 +133,7 @@ def image_query(
         Another type, or a number out of range.
     """
     rays = whole("sub_rays", sub_rays, 1, most_sub_rays)
-    return image_sides(resolution, 1), real("field_of_view", field_of_view, 0.0, 180.0, " degrees"), rays
+    return image_sides(resolution, 1), real("field_of_view_deg", field_of_view, 0.0, 180.0, " degrees"), rays
 
 
 def pass_names(passes: Any, known: Sequence[str]) -> tuple[str, ...]:

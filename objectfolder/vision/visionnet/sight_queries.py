@@ -3,18 +3,20 @@
 import reprlib
 from collections.abc import Collection
 from functools import cached_property
-from typing import overload
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
 from objectfolder.query_values import MOST_SAMPLED, generator, point_rows, real, whole
 from objectfolder.renaming import renamed_keywords
+from objectfolder.signatures import same_arguments
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import (
     CAMERA_RADIUS,
+    FIELD_OF_VIEW_DEG,
     LIGHT_RADIUS,
     lamps_at_cameras,
     look_at,
@@ -22,91 +24,86 @@ from objectfolder.vision.cameras import (
 )
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.environment import Environment
+from objectfolder.vision.lamps import Lamps
 from objectfolder.vision.rendering.view_query import FARTHEST, pass_names, ray_query, view_query
 from objectfolder.vision.studio import STUDIOS, exposed, exposure, studio_lights, turntable
+from objectfolder.vision.visionnet.earlier_lights import earlier_lights
 from objectfolder.vision.visionnet.visionnet import PASSES, VisionNet
+
+Lights = ArrayLike | Lamps | Environment  # a string, the name of an environment, is array-like
 
 
 class SightQueries:
-    """Images of an object; a part of `ObjectFile`, which has the attributes named here.
+    """Images of an object: `ObjectFile.sight`.
 
-    Passes beside the image are of the pixel's centre, as in the ground truth, and do not depend on light or
-    sub-rays: ``depth`` (n, h, w) float32, metres along the camera's -z axis (not along the ray), infinity
-    where the object is not; ``normal`` (n, h, w, 3) float32, the unit shading normal on the camera's side,
-    object frame, 0 where the object is not; ``mask`` (n, h, w) bool; ``albedo`` (n, h, w, 3) float32, the
-    scene-linear base colour, ``roughness`` and ``metallic`` (n, h, w) float32 as of `Appearance`, 0 where the
-    object is not. An Object File made before these, or from views without passes, refuses the last three.
+    Parameters
+    ----------
+    surface
+        The stored surface, metres.
+    frame
+        The unit frame of the data set's cameras and lights.
+    net
+        The encoder of sight.
     """
 
-    frame: UnitFrame
-    surface: Surface
-    vision: VisionNet
+    def __init__(self, surface: Surface, frame: UnitFrame, net: VisionNet) -> None:
+        self.surface = surface
+        self.frame = frame
+        self.net = net
 
-    @overload
+    @renamed_keywords(camera_to_world="camera_to_object", field_of_view="field_of_view_deg")
+    @earlier_lights(
+        "camera_to_object", "lights", "resolution", "field_of_view_deg", "linear", "sub_rays", stacklevel=3
+    )
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray | None = ...,
-        resolution: int | tuple[int, int] = ..., field_of_view: float = ..., linear: bool = ...,
-        sub_rays: int | None = ..., *, light: str | np.ndarray | None = ...,
-        light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
-        passes: None = ...,
-    ) -> np.ndarray: ...  # fmt: skip
-
-    @overload
-    def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray | None = ...,
-        resolution: int | tuple[int, int] = ..., field_of_view: float = ..., linear: bool = ...,
-        sub_rays: int | None = ..., *, light: str | np.ndarray | None = ...,
-        light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
-        passes: Collection[str],
-    ) -> dict[str, np.ndarray]: ...  # fmt: skip
-
-    def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray | None = None,
-        resolution: int | tuple[int, int] = 256, field_of_view: float = 39.6, linear: bool = False,
-        sub_rays: int | None = None, *, light: str | np.ndarray | None = None,
-        light_colour: np.ndarray | None = None, crop: tuple[int, int, int, int] | None = None,
-        passes: Collection[str] | None = None,
-    ) -> np.ndarray | dict[str, np.ndarray]:  # fmt: skip
+        self,
+        camera_to_object: ArrayLike,
+        lights: Lights | None = None,
+        resolution: int | tuple[int, int] = 256,
+        field_of_view_deg: float = FIELD_OF_VIEW_DEG,
+        *,
+        sub_rays: int | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+    ) -> NDArray[np.uint8]:
         """Render views under one or several point lights each, or in an environment.
+
+        `render_linear` takes the same and returns radiance, `render_passes` also depth, normals and more.
 
         Parameters
         ----------
-        camera_to_world
+        camera_to_object
             (4, 4) or (n, 4, 4) rigid poses in the object frame, metres; the camera looks along -z, +y is up.
-        light_position
-            (3,), one light for all views; (n, 3), one a view; or (n, k, 3), k a view; metres, object frame.
-            Their power is that of the data set, whose lights lie at one `frame.scale` from the centre, and
-            falls off with the square of the distance. None, without a `light`, stands for one of the data
-            set's lamps a view, on the camera's side: to the left of the camera and above it.
-        light
-            In place of lamps, light from all round, infinitely far, with soft shadows: ``"studio"``,
-            ``"sky"``, ``"window"``, or an equirectangular map of linear radiance (h, 2 h, 3) in the object's
-            frame, +z in row 0, +x in the middle, +y a quarter to the left of it. Image and map are in one
-            unit of radiance.
-        resolution, field_of_view
+        lights
+            Positions of point lights, metres, object frame: (3,), one light for all views; (n, 3), one a
+            view; or (n, k, 3), k a view. Their power is that of the data set, whose lights lie at one
+            `frame.scale` from the centre, and falls off with the square of the distance. `Lamps` have
+            colours, too.
+
+            Or light from all round, infinitely far, with soft shadows: ``"studio"``, ``"sky"``, ``"window"``,
+            or an `Environment`; `Environment.of` makes one of an equirectangular map of linear radiance
+            (h, 2 h, 3) in the object's frame, +z in row 0, +x in the middle, +y a quarter to the left of it.
+            Image and map are in one unit of radiance.
+
+            None stands for one of the data set's lamps a view, on the camera's side: to the left of the
+            camera and above it.
+        resolution, field_of_view_deg
             Pixels of a side, or (height, width); of the longer side, degrees.
-        linear
-            Return premultiplied scene-linear RGBA instead of 8-bit sRGB on white.
         sub_rays
             Rays in a pixel where something ends (others get an eighth); the stored default, 64, if None. More
             is slower and closer to the truth.
-        light_colour
-            (3,), (k, 3) or (n, k, 3) linear factors of that power, red, green, blue; 1 if None.
         crop
             (top, left, height, width) in pixels: that part of the image, equal to it bit for bit.
-        passes
-            Any of ``image`` and the others that the class names.
 
         Returns
         -------
-        ndarray or dict
-            The image: (n, h, w, 3) uint8, or (n, h, w, 4) float32 if `linear`. With `passes` a dict of them.
+        ndarray
+            (n, h, w, 3) uint8, sRGB on white.
 
         Raises
         ------
         QueryError
             Poses that are not rigid, values that are not finite, numbers of poses, lights and colours that
-            differ, a crop outside the image, an unknown pass, lamps beside an environment.
+            differ, a crop outside the image.
 
         Examples
         --------
@@ -116,51 +113,123 @@ class SightQueries:
         >>> images = bar.render(cameras, lights, resolution=64)
         >>> images.shape, images.dtype.name, images[0, 0, 0].tolist()  # white beside the bar
         ((4, 64, 64, 3), 'uint8', [255, 255, 255])
-        >>> bar.render(cameras, resolution=64).shape, bar.render(cameras, light="sky", resolution=64).shape
+        >>> bar.render(cameras, resolution=64).shape, bar.render(cameras, "sky", resolution=64).shape
         ((4, 64, 64, 3), (4, 64, 64, 3))
-        >>> depth = bar.render(cameras, lights, resolution=64, passes=["depth"])["depth"]
+        """
+        image: NDArray[np.uint8] = self.render_passes(
+            camera_to_object, ("image",), lights, resolution,
+            field_of_view_deg=field_of_view_deg, sub_rays=sub_rays, crop=crop,
+        )["image"]  # fmt: skip
+        return image
+
+    @same_arguments(render)
+    def render_linear(self, *arguments: Any, **keywords: Any) -> NDArray[np.float32]:
+        """Render views as `render` does, as radiance.
+
+        Returns
+        -------
+        ndarray
+            (n, h, w, 4) float32, premultiplied scene-linear RGBA.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> cameras, lights = bar.sample_views(1)
+        >>> bar.render_linear(cameras, lights, resolution=64)[0, 0, 0].tolist()  # nothing beside the bar
+        [0.0, 0.0, 0.0, 0.0]
+        """
+        named = dict(
+            zip(("camera_to_object", "lights", "resolution", "field_of_view_deg"), arguments, strict=False)
+        )
+        image: NDArray[np.float32] = self.render_passes(passes=("linear",), **named, **keywords)["linear"]
+        return image
+
+    def render_passes(
+        self,
+        camera_to_object: ArrayLike,
+        passes: Collection[str],
+        lights: Lights | None = None,
+        resolution: int | tuple[int, int] = 256,
+        *,
+        field_of_view_deg: float = FIELD_OF_VIEW_DEG,
+        sub_rays: int | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+    ) -> dict[str, NDArray[Any]]:
+        """Render views as `render` does, and what is known of each pixel's surface.
+
+        All but ``image`` and ``linear`` is of the pixel's centre, as in the ground truth, and does not depend
+        on light or sub-rays.
+
+        Parameters
+        ----------
+        passes
+            Any of ``image`` (n, h, w, 3) uint8, as of `render`; ``linear`` (n, h, w, 4) float32, as of
+            `render_linear`; ``depth`` (n, h, w) float32, metres along the camera's -z axis (not along the
+            ray), infinity where the object is not; ``normal`` (n, h, w, 3) float32, the unit shading normal
+            on the camera's side, object frame, 0 where the object is not; ``mask`` (n, h, w) bool;
+            ``albedo`` (n, h, w, 3) float32, the scene-linear base colour, ``roughness`` and ``metallic``
+            (n, h, w) float32 as of `Appearance`, 0 where the object is not.
+        camera_to_object, lights, resolution, field_of_view_deg, sub_rays, crop
+            As for `render`.
+
+        Returns
+        -------
+        dict
+            An array by the name of each pass.
+
+        Raises
+        ------
+        QueryError
+            An unknown pass, or one of the last three of an Object File without them; what `render` refuses.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> cameras, lights = bar.sample_views(4, seed=0)
+        >>> depth = bar.render_passes(cameras, ["depth"], lights, resolution=64)["depth"]
         >>> round(float(depth[0].min()), 1)  # metres
         0.3
         """
-        names = {"image": "rgba"} | {name: name for name in PASSES if name != "rgba"}
-        wanted = pass_names(passes, tuple(names))
-        if light is not None and (light_position is not None or light_colour is not None):
-            remedy = "Give lamps, with their colours or without, or one light for all views."
-            raise QueryError("light", "lamps beside light from all round", remedy)
-        if light_position is None:
-            poses = view_query(camera_to_world, np.zeros(3)).cameras
-            light_position = self.frame.to_object(lamps_at_cameras(poses))
-        query = view_query(camera_to_world, light_position, light_colour)
-        drawn = self.vision.render(
+        chosen = pass_names(passes, ("image", "linear", *(name for name in PASSES if name != "rgba")))
+        cameras = view_query(camera_to_object, np.zeros(3)).cameras
+        if lights is None:
+            lights = self.frame.to_object(lamps_at_cameras(cameras))
+        around = Environment.of(lights) if isinstance(lights, str | Environment) else None
+        lamps = lights if isinstance(lights, Lamps) else Lamps(np.zeros(3) if around else cast("Any", lights))
+        query = view_query(cameras, lamps.positions_m, lamps.colours)
+        drawn = self.net.render(
             self.frame.camera_to_unit(query.cameras),
-            self.frame.to_unit(query.lights) if light is None else Environment.of(light),
-            resolution, field_of_view, sub_rays, light_colour=query.colours, crop=crop,
-            passes=[names[name] for name in wanted],
-        )  # fmt: skip
+            self.frame.to_unit(query.lights) if around is None else around,
+            resolution,
+            field_of_view_deg,
+            sub_rays,
+            light_colour=query.colours,
+            crop=crop,
+            passes=sorted({"rgba" if name in ("image", "linear") else name for name in chosen}),
+        )
         if "depth" in drawn:
             drawn["depth"] = drawn["depth"] * np.float32(self.frame.scale)
-        if "rgba" in drawn:
-            drawn["image"] = drawn["rgba"] if linear else on_white(drawn["rgba"])
-        return drawn["image"] if passes is None else {name: drawn[name] for name in wanted}
+        if "linear" in chosen:
+            drawn["linear"] = drawn["rgba"]
+        if "image" in chosen:
+            drawn["image"] = on_white(drawn["rgba"])
+        return {name: drawn[name] for name in chosen}
 
+    @earlier_lights("origins", "directions", "lights")
     def radiance(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        light_position: np.ndarray,
-        *,
-        light_colour: np.ndarray | None = None,
-    ) -> np.ndarray:
+        self, origins: ArrayLike, directions: ArrayLike, lights: ArrayLike | Lamps
+    ) -> NDArray[np.float32]:
         """Return the radiance along rays; a ray's answer does not depend on the others.
 
         Parameters
         ----------
         origins, directions
             (n, 3) metres, object frame, directions of any length; or one origin (3,) for all.
-        light_position
-            (3,) or (k, 3) point lights that shine on all of them, metres, object frame, as for `render`.
-        light_colour
-            (3,) or (k, 3) linear factors of the data set's light; 1 if None.
+        lights
+            (3,) or (k, 3) point lights that shine on all of them, metres, object frame, or `Lamps` of these
+            shapes, as for `render`.
 
         Returns
         -------
@@ -181,16 +250,18 @@ class SightQueries:
         [1.0, 0.0]
         """
         starts, along = ray_query(origins, directions)
-        lights = point_rows(light_position, "light_position")
-        return self.vision.radiance(
-            self.frame.to_unit(starts), along, self.frame.to_unit(lights), light_colour=light_colour
+        lamps = lights if isinstance(lights, Lamps) else Lamps(lights)
+        positions = point_rows(lamps.positions_m, "lights")
+        radiance: NDArray[np.float32] = self.net.radiance(
+            self.frame.to_unit(starts), along, self.frame.to_unit(positions), light_colour=lamps.colours
         )
+        return radiance
 
     @renamed_keywords(count="n")
     def sample_views(
         self, n: int = 1, seed: int = 0, camera_radius: float = CAMERA_RADIUS, *, lit: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw valid views: camera_to_world (n, 4, 4) and light_position (n, 3), object frame, metres.
+        """Draw valid views: camera_to_object (n, 4, 4) and positions of lights (n, 3), object frame, metres.
 
         Distributed as the data set's: cameras uniform on the sphere of `camera_radius` (unit frame), lights
         on the unit sphere; with `lit` on its half at the camera's side.
@@ -214,13 +285,13 @@ class SightQueries:
 
     def pictures(
         self,
-        cameras: int | np.ndarray,
+        cameras: int | ArrayLike,
         resolution: int | tuple[int, int] = 256,
         *,
         studio: str = "studio",
         sub_rays: int | None = None,
         crop: tuple[int, int, int, int] | None = None,
-    ) -> np.ndarray:
+    ) -> NDArray[np.uint8]:
         """Show the object in a studio's light, as bright as shows it best.
 
         For people: `render` answers views of the data set's single lamp, which this is not. The lamps stand
@@ -272,11 +343,13 @@ class SightQueries:
         return self.frame.camera_to_object(turntable(count, self.frame.to_unit(self.surface.vertices)))
 
     def _in_studio(
-        self, studio: str, poses: np.ndarray, resolution: int | tuple[int, int], sub_rays: int | None,
+        self,
+        studio: str,
+        poses: NDArray[np.float64],
+        resolution: int | tuple[int, int],
+        sub_rays: int | None,
         crop: tuple[int, int, int, int] | None = None,
-    ) -> np.ndarray:  # fmt: skip
-        lamps, colours = studio_lights(poses, studio)
-        return self.render(
-            poses, self.frame.to_object(lamps), resolution, linear=True, sub_rays=sub_rays,
-            light_colour=colours, crop=crop,
-        )  # fmt: skip
+    ) -> NDArray[np.float32]:
+        positions, colours = studio_lights(poses, studio)
+        lamps = Lamps(self.frame.to_object(positions), colours)
+        return self.render_linear(poses, lamps, resolution, sub_rays=sub_rays, crop=crop)

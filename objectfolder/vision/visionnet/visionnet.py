@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.extras import missing_package
@@ -244,7 +245,7 @@ class VisionNet:
     ) -> np.ndarray | dict[str, np.ndarray]:  # fmt: skip
         """Render views; each is computed alone, so a batch equals its views one by one, bit for bit.
 
-        Arguments, passes and errors are those of `SightQueries.render`, in the unit frame. Light adds up:
+        Arguments, passes and errors are as of `SightQueries.render_passes`, in the unit frame. Light adds up:
         along a ray the radiance under several lights is the sum of that under each. In an image each pixel's
         share of the rays follows from what all lights together show. Memory does not grow with the lights.
         An environment, in place of `light_position`, has the directions of both frames.
@@ -259,8 +260,8 @@ class VisionNet:
         around = light_position if isinstance(light_position, Environment) else None
         lamps = np.zeros(3) if isinstance(light_position, Environment) else light_position
         query = view_query(camera_to_world, lamps, light_colour)
-        require_near("camera_to_world", query.cameras[:, :3, 3])
-        require_near("light_position", query.lights)
+        require_near("camera_to_object", query.cameras[:, :3, 3])
+        require_near("lights", query.lights)
         rays = self.sub_rays if sub_rays is None else sub_rays
         resolution, field_of_view_deg, rays = image_query(resolution, field_of_view_deg, rays, MOST_SUB_RAYS)
         size = image_size(resolution)
@@ -317,7 +318,7 @@ class VisionNet:
 
     def _in_environment(self, camera: np.ndarray, *asked: Any) -> np.ndarray:
         if self.device != "cpu":
-            raise QueryError("light", f"no environment on {self.device!r}", "Use the device 'cpu'.")
+            raise QueryError("lights", f"no environment on {self.device!r}", "Use the device 'cpu'.")
         from objectfolder.vision.compiled import CompiledRenderer
 
         renderer = self._rendering()
@@ -326,13 +327,13 @@ class VisionNet:
 
     def radiance(
         self, origins: np.ndarray, directions: np.ndarray, light_position: np.ndarray, *,
-        light_colour: np.ndarray | None = None,
+        light_colour: ArrayLike | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Return the radiance (n, 4) along rays as `SightQueries.radiance`, in the unit frame."""
         starts, along = ray_query(origins, directions)
-        lights = point_rows(light_position, "light_position")
+        lights = point_rows(light_position, "lights")
         require_near("origins", starts)
-        require_near("light_position", lights)
+        require_near("lights", lights)
         colours = light_colours(light_colour, lights.shape)
         return self._rendering().radiance(starts, along, lights, colours)
 

@@ -20,6 +20,8 @@ from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 from objectfolder.touch.sensor.reading import synthetic_background
 from objectfolder.vision.cameras import look_at
+from objectfolder.vision.environment import Environment
+from objectfolder.vision.lamps import Lamps
 from pipeline.publish.queries.requests import Pressing, Rendering, Striking
 
 LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",
@@ -46,28 +48,25 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> str:
     if wanted.turntable:
         return _turntable(path, wanted, output)
     file = objectfolder.load(path).on(wanted.device)
-    lights, colours = _lights(wanted, file)
-    around = None if wanted.environment is None else _environment(wanted.environment)
+    lights = _lights(wanted, file)
     if not isinstance(wanted.views, Path):
         count = VIEWS if wanted.views is None else wanted.views
         cameras, lamps = file.sample_views(count, wanted.seed)
     else:
-        columns = (6,) if lights is None and around is None else (3, 6)
+        columns = (6,) if lights is None else (3, 6)
         views = _read_numbers(wanted.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
         positions = _in_object_frame(views.reshape(len(views), -1, 3), wanted, file)
         cameras, lamps = look_at(positions[:, 0], file.frame.centre), positions[:, -1]
     output.mkdir(parents=True, exist_ok=True)
     for index, (camera, lamp) in enumerate(zip(cameras, lamps, strict=True)):
-        drawn = file.render(
+        drawn = file.render_passes(
             camera,
-            None if around is not None else (lamp[None] if lights is None else lights)[None],
+            ["image", *wanted.passes],
+            lamp if lights is None else lights,
             wanted.resolution,
-            wanted.field_of_view_deg,
+            field_of_view_deg=wanted.field_of_view_deg,
             sub_rays=wanted.sub_rays,
-            light=around,
-            light_colour=colours,
             crop=wanted.crop,
-            passes=["image", *wanted.passes],
         )
         Image.fromarray(drawn["image"][0]).save(output / f"{index:04d}.png")
         for name in wanted.passes:
@@ -75,7 +74,8 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> str:
                 Image.fromarray(drawn[name][0].astype(np.uint8) * 255).save(output / f"{index:04d}_mask.png")
             else:
                 np.save(output / f"{index:04d}_{name}.npy", drawn[name][0])
-    shown = "" if lights is None else f", {len(lights)} light{'s' * (len(lights) != 1)}"
+    lamps_given = len(wanted.light)
+    shown = f", {lamps_given} light{'s' * (lamps_given != 1)}" if wanted.light else ""
     _, _, height, width = wanted.crop or (0, 0, wanted.resolution, wanted.resolution)
     more = f" with {', '.join(wanted.passes)}" if wanted.passes else ""
     return f"{output}: {len(cameras)} images of {height} x {width} pixels{more}{shown} ({file.vision.device})"
@@ -119,12 +119,14 @@ def strike_points(
         material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
         body = ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius_m, mass_kg)
     points, normals = _contacts(file, wanted.points, wanted.seed, reachable=False)
+    impulses, forces = _pushes(normals, wanted.forces)
     strikes = functools.partial(
         file.strikes,
         points,
-        -normals if wanted.forces is None else _read_numbers(wanted.forces, (3,), (2, 3)),
-        wanted.duration_s,
-        wanted.sample_rate_hz,
+        impulses,
+        duration_s=wanted.duration_s,
+        sample_rate_hz=wanted.sample_rate_hz,
+        forces_n=forces,
         pulse=body or pulse_s,
         listener=np.array(wanted.listener) if wanted.listener else None,
     )
@@ -152,8 +154,8 @@ def press_points(
         depth_m,
         wanted.tilt_deg,
         wanted.azimuth_deg,
-        roll=wanted.roll_deg,
-        force=force_n,
+        roll_deg=wanted.roll_deg,
+        force_n=force_n,
         contact=wanted.contact,
         resolution=resolution,
         background=_background(wanted, sensor.at_resolution(*resolution)),
@@ -200,20 +202,28 @@ def _contacts(
     return points, file.surface.normals_at(closest.face, closest.barycentric)
 
 
+def _pushes(normals: np.ndarray, path: Path | None) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return impulses (n, 3), 1 N s inwards without a file, or forces (n, k, 3); the other is None."""
+    values = -normals if path is None else _read_numbers(path, (3,), (2, 3))
+    return (values, None) if values.ndim == 2 else (None, values)
+
+
 def _in_object_frame(positions: np.ndarray, wanted: Rendering, file: ObjectFile) -> np.ndarray:
     return positions if wanted.frame == "object" else file.frame.to_object(positions)
 
 
-def _lights(wanted: Rendering, file: ObjectFile) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return (k, 3) positions, object frame, and colours; None where the views have their own."""
-    if not wanted.light:
-        return None, None
-    if wanted.environment is not None:
+def _lights(wanted: Rendering, file: ObjectFile) -> Lamps | Environment | None:
+    """Return the lamps or the environment of all views; None where the views have lamps of their own."""
+    if wanted.light and wanted.environment is not None:
         raise InputError("--light", "beside --environment", "Give one of them.")
+    if wanted.environment is not None:
+        return Environment.of(_environment(wanted.environment))
+    if not wanted.light:
+        return None
     lights = np.array(wanted.light, dtype=np.float64).reshape(-1, 6)
     if not np.isfinite(lights).all():
         raise InputError("--light", f"{wanted.light} is not finite", "Give X Y Z R G B as numbers.")
-    return _in_object_frame(lights[:, :3], wanted, file), lights[:, 3:]
+    return Lamps(_in_object_frame(lights[:, :3], wanted, file)[None], lights[:, 3:])
 
 
 def _environment(path: Path) -> np.ndarray:

@@ -163,7 +163,7 @@ def listening_gain(file: ObjectFile) -> float:
     points, normals = file.sample_contacts(9, seed=0, reachable=False)
     if not len(file.modes.eigenvalues):
         return 1.0
-    sounds = file.strike(points, -USUAL_IMPULSE_N_S * normals, duration=0.05)
+    sounds = file.strike(points, -USUAL_IMPULSE_N_S * normals, duration_s=0.05)
     peak = float(np.median(np.abs(sounds).max(axis=1)))
     return PEAK_OF_FULL_SCALE / peak if peak > 0 else 1.0
 

@@ -30,13 +30,13 @@
     if (strike) {
       lines.push(
         `impulse = np.array(${row(strike.impulse)})  # newton seconds`,
-        `sound = file.strike(point, impulse, duration=${strike.duration}, sample_rate=${strike.sample_rate})[0]`,
+        `sound = file.strike(point, impulse, duration_s=${strike.duration}, sample_rate_hz=${strike.sample_rate})[0]`,
         "amplitudes = file.mode_velocities(point, impulse)[0]  # m/s, of file.modes.frequencies_hz",
       );
     }
     if (press) {
       lines.push(
-        `touch = file.press(point, depth=${press.depth}, tilt=${press.tilt}, azimuth=${press.azimuth})`,
+        `touch = file.press(point, depth_m=${press.depth}, tilt_deg=${press.tilt}, azimuth_deg=${press.azimuth})`,
         "tactile = touch.rgb[0]  # (160, 120, 3); touch.depth, touch.mask, touch.reachable, ...",
       );
     }
