@@ -25,6 +25,7 @@ from pipeline.cli import table_commands as tables
 from pipeline.cli import version_commands as versions
 from pipeline.cli.options import option_name
 from pipeline.cli.printing import FAILED, FINE, print_error
+from pipeline.cli.usage import UsageError, usage_line
 
 USAGE, INTERRUPTED, UNREAD = 2, 130, 141
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
@@ -98,10 +99,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
         return int(status or FINE)
     except CycloptsError as error:
-        print_error(f"{error} See objectfolder --help.")
+        print_error(usage_line(error))
         return USAGE
     except ObjectFolderError as error:
         print_error(error)
+        if isinstance(error, UsageError) or error.where.startswith("--"):  # an option is at fault
+            return USAGE
     except ModuleNotFoundError as error:
         print_error(_absent_package(words, error))
     except FileNotFoundError as error:

@@ -16,6 +16,7 @@ from pipeline.cli.printing import (
     status_line,
     terminal_width,
 )
+from pipeline.cli.usage import UsageError
 from pipeline.dataset.project_files import MATERIALS
 from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.sources.fetch_request import Fetching
@@ -144,7 +145,7 @@ def fetch(
     from pipeline.intake.sources.registry import Resolutions, source_named, table_ids
 
     if sum(map(bool, (ids, table, list_source))) != 1:
-        raise InputError("fetch", "names no objects, or in several ways", "Give ids, or --table, or --list.")
+        raise UsageError("fetch", "names no objects, or in several ways", "Give ids, or --table, or --list.")
     if only and not table:
         raise InputError("--only", "chooses from a table", "Give --table too.")
     where = table or Path("data/objects.csv")

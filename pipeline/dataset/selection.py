@@ -4,6 +4,7 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
+from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import atomic_write
 from pipeline.dataset.parameters import read_parameters
@@ -30,7 +31,7 @@ def select(path: Path, table: str | None, only: str | None) -> list[str]:
     Raises
     ------
     InputError
-        A table that does not exist.
+        A table that does not exist, or an id that it does not list.
     """
     before = read_parameters(path).objects
     wanted_table = before.table if table is None else table
@@ -39,6 +40,7 @@ def select(path: Path, table: str | None, only: str | None) -> list[str]:
     wanted_only = list(before.only) if wanted_table == before.table else []
     if only is not None:
         wanted_only = [object_id.strip() for object_id in only.split(",") if object_id.strip()]
+        _check_ids(wanted_only, path.parent / wanted_table)
     changes = []
     if wanted_table != before.table:
         changes.append(f"{path.name}: objects.table is now {wanted_table} (was {before.table})")
@@ -54,3 +56,11 @@ def select(path: Path, table: str | None, only: str | None) -> list[str]:
         with atomic_write(path) as file:
             yaml.dump(content, file)
     return changes
+
+
+def _check_ids(ids: list[str], table: Path) -> None:
+    """Refuse ids that a table does not list, before they are written."""
+    known = [str(row.get("id") or "").strip() for _, row in read_rows(table)[1]] if ids else []
+    unknown = [object_id for object_id in ids if object_id not in known]
+    if unknown:
+        raise InputError("--only", f"{', '.join(unknown)}: not in {table}", f"Known are {', '.join(known)}.")

@@ -11,6 +11,7 @@ from objectfolder.errors import InputError
 from objectfolder.products.store import read_product, write_product
 from pipeline import cli as command_line
 from pipeline.audit.fidelity import MEASURES, changes, exceeded, thresholds, worst_first
+from pipeline.cli import USAGE
 from pipeline.cli.printing import FAILED, FINE
 from pipeline.dataset import stages
 from pipeline.dataset.lock_file import is_folder, read_folder, read_lock
@@ -94,7 +95,7 @@ def test_threshold(run):
 )
 def test_threshold_that_is_none(run, text, said):
     status, _, error = run("audit", "HEAD", "HEAD", "--max-loss", text)
-    assert status == FAILED
+    assert status == USAGE
     assert said in error
 
 

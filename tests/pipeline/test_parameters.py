@@ -74,7 +74,7 @@ def test_selection_edits_only_what_it_says(tmp_path):
     path = tmp_path / "params.yaml"
     path.write_text(TEXT)
     table = tmp_path / "mine.csv"
-    table.write_text("id,material\n")
+    table.write_text("id,mesh,material\ncup,cup.obj,glass\ndish,dish.obj,glass\n")
     assert select(path, None, None) == []
     assert path.read_text() == TEXT
     changes = select(path, str(table), "cup, dish")
@@ -96,6 +96,15 @@ def test_another_table_drops_ids_of_the_former(tmp_path):
     (tmp_path / "mine.csv").write_text("id,material\n")
     select(path, "mine.csv", None)
     assert read_parameters(path).objects.only == ()
+
+
+def test_an_id_that_the_table_lacks_is_refused_with_those_it_has(tmp_path):
+    path, table = tmp_path / "params.yaml", tmp_path / "mine.csv"
+    path.write_text(TEXT)
+    table.write_text("id,mesh,material\ncup,cup.obj,glass\ndish,dish.obj,glass\n")
+    with pytest.raises(InputError, match=r"--only: nix: not in .*mine\.csv\. Known are cup, dish\."):
+        select(path, str(table), "cup,nix")
+    assert path.read_text() == TEXT
 
 
 def test_missing_table_is_named(tmp_path):

@@ -30,9 +30,10 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     """
     if mesh.suffix == ".safetensors":
         return _stored_modes(objectfolder.load(mesh))
+    known = read_materials(wanted.materials)
     if wanted.material is None:
-        raise InputError("--material", "not given", "Name a row of the materials table, such as ceramic.")
-    material = find_material(read_materials(wanted.materials), wanted.material, str(wanted.materials))
+        raise InputError("--material", "not given", f"Materials are {', '.join(sorted(known))}.")
+    material = find_material(known, wanted.material, str(wanted.materials))
     # An Object File is listed without what meshes need.
     from objectfolder.audio.modes.modes import simulate_modes
     from objectfolder.mesh.ingest import ingest_object
