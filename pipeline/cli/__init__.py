@@ -23,6 +23,7 @@ from pipeline.cli import object_commands as one
 from pipeline.cli import publishing_commands as publishing
 from pipeline.cli import table_commands as tables
 from pipeline.cli import version_commands as versions
+from pipeline.cli.examples import FIRST_STEPS, epilogue
 from pipeline.cli.options import option_name
 from pipeline.cli.printing import FAILED, FINE, print_error
 from pipeline.cli.usage import UsageError, usage_line
@@ -31,25 +32,6 @@ USAGE, INTERRUPTED, UNREAD = 2, 130, 141
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 # Extras of pyproject.toml that have a package which `factory` lacks.
 EXTRAS = {"av": "video", "boto3": "s3", "mujoco": "video", "pxr": "simulators", "xarray": "xarray"}
-EPILOG = """Examples:
-
-```
-objectfolder build mug.obj --material ceramic --length 0.16 -o mug.safetensors
-objectfolder info mug.safetensors
-objectfolder sample mug.safetensors --views 8 --contacts 8 --seed 0 -o queries
-objectfolder render mug.safetensors --turntable -o images
-objectfolder strike mug.safetensors --points queries/points.npy --forces queries/forces.npy -o sounds
-objectfolder press mug.safetensors --points queries/points.npy --depth 0.001 -o touches
-objectfolder modes mug.obj --material ceramic --max-frequency 20000 --json
-objectfolder fetch ycb:025_mug gso:ACE_Coffee_Mug_Kristen_16_oz_cup
-objectfolder export mug --format nerf -o mug-nerf
-objectfolder export mug --format mjcf -o mug-mujoco
-objectfolder scene mug bell fork -o table/scene.xml
-objectfolder play table/scene.xml
-objectfolder play table/scene.xml -o table/clip.mp4
-objectfolder plan --count 1000 --workers 2 64
-```
-"""
 COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "One object": (one.build, one.info, one.sample, one.render, one.strike, one.press, one.modes, one.view),
     "Tables of objects": (tables.add, tables.check, tables.fetch),
@@ -72,7 +54,7 @@ def application() -> App:
         name="objectfolder",
         help="Make Object Files from meshes; ask them what an object looks, sounds and feels like.",
         help_format="markdown",
-        help_epilogue=EPILOG,
+        help_epilogue=epilogue(*FIRST_STEPS),
         suppress_keyboard_interrupt=False,
         version=objectfolder.__version__,
         default_parameter=Parameter(negative=(), name_transform=option_name, show_default=_default_to_show),
@@ -80,9 +62,14 @@ def application() -> App:
     for title, commands in COMMANDS.items():
         group = Group.create_ordered(title)
         for command in commands:
-            app.command(command, group=group, help_epilogue="")
+            app.command(command, group=group, help_epilogue=epilogue(command_name(command)))
     app.register_install_completion_command()
     return app
+
+
+def command_name(function: Callable[..., Any]) -> str:
+    """Return the name under which a function is called."""
+    return function.__name__.replace("_", "-")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

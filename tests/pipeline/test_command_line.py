@@ -2,6 +2,7 @@
 
 import errno
 import json
+import shlex
 import signal
 import subprocess
 import sys
@@ -17,7 +18,8 @@ from scipy.io import wavfile
 import objectfolder
 from objectfolder.audio.synthesis import ContactBody
 from objectfolder.errors import FormatError, InputError
-from pipeline.cli import COMMANDS, main
+from pipeline.cli import COMMANDS, application, command_name, main
+from pipeline.cli.examples import EXAMPLES
 from tests.conftest import REPOSITORY
 
 BAR = {
@@ -45,6 +47,20 @@ def test_help_shows_every_command_and_examples(capsys: pytest.CaptureFixture[str
     assert "objectfolder build mug.obj --material ceramic" in text
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.endswith(f"{objectfolder.__version__}\n")
+
+
+def test_each_command_has_examples_that_parse(capsys: pytest.CaptureFixture[str]) -> None:
+    names = [command_name(function) for functions in COMMANDS.values() for function in functions]
+    assert sorted(EXAMPLES) == sorted(names)
+    app = application()
+    for name, lines in EXAMPLES.items():
+        assert main([name, "--help"]) == 0
+        text = " ".join(capsys.readouterr().out.split())
+        for line in lines:
+            words = shlex.split(line)
+            assert words[0] == name
+            app.parse_args(words, exit_on_error=False, print_error=False)  # raises where it does not parse
+            assert f"objectfolder {' '.join(words[:2])}" in text
 
 
 @pytest.mark.parametrize(
