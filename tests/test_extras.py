@@ -58,14 +58,16 @@ def uses(tree: ast.AST) -> list[tuple[str, str]]:
     found = []
     for node in ast.walk(tree):
         if isinstance(node, ast.With) and "needs_extra" in ast.unparse(node.items[0]):
-            extra = ast.literal_eval(node.items[0].context_expr.args[0])
+            extra = node.items[0].context_expr.args[0]
+            if not isinstance(extra, ast.Constant):  # of the project's own factory
+                continue
             for line in node.body:
                 names = [line.module] if isinstance(line, ast.ImportFrom) else [a.name for a in line.names]
-                found += [(extra, name.partition(".")[0]) for name in names]
+                found += [(extra.value, name.partition(".")[0]) for name in names]
         elif isinstance(node, ast.Call) and ast.unparse(node.func) == "missing_package":
             package, extra = node.args[:2]
-            if isinstance(package, ast.Constant):  # all but the one inside `needs_extra`
-                found.append((ast.literal_eval(extra), str(package.value)))
+            if isinstance(package, ast.Constant) and isinstance(extra, ast.Constant):
+                found.append((extra.value, package.value))
     return found
 
 
