@@ -1,0 +1,35 @@
+"""What a strict type checker says of programs that use the library."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+
+PROGRAMS = REPOSITORY / "tests" / "typed_programs"
+
+
+@pytest.mark.slow
+def test_a_strict_checker_accepts_right_code_and_names_each_mistake(tmp_path: Path) -> None:
+    # As of an installed package: what is strict about the library's own code is not asked here.
+    options = ["--strict", "--config-file=", "--follow-imports=silent", f"--cache-dir={tmp_path}"]
+    programs = [str(PROGRAMS / name) for name in ("right_program.py", "wrong_program.py")]
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", *options, "--no-error-summary", *programs],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    errors = re.findall(r"(\w+)\.py:(\d+): error: .*\[([\w-]+)\]$", done.stdout, flags=re.MULTILINE)
+    lines = (PROGRAMS / "wrong_program.py").read_text(encoding="utf-8").splitlines()
+    mistakes = [
+        ("wrong_program", str(number), line.rpartition("# ")[2])
+        for number, line in enumerate(lines, 1)
+        if "  # " in line
+    ]
+    assert len(mistakes) == 13
+    assert errors == mistakes, done.stdout + done.stderr
