@@ -90,12 +90,12 @@ class TouchQueries:
     def press(
         self,
         points: ArrayLike,
-        depth_m: float | NDArray[np.floating] | None = None,
-        tilt_deg: float | NDArray[np.floating] = 0.0,
-        azimuth_deg: float | NDArray[np.floating] = 0.0,
+        depth_m: float | NDArray[np.floating[Any]] | None = None,
+        tilt_deg: float | NDArray[np.floating[Any]] = 0.0,
+        azimuth_deg: float | NDArray[np.floating[Any]] = 0.0,
         *,
-        roll_deg: float | NDArray[np.floating] = 0.0,
-        force_n: float | NDArray[np.floating] | None = None,
+        roll_deg: float | NDArray[np.floating[Any]] = 0.0,
+        force_n: float | NDArray[np.floating[Any]] | None = None,
         contact: str | None = None,
         resolution: int | tuple[int, int] | None = None,
         background: NDArray[np.uint8] | None = None,
@@ -153,11 +153,11 @@ class TouchQueries:
     def reach(
         self,
         points: ArrayLike,
-        depth_m: float | NDArray[np.floating] | None = None,
-        tilt_deg: float | NDArray[np.floating] = 0.0,
-        azimuth_deg: float | NDArray[np.floating] = 0.0,
+        depth_m: float | NDArray[np.floating[Any]] | None = None,
+        tilt_deg: float | NDArray[np.floating[Any]] = 0.0,
+        azimuth_deg: float | NDArray[np.floating[Any]] = 0.0,
         *,
-        roll_deg: float | NDArray[np.floating] = 0.0,
+        roll_deg: float | NDArray[np.floating[Any]] = 0.0,
         rolls: int = 24,
     ) -> Reach:
         """Find rolls of the sensor at which points can be pressed, under the rigid model and without images.
