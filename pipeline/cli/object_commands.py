@@ -6,7 +6,8 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive
 
-from pipeline.cli.options import Fields, Json, MeshOrFile, ObjectFilePath, Output
+from pipeline.cli.options import Fields, Json, MeshOrFile, ObjectFilePath, Output, Overwrite
+from pipeline.cli.output_paths import answers_folder
 from pipeline.cli.printing import (
     FAILED,
     FINE,
@@ -24,18 +25,23 @@ one_goal = Group(show=False, validator=MutuallyExclusive())
 ANY_MODES, ANY_VIEWS, ANY_STRIKES, ANY_PRESSES = ModesOfMesh(), Rendering(), Striking(), Pressing()
 
 
-def build(wanted: Annotated[Building, Fields], *, output: Output) -> None:
+def build(wanted: Annotated[Building, Fields], *, output: Output, yes: bool = False) -> None:
     """Make one verified Object File from a mesh, a material and a size.
 
     Parameters
     ----------
     output
         the Object File (.safetensors)
+    yes
+        build an object of 1 m or more without --length, or above 100 kg, without a question
     """
     import objectfolder
+    from pipeline.cli.doubtful_size import confirm_size
     from pipeline.publish.queries.description import fidelity_lines
     from pipeline.run.single_build import build_object_file
 
+    if not yes:
+        confirm_size(wanted)
     with on_interrupt(RESUMED):
         seconds, findings = build_object_file(wanted, output)
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
@@ -68,6 +74,7 @@ def sample(
     seed: int = 0,
     anywhere: bool = False,
     output: Output,
+    overwrite: Overwrite = False,
 ) -> None:
     """Draw valid queries and write them as .npy files.
 
@@ -84,7 +91,7 @@ def sample(
     output
         folder for views.npy, points.npy and forces.npy
     """
-    with status_line(f"drawing queries of {file}"):
+    with answers_folder(output, overwrite=overwrite), status_line(f"drawing queries of {file}"):
         from pipeline.publish.queries.answers import sample_queries
 
         lines = sample_queries(file, views, contacts, seed, anywhere, output)
@@ -92,7 +99,12 @@ def sample(
 
 
 def render(
-    file: ObjectFilePath, /, *, wanted: Annotated[Rendering, Fields] = ANY_VIEWS, output: Output
+    file: ObjectFilePath,
+    /,
+    *,
+    wanted: Annotated[Rendering, Fields] = ANY_VIEWS,
+    output: Output,
+    overwrite: Overwrite = False,
 ) -> None:
     """Render views to PNG.
 
@@ -101,7 +113,7 @@ def render(
     output
         folder for 0000.png and so on
     """
-    with status_line(f"rendering {file}"):
+    with answers_folder(output, overwrite=overwrite), status_line(f"rendering {file}"):
         from pipeline.publish.queries.answers import render_views
 
         lines = render_views(file, wanted, output)
@@ -116,6 +128,7 @@ def strike(
     pulse_s: Annotated[float | None, Parameter(group=one_pulse)] = None,
     striker: Annotated[tuple[str, float, float] | None, Parameter(group=one_pulse)] = None,
     output: Output,
+    overwrite: Overwrite = False,
 ) -> None:
     """Strike points and write float WAV files.
 
@@ -128,7 +141,7 @@ def strike(
     output
         folder for 0000.wav and so on
     """
-    with status_line(f"striking {file}"):
+    with answers_folder(output, overwrite=overwrite), status_line(f"striking {file}"):
         from pipeline.publish.queries.answers import strike_points
 
         lines = strike_points(file, wanted, output, pulse_s, striker)
@@ -143,6 +156,7 @@ def press(
     depth_m: Annotated[float | None, Parameter(group=one_goal)] = None,
     force_n: Annotated[float | None, Parameter(group=one_goal)] = None,
     output: Output,
+    overwrite: Overwrite = False,
 ) -> None:
     """Press the sensor and write PNG images and depth maps.
 
@@ -155,7 +169,7 @@ def press(
     output
         folder for 0000.png, depth.npy and labels.json
     """
-    with status_line(f"pressing {file}"):
+    with answers_folder(output, overwrite=overwrite), status_line(f"pressing {file}"):
         from pipeline.publish.queries.answers import press_points
 
         lines = press_points(file, wanted, output, depth_m, force_n)

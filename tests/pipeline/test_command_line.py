@@ -19,7 +19,9 @@ import objectfolder
 from objectfolder.audio.synthesis import ContactBody
 from objectfolder.errors import FormatError, InputError
 from pipeline.cli import COMMANDS, application, command_name, main
+from pipeline.cli.doubtful_size import confirm_size
 from pipeline.cli.examples import EXAMPLES
+from pipeline.run.single_build import Building
 from tests.conftest import REPOSITORY
 
 BAR = {
@@ -133,7 +135,7 @@ def test_what_ends_a_command_decides_its_status_and_is_one_line(
     [
         (
             "pipeline.run.single_build.build_object_file",
-            ["build", "x.obj", "--material", "steel", "-o", "x.safetensors"],
+            ["build", "x.obj", "--material", "steel", "--yes", "-o", "x.safetensors"],
             "interrupted. What is finished is kept; the same command does the rest.",
         ),
         (
@@ -223,6 +225,7 @@ def test_sampled_queries_feed_render_strike_and_press(
 
     sounds, contacts = tmp_path / "sounds", ["--points", str(queries / "points.npy")]
     strike = ["strike", file, *contacts, "--forces", str(queries / "forces.npy"), "--duration", "0.1"]
+    strike.append("--overwrite")
     assert main([*strike, "--gain", "1", "-o", str(sounds)]) == 0
     assert "written times" not in capsys.readouterr().out
     points, normals = bar.sample_contacts(3, seed=4)
@@ -293,16 +296,56 @@ def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path)
 def test_a_turntable_is_of_lit_pictures(
     small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    turn = ["render", str(small_file), "--turntable", "-o", str(tmp_path)]
+    turn = ["render", str(small_file), "--turntable", "--overwrite", "-o", str(tmp_path / "turned")]
     assert main([*turn, "--views", "3", "--resolution", "128"]) == 0  # few pixels are mixed with white
-    pictures = np.stack([np.asarray(Image.open(tmp_path / f"000{index}.png")) for index in range(3)])
+    pictures = np.stack(
+        [np.asarray(Image.open(tmp_path / "turned" / f"000{index}.png")) for index in range(3)]
+    )
     brightest = pictures[(pictures < 250).any(axis=-1)].max(axis=-1) / 255
     assert 0.8 <= np.quantile(brightest, 0.95) <= 0.95
     assert np.mean(brightest < 0.05) < 0.1
-    with Image.open(tmp_path / "turntable.gif") as turning:
+    with Image.open(tmp_path / "turned" / "turntable.gif") as turning:
         assert turning.n_frames == 3
     assert main([*turn, "--light", "0", "0", "1", "1", "1", "1"]) == 2
     assert "--turntable has its own cameras and light" in capsys.readouterr().err.replace(":", "")
+
+
+def test_answers_of_two_runs_are_not_mixed(
+    small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "queries"
+    sample = ["sample", str(small_file), "--anywhere", "-o", str(folder)]
+    assert main(sample) == 0
+    (folder / "0000.png").touch()
+    assert main(sample) == 1
+    assert "holds answers of another run. Name another folder" in capsys.readouterr().err
+    assert main([*sample, "--overwrite"]) == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["forces.npy", "points.npy", "views.npy"]
+    (folder / "notes.txt").touch()
+    assert main([*sample, "--overwrite"]) == 1
+    assert "holds notes.txt, which no query wrote" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("sides", "length_m", "words"),
+    [
+        ((2.0, 0.1, 0.02), None, "box.stl: 2 m long by the file. State --length in metres, or give --yes."),
+        ((0.9, 0.9, 0.9), None, "box.stl: 5723 kg of steel. State --length in metres, or give --yes."),
+        ((90, 90, 90), 0.3, "box.stl: 212 kg of steel. Correct --length or --material, or give --yes."),
+        ((90, 1, 1), 1.5, None),
+    ],
+)
+def test_a_doubtful_size_is_refused_without_a_terminal(
+    sides: tuple[float, float, float], length_m: float | None, words: str | None, tmp_path: Path
+) -> None:
+    trimesh.creation.box(sides).export(tmp_path / "box.stl")
+    building = Building(mesh=tmp_path / "box.stl", material="steel", length_m=length_m)
+    if words is None:
+        confirm_size(building)
+        return
+    with pytest.raises(InputError) as error:
+        confirm_size(building)
+    assert str(error.value).endswith(words)
 
 
 def test_a_folder_is_no_object_file(

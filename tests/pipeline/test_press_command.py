@@ -49,12 +49,13 @@ def test_every_option_reaches_the_sensor(small_file: Path, contacts: Path, tmp_p
 def test_a_background_is_drawn_where_none_is_at_hand(
     small_file: Path, contacts: Path, tmp_path: Path
 ) -> None:
-    press = ["press", str(small_file), "--points", str(contacts), "-o", str(tmp_path)]
+    touches = tmp_path / "touches"
+    press = ["press", str(small_file), "--points", str(contacts), "-o", str(touches)]
     assert main([*press, "--background", "synthetic", "--noise-seed", "2"]) == 0
     bar = objectfolder.load(small_file)
     background = synthetic_background(bar.touch.sensor, 2)
     expected = bar.press(np.load(contacts), background=background, noise_seed=2)
-    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "0001.png")), expected.rgb[1])
+    np.testing.assert_array_equal(np.asarray(Image.open(touches / "0001.png")), expected.rgb[1])
 
 
 def test_a_depth_or_a_force_and_not_both(small_file: Path, contacts: Path, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def bar(small_file: Path) -> ObjectFile:
 def command(small_file: Path, tmp_path: Path) -> list[str]:
     np.save(tmp_path / "cameras.npy", CAMERAS)
     return ["render", str(small_file), "--views", str(tmp_path / "cameras.npy"), "--resolution", "24",
-            "--frame", "unit", "-o", str(tmp_path / "images")]  # fmt: skip
+            "--frame", "unit", "--overwrite", "-o", str(tmp_path / "images")]  # fmt: skip
 
 
 def test_lights_crop_and_passes_are_those_of_the_query(
