@@ -9,7 +9,7 @@ unexport PYTHONPATH
 
 # The parameters of the examples: the default size with fewer features, so that a file is half as large.
 EXAMPLE_PARAMETERS := .objectfolder/examples.yaml
-EXAMPLE := --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
+EXAMPLE := --overwrite --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
 
 COMPILE := UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-annotate --python-version 3.11

@@ -137,7 +137,7 @@ def build(
     length_m
         Longest side, metres; as in the file if None.
     output
-        The Object File, ``.safetensors``.
+        The Object File, ``.safetensors``; one that is there already is replaced, as by `ObjectFile.save`.
     name
         In words; from the file's name if None.
     texture

@@ -195,7 +195,7 @@ def measure(root: Path, base: str, other: str, rounds: int) -> dict[str, Any]:
     row: dict[str, Any] = {"states": counts}
     row["text_cpu_s"] = sorted(audited(root, base, other)[0] for _ in range(rounds))
     row["json_cpu_s"] = audited(root, base, other, "--json")[0]
-    row["html_cpu_s"] = audited(root, base, other, "--html", str(root / "page.html"))[0]
+    row["html_cpu_s"] = audited(root, base, other, "--html", str(root / "page.html"), "--overwrite")[0]
     cache.rename(store)
     (root / ".dvc" / "config").write_text(
         "[core]\n    analytics = false\n    remote = store\n['remote \"store\"']\n    url = ../store\n"

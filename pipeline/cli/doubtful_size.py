@@ -1,16 +1,20 @@
 """A question before an object is built whose size is probably a mistake of unit."""
 
 import sys
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from objectfolder.errors import InputError
-from pipeline.run.single_build import Building
+
+if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material
+    from pipeline.run.single_build import Building
 
 LARGE_M, HEAVY_KG = 1.0, 100.0
 
 
-def confirm_size(building: Building) -> None:
+def confirm_size(building: "Building", material: "Material") -> None:
     """Ask on a terminal whether a doubtful size is meant; elsewhere refuse it.
 
     Raises
@@ -18,7 +22,7 @@ def confirm_size(building: Building) -> None:
     InputError
         An object of `LARGE_M` or more whose length is not stated, or above `HEAVY_KG`, that nobody confirms.
     """
-    doubts = _doubts(building)
+    doubts = _doubts(building, material)
     if not doubts:
         return
     finding = " and ".join(doubts)
@@ -30,13 +34,10 @@ def confirm_size(building: Building) -> None:
     raise InputError(str(building.mesh), finding, f"{remedy}, or give --yes.")
 
 
-def _doubts(building: Building) -> list[str]:
+def _doubts(building: "Building", material: "Material") -> list[str]:
     """Return what is doubtful about length and mass; the mass is that of the solid that the mesh bounds."""
-    from objectfolder.audio.materials import find_material, read_materials
     from objectfolder.mesh.readers.load import load_mesh
 
-    building.check()
-    material = find_material(read_materials(building.materials), building.material, str(building.materials))
     mesh = load_mesh(building.mesh, with_textures=False)
     vertices = mesh.surface.vertices
     extent = float(np.ptp(vertices, axis=0).max())

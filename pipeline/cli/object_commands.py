@@ -7,7 +7,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive
 
 from pipeline.cli.options import Fields, Json, MeshOrFile, ObjectFilePath, Output, Overwrite
-from pipeline.cli.output_paths import answers_folder
+from pipeline.cli.output_paths import answers_folder, check_new_file
 from pipeline.cli.printing import (
     FAILED,
     FINE,
@@ -25,7 +25,9 @@ one_goal = Group(show=False, validator=MutuallyExclusive())
 ANY_MODES, ANY_VIEWS, ANY_STRIKES, ANY_PRESSES = ModesOfMesh(), Rendering(), Striking(), Pressing()
 
 
-def build(wanted: Annotated[Building, Fields], *, output: Output, yes: bool = False) -> None:
+def build(
+    wanted: Annotated[Building, Fields], *, output: Output, overwrite: Overwrite = False, yes: bool = False
+) -> None:
     """Make one verified Object File from a mesh, a material and a size.
 
     Parameters
@@ -40,10 +42,9 @@ def build(wanted: Annotated[Building, Fields], *, output: Output, yes: bool = Fa
     from pipeline.publish.queries.description import fidelity_lines
     from pipeline.run.single_build import build_object_file
 
-    if not yes:
-        confirm_size(wanted)
+    check_new_file(output, overwrite=overwrite)
     with on_interrupt(RESUMED):
-        seconds, findings = build_object_file(wanted, output)
+        seconds, findings = build_object_file(wanted, output, None if yes else confirm_size)
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
     for finding in findings:
         print(f"warning      {finding}")

@@ -22,7 +22,7 @@ AtLeastOne = Parameter(validator=Number(gte=1))
 
 Root = Annotated[Path, Parameter(help="folder of the data set")]
 Output = Annotated[Path, Parameter(alias="-o")]
-Overwrite = Annotated[bool, Parameter(help="replace the answers of an earlier run in the folder")]
+Overwrite = Annotated[bool, Parameter(help="replace what an earlier run wrote there")]
 ObjectFilePath = Annotated[Path, Parameter(help="an Object File (.safetensors)")]
 MeshOrFile = Annotated[Path, Parameter(help="OBJ, glTF, GLB, PLY or STL; or an Object File (.safetensors)")]
 Materials = Annotated[Path, Parameter(help="materials table (CSV)")]

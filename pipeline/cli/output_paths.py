@@ -1,4 +1,4 @@
-"""The folder that answers to queries are written to: empty, or of an earlier run that is replaced."""
+"""Files and folders that results are written to: new, or replaced where that is asked for."""
 
 import contextlib
 import re
@@ -11,6 +11,27 @@ from objectfolder.errors import InputError
 ANSWER = re.compile(
     r"\d{4,}(_[a-z]+)?\.(png|npy|wav)|turntable\.gif|(views|points|forces|depth)\.npy|labels\.json"
 )
+
+
+def check_new_file(path: Path, *, overwrite: bool) -> None:
+    """Refuse a file that is there already.
+
+    Parameters
+    ----------
+    path
+        A file to write.
+    overwrite
+        It may be replaced.
+
+    Raises
+    ------
+    InputError
+        A folder, or a file that may not be replaced.
+    """
+    if path.is_dir():
+        raise InputError(str(path), "is a folder", "Name a file.")
+    if path.exists() and not overwrite:
+        raise InputError(str(path), "is there already", "Name another file, or give --overwrite.")
 
 
 @contextlib.contextmanager

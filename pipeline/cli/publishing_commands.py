@@ -7,7 +7,8 @@ from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from objectfolder.errors import InputError
-from pipeline.cli.options import AtLeastOne, Fields, Output, Remote, Root
+from pipeline.cli.options import AtLeastOne, Fields, Output, Overwrite, Remote, Root
+from pipeline.cli.output_paths import check_new_file
 from pipeline.cli.printing import (
     FAILED,
     FINE,
@@ -30,7 +31,7 @@ def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(al
     Parameters
     ----------
     output
-        folder of its reports (default: reports in the root)
+        folder of its reports, where earlier cards are replaced (default: reports in the root)
     """
     with status_line("writing cards"):
         from pipeline.publish.data_set import REPORTS, write_cards
@@ -129,7 +130,7 @@ def scene(
     seed: int = 0,
     most_parts: Annotated[int, AtLeastOne] | None = None,
     texture_side: Annotated[int, AtLeastOne] = 1024,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
     root: Root = Path("."),
 ) -> None:
     """Write a table with objects at rest on it: MJCF (.xml), SDF (.sdf) or USD (.usda).
@@ -150,9 +151,8 @@ def scene(
         largest number of convex parts of an object (default: the parts of the data set, else 16)
     texture_side
         texels a side, where colours are those of an Object File
-    overwrite
-        replace an earlier scene and its assets
     """
+    check_new_file(output, overwrite=overwrite)
     wanted = Exporting(
         format="all", seed=seed, most_parts=most_parts, texture_side=texture_side, overwrite=overwrite
     )
@@ -169,6 +169,7 @@ def play(
     /,
     *,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    overwrite: Overwrite = False,
     seconds: Annotated[float, Number(gt=0, lte=60)] = 3.0,
     lift_m: Annotated[float, Number(gte=0, lte=2)] = 0.08,
     height: Annotated[int, Number(gte=16, lte=2160)] = 360,
@@ -212,6 +213,7 @@ def play(
 
         play_in_browser(scene, port, not no_browser)
         end_at_once()
+    check_new_file(output, overwrite=overwrite)
     with status_line(f"playing {scene}"):
         from pipeline.publish.playing import play as played
 
@@ -230,7 +232,7 @@ def export_samples(
     seed: int = 0,
     passes: bool = False,
     shard_samples: Annotated[int, AtLeastOne] = 1000,
-    overwrite: bool = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write samples for learning: shards of WebDataset, or a folder for Hugging Face datasets.
 
@@ -250,8 +252,6 @@ def export_samples(
         depth and mask with views
     shard_samples
         samples a shard of WebDataset
-    overwrite
-        replace an earlier export
     """
     from objectfolder.dataset import export_samples as write_samples
 
@@ -275,6 +275,7 @@ def listen(
     *ids: str,
     root: Root = Path("."),
     output: Output,
+    overwrite: Overwrite = False,
     trials: Annotated[int, Parameter(validator=Number(gte=1, lte=MOST_TRIALS))] = 24,
     seed: Annotated[int, Parameter(validator=Number(gte=0, lte=LARGEST_SEED))] = 0,
     duration_s: Annotated[float, Parameter(validator=Number(gte=SHORTEST_S, lte=LONGEST_S))] = 1.0,
@@ -296,6 +297,7 @@ def listen(
     """
     from objectfolder.products.atomic import write_whole
 
+    check_new_file(output, overwrite=overwrite)
     with status_line("drawing trials"):
         from pipeline.publish.listening.listening_page import draw_pairs, page_text
 

@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.cli.options import Fields, Json, Materials
+from pipeline.cli.output_paths import check_new_file
 from pipeline.cli.printing import (
     FAILED,
     FINE,
@@ -35,6 +36,7 @@ def add(
     table: Path = Path("data/my_objects.csv"),
     replace: bool = False,
     preview: Path | None = None,
+    overwrite: bool = False,
     no_preview: bool = False,
     dry_run: bool = False,
 ) -> None:
@@ -47,7 +49,9 @@ def add(
     replace
         replace the object of this id
     preview
-        the picture (default: beside the object)
+        the picture (default: beside the object, where it is replaced)
+    overwrite
+        replace a picture that is there already where --preview names it
     no_preview
         make no picture
     dry_run
@@ -56,6 +60,8 @@ def add(
     from pipeline.intake.add.addition import check_object, put_object
     from pipeline.intake.add.preview import lines_about, preview_of
 
+    if preview and not no_preview:
+        check_new_file(preview, overwrite=overwrite)
     with status_line(f"checking {wanted.mesh}"):
         checked = check_object(wanted)
     lines = lines_about(checked)

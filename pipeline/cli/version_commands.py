@@ -7,7 +7,8 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from pipeline.cli.options import Json, Remote, Root
+from pipeline.cli.options import Json, Overwrite, Remote, Root
+from pipeline.cli.output_paths import check_new_file
 from pipeline.cli.printing import FAILED, FINE, print_error, status_line, terminal_width
 
 
@@ -20,6 +21,7 @@ def audit(
     max_loss: tuple[str, ...] = (),
     json: Json = False,
     html: Path | None = None,
+    overwrite: Overwrite = False,
     remote: Remote = "",
     root: Root = Path("."),
 ) -> int:
@@ -52,6 +54,8 @@ def audit(
     from pipeline.dataset.stages import STAGES
     from pipeline.publish.report.audit_page import write_page
 
+    if html:
+        check_new_file(html, overwrite=overwrite)
     stages, allowed = tuple(STAGES.values()), thresholds(max_loss)
     gc.disable()  # among a million dictionaries without reference cycles, to search for these takes seconds
     try:

@@ -14,6 +14,7 @@ from pipeline.dataset.described_object import DescribedObject
 from pipeline.dataset.project_files import PARAMETERS
 
 if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material
     from objectfolder.catalogue import ObjectRecord
     from objectfolder.mesh.walls import WallFinding
     from pipeline.dataset.job import Finished, Job, Runner
@@ -45,11 +46,22 @@ class Building(DescribedObject):
     keep: Path | None = None
 
 
-def build_object_file(building: Building, output: Path) -> tuple[dict[str, float], tuple["WallFinding", ...]]:
+def build_object_file(
+    building: Building, output: Path, confirm: Callable[[Building, "Material"], None] | None = None
+) -> tuple[dict[str, float], tuple["WallFinding", ...]]:
     """Build, verify and save an Object File.
 
     A build that is interrupted, or fails, leaves the stages that it finished; the next build from the same
     mesh to the same `output` resumes from them, and one that succeeds removes them.
+
+    Parameters
+    ----------
+    building
+        The mesh, what is known of it, and how to build.
+    output
+        The Object File; one that is there already is replaced.
+    confirm
+        Called before anything is made; what it raises ends the build.
 
     Returns
     -------
@@ -79,6 +91,8 @@ def build_object_file(building: Building, output: Path) -> tuple[dict[str, float
     material = find_material(read_materials(building.materials), building.material, str(building.materials))
     parameters = read_parameters(building.params, building.size)
     rows = {record.id: row_of(record, material)}
+    if confirm is not None:
+        confirm(building, material)
     stages = [
         stage for name, stage in STAGES.items() if name != COLLISION.made_by
     ]  # no part of an Object File

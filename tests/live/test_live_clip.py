@@ -41,7 +41,7 @@ def test_a_dropped_mug_is_seen_to_fall_and_heard_to_hit(scene, capsys):
     again = scene.with_name("again.mp4")
     assert main([*asked, str(again)]) == 0
     assert again.read_bytes() == clip.read_bytes()
-    assert main([*asked, str(again), "--seed", "1"]) == 0
+    assert main([*asked, str(again), "--seed", "1", "--overwrite"]) == 0
     assert again.read_bytes() != clip.read_bytes()
 
 

@@ -16,11 +16,13 @@ from PIL import Image
 from scipy.io import wavfile
 
 import objectfolder
+from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.synthesis import ContactBody
 from objectfolder.errors import FormatError, InputError
 from pipeline.cli import COMMANDS, application, command_name, main
 from pipeline.cli.doubtful_size import confirm_size
 from pipeline.cli.examples import EXAMPLES
+from pipeline.dataset.project_files import MATERIALS
 from pipeline.run.single_build import Building
 from tests.conftest import REPOSITORY
 
@@ -30,6 +32,7 @@ BAR = {
     "centre_of_mass_m": [0.0, 0.0, 0.0],
     "inertia_kg_m2": [[6.0e-6, 0, 0], [0, 9.0e-5, 0], [0, 0, 9.5e-5]],
 }
+STEEL = find_material(read_materials(MATERIALS), "steel", "materials.csv")
 
 
 def _last_line(capsys: pytest.CaptureFixture[str]) -> str:
@@ -135,7 +138,7 @@ def test_what_ends_a_command_decides_its_status_and_is_one_line(
     [
         (
             "pipeline.run.single_build.build_object_file",
-            ["build", "x.obj", "--material", "steel", "--yes", "-o", "x.safetensors"],
+            ["build", "x.obj", "--material", "steel", "-o", "x.safetensors"],
             "interrupted. What is finished is kept; the same command does the rest.",
         ),
         (
@@ -327,6 +330,36 @@ def test_answers_of_two_runs_are_not_mixed(
 
 
 @pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["build", "mug.obj", "--material", "ceramic"], "-o"),
+        (["listen"], "-o"),
+        (["scene", "mug"], "-o"),
+        (["play", "scene.xml"], "-o"),
+        (["audit"], "--html"),
+        (["add", "mug.obj", "--material", "ceramic", "--licence", "CC0-1.0"], "--preview"),
+    ],
+)
+def test_a_file_is_replaced_only_where_that_is_asked_for(
+    words: list[str],
+    option: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "result").touch()
+    command = [*words, option, str(tmp_path / "result")]
+    assert main(command) == 1
+    refusal = "result: is there already. Name another file, or give --overwrite."
+    assert _last_line(capsys).endswith(refusal)
+    assert main([*command, "--overwrite"]) == 1  # nothing else is there
+    assert refusal not in capsys.readouterr().err
+    assert main([*words, option, str(tmp_path)]) == 1
+    assert "is a folder. Name a file." in _last_line(capsys)
+
+
+@pytest.mark.parametrize(
     ("sides", "length_m", "words"),
     [
         ((2.0, 0.1, 0.02), None, "box.stl: 2 m long by the file. State --length in metres, or give --yes."),
@@ -341,10 +374,10 @@ def test_a_doubtful_size_is_refused_without_a_terminal(
     trimesh.creation.box(sides).export(tmp_path / "box.stl")
     building = Building(mesh=tmp_path / "box.stl", material="steel", length_m=length_m)
     if words is None:
-        confirm_size(building)
+        confirm_size(building, STEEL)
         return
     with pytest.raises(InputError) as error:
-        confirm_size(building)
+        confirm_size(building, STEEL)
     assert str(error.value).endswith(words)
 
 
@@ -476,7 +509,7 @@ def test_build_makes_a_verified_file_and_resumes(tmp_path: Path, capsys: pytest.
     assert box.description["fidelity"]["audio"]["audible"]
     first = output.read_bytes()
     views = (tmp_path / "truth" / "data" / "views" / "box.zarr.zip").stat().st_mtime_ns
-    assert main(build) == 0
+    assert main([*build, "--overwrite"]) == 0
     assert output.read_bytes() == first
     assert (tmp_path / "truth" / "data" / "views" / "box.zarr.zip").stat().st_mtime_ns == views
 

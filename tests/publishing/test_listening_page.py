@@ -138,7 +138,7 @@ def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path):
     with pytest.raises(InputError, match="40 held-out strikes of 2 audible objects for 41"):
         draw_pairs(small_set, 41, seed=0)
     path = tmp_path / "listen.html"
-    settings = ["-o", str(path), "--trials", "4", "--duration", "0.1"]
+    settings = ["-o", str(path), "--overwrite", "--trials", "4", "--duration", "0.1"]
     for words in (["rod", *settings], [*settings, "rod"]):
         assert main(["listen", "--root", str(small_set), *words]) == 0
         text = path.read_text()

@@ -62,8 +62,6 @@ def compose_scene(
 ) -> str:
     """Write a scene file, and the asset of each object in a folder beside it; return a line."""
     kind = format_of_scene(output)
-    if output.exists() and not wanted.overwrite:
-        raise InputError(str(output), "is there already", "Name another file, or give --overwrite.")
     found = {name: find_products(name, root) for name in names}
     assets = {name: _asset(one, wanted) for name, one in found.items()}
     ids = [asset.name for asset in assets.values()]

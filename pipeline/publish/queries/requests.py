@@ -180,7 +180,7 @@ class Exporting:
     format
         nerf, colmap or gltf; for simulators mjcf, urdf, sdf, usd or all; or the format of a plugin
     overwrite
-        replace an earlier export
+        replace what an earlier run wrote there
     frame
         nerf, colmap: longest side 1 and centred, or metres
     exr
