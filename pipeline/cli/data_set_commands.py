@@ -9,7 +9,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive, Number
 
 from pipeline.cli.options import AtLeastOne, Cluster, Json, Root
-from pipeline.cli.printing import FAILED, FINE, RESUMED, on_interrupt, status_line
+from pipeline.cli.printing import FAILED, FINE, RESUMED, on_interrupt, print_result, status_line
 
 Counts = Parameter(consume_multiple=True, validator=Number(gte=1))
 remove_or_list = Group(show=False, validator=MutuallyExclusive())
@@ -67,12 +67,14 @@ def report(*, summary: bool = False, root: Root = Path(".")) -> None:
             make_report(root.absolute())
 
 
-def failures(*, root: Root = Path(".")) -> int:
+def failures(*, json: Json = False, root: Root = Path(".")) -> int:
     """Show which objects failed; the exit status is 1 if any did."""
     from pipeline.dataset.failures import failure_table, read_failures
 
     found = read_failures(root)
-    if found:
+    if json:
+        print(json_text.dumps([asdict(one) for one in found], indent=1))
+    elif found:
         print(f"{failure_table(found)}\n`dvc repro` tries them again.")
     return FAILED if found else FINE
 
@@ -134,7 +136,7 @@ def plan(
     from pipeline.run.forecast.plan import plan_data_set
 
     made = plan_data_set(root.absolute(), table, workers, count)
-    print(json_text.dumps(asdict(made), indent=1) if json else made)
+    print_result(made, json=json)
 
 
 def clean(

@@ -15,6 +15,7 @@ from pipeline.cli.printing import (
     RESUMED,
     end_at_once,
     on_interrupt,
+    print_result,
     status_line,
 )
 from pipeline.publish.queries.requests import ModesOfMesh, Pressing, Rendering, Striking
@@ -26,7 +27,12 @@ ANY_MODES, ANY_VIEWS, ANY_STRIKES, ANY_PRESSES = ModesOfMesh(), Rendering(), Str
 
 
 def build(
-    wanted: Annotated[Building, Fields], *, output: Output, overwrite: Overwrite = False, yes: bool = False
+    wanted: Annotated[Building, Fields],
+    *,
+    output: Output,
+    overwrite: Overwrite = False,
+    yes: bool = False,
+    json: Json = False,
 ) -> None:
     """Make one verified Object File from a mesh, a material and a size.
 
@@ -45,6 +51,16 @@ def build(
     check_new_file(output, overwrite=overwrite)
     with on_interrupt(RESUMED):
         seconds, findings = build_object_file(wanted, output, None if yes else confirm_size)
+    if json:
+        figures = {
+            "file": str(output),
+            "bytes": output.stat().st_size,
+            "warnings": list(map(str, findings)),
+            "fidelity": objectfolder.load(output).description.get("fidelity"),
+            "cpu_s": seconds,
+        }
+        print(json_text.dumps(figures, indent=1))
+        return
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
     for finding in findings:
         print(f"warning      {finding}")
@@ -76,6 +92,7 @@ def sample(
     anywhere: bool = False,
     output: Output,
     overwrite: Overwrite = False,
+    json: Json = False,
 ) -> None:
     """Draw valid queries and write them as .npy files.
 
@@ -95,8 +112,8 @@ def sample(
     with answers_folder(output, overwrite=overwrite), status_line(f"drawing queries of {file}"):
         from pipeline.publish.queries.answers import sample_queries
 
-        lines = sample_queries(file, views, contacts, seed, anywhere, output)
-    print(lines)
+        summary = sample_queries(file, views, contacts, seed, anywhere, output)
+    print_result(summary, json=json)
 
 
 def render(
@@ -106,6 +123,7 @@ def render(
     wanted: Annotated[Rendering, Fields] = ANY_VIEWS,
     output: Output,
     overwrite: Overwrite = False,
+    json: Json = False,
 ) -> None:
     """Render views to PNG.
 
@@ -117,8 +135,8 @@ def render(
     with answers_folder(output, overwrite=overwrite), status_line(f"rendering {file}"):
         from pipeline.publish.queries.answers import render_views
 
-        lines = render_views(file, wanted, output)
-    print(lines)
+        summary = render_views(file, wanted, output)
+    print_result(summary, json=json)
 
 
 def strike(
@@ -130,6 +148,7 @@ def strike(
     striker: Annotated[tuple[str, float, float] | None, Parameter(group=one_pulse)] = None,
     output: Output,
     overwrite: Overwrite = False,
+    json: Json = False,
 ) -> None:
     """Strike points and write float WAV files.
 
@@ -145,8 +164,8 @@ def strike(
     with answers_folder(output, overwrite=overwrite), status_line(f"striking {file}"):
         from pipeline.publish.queries.answers import strike_points
 
-        lines = strike_points(file, wanted, output, pulse_s, striker)
-    print(lines)
+        summary = strike_points(file, wanted, output, pulse_s, striker)
+    print_result(summary, json=json)
 
 
 def press(
@@ -158,6 +177,7 @@ def press(
     force_n: Annotated[float | None, Parameter(group=one_goal)] = None,
     output: Output,
     overwrite: Overwrite = False,
+    json: Json = False,
 ) -> None:
     """Press the sensor and write PNG images and depth maps.
 
@@ -173,8 +193,8 @@ def press(
     with answers_folder(output, overwrite=overwrite), status_line(f"pressing {file}"):
         from pipeline.publish.queries.answers import press_points
 
-        lines = press_points(file, wanted, output, depth_m, force_n)
-    print(lines)
+        summary = press_points(file, wanted, output, depth_m, force_n)
+    print_result(summary, json=json)
 
 
 def modes(

@@ -1,11 +1,16 @@
-"""Output that commands share: errors, a status line on the terminal, and how a page ends."""
+"""Output that commands share: errors, results, a status line on the terminal, and how a page ends."""
 
 import contextlib
+import json as json_text
 import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from typing import NoReturn
+from dataclasses import asdict
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FINE, FAILED = 0, 1
 QUIET_S = 3.0  # of a command whose output is no terminal
@@ -17,6 +22,11 @@ Show = Callable[[str], None]
 def print_error(error: object) -> None:
     """Print an error on standard error, in a line."""
     print(f"objectfolder: {error}", file=sys.stderr)
+
+
+def print_result(result: "DataclassInstance", *, json: bool) -> None:
+    """Print a result on standard output, in words or as JSON."""
+    print(json_text.dumps(asdict(result), indent=1) if json else result)
 
 
 def terminal_width(otherwise: int = 100) -> int:

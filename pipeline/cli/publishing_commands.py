@@ -1,5 +1,6 @@
 """Commands around a published data set: cards, get, export, listen."""
 
+import json as json_text
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -7,7 +8,7 @@ from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from objectfolder.errors import InputError
-from pipeline.cli.options import AtLeastOne, Fields, Output, Overwrite, Remote, Root
+from pipeline.cli.options import AtLeastOne, Fields, Json, Output, Overwrite, Remote, Root
 from pipeline.cli.output_paths import check_new_file
 from pipeline.cli.printing import (
     FAILED,
@@ -233,6 +234,7 @@ def export_samples(
     passes: bool = False,
     shard_samples: Annotated[int, AtLeastOne] = 1000,
     overwrite: Overwrite = False,
+    json: Json = False,
 ) -> None:
     """Write samples for learning: shards of WebDataset, or a folder for Hugging Face datasets.
 
@@ -268,6 +270,9 @@ def export_samples(
             overwrite=overwrite,
             **chosen,
         )
+    if json:
+        print(json_text.dumps({"folder": str(output), **counts}))
+        return
     print(f"{output}: {counts['train']} samples to train and {counts['test']} to test")
 
 

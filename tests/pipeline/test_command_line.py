@@ -3,6 +3,7 @@
 import errno
 import json
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -311,6 +312,60 @@ def test_a_turntable_is_of_lit_pictures(
         assert turning.n_frames == 3
     assert main([*turn, "--light", "0", "0", "1", "1", "1", "1"]) == 2
     assert "--turntable has its own cameras and light" in capsys.readouterr().err.replace(":", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "figures"),
+    [
+        ("sample FILE --anywhere --views 2 --contacts 3 -o out", {"views": 2, "contacts": 3}),
+        ("render FILE --views 1 --resolution 16 -o out", {"images": 1, "height": 16, "passes": []}),
+        ("render FILE --turntable --views 2 --resolution 16 -o out", {"images": 2, "turntable": True}),
+        ("strike FILE --points 2 --duration 0.05 -o out", {"sounds": 2, "unit": "m/s", "duration_s": 0.05}),
+        ("press FILE --points 1 -o out", {"touches": 1, "reachable": 1}),
+        (
+            "build box.stl --material steel -o out.safetensors",
+            {"file": "out.safetensors", "cpu_s": {"views": 1.5}, "warnings": []},
+        ),
+    ],
+)
+def test_figures_are_json_where_that_is_asked_for(
+    words: str,
+    figures: dict[str, object],
+    small_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def build(building: Building, output: Path, confirm: object) -> tuple[dict[str, float], tuple[()]]:
+        shutil.copyfile(small_file, output)
+        return {"views": 1.5}, ()
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pipeline.run.single_build.build_object_file", build)
+    assert main([*words.replace("FILE", str(small_file)).split(), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert figures.items() <= found.items()
+    if words.startswith("build"):
+        assert found["fidelity"] == objectfolder.load(small_file).description["fidelity"]
+
+
+def test_failures_are_json_where_that_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["failures", "--json", "--root", str(tmp_path)]
+    assert main(command) == 0
+    assert json.loads(capsys.readouterr().out) == []
+    failure = {
+        "object": "mug",
+        "stage": "views",
+        "error": "too dark",
+        "remedy": "Add light.",
+        "fingerprint": "",
+    }
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "failures.json").write_text(json.dumps([failure]))
+    assert main(command) == 1
+    assert json.loads(capsys.readouterr().out) == [failure]
 
 
 def test_answers_of_two_runs_are_not_mixed(

@@ -134,5 +134,7 @@ def test_the_command_writes_truth_or_files(small_set, small_file, tmp_path, caps
         "--format",
         "huggingface",
     ]
-    assert main([*files, "-o", str(tmp_path / "files")]) == 0
+    capsys.readouterr()
+    assert main([*files, "--json", "-o", str(tmp_path / "files")]) == 0
+    assert json.loads(capsys.readouterr().out) == {"folder": str(tmp_path / "files"), "train": 2, "test": 2}
     assert len(list((tmp_path / "files/train").glob("*.wav"))) == 2

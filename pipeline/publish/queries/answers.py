@@ -1,6 +1,6 @@
 """Queries from files, asked of an Object File, and the answers written to a folder.
 
-Each function returns what was done, in a line. It raises `InputError` for a file or an option that cannot
+Each function returns a summary in figures. It raises `InputError` for a file or an option that cannot
 be used, and `QueryError` for what the Object File cannot answer.
 """
 
@@ -23,6 +23,7 @@ from objectfolder.vision.cameras import look_at
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.lamps import Lamps
 from pipeline.publish.queries.requests import Pressing, Rendering, Striking
+from pipeline.publish.queries.summaries import PressSummary, RenderSummary, SampleSummary, StrikeSummary
 
 LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",
           "sensor_to_object")  # fmt: skip
@@ -30,7 +31,9 @@ LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_
 VIEWS, FRAMES = 8, 24  # where no number is named: views, and pictures of a turntable
 
 
-def sample_queries(path: Path, views: int, contacts: int, seed: int, anywhere: bool, output: Path) -> str:
+def sample_queries(
+    path: Path, views: int, contacts: int, seed: int, anywhere: bool, output: Path
+) -> SampleSummary:
     """Write valid queries, in metres of the object frame; contacts `anywhere` need not be reachable."""
     file = objectfolder.load(path)
     cameras, lights = file.sample_views(views, seed)
@@ -40,10 +43,10 @@ def sample_queries(path: Path, views: int, contacts: int, seed: int, anywhere: b
     np.save(output / "views.npy", drawn)
     np.save(output / "points.npy", points)
     np.save(output / "forces.npy", -normals)
-    return f"{output}: views.npy {drawn.shape}, points.npy and forces.npy {points.shape} (1 N s inwards)"
+    return SampleSummary(folder=str(output), views=len(drawn), contacts=len(points))
 
 
-def render_views(path: Path, wanted: Rendering, output: Path) -> str:
+def render_views(path: Path, wanted: Rendering, output: Path) -> RenderSummary:
     """Render views to PNG, further passes to PNG and .npy."""
     if wanted.turntable:
         return _turntable(path, wanted, output)
@@ -74,14 +77,24 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> str:
                 Image.fromarray(drawn[name][0].astype(np.uint8) * 255).save(output / f"{index:04d}_mask.png")
             else:
                 np.save(output / f"{index:04d}_{name}.npy", drawn[name][0])
-    lamps_given = len(wanted.light)
-    shown = f", {lamps_given} light{'s' * (lamps_given != 1)}" if wanted.light else ""
+    return _summary(file, wanted, output, len(cameras))
+
+
+def _summary(file: ObjectFile, wanted: Rendering, output: Path, images: int) -> RenderSummary:
     _, _, height, width = wanted.crop or (0, 0, wanted.resolution, wanted.resolution)
-    more = f" with {', '.join(wanted.passes)}" if wanted.passes else ""
-    return f"{output}: {len(cameras)} images of {height} x {width} pixels{more}{shown} ({file.vision.device})"
+    return RenderSummary(
+        folder=str(output),
+        images=images,
+        height=height,
+        width=width,
+        passes=wanted.passes,
+        lights=len(wanted.light),
+        device=str(file.vision.device),
+        turntable=wanted.turntable,
+    )
 
 
-def _turntable(path: Path, wanted: Rendering, output: Path) -> str:
+def _turntable(path: Path, wanted: Rendering, output: Path) -> RenderSummary:
     """Write pictures from all round, and a GIF that turns the object once in three seconds."""
     if isinstance(wanted.views, Path) or wanted.light or wanted.environment or wanted.passes:
         finding = "has its own cameras and light"
@@ -97,7 +110,7 @@ def _turntable(path: Path, wanted: Rendering, output: Path) -> str:
         pictures[0].save(
             output / "turntable.gif", save_all=True, append_images=pictures[1:], duration=pause_ms, loop=0
         )
-    return f"{output}: {len(pictures)} pictures from all round, and turntable.gif"
+    return _summary(file, wanted, output, len(pictures))
 
 
 def strike_points(
@@ -106,7 +119,7 @@ def strike_points(
     output: Path,
     pulse_s: float | None,
     striker: tuple[str, float, float] | None,
-) -> str:
+) -> StrikeSummary:
     """Write a float WAV file for each contact, all times one gain, so that louder stays louder.
 
     The pulse is a half sine of `pulse_s` seconds, or that of a striker: material, radius at the contact
@@ -136,15 +149,21 @@ def strike_points(
     for rows, sounds in strikes():  # again: all at once need not fit in memory
         for index, sound in zip(range(rows.start, rows.stop), sounds, strict=True):
             write_wav(output / f"{index:04d}.wav", sound, sample_rate_hz=wanted.sample_rate_hz, gain=gain)
-    unit = "Pa" if wanted.listener else "m/s"
-    more = f" (--gain 1 keeps {unit})" if wanted.gain is None and peak > 0 else ""
-    written = "" if gain == 1 else f", written times {gain:.3g}{more}"
-    return f"{output}: {len(points)} sounds of {wanted.duration_s} s, peak {peak:.3g} {unit}{written}"
+    return StrikeSummary(
+        folder=str(output),
+        sounds=len(points),
+        duration_s=wanted.duration_s,
+        sample_rate_hz=wanted.sample_rate_hz,
+        peak=peak,
+        unit="Pa" if wanted.listener else "m/s",
+        gain=float(gain),
+        gain_by_peak=wanted.gain is None,
+    )
 
 
 def press_points(
     path: Path, wanted: Pressing, output: Path, depth_m: float | None, force_n: float | None
-) -> str:
+) -> PressSummary:
     """Write an image of each touch, depth.npy and labels.json; a force makes the gel elastic."""
     file = objectfolder.load(path)
     sensor = file.touch.sensor
@@ -169,9 +188,7 @@ def press_points(
     # JSON has no NaN: a rigid contact has no force.
     labels["force_n"] = [None if np.isnan(force) else force for force in labels["force_n"]]
     (output / "labels.json").write_text(json.dumps(labels, indent=1))
-    count, reachable = len(touches), int(touches.reachable.sum())
-    hint = "" if reachable == count else " (labels.json says which; without a file --points draws such)"
-    return f"{output}: {count} touches, {reachable} reachable{hint}"
+    return PressSummary(folder=str(output), touches=len(touches), reachable=int(touches.reachable.sum()))
 
 
 def _read_numbers(

@@ -1,0 +1,73 @@
+"""What queries of an Object File were answered with, in figures; ``str`` words them in a line."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleSummary:
+    """Queries that were drawn: numbers of views and of contacts."""
+
+    folder: str
+    views: int
+    contacts: int
+
+    def __str__(self) -> str:
+        points = f"points.npy and forces.npy {self.contacts, 3} (1 N s inwards)"
+        return f"{self.folder}: views.npy {self.views, 6}, {points}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderSummary:
+    """Images and their sizes in pixels; lights that were given for all of them, and the device."""
+
+    folder: str
+    images: int
+    height: int
+    width: int
+    passes: tuple[str, ...]
+    lights: int
+    device: str
+    turntable: bool
+
+    def __str__(self) -> str:
+        if self.turntable:
+            return f"{self.folder}: {self.images} pictures from all round, and turntable.gif"
+        lights = f", {self.lights} light{'s' * (self.lights != 1)}" if self.lights else ""
+        passes = f" with {', '.join(self.passes)}" if self.passes else ""
+        size = f"{self.height} x {self.width} pixels"
+        return f"{self.folder}: {self.images} images of {size}{passes}{lights} ({self.device})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrikeSummary:
+    """Sounds, their length, and the peak of all in `unit`, before the gain by which they were written."""
+
+    folder: str
+    sounds: int
+    duration_s: float
+    sample_rate_hz: int
+    peak: float
+    unit: Literal["m/s", "Pa"]
+    gain: float
+    gain_by_peak: bool
+
+    def __str__(self) -> str:
+        hint = f" (--gain 1 keeps {self.unit})" if self.gain_by_peak and self.peak > 0 else ""
+        gain = "" if self.gain == 1 else f", written times {self.gain:.3g}{hint}"
+        peak = f"peak {self.peak:.3g} {self.unit}"
+        return f"{self.folder}: {self.sounds} sounds of {self.duration_s} s, {peak}{gain}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressSummary:
+    """Touches, and how many of them the sensor reaches."""
+
+    folder: str
+    touches: int
+    reachable: int
+
+    def __str__(self) -> str:
+        hint = " (labels.json says which; without a file --points draws such)"
+        more = "" if self.reachable == self.touches else hint
+        return f"{self.folder}: {self.touches} touches, {self.reachable} reachable{more}"
