@@ -10,6 +10,7 @@ from cyclopts.validators import MutuallyExclusive, Number
 
 from pipeline.cli.options import AtLeastOne, Cluster, Json, Root
 from pipeline.cli.printing import FAILED, FINE, RESUMED, on_interrupt, print_result, status_line
+from pipeline.cli.usage import UsageError
 
 Counts = Parameter(consume_multiple=True, validator=Number(gte=1))
 remove_or_list = Group(show=False, validator=MutuallyExclusive())
@@ -23,8 +24,13 @@ def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None) -> i
     name
         the stage
     """
+    from pipeline.dataset.stages import STAGES
+    from pipeline.dataset.validation import did_you_mean
     from pipeline.run.stage_run import make_stage
 
+    if name not in STAGES:
+        remedy = did_you_mean(name, STAGES, f"Stages are {', '.join(STAGES)}.")
+        raise UsageError(name, "no such stage", remedy)
     with on_interrupt(RESUMED):
         return make_stage(root.absolute(), name, cluster)
 

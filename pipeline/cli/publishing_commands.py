@@ -19,6 +19,7 @@ from pipeline.cli.printing import (
     print_error,
     status_line,
 )
+from pipeline.cli.usage import UsageError
 from pipeline.publish.queries.requests import Exporting
 
 MOST_TRIALS = 500
@@ -114,11 +115,14 @@ def export(
         a folder that does not exist yet; several objects get a folder each in it
     """
     with status_line(f"exporting {', '.join(objects) or 'all objects'}"):
-        from pipeline.publish.export.formats import known_formats, write_exports
+        from pipeline.publish.export.formats import OF_SIMULATORS, known_formats, write_exports
 
         if wanted.format not in (known := known_formats()):
             there = ", ".join(f'"{name}"' for name in known)
             raise CycloptsError(msg=f'--format: "{wanted.format}" is unknown. Use one of {there}.')
+        if wanted.format not in OF_SIMULATORS and len(objects) != 1:
+            finding = f"names {len(objects) or 'no'} objects, and --format {wanted.format} takes one"
+            raise UsageError("export", finding, "Name one object.")
         for line in write_exports(objects, root, wanted, output):
             print(line, flush=True)
 

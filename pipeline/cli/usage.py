@@ -15,6 +15,8 @@ UNITS = {
     "n": ("newtons", {"n": 1.0, "mn": 1e-3}),
     "deg": ("degrees", {"deg": 1.0, "°": 1.0}),
 }
+# Of a value among several of an option, whose kinds differ.
+ANY_UNIT = {symbol: factor for _, factors in UNITS.values() for symbol, factor in factors.items()}
 NUMBER_AND_UNIT = re.compile(r"\s*([-+]?[\d.]+(?:e[-+]?\d+)?)\s*([^\d\s.]+)\s*", re.IGNORECASE)
 
 
@@ -28,15 +30,23 @@ def usage_line(error: CycloptsError) -> str:
     where = f"{command}: " if command else ""
     more = f"See objectfolder {f'{command} ' if command else ''}--help."
     if isinstance(error, MissingArgumentError) and error.argument is not None:
+        if error.keyword is not None:  # written, with too few values
+            count, _ = error.argument.token_count()
+            values = "a value" if count == 1 else f"{count} values"
+            given = len(error.tokens_so_far) % count or "none"
+            return f"{where}{error.keyword} takes {values}, {given} given. {more}"
         return f"{where}{error.argument.name} is missing. {_materials(error.argument.name) or more}"
     if isinstance(error, UnusedCliTokensError):
         words = ", ".join(error.unused_tokens or ())
         return f"{where}{words}: more arguments than the command takes. {more}"
     if isinstance(error, CoercionError) and error.argument is not None and error.token is not None:
         unit = UNITS.get(error.argument.field_info.name.rpartition("_")[2])
-        if unit is not None:
-            finding = f"{error.argument.name} {error.token.value}: not a number of {unit[0]}"
-            return f"{where}{finding}. {_converted(error.token.value, unit[1]) or more}"
+        if unit is not None or error.target_type is float:
+            name, factors = unit or ("", ANY_UNIT)
+            finding = (
+                f"{error.argument.name} {error.token.value}: not a number{f' of {name}' if name else ''}"
+            )
+            return f"{where}{finding}. {_converted(error.token.value, factors) or more}"
     return f"{where}{error} {more}"
 
 

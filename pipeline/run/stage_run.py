@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from objectfolder.errors import InputError
 from pipeline.cluster.places import read_place
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.job import Runner
 from pipeline.dataset.parameters import PARAMETERS, read_parameters
 from pipeline.dataset.records import read_records, read_table, write_records
 from pipeline.dataset.stages import STAGES
-from pipeline.dataset.validation import did_you_mean
 from pipeline.run.converge import converge
 from pipeline.run.converged import CONVERGED, run_id
 from pipeline.run.exclusive import exclusive
@@ -35,16 +33,7 @@ def make_products(root: Path, place: str | None = None) -> int:
 
 
 def make_stage(root: Path, name: str, place: str | None = None) -> int:
-    """Converge one stage at a place; return 1 where those behind it cannot go on.
-
-    Raises
-    ------
-    InputError
-        There is no such stage.
-    """
-    if name not in STAGES:
-        remedy = did_you_mean(name, STAGES, f"Stages are {', '.join(STAGES)}.")
-        raise InputError(name, "no such stage", remedy)
+    """Converge one stage of `STAGES` at a place; return 1 where those behind it cannot go on."""
     with exclusive(root, f"stage {name}"):
         return _converge(root, [name], place)
 

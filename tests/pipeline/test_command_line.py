@@ -90,7 +90,21 @@ def test_each_command_has_examples_that_parse(capsys: pytest.CaptureFixture[str]
             ["strike", "a.safetensors", "--duration", "half"],
             "not a number of seconds. See",
         ),
+        (
+            ["strike", "a.safetensors", "--listener", "0.1", "0.2"],
+            "--listener takes 3 values, 2 given. See",
+        ),
+        (
+            ["strike", "a.safetensors", "--listener", "0", "0", "10cm"],
+            "--listener 10cm: not a number. Write 0.1.",
+        ),
+        (
+            ["render", "a.safetensors", "--light", "0", "0", "1", "1", "1", "a"],
+            "--light a: not a number. See",
+        ),
         (["fetch"], "names no objects"),
+        (["export", "--format", "nerf", "-o", "x"], "names no objects, and --format nerf takes one"),
+        (["export", "a", "b", "--format", "gltf", "-o", "x"], "names 2 objects, and --format gltf takes one"),
         (["plan", "--workers", "0"], 'Invalid value "(0,)" for --workers. Must be >= 1.'),
         (["plan", "--count", "many"], '"many" into int'),
     ],
@@ -103,7 +117,7 @@ def test_wrong_usage_is_named(words: list[str], said: str, capsys: pytest.Captur
 
 
 def test_a_stage_that_is_none_is_told_from_those_there_are(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["stage", "viewz"]) == 1
+    assert main(["stage", "viewz"]) == 2
     assert "viewz: no such stage. Did you mean views?" in _last_line(capsys)
 
 

@@ -24,6 +24,8 @@ def known_formats() -> list[str]:
 def write_exports(names: Sequence[str], root: Path, wanted: Exporting, output: Path) -> Iterator[str]:
     """Write objects in a known format, into `output`, or of several into a folder each there.
 
+    Formats that are not `OF_SIMULATORS` take one object.
+
     Yields
     ------
     str
@@ -32,13 +34,11 @@ def write_exports(names: Sequence[str], root: Path, wanted: Exporting, output: P
     Raises
     ------
     InputError
-        No such object; several objects in a format of one; a plugin that does not do its part.
+        No such object; a plugin that does not do its part.
     """
     plugin = find_plugin(EXPORTS, wanted.format, OWN)
     if wanted.format in OF_SIMULATORS:
         yield from write_assets(names or all_objects(root), root, wanted, output)
-    elif len(names) != 1:
-        raise InputError("OBJECT", f"{len(names)} are named", f"Name one: --format {wanted.format}.")
     elif plugin is None:
         yield write_export(find_products(names[0], root), wanted, output)
     else:
