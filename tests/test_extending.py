@@ -152,10 +152,13 @@ def test_a_scene_is_played_in_a_simulator(tmp_path: Path, capsys: pytest.Capture
         "--lift",
         "0.05",
     ]
-    assert main([*asked, "--seconds", "0.2", "-o", str(tmp_path / "falling.mp4")]) == 0
+    clip = str(tmp_path / "falling.mp4")
+    assert main([*asked, "--seconds", "0.2", "--json", "-o", clip]) == 0
+    summary = json.loads(capsys.readouterr().out)
     # MuJoCo's sphere about the origin would meet the plane 5 cm higher, at once.
-    assert "1 collisions" in capsys.readouterr().out
-    assert main([*asked, "--no-browser"]) == 1
+    assert (summary["file"], summary["collisions"]) == (clip, 1)
+    assert summary["peak_pa"] > 0
+    assert main([*asked, "--no-browser"]) == 2
     assert "'falling' plays videos alone. Give --output too." in capsys.readouterr().err
 
 

@@ -17,6 +17,7 @@ from pipeline.cli.printing import (
     end_at_once,
     on_interrupt,
     print_error,
+    print_result,
     status_line,
 )
 from pipeline.cli.usage import UsageError
@@ -183,6 +184,7 @@ def play(
     simulator: str = "mujoco",
     port: int = 0,
     no_browser: bool = False,
+    json: Json = False,
 ) -> None:
     """Strike, carry, throw and squeeze the objects of a scene in the browser; or drop them in a video.
 
@@ -222,8 +224,8 @@ def play(
     with status_line(f"playing {scene}"):
         from pipeline.publish.playing import play as played
 
-        line = played(scene, output, seconds, lift_m, (height, width), seed, simulator)
-    print(line)
+        summary = played(scene, output, seconds, lift_m, (height, width), seed, simulator)
+    print_result(summary, json=json)
 
 
 def export_samples(
@@ -288,6 +290,7 @@ def listen(
     trials: Annotated[int, Parameter(validator=Number(gte=1, lte=MOST_TRIALS))] = 24,
     seed: Annotated[int, Parameter(validator=Number(gte=0, lte=LARGEST_SEED))] = 0,
     duration_s: Annotated[float, Parameter(validator=Number(gte=SHORTEST_S, lte=LONGEST_S))] = 1.0,
+    json: Json = False,
 ) -> None:
     """Write a page for an ABX listening test: truth against Object Files at held-out points.
 
@@ -312,4 +315,7 @@ def listen(
 
         pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)
         write_whole(output, page_text(pairs, seed))
+    if json:
+        print(json_text.dumps({"file": str(output), "bytes": output.stat().st_size, "trials": trials}))
+        return
     print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")

@@ -1,5 +1,6 @@
 """A scene of MuJoCo with the Object Files beside it, played to a video."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,20 @@ from pipeline.publish.opened_scene import OpenedScene, camera_over
 MOST_TURN_RAD = 0.6
 
 
+@dataclass(frozen=True)
+class ClipSummary:
+    """A video, the collisions in it, their peak at the camera, and the gain by which they were written."""
+
+    file: str
+    collisions: int
+    peak_pa: float
+    gain: float
+
+    def __str__(self) -> str:
+        peak = f"peak {self.peak_pa:.3g} Pa at the camera"
+        return f"{self.file}: {self.collisions} collisions, {peak}, times {self.gain:.3g}"
+
+
 def play(
     scene: Path,
     output: Path,
@@ -22,8 +37,8 @@ def play(
     resolution: tuple[int, int],
     seed: int,
     simulator: str = OWN[0],
-) -> str:
-    """Drop the objects of a scene, write what is seen and heard, and say what was heard.
+) -> ClipSummary:
+    """Drop the objects of a scene, and write what is seen and heard.
 
     Parameters
     ----------
@@ -61,8 +76,7 @@ def play(
     )
     shown = recorded(sound, opened.sight(simulation), camera, seconds, resolution)
     peak_pa = write_clip(output, shown, resolution)
-    gain = listening_gain(peak_pa)
-    return f"{output}: {len(sound.impacts)} collisions, peak {peak_pa:.3g} Pa at the camera, times {gain:.3g}"
+    return ClipSummary(str(output), len(sound.impacts), float(peak_pa), float(listening_gain(peak_pa)))
 
 
 def _lift(model: Any, data: Any, lift_m: float, random: np.random.Generator) -> None:

@@ -1,6 +1,8 @@
 """The `objectfolder` command as a user types it."""
 
+import contextlib
 import errno
+import io
 import json
 import shlex
 import shutil
@@ -448,6 +450,25 @@ def test_a_doubtful_size_is_refused_without_a_terminal(
     with pytest.raises(InputError) as error:
         confirm_size(building, STEEL)
     assert str(error.value).endswith(words)
+
+
+@pytest.mark.parametrize(("answer", "is_built"), [("y\n", True), ("\n", False)])
+def test_a_doubtful_size_is_asked_about_on_a_terminal(
+    answer: str,
+    is_built: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    trimesh.creation.box((2.0, 0.1, 0.02)).export(tmp_path / "box.stl")
+    building = Building(mesh=tmp_path / "box.stl", material="steel")
+    terminal = io.StringIO(answer)
+    for stream in (terminal, sys.stderr):
+        monkeypatch.setattr(stream, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stdin", terminal)
+    with contextlib.nullcontext() if is_built else pytest.raises(InputError):
+        confirm_size(building, STEEL)
+    assert capsys.readouterr().err.endswith("box.stl: 2 m long by the file. Build it? [y/N] ")
 
 
 def test_a_folder_is_no_object_file(

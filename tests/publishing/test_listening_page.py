@@ -112,7 +112,7 @@ def test_levels_are_matched_by_the_stated_rule():
         match(np.zeros(10), np.ones(10))
 
 
-def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path):
+def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path, capsys):
     drawn = draw_pairs(small_set, 10, seed=3, duration_s=0.1)
     assert sorted({pair.object_id for pair in drawn}) == ["bar", "rod"]
     assert sum(pair.object_id == "bar" for pair in drawn) == 5
@@ -140,7 +140,9 @@ def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path):
     path = tmp_path / "listen.html"
     settings = ["-o", str(path), "--overwrite", "--trials", "4", "--duration", "0.1"]
     for words in (["rod", *settings], [*settings, "rod"]):
-        assert main(["listen", "--root", str(small_set), *words]) == 0
+        assert main(["listen", "--root", str(small_set), *words, "--json"]) == 0
+        figures = json.loads(capsys.readouterr().out)
+        assert figures == {"file": str(path), "bytes": path.stat().st_size, "trials": 4}
         text = path.read_text()
         assert '"object_id": "rod"' in text
         assert '"object_id": "bar"' not in text
