@@ -52,6 +52,7 @@ def get(
     list_ids: Annotated[bool, Parameter(name="--list")] = False,
     remote: Remote = "",
     jobs: Annotated[int, AtLeastOne] = 4,
+    json: Json = False,
 ) -> int:
     """Fetch single objects of a published data set: only what is missing, checked.
 
@@ -75,8 +76,10 @@ def get(
 
     if list_ids:
         with single_objects.opened(repository, remote) as published:
-            print("\n".join(sorted(published.products(single_objects.OBJECT_FILES))))
+            known = sorted(published.products(single_objects.OBJECT_FILES))
+        print(json_text.dumps(known) if json else "\n".join(known))
         return FINE
+    figures: list[dict[str, str | int]] = []
     outcomes, arrived = [], [0]
     with on_interrupt(RESUMED), status_line(f"fetching from {repository}") as show:
 
@@ -90,8 +93,13 @@ def get(
             outcomes.append(got.outcome)
             if got.error:
                 print_error(got.error)
-            else:
-                print(f"{got.path}  {got.path.stat().st_size / 1e6:.2f} MB, {got.outcome}")
+                continue
+            size = got.path.stat().st_size
+            figures.append({"file": str(got.path), "bytes": size, "outcome": got.outcome})
+            if not json:
+                print(f"{got.path}  {size / 1e6:.2f} MB, {got.outcome}")
+    if json:
+        print(json_text.dumps(figures, indent=1))
     if failed := outcomes.count(single_objects.FAILED):
         print_error(
             f"{failed} of {len(outcomes)} failed. Run the same command again: it fetches what is missing."

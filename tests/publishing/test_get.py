@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import json
 import os
 import shutil
 import threading
@@ -89,8 +90,13 @@ def test_objects_of_versions_come_alone(made, bare, tmp_path, capsys):
     assert "fetched" in capsys.readouterr().out
     assert main(["get", f"{bare}@v1", "mug", "-o", str(tmp_path / "got")]) == 0  # another version replaces
     assert (tmp_path / "got/mug.safetensors").read_bytes() == versions[0]["mug.safetensors"]
-    assert main(["get", f"{bare}@v1", "mug", "-o", str(tmp_path / "got")]) == 0
+    again = ["get", f"{bare}@v1", "mug", "-o", str(tmp_path / "got")]
+    assert main(again) == 0
     assert "already there" in capsys.readouterr().out.splitlines()[-1]
+    assert main([*again, "--json"]) == 0
+    (figures,) = json.loads(capsys.readouterr().out)
+    path = tmp_path / "got" / "mug.safetensors"
+    assert figures == {"file": str(path), "bytes": path.stat().st_size, "outcome": "already there"}
 
 
 def test_ids_may_stand_after_options(bare, tmp_path, capsys):
