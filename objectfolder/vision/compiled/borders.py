@@ -80,16 +80,8 @@ def contrasting(edges: tuple[np.ndarray, np.ndarray], shade: np.ndarray, limit: 
 
 def sum_by_pixel(pixel: np.ndarray, weight: np.ndarray, colour: np.ndarray, count: int) -> np.ndarray:
     """Return (count, 3) float64 sums of weight * colour over the points of each pixel, in their order."""
-    total = np.zeros((count, 3))
-    _sum_by_pixel(pixel, weight, colour, total)
-    return total
-
-
-@kernel
-def _sum_by_pixel(pixel, weight, colour, total):
-    for i in range(len(pixel)):
-        for channel in range(3):
-            total[pixel[i], channel] += weight[i] * colour[i, channel]
+    parts = [np.bincount(pixel, weight * channel, minlength=count) for channel in colour.T]
+    return np.stack(parts, axis=1)
 
 
 @kernel

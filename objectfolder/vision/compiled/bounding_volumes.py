@@ -49,15 +49,10 @@ class BoundingVolumes:
     @classmethod
     def of_triangles(cls, triangles: np.ndarray) -> "BoundingVolumes":
         """Build over (F, 3, 3) corners in the unit frame."""
-        low, high = triangles.min(axis=1), triangles.max(axis=1)
-        order, room = np.arange(len(low), dtype=np.int32), max(1, len(low))
-        boxes = np.empty((room, 2, 6), dtype=np.float32)
-        children, counts = np.zeros((room, 2), dtype=np.int32), np.zeros((room, 2), dtype=np.int32)
-        pending, bins = np.empty((room, 3), dtype=np.int64), np.empty((BINS + 1, 8))
-        nodes = _build(low, high, order, boxes, children, counts, pending, bins)
+        order, boxes, children, counts = _build(triangles.min(axis=1), triangles.max(axis=1))
         a = triangles[:, 0]
         edges = np.concatenate([a, triangles[:, 1] - a, triangles[:, 2] - a], axis=1)
-        return cls(boxes[:nodes].copy(), children[:nodes].copy(), counts[:nodes].copy(), edges[order], order)
+        return cls(boxes, children, counts, edges[order], order)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return face (n,) int32 (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
@@ -79,130 +74,92 @@ class BoundingVolumes:
         return blocked
 
 
-@kernel
-def _clear(box):
-    """Make a box hold nothing."""
-    for k in range(3):
-        box[k], box[3 + k] = np.inf, -np.inf
+Tree = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-@kernel
-def _join(box, other):
-    """Widen a box to hold another."""
-    for k in range(3):
-        box[k], box[3 + k] = min(box[k], other[k]), max(box[3 + k], other[3 + k])
+def _build(low: np.ndarray, high: np.ndarray) -> Tree:
+    """Return the order of the leaves, boxes, children and counts of a tree over boxes (n, 3), level by level.
 
-
-@kernel
-def _area(box):
-    """Half the surface of a box."""
-    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    return x * y + y * z + z * x
-
-
-@kernel
-def _bin(low, high, face, axis, least, extent):
-    """Which of BINS slices of an axis the centre of a face lies in."""
-    return min(BINS - 1, int(BINS * ((low[face, axis] + high[face, axis] - least) / extent)))
-
-
-@kernel
-def _fill(low, high, order, first, last, axis, least, extent, bins):
-    """Write the box and the number of the faces order[first:last] in each bin of an axis."""
-    for bin_ in range(BINS):
-        _clear(bins[bin_])
-        bins[bin_, 6] = 0.0
-    for position in range(first, last):
-        face = order[position]
-        own = bins[_bin(low, high, face, axis, least, extent)]
-        own[6] += 1.0
-        for k in range(3):
-            own[k], own[3 + k] = min(own[k], low[face, k]), max(own[3 + k], high[face, k])
-
-
-@kernel
-def _cheapest(bins, total):
-    """Return the least cost of a plane between two bins, and the bin before it; infinity if there is none."""
-    swept = bins[BINS]
-    _clear(swept)
-    count = 0.0
-    for bin_ in range(BINS - 1, 0, -1):
-        count += bins[bin_, 6]
-        _join(swept, bins[bin_])
-        bins[bin_, 7] = _area(swept) * count if count > 0 else 0.0
-    _clear(swept)
-    count, best, best_bin = 0.0, np.inf, 0
-    for bin_ in range(BINS - 1):
-        count += bins[bin_, 6]
-        _join(swept, bins[bin_])
-        if 0 < count < total:
-            cost = _area(swept) * count + bins[bin_ + 1, 7]
-            if cost < best:
-                best, best_bin = cost, bin_
-    return best, best_bin
-
-
-@kernel
-def _split(low, high, order, first, last, bins):
-    """Partition order[first:last] by the cheapest of BINS planes an axis; return where, or the middle.
-
-    `bins` (BINS + 1, 8) are working memory: the box of each, how many faces, and the cost of those behind.
+    Array arithmetic: kernels for it would take longer to compile than the trees of many objects to build.
     """
-    best, best_axis, best_bin, best_least, best_extent = np.inf, -1, 0, 0.0, 0.0
+    order, base = np.arange(len(low), dtype=np.int32), 0
+    bounds = np.concatenate([low, -high], axis=1)  # the box of several is their minimum
+    levels = []
+    first, last = np.zeros(1, dtype=np.int64), np.array([len(low)])
+    while len(first):
+        size = last - first
+        owner = np.repeat(np.arange(len(first)), size)
+        place = np.arange(len(owner)) + np.repeat(first - np.cumsum(size) + size, size)
+        right = _right(bounds[order[place]], owner, size)
+        side = 2 * owner + right
+        order[place] = order[place[np.argsort(side, kind="stable")]]
+        counts = np.bincount(side, minlength=2 * len(first))
+        start = np.stack([first, first + counts[::2]], axis=1).ravel()
+        held = np.full((len(counts), 6), np.inf)
+        held[counts > 0] = _joined(bounds[order[place]], counts[counts > 0])
+        boxes = np.concatenate([held[:, :3] - PADDING, PADDING - held[:, 3:]], axis=1).astype(np.float32)
+        inner = counts > LEAF_TRIANGLES
+        base += len(first)
+        children = np.where(inner, base + np.cumsum(inner) - 1, ~start)
+        levels.append((boxes, children, np.where(inner, 0, counts)))
+        first, last = start[inner], (start + counts)[inner]
+    boxes, children, counts = (np.concatenate(part) for part in zip(*levels, strict=True))
+    pairs = children.reshape(-1, 2).astype(np.int32), counts.reshape(-1, 2).astype(np.int32)
+    return order, boxes.reshape(-1, 2, 6), *pairs
+
+
+def _joined(bounds: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return the boxes of runs of `sizes` faces, none of them empty."""
+    joined: np.ndarray = np.minimum.reduceat(bounds, np.cumsum(sizes) - sizes, axis=0)
+    return joined if len(sizes) else np.empty((0, 6))
+
+
+def _area(bounds: np.ndarray) -> np.ndarray:
+    """Half the surfaces of boxes (..., 6)."""
+    x, y, z = np.moveaxis(-bounds[..., 3:] - bounds[..., :3], -1, 0)
+    area: np.ndarray = x * y + y * z + z * x
+    return area
+
+
+def _right(bounds: np.ndarray, owner: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Whether (n,) faces lie behind the cheapest of BINS planes an axis of their nodes, or their middle.
+
+    Parameters
+    ----------
+    bounds, owner
+        (n, 6) and (n,) int64 node of each face, in order.
+    size
+        (m,) faces of each node.
+    """
+    start = np.cumsum(size) - size
+    right = np.arange(len(owner)) - start[owner] >= np.maximum(size // 2, 1)[owner]
+    cheapest = np.full(len(size), np.inf)
+    if not len(owner):
+        return right
     for axis in range(3):
-        least, most = np.inf, -np.inf
-        for position in range(first, last):
-            centre = low[order[position], axis] + high[order[position], axis]
-            least, most = min(least, centre), max(most, centre)
-        if not most > least:
-            continue
-        _fill(low, high, order, first, last, axis, least, most - least, bins)
-        cost, bin_ = _cheapest(bins, last - first)
-        if cost < best:
-            best, best_axis, best_bin, best_least, best_extent = cost, axis, bin_, least, most - least
-    if best_axis < 0:
-        return (first + last) // 2
-    i, j = first, last - 1
-    while i <= j:
-        # A literal's type would have `_bin` compiled twice.
-        if _bin(low, high, order[i], np.int64(best_axis), best_least, best_extent) <= best_bin:
-            i += 1
-        else:
-            order[i], order[j] = order[j], order[i]
-            j -= 1
-    return i
-
-
-@kernel
-def _build(low, high, order, boxes, children, counts, pending, bins):
-    """Write a tree over boxes (n, 3) and the order of its leaves; return how many nodes it has.
-
-    `pending` (n, 3) is working memory: ranges of `order` yet to be split, and the node each becomes.
-    """
-    pending[0, 0], pending[0, 1], pending[0, 2] = 0, len(low), 0
-    waiting, nodes = 1, 1
-    while waiting:
-        waiting -= 1
-        first, last, node = pending[waiting, 0], pending[waiting, 1], pending[waiting, 2]
-        middle = _split(low, high, order, first, last, bins) if last - first > 1 else last
-        for side in range(2):
-            start, end = (first, middle) if side == 0 else (middle, last)
-            box = boxes[node, side]
-            for k in range(3):
-                box[k], box[3 + k] = np.inf, -np.inf
-            for position in range(start, end):
-                face = order[position]
-                for k in range(3):
-                    box[k] = min(box[k], np.float32(low[face, k] - PADDING))
-                    box[3 + k] = max(box[3 + k], np.float32(high[face, k] + PADDING))
-            if end - start <= LEAF_TRIANGLES:
-                children[node, side], counts[node, side] = ~start, end - start
-            else:
-                children[node, side] = nodes
-                pending[waiting, 0], pending[waiting, 1], pending[waiting, 2] = start, end, nodes
-                waiting += 1
-                nodes += 1
-    return nodes
+        centre = bounds[:, axis] - bounds[:, 3 + axis]
+        least = np.minimum.reduceat(centre, start)
+        extent = np.maximum.reduceat(centre, start) - least
+        extent[extent == 0] = np.inf
+        slot = np.minimum(BINS * ((centre - least[owner]) / extent[owner]), BINS - 1).astype(np.int64)
+        key = owner * BINS + slot
+        count = np.bincount(key, minlength=len(size) * BINS)
+        bins = np.full((len(count), 6), np.inf)
+        bins[count > 0] = _joined(bounds[np.argsort(key, kind="stable")], count[count > 0])
+        bins, count = bins.reshape(-1, BINS, 6), count.reshape(-1, BINS)
+        before = np.minimum.accumulate(bins, axis=1)[:, :-1]
+        behind = np.minimum.accumulate(bins[:, ::-1], axis=1)[:, -2::-1]
+        in_front = np.cumsum(count, axis=1)[:, :-1]
+        left_over = size[:, None] - in_front
+        cost = np.full(in_front.shape, np.inf)
+        parted = (in_front > 0) & (left_over > 0)
+        cost[parted] = _area(before[parted]) * in_front[parted] + _area(behind[parted]) * left_over[parted]
+        plane = np.argmin(cost, axis=1)
+        cost = cost[np.arange(len(cost)), plane]
+        better = cost < cheapest
+        cheapest[better] = cost[better]
+        right = np.where(better[owner], slot > plane[owner], right)
+    return right
 
 
 @kernel

@@ -39,48 +39,30 @@ def edge_functions(
         (F, 4) float64: least and greatest x, then y; without end where the triangle passes the camera, and
         none where it lies behind or its plane holds the camera.
     """
+    indices = np.ascontiguousarray(faces.T)
+    ax, ay, az = (np.ascontiguousarray(part).take(indices) for part in vertices.T)  # corner, face
+    x, y, z = np.empty((3, *indices.shape))  # of the cross product of the other two corners
+    for corner in range(3):
+        b, c = (corner + 1) % 3, (corner + 2) % 3
+        x[corner] = ay[b] * az[c] - az[b] * ay[c]
+        y[corner] = az[b] * ax[c] - ax[b] * az[c]
+        z[corner] = ax[b] * ay[c] - ay[b] * ax[c]
+    determinant = ax[0] * x[0] + ay[0] * y[0] + az[0] * z[0]
     functions, reach = np.empty((len(faces), 3, 3)), np.empty((len(faces), 4))
-    _edge_functions(vertices, faces, focal, centre_x, centre_y, functions, reach)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        x, y, z = x / determinant, y / determinant, z / determinant
+        # d = ((column - centre_x) / focal, (centre_y - row) / focal, -1), along which depth is 1.
+        functions[:, :, 0] = (x / focal).T
+        functions[:, :, 1] = (-y / focal).T
+        functions[:, :, 2] = ((y * centre_y - x * centre_x) / focal - z).T
+        across = centre_x - focal * ax / az
+        down = centre_y + focal * ay / az
+        flat = (determinant == 0) | ~np.isfinite(1 / determinant)
+    for column, part in ((0, across), (2, down)):
+        reach[:, column], reach[:, column + 1] = part.min(axis=0), part.max(axis=0)
+    reach[(az > -1e-6).any(axis=0)] = -np.inf, np.inf, -np.inf, np.inf
+    reach[flat | (az >= 0).all(axis=0)] = np.inf, -np.inf, np.inf, -np.inf
     return functions, reach
-
-
-@kernel
-def _edge_functions(vertices, faces, focal, centre_x, centre_y, functions, reach):
-    for face in range(len(faces)):
-        v = vertices[faces[face, 0]]
-        w = vertices[faces[face, 1]]
-        u = vertices[faces[face, 2]]
-        determinant = (
-            v[0] * (w[1] * u[2] - w[2] * u[1])
-            + v[1] * (w[2] * u[0] - w[0] * u[2])
-            + v[2] * (w[0] * u[1] - w[1] * u[0])
-        )
-        reach[face, 0], reach[face, 1] = np.inf, -np.inf
-        reach[face, 2], reach[face, 3] = np.inf, -np.inf
-        if determinant == 0.0 or not np.isfinite(1.0 / determinant):
-            continue
-        if v[2] >= 0 and w[2] >= 0 and u[2] >= 0:
-            continue
-        for corner in range(3):
-            first = vertices[faces[face, (corner + 1) % 3]]
-            second = vertices[faces[face, (corner + 2) % 3]]
-            x = (first[1] * second[2] - first[2] * second[1]) / determinant
-            y = (first[2] * second[0] - first[0] * second[2]) / determinant
-            z = (first[0] * second[1] - first[1] * second[0]) / determinant
-            # d = ((column - centre_x) / focal, (centre_y - row) / focal, -1), along which depth is 1.
-            functions[face, corner, 0] = x / focal
-            functions[face, corner, 1] = -y / focal
-            functions[face, corner, 2] = (y * centre_y - x * centre_x) / focal - z
-        if v[2] > -1e-6 or w[2] > -1e-6 or u[2] > -1e-6:
-            reach[face, 0], reach[face, 1] = -np.inf, np.inf
-            reach[face, 2], reach[face, 3] = -np.inf, np.inf
-            continue
-        for corner in range(3):
-            point = vertices[faces[face, corner]]
-            x = centre_x - focal * point[0] / point[2]
-            y = centre_y + focal * point[1] / point[2]
-            reach[face, 0], reach[face, 1] = min(reach[face, 0], x), max(reach[face, 1], x)
-            reach[face, 2], reach[face, 3] = min(reach[face, 2], y), max(reach[face, 3], y)
 
 
 @relaxed_kernel

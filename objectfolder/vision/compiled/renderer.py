@@ -314,11 +314,12 @@ class CompiledRenderer:
 
     def _seen(self, points: Points) -> _Seen:
         place = np.full(len(points.face), -1)
-        row, met = np.empty(0, dtype=np.int64), points.of(np.empty(0, dtype=np.int64))
+        met, share = points.of(np.empty(0, dtype=np.int64)), np.empty((0, 3), dtype=np.float32)
         if self._network.mirrors:
             row, met = self._surface.mirrored(points)
             place[row] = np.arange(len(row))
-        of_met, share = self._network.features(met), self._network.fresnel(points.of(row))
+            share = self._network.fresnel(points.of(row))
+        of_met = self._network.features(met)
         return _Seen(points, self._network.features(points), place, met, of_met, share)
 
     def _arriving(self, points: Points, light: np.ndarray) -> np.ndarray:
