@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 
 LEAF_TRIANGLES = 4
 BINS = 16
@@ -162,7 +162,7 @@ def _right(bounds: np.ndarray, owner: np.ndarray, size: np.ndarray) -> np.ndarra
     return right
 
 
-@kernel
+@arrayless(kernel)
 def _enter(box, ox, oy, oz, ix, iy, iz, limit):
     """Return where the ray enters the box, or infinity."""
     a, b = (box[0] - ox) * ix, (box[3] - ox) * ix
@@ -177,7 +177,7 @@ def _enter(box, ox, oy, oz, ix, iy, iz, limit):
     return np.float32(np.inf)
 
 
-@kernel
+@arrayless(kernel)
 def _inverse(value):
     # Not quite parallel to any side of a box: 0 * infinity would be no number.
     if abs(value) < 1e-18:
@@ -185,7 +185,7 @@ def _inverse(value):
     return np.float32(1.0 / value)
 
 
-@kernel
+@arrayless(kernel)
 def _meet(triangle, ox, oy, oz, dx, dy, dz):
     """Return distance (infinity: none ahead) and the second and third barycentric coordinate."""
     e1x, e1y, e1z = triangle[3], triangle[4], triangle[5]
@@ -209,7 +209,7 @@ def _meet(triangle, ox, oy, oz, dx, dy, dz):
     return distance, u, v
 
 
-@kernel
+@arrayless(kernel)
 def _first_hits(
     boxes, children, counts, triangles, faces, origins, directions, stack, entry, found, barycentric
 ):
@@ -249,7 +249,7 @@ def _first_hits(
                         barycentric[ray, 0], barycentric[ray, 1], barycentric[ray, 2] = 1 - u - v, u, v
 
 
-@kernel
+@arrayless(kernel)
 def _occluded(boxes, children, counts, triangles, origins, targets, wanted, stack, blocked):
     one = np.float32(1.0)
     for ray in range(len(origins)):

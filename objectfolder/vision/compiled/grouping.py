@@ -8,7 +8,7 @@ Visibility is found at every sub-sample, colour once or a few times a group, as 
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 
 # Samples are of one group up to this turn of the facet (cosine) and within this many pixel widths of the
 # plane of the group's first facet.
@@ -46,7 +46,7 @@ def group_samples(
     return label
 
 
-@kernel
+@arrayless(kernel)
 def _group_samples(
     seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant, first, label
 ):
@@ -130,7 +130,7 @@ def choose_samples(
     return pixel[:total], sample[:total], group[:total], weight[:total]
 
 
-@kernel
+@arrayless(kernel)
 def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, whole_weight, whole_known,
                     members, sizes, pixel, sample, group, weight):  # fmt: skip
     """Write the answer of `choose_samples`, and return how many samples there are.
@@ -178,7 +178,7 @@ def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, 
     return total
 
 
-@kernel
+@arrayless(kernel)
 def _stand_for(members, size, offsets_x, offsets_y, targets, most, sample, weight, total):
     """Write up to `most` of `members` (>= size,) and the shares nearest to each from row `total` on.
 

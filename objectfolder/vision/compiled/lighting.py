@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
 from objectfolder.vision.network.incidence import (
     SELF_OFFSET,
@@ -105,7 +105,7 @@ class LitSurface:
         return row, self.points(face[row], barycentric[row], direction[row])
 
 
-@kernel
+@arrayless(kernel)
 def _surface_points(face, barycentric, directions, triangles, corner_normals, facets, position, normal, side):
     """Write position and shading normal (n, 3), and the side seen (n,): -1.0 the back."""
     for i in range(len(face)):
@@ -130,7 +130,7 @@ def _surface_points(face, barycentric, directions, triangles, corner_normals, fa
             normal[i, k] /= length
 
 
-@kernel
+@arrayless(kernel)
 def _unhindered(face, barycentric, position, normal, side, lights, triangles, corner_normals, facets,
                 terminator_cosine, self_offset, irradiance, start, v, n):  # fmt: skip
     """Write the answer of `LitSurface.unhindered`; working memory are `v` and `n` (3, 3)."""

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from objectfolder.errors import FormatError
-from objectfolder.jit import relaxed_kernel
+from objectfolder.jit import arrayless, relaxed_kernel
 from objectfolder.vision.compiled.lighting import Points
 from objectfolder.vision.network import network_layout
 from objectfolder.vision.network.network_layout import MIRROR_WIDTH, has_mirrors, weight_shapes
@@ -183,7 +183,7 @@ def _rows(count: int, columns: int) -> np.ndarray:
     return np.empty((count, columns), dtype=np.float32)
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first, s):
     """Write the features of one level at a point to features[first:, s]: `SparseGrid.interpolation`."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -222,7 +222,7 @@ def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first
         )  # fmt: skip
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _product(weight, inputs, out):
     """Write the (n, BLOCK) product of (n, m) weights and (m, BLOCK) inputs to `out`.
 
@@ -252,7 +252,7 @@ def _product(weight, inputs, out):
                 total[s] += last * inputs[k, s]
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _hidden(weight, bias, inputs, out):
     _product(weight, inputs, out)
     zero = np.float32(0.0)
@@ -262,23 +262,23 @@ def _hidden(weight, bias, inputs, out):
             out[row, s] = max(out[row, s] + shift, zero)
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _sigmoid(x):
     return np.float32(1.0) / (np.float32(1.0) + math.exp(-x))
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _softplus(x):
     return max(x, np.float32(0.0)) + math.log1p(math.exp(-abs(x)))
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _schlick(facing, rim):
     share = _sigmoid(facing)
     return share + (np.float32(1.0) - share) * rim
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _features(position, normal, tables, lookups, resolutions, half_width, albedo, albedo_bias,
               inputs, out, features, base):  # fmt: skip
     """Write features (n, f) of points and their albedo (n, 3); `inputs` and `out` are working memory."""
@@ -304,7 +304,7 @@ def _features(position, normal, tables, lookups, resolutions, half_width, albedo
                 base[start + s, channel] = _sigmoid(out[channel, s] + albedo_bias[channel])
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _incidence(normal, direction, to_light, alpha2, least_cosine, inputs, a, s):
     """Write the terms of the directions to column s of `inputs` from row a on; return the masked GGX lobe.
 
@@ -442,7 +442,7 @@ def _bounced(which, lamps, shifts, irradiance, position, features, normal, direc
                 answer[start + s, channel] = _softplus(out[channel, s] + bounced[4][channel])
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _fresnel(features, rim, weight, bias, share):
     """Write (n, 3) the shares that mirrors of features (n, f) reflect: `reflectance.Reflectance.fresnel`."""
     for i in range(len(features)):

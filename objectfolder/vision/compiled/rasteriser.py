@@ -11,7 +11,7 @@ triangles that pass the camera need no cutting.
 
 import numpy as np
 
-from objectfolder.jit import kernel, relaxed_kernel
+from objectfolder.jit import arrayless, kernel, relaxed_kernel
 
 # Pixels by which a triangle is widened against rounding: no sample falls between neighbours.
 WIDENING = 1e-6
@@ -65,7 +65,7 @@ def edge_functions(
     return functions, reach
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def rasterise(functions, reach, slots, top, left, offsets_x, offsets_y, seen, nearness):
     """Write the nearest face at each sub-sample of the pixels that have a slot.
 
@@ -141,7 +141,7 @@ def meet_planes(
     return barycentric, depth, direction
 
 
-@kernel
+@arrayless(kernel)
 def _meet_planes(
     functions, face, x, y, camera_to_world, focal, centre_x, centre_y, barycentric, depth, direction
 ):

@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 
 
 def samples_to_ask(
@@ -40,7 +40,7 @@ def split_groups(
     _split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups, raised)
 
 
-@kernel
+@arrayless(kernel)
 def _split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups, raised):
     count, first = label.shape[1], 0
     while first < len(pixel):
