@@ -97,7 +97,13 @@ def _run(installed: Path, folder: Path, *words: str) -> subprocess.CompletedProc
 
 
 def _interpreter(version: str) -> str:
-    """Return an interpreter that runs, or the version, which uv then finds or fetches."""
+    """Return an interpreter that runs, or the version, which uv then finds or fetches.
+
+    The names that pyenv puts on the path run for the versions that a shell chose alone.
+    """
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    for chosen in sorted(pyenv.glob(f"versions/{version}.*/bin/python")):
+        return str(chosen)
     for name in (f"python{version}", "python3", "python"):
         for folder in os.get_exec_path():
             found = shutil.which(name, path=folder)

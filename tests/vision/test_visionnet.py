@@ -111,8 +111,8 @@ def test_few_rays_in_even_pixels_change_little(views, fitted):
 
 def test_queries_without_an_answer_are_refused(subtests, fitted):
     for change, word in [
-        ({"light_position": np.zeros((2, 3))}, r"light_position.*one light a camera"),
-        ({"camera_to_world": np.diag([2.0, 2, 2, 1])}, "camera_to_world: not a rigid pose"),
+        ({"light_position": np.zeros((2, 3))}, r"lights.*one light a camera"),
+        ({"camera_to_world": np.diag([2.0, 2, 2, 1])}, "camera_to_object: not a rigid pose"),
         ({"passes": ["shine"]}, "passes: 'shine'"),
         ({"crop": (0, 0, 9, 8)}, "crop: 9 x 8 pixels at row 0, column 0. Stay within the image, 8 x 8"),
         ({"crop": (-1, 0, 2, 2)}, "crop"),
