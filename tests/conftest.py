@@ -123,6 +123,12 @@ def _environment_restored() -> Iterator[None]:
     os.environ.update(before)
 
 
+@pytest.fixture
+def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let commands of this process show no status, which on a busy machine stands before their error."""
+    monkeypatch.setattr("pipeline.cli.printing.QUIET_S", 1e6)
+
+
 @pytest.fixture(scope="session")
 def shared_objects() -> Path:
     """Folder of real scanned objects with its catalogue; tests that need it skip where it is absent."""

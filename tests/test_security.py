@@ -39,6 +39,7 @@ UNPICKLES = {
     "pipeline/sandbox/child.py": "the pipe between a worker and the child process that it started itself",
 }
 IMPORTS_BY_NAME = {
+    "objectfolder/lazy.py": "a module of the package that states the name in its own code",
     "pipeline/cluster/starting.py": "the class of a cluster, named by who starts the run in cluster/*.yaml",
     "pipeline/sandbox/child.py": "the module of a stage's task, named by code in pipeline/dataset/stages.py",
 }

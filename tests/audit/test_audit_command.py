@@ -17,6 +17,8 @@ from pipeline.dataset import stages
 from pipeline.dataset.lock_file import is_folder, read_folder, read_lock
 from pipeline.dataset.stages import FIDELITY, VIEWS
 
+pytestmark = pytest.mark.usefixtures("quiet")
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):

@@ -11,6 +11,8 @@ import objectfolder
 from objectfolder.touch.sensor.reading import synthetic_background
 from pipeline.cli import main
 
+pytestmark = pytest.mark.usefixtures("quiet")
+
 
 @pytest.fixture
 def contacts(small_file: Path, tmp_path: Path) -> Path:

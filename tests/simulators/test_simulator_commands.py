@@ -17,6 +17,8 @@ from objectfolder.surface.surface import Surface
 from pipeline.cli import main
 from pipeline.dataset.stages import COLLISION, OBJECT_FILES
 
+pytestmark = pytest.mark.usefixtures("quiet")
+
 MATERIALS = str(Path(__file__).parents[2] / "data" / "materials.csv")
 
 

@@ -227,6 +227,7 @@ def test_an_object_that_is_not_there_and_a_folder_without_any_are_named(server, 
     assert f"{tmp_path}: no Object File" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("quiet")
 def test_what_is_no_object_file_is_an_error_of_one_line(tmp_path, small_file, capsys):
     (tmp_path / "note.safetensors").write_text("a note")
     damaged = bytearray(small_file.read_bytes())

@@ -300,6 +300,7 @@ def test_a_failed_act_leaves_the_world_running(world):
     assert isinstance(failed.exception(), QueryError)
 
 
+@pytest.mark.usefixtures("quiet")
 def test_what_cannot_be_opened_is_one_line(scene, tmp_path, capsys):
     (tmp_path / "empty.xml").write_text("<mujoco/>")
     (tmp_path / "broken.xml").write_text("<mujoco")
