@@ -1,4 +1,4 @@
-"""A closed surface and what is asked of it."""
+"""A closed surface, its compressed form, and its frames."""
 
 from typing import TYPE_CHECKING
 

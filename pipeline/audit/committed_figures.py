@@ -48,19 +48,19 @@ def _means(text: bytes) -> Attributes:
     except (ValueError, TypeError, RecursionError) as error:
         raise FormatError(METRICS, f"no JSON of an object ({error})", RESTORE) from error
     metrics["bytes"] = {"total": metrics.get("bytes")}
-    found = {}
+    figures = {}
     for key, measure in MEASURES.items():
-        said = metrics.get(measure.sense)
-        means = said.get(measure.name) if isinstance(said, dict) else None
-        found[key] = means.get("mean") if isinstance(means, dict) else None
-    return _nested(found)
+        section = metrics.get(measure.sense)
+        means = section.get(measure.name) if isinstance(section, dict) else None
+        figures[key] = means.get("mean") if isinstance(means, dict) else None
+    return _nested(figures)
 
 
 def _nested(flat: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    found: dict[str, dict[str, Any]] = {}
+    nested: dict[str, dict[str, Any]] = {}
     for key, measure in MEASURES.items():
-        found.setdefault(measure.sense, {})[measure.name] = _number(flat.get(key))
-    return found
+        nested.setdefault(measure.sense, {})[measure.name] = _number(flat.get(key))
+    return nested
 
 
 def _number(cell: Any) -> float | None:

@@ -1,6 +1,6 @@
 """How long a run still takes: the CPU seconds that its tasks need, over those that the machine gives them.
 
-Tasks are expected to need so many CPU seconds. Those of a stage that ended correct the expectation of the
+Each task has an expected number of CPU seconds. Tasks of a stage that ended correct it for the
 others. What the machine gives is measured, so a machine that is busy with other work is accounted for.
 """
 
@@ -148,7 +148,7 @@ class TimeToGo:
         heapq.heappush(self._waiting, task)
 
     def _chains(self, left: Mapping[str, Mapping[str, float]]) -> list[tuple[float, float]]:
-        """Return CPU seconds and variance of what is left of each object's longest chain of tasks."""
+        """Return CPU seconds and variance of the unfinished part of each object's longest chain of tasks."""
         ready: dict[str, dict[str, tuple[float, float]]] = {}
         for stage, before in self._stages.items():
             ready[stage] = {}
