@@ -17,11 +17,11 @@ COMPILE := UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-ann
 .DEFAULT_GOAL := help
 # Stamps of purposes are kept, though only a pattern names them.
 .PRECIOUS: $(VENV)/.installed-%
-.PHONY: help environment dataset hundred learn learn-small metaworld examples test lint docs stages lock
+.PHONY: help environment dataset hundred learn learn-small metaworld examples test test-all lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  \1\t/' | expand -t 16
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 16
 
 environment: $(STAMP) ## Make the environment in .venv, with the system libraries it needs
 
@@ -66,9 +66,12 @@ examples: $(STAMP) ## Make the Object Files inside the package again
 	objectfolder build data/starter/bell/model.obj --id bell --name "Bell with a knob" --material iron $(EXAMPLE)/bell.safetensors
 
 # One process more than there are processors: tests of clusters wait most of their time.
-test: $(VENV)/.installed-test ## Check style, types and imports, and run all tests
+test: $(VENV)/.installed-test ## Check style, types and imports, and run the tests that protect a change
 	$(MAKE) --no-print-directory lint
-	pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1))
+	pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --release "$(RELEASE)"
+
+test-all: RELEASE := all
+test-all: test ## The same, and the tests that protect a release
 
 lint: $(VENV)/.installed-test ## Check style, types and imports
 	ruff check .

@@ -38,10 +38,11 @@ from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.truth.views import simulate_views
-from tests import cpu_seconds
+from tests import cpu_seconds, release_half
 
 REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()
+RELEASE_HALF = pytest.StashKey[release_half.ReleaseHalf]()
 
 # The same code draws the same examples; to look for others, `HYPOTHESIS_PROFILE=search`.
 settings.register_profile("same", derandomize=True)
@@ -52,7 +53,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Offer a list of what the tests cost."""
+    """Offer the tests that protect a release, and a list of what the tests cost."""
+    packages = "run tests marked `release`, too: all, changed (by git), or those of packages a.b,c"
+    parser.addoption("--release", default="", metavar="PACKAGES", help=packages)
     listed = "list the N dearest tests and fixtures in CPU seconds, and the sum of each folder"
     parser.addoption("--cpu-seconds", type=int, default=0, metavar="N", help=listed)
 
@@ -61,6 +64,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Import DVC: it logs to the stream that it finds then, and that of a test's own is closed after it."""
     importlib.import_module("dvc.logger")
     cpu_seconds.register(config, config.getoption("--cpu-seconds"))
+    config.stash[RELEASE_HALF] = release_half.register(config, config.getoption("--release"))
 
 
 def pytest_collection_finish() -> None:
@@ -90,6 +94,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def collected(request: pytest.FixtureRequest) -> list[str]:
     """Names of all tests that this process collected, in order."""
     return request.config.stash[COLLECTED]
+
+
+@pytest.fixture(scope="session")
+def release_marks(request: pytest.FixtureRequest) -> dict[str, tuple[object, ...]]:
+    """What the marks ``release`` of all collected tests name, by the name of the test."""
+    return request.config.stash[RELEASE_HALF].marks
 
 
 @pytest.fixture(scope="session")
