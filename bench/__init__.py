@@ -6,5 +6,7 @@ environment says otherwise.
 
 import os
 
+import objectfolder  # noqa: F401  (it chooses the kernels of OpenBLAS before a module imports NumPy)
+
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")

@@ -3,8 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from objectfolder.instructions import choose_blas_kernel
 from objectfolder.lazy import lazy_names
 
+choose_blas_kernel()  # before anything imports NumPy
 if TYPE_CHECKING:
     from objectfolder.audio.synthesis.sound import Sound
     from objectfolder.errors import (

@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest import mock
 
+import objectfolder  # noqa: F401  (it chooses the kernels of OpenBLAS before NumPy is there)
+
 # Before numpy is there: tests run beside each other, and a task of the pipeline has one thread, too.
 os.environ.update(OMP_NUM_THREADS="1", MKL_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 # Tests edit code and start processes that import it: within one second, and at one size, Python would take

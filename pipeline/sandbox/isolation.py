@@ -1,9 +1,7 @@
 """Running calls in a child process that may crash, hang or grow without harm to anything else."""
 
 import contextlib
-import functools
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -16,6 +14,7 @@ from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
+from objectfolder import instructions
 from pipeline.dataset.task import Call, Failure, Outcome
 from pipeline.sandbox import host_memory, scratch
 from pipeline.sandbox.child import STALE
@@ -31,20 +30,13 @@ AVX2: Mapping[str, str] = {
     "MKL_ENABLE_INSTRUCTIONS": "AVX2",
     "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL",
     "ONEDNN_MAX_CPU_ISA": "AVX2",
-    "OPENBLAS_CORETYPE": "Haswell",
+    instructions.VARIABLE: instructions.KERNEL,
 }
 
 
-@functools.cache
 def instruction_settings() -> Mapping[str, str]:
     """Return the environment of a task's process; nothing where the processor has no AVX2."""
-    if platform.machine() not in ("x86_64", "AMD64"):
-        return {}
-    try:
-        flags = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\nflags")[2].partition("\n")[0]
-    except OSError:
-        return {}
-    return AVX2 if {"avx2", "fma", "bmi2"} <= set(flags.split()) else {}
+    return AVX2 if instructions.has_avx2() else {}
 
 
 # One thread a task: with as many tasks as cores, more threads only wait for one another.
@@ -214,9 +206,9 @@ class Child:
             folder = self._scratch.name
             path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
             environment = {
-                **os.environ,
-                **GLIBC,  # Dask sets its workers' allocator to return memory at once; tasks reuse theirs
                 **instruction_settings(),
+                **os.environ,  # a choice of the user's holds
+                **GLIBC,  # Dask sets its workers' allocator to return memory at once; tasks reuse theirs
                 "OMP_WAIT_POLICY": "PASSIVE",
                 "PYTHONHASHSEED": "0",
                 "PYTHONPATH": path,  # that processes of a task find the same code as the task

@@ -359,13 +359,17 @@ def test_processes_of_a_task_find_the_code_of_the_task(toys):
         assert str(toys.root / toys.package) in child.run(call).failure.error
 
 
-def test_children_have_the_threads_they_are_given_and_die_before_others_when_memory_runs_out(toys):
+def test_children_have_the_threads_they_are_given_and_die_before_others_when_memory_runs_out(
+    toys, monkeypatch
+):
+    monkeypatch.setenv("MKL_CBWR", "COMPATIBLE")  # the user's choice, where tasks would have AVX2
     (call,) = calls_of(toys, ["a"])
     with Child(toys.root, ChildSettings(threads=3)) as child:
         child.run(call)
         (task,) = descendants(guard_of(child))
         environment = psutil.Process(task).environ()
         assert environment["OMP_NUM_THREADS"] == environment["NUMBA_NUM_THREADS"] == "3"
+        assert environment["MKL_CBWR"] == "COMPATIBLE"
         if sys.platform == "linux":
             with open(f"/proc/{task}/oom_score_adj") as file, open("/proc/self/oom_score_adj") as own:
                 assert int(file.read()) > int(own.read())
