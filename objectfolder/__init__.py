@@ -125,6 +125,8 @@ def build(
     shell_m: float | None = None,
     mass_kg: float | None = None,
     silent: bool = False,
+    overwrite: bool = False,
+    any_size: bool = False,
 ) -> "ObjectFile":
     """Make one verified Object File from a mesh, a material and a size: ``objectfolder build`` in Python.
 
@@ -139,7 +141,7 @@ def build(
     length_m
         Longest side, metres; as in the file if None.
     output
-        The Object File, ``.safetensors``; one that is there already is replaced, as by `ObjectFile.save`.
+        The Object File, ``.safetensors``.
     name
         In words; from the file's name if None.
     texture
@@ -151,6 +153,11 @@ def build(
         The mass where it is known, as a check and for simulators.
     silent
         Leave sound out.
+    overwrite
+        Replace a file that is there already.
+    any_size
+        Build also an object of 1 m or more by its file without `length_m`, or above 100 kg: mostly a mistake
+        of unit.
 
     Returns
     -------
@@ -160,7 +167,8 @@ def build(
     Raises
     ------
     InputError
-        A mesh, a material, a length or a name that cannot be used.
+        A mesh, a material, a length or a name that cannot be used; a file that is there already; a doubtful
+        size.
     MissingPackageError
         The factory, or a package that it needs, is not installed.
     SimulationError
@@ -186,5 +194,7 @@ def build(
         shell_m=shell_m,
         mass_kg=mass_kg,
         silent=silent,
+        overwrite=overwrite,
+        any_size=any_size,
     )
     return load(output)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.io import wavfile
 
 import objectfolder
@@ -107,22 +108,44 @@ def test_a_sound_says_what_it_is_and_writes_itself(bar: ObjectFile, tmp_path: Pa
 
 
 def test_build_asks_the_installed_factory(monkeypatch: pytest.MonkeyPatch, small_file: Path) -> None:
-    target = "pipeline.run.library_build:build"
+    target = "pipeline.run.object_file_builder:build"
     assert f'object_file = "{target}"' in (REPOSITORY / "pyproject.toml").read_text()
     entry = EntryPoint("object_file", target, "objectfolder.builders")
     monkeypatch.setattr("objectfolder.factory.entry_points", lambda **_: EntryPoints([entry]))
     asked = []
 
-    def build_object_file(building: Building, output: Path) -> tuple[dict[str, float], tuple[str, ...]]:
+    def build_object_file(
+        building: Building, output: Path, confirm: object
+    ) -> tuple[dict[str, float], tuple[str, ...]]:
         asked.append((building, output))
         return {}, ("thin walls",)
 
-    monkeypatch.setattr("pipeline.run.library_build.build_object_file", build_object_file)
+    monkeypatch.setattr("pipeline.run.object_file_builder.build_object_file", build_object_file)
     with pytest.warns(UserWarning, match="thin walls") as warned:
-        built = objectfolder.build("bar.obj", material="glass", length_m=0.12, output=small_file)
+        built = objectfolder.build(
+            "bar.obj", material="glass", length_m=0.12, output=small_file, overwrite=True
+        )
     assert warned[0].filename == __file__
     assert asked == [(Building(Path("bar.obj"), material="glass", length_m=0.12), small_file)]
     assert built == objectfolder.load(small_file)
+
+
+def test_build_refuses_a_doubtful_size_and_a_file_that_is_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    entry = EntryPoint("object_file", "pipeline.run.object_file_builder:build", "objectfolder.builders")
+    monkeypatch.setattr("objectfolder.factory.entry_points", lambda **_: EntryPoints([entry]))
+    mesh = tmp_path / "box.stl"
+    trimesh.creation.box((2.0, 0.1, 0.02)).export(mesh)
+    output = tmp_path / "box.safetensors"
+    refused = r"2 m long by the file\. State length_m in metres, or give any_size=True\."
+    with pytest.raises(objectfolder.InputError, match=refused):
+        objectfolder.build(mesh, material="steel", output=output)
+    with pytest.raises(objectfolder.InputError, match=r"31400 kg of steel\. Correct length_m or material"):
+        objectfolder.build(mesh, material="steel", length_m=20.0, output=output)
+    output.touch()
+    with pytest.raises(objectfolder.InputError, match=r"is there already.*overwrite=True"):
+        objectfolder.build(mesh, material="steel", length_m=0.2, output=output)
 
 
 def test_build_names_the_extra_where_the_factory_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

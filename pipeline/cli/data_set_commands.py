@@ -3,7 +3,7 @@
 import json as json_text
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive, Number
@@ -12,11 +12,14 @@ from pipeline.cli.options import AtLeastOne, Cluster, Json, Root
 from pipeline.cli.printing import FAILED, FINE, RESUMED, on_interrupt, print_result, status_line
 from pipeline.cli.usage import UsageError
 
+if TYPE_CHECKING:
+    from pipeline.run.stage_run import StageRun
+
 Counts = Parameter(consume_multiple=True, validator=Number(gte=1))
 remove_or_list = Group(show=False, validator=MutuallyExclusive())
 
 
-def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None) -> int:
+def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None, json: Json = False) -> int:
     """Run one stage of dvc.yaml over all objects; current products are kept.
 
     Parameters
@@ -32,15 +35,24 @@ def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None) -> i
         remedy = did_you_mean(name, STAGES, f"Stages are {', '.join(STAGES)}.")
         raise UsageError(name, "no such stage", remedy)
     with on_interrupt(RESUMED):
-        return make_stage(root.absolute(), name, cluster)
+        return _report_run(make_stage(root.absolute(), name, cluster), json=json)
 
 
-def products(*, root: Root = Path("."), cluster: Cluster = None) -> int:
+def _report_run(run: "StageRun", *, json: bool) -> int:
+    """Print what a run did; return its exit status."""
+    if json:
+        print(json_text.dumps(asdict(run), indent=1))
+    elif run.notes:
+        print("\n".join(run.notes))
+    return run.exit_code
+
+
+def products(*, root: Root = Path("."), cluster: Cluster = None, json: Json = False) -> int:
     """Run all stages that make products, with no barrier between them."""
     from pipeline.run.stage_run import make_products
 
     with on_interrupt(RESUMED):
-        return make_products(root.absolute(), cluster)
+        return _report_run(make_products(root.absolute(), cluster), json=json)
 
 
 def starter(*, root: Root = Path(".")) -> None:
@@ -52,22 +64,24 @@ def starter(*, root: Root = Path(".")) -> None:
         write_starter_set(root.absolute() / "data" / "starter")
 
 
-def report(*, summary: bool = False, root: Root = Path(".")) -> None:
+def report(*, summary: bool = False, json: Json = False, root: Root = Path(".")) -> None:
     """Write the tables, the pages and the cards of the data set.
 
     Parameters
     ----------
     summary
         write nothing; say what the last report found, how to look at it, and what of it differs from HEAD
+    json
+        print the summary as JSON
     """
     from pipeline.publish.data_set import make_report, summary_of
 
+    if json and not summary:
+        raise UsageError("report --json", "prints a summary", "Give --summary too.")
     if summary:
         from pipeline.audit.recorded_outputs import difference
 
-        print(summary_of(root))
-        if line := difference(root):
-            print(line)
+        print_result(summary_of(root, difference(root)), json=json)
     else:
         with status_line("writing the report"):
             make_report(root.absolute())
@@ -150,6 +164,7 @@ def clean(
     yes: Annotated[bool, Parameter(group=remove_or_list)] = False,
     dry_run: Annotated[bool, Parameter(group=remove_or_list)] = False,
     memo: bool = False,
+    json: Json = False,
     root: Root = Path("."),
 ) -> None:
     """List what is safe to remove, and remove it with --yes.
@@ -165,4 +180,6 @@ def clean(
     """
     from pipeline.run.clean import clean_data_set
 
-    clean_data_set(root.absolute(), remove=yes, with_memo=memo)
+    with status_line(f"looking through {root}"):
+        summary = clean_data_set(root.absolute(), remove=yes, with_memo=memo)
+    print_result(summary, json=json)

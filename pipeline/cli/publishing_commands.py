@@ -112,6 +112,7 @@ def export(
     wanted: Annotated[Exporting, Fields],
     output: Output,
     root: Root = Path("."),
+    json: Json = False,
 ) -> None:
     """Write views as NeRF or COLMAP data, a surface as textured glTF, or an object for simulators.
 
@@ -132,8 +133,13 @@ def export(
         if wanted.format not in OF_SIMULATORS and len(objects) != 1:
             finding = f"names {len(objects) or 'no'} objects, and --format {wanted.format} takes one"
             raise UsageError("export", finding, "Name one object.")
-        for line in write_exports(objects, root, wanted, output):
-            print(line, flush=True)
+        figures = []
+        for summary in write_exports(objects, root, wanted, output):
+            figures.append(summary.as_json())
+            if not json:
+                print(summary, flush=True)
+    if json:
+        print(json_text.dumps(figures, indent=1))
 
 
 def scene(
@@ -146,6 +152,7 @@ def scene(
     texture_side: Annotated[int, AtLeastOne] = 1024,
     overwrite: Overwrite = False,
     root: Root = Path("."),
+    json: Json = False,
 ) -> None:
     """Write a table with objects at rest on it: MJCF (.xml), SDF (.sdf) or USD (.usda).
 
@@ -174,8 +181,8 @@ def scene(
         from pipeline.publish.export.assets import all_objects, compose_scene
 
         named = objects or all_objects(root)
-        line = compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m)
-    print(line)
+        summary = compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m)
+    print_result(summary, json=json)
 
 
 def play(

@@ -1,5 +1,6 @@
 """Commands for tables of objects: add, check, fetch."""
 
+import json as json_text
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,6 +40,7 @@ def add(
     overwrite: bool = False,
     no_preview: bool = False,
     dry_run: bool = False,
+    json: Json = False,
 ) -> None:
     """Check one's own mesh, copy it with what it refers to, and add it to a table of objects.
 
@@ -64,20 +66,32 @@ def add(
         check_new_file(preview, overwrite=overwrite)
     with status_line(f"checking {wanted.mesh}"):
         checked = check_object(wanted)
-    lines = lines_about(checked)
-    print("\n".join(lines))
+    lines, figures = lines_about(checked), checked.figures()
+    if not json:
+        print("\n".join(lines))
     if not dry_run:
         added = put_object(checked, table, replace=replace)
         count = len(checked.layout.files)
+        figures |= {
+            "table": str(table),
+            "folder": str(added.folder),
+            "files": count,
+            "changed": added.changed,
+        }
         what = "added to" if added.changed else "is in"
-        print(f"{checked.object_id} {what} {table}; {count} file{'s'[: count > 1]} in {added.folder}")
+        if not json:
+            print(f"{checked.object_id} {what} {table}; {count} file{'s'[: count > 1]} in {added.folder}")
         preview = preview or added.folder.parent / f"{checked.object_id}.png"
     if preview and not no_preview:
+        figures["picture"] = str(preview)
         # glTF has y up; scans, z.
         with status_line("drawing a picture"):
             preview_of(checked, preview, lines, 1 if wanted.mesh.suffix.lower() in (".gltf", ".glb") else 2)
-        print(f"picture      {preview}")
-    if not dry_run:
+        if not json:
+            print(f"picture      {preview}")
+    if json:
+        print(json_text.dumps(figures, indent=1))
+    elif not dry_run:
         print(f"next         make dataset OBJECTS={table} ONLY={checked.object_id}")
 
 
@@ -127,6 +141,7 @@ def fetch(
     dry_run: bool = False,
     resolution: tuple[str, ...] = (),
     wanted: Annotated[Fetching, Fields] = AS_USUAL,
+    json: Json = False,
 ) -> int:
     """Fetch objects of published collections (YCB, Google Scanned Objects, Poly Haven), checked.
 
@@ -160,16 +175,18 @@ def fetch(
         fetcher = wanted.fetcher(where, lambda url, count, total: show(_progress(url, count, total)))
         if list_source:
             source = source_named(list_source)
-            names = fetcher.names(source)
-            print("\n".join(map(source.source_id, names)))
+            names = [source.source_id(name) for name in fetcher.names(source)]
+            print(json_text.dumps(names) if json else "\n".join(names))
             return FINE
         if table:
             ids = tuple(table_ids(table, only))
         ids = tuple(dict.fromkeys(ids))
-        return (_list_missing if dry_run else _fetch)(fetcher, ids, resolutions, where)
+        return (_list_missing if dry_run else _fetch)(fetcher, ids, resolutions, where, json=json)
 
 
-def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
+def _fetch(
+    fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path, *, json: bool
+) -> int:
     """Fetch all; print each object, and at the end the failures."""
     from objectfolder.catalogue import read_rows
     from pipeline.intake.sources.fetch_summary import lines_of, summary
@@ -186,18 +203,24 @@ def _fetch(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions",
             print_error(f"{count}{outcome}")
             continue
         fetched.append(outcome)
-        print(f"{count}{lines_of(outcome)}", flush=True)
-    if said := summary(fetched, table, rows, len(ids)):
-        print(said)
+        if not json:
+            print(f"{count}{lines_of(outcome)}", flush=True)
+    if json:
+        print(json_text.dumps([one.figures() for one in fetched], indent=1))
+    elif rows_and_count := summary(fetched, table, rows, len(ids)):
+        print(rows_and_count)
     if failed and len(ids) > 1:
         print_error(f"{len(failed)} of {len(ids)} failed; the same command resumes:")
         print_error("\n".join(failed))
     return FAILED if failed else FINE
 
 
-def _list_missing(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path) -> int:
+def _list_missing(
+    fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path, *, json: bool
+) -> int:
     """Print addresses and sizes of absent files; lists of files are fetched, files are not."""
     failed = total = unknown = 0
+    figures: list[dict[str, str | int | None]] = []
     for source_id in ids:
         try:
             missing = fetcher.missing(resolutions.asked(source_id))
@@ -205,13 +228,19 @@ def _list_missing(fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolu
             failed += 1
             print_error(error)
             continue
-        print(f"{source_id}  {f'{len(missing)} to fetch' if missing else 'already there'}")
+        if not json:
+            print(f"{source_id}  {f'{len(missing)} to fetch' if missing else 'already there'}")
         for entry in missing:
+            figures.append({"id": source_id, "url": str(entry.url), "bytes": entry.size})
             total += entry.size or 0
             unknown += entry.size is None
             size = "size unknown" if entry.size is None else f"{entry.size / 1e6:.2f} MB"
-            print(f"  {entry.url}  {size}")
-    print(f"{total / 1e6:.1f} MB{f' and {unknown} files of unknown size' if unknown else ''}")
+            if not json:
+                print(f"  {entry.url}  {size}")
+    if json:
+        print(json_text.dumps(figures, indent=1))
+    else:
+        print(f"{total / 1e6:.1f} MB{f' and {unknown} files of unknown size' if unknown else ''}")
     return FAILED if failed else FINE
 
 

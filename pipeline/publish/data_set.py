@@ -1,6 +1,7 @@
 """The report of a data set: metrics, tables, pages and cards of the whole data set."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.products.atomic import write_whole
@@ -31,8 +32,68 @@ def make_report(root: Path) -> None:
     print(f"Report: {REPORTS}/index.html")
 
 
-def summary_of(root: Path) -> str:
-    """Return how faithful the data set is by its last report, a line a sense, and how to look at it.
+@dataclass(frozen=True, kw_only=True)
+class Headline:
+    """A measure over the objects that have it, in its unit; None where none has."""
+
+    measure: str
+    mean: float | None
+    worst: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataSetSummary:
+    """How faithful a data set is by its last report, and where it is; ``str`` words it in lines.
+
+    Parameters
+    ----------
+    headlines
+        One of each sense.
+    full_image_db
+        Mean PSNR of the full image.
+    object_files
+        Folder of the Object Files.
+    report
+        First page of the report.
+    first
+        The first Object File, to look at.
+    differences
+        What was recorded otherwise than HEAD, in a line; empty for nothing.
+    """
+
+    headlines: tuple[Headline, ...]
+    full_image_db: float | None
+    object_files: str
+    report: str
+    first: str | None
+    differences: str
+
+    def __str__(self) -> str:
+        lines = []
+        for headline in self.headlines:
+            title = SUMMARISED[headline.measure]
+            if headline.mean is None or headline.worst is None:  # all failed, or all are silent
+                lines.append(f"{title} none measured")
+                continue
+            line = f"{title} {headline.mean:.1f} dB in the mean, {headline.worst:.1f} at worst"
+            if headline.measure.startswith(f"{FULL_IMAGE.sense}.") and self.full_image_db is not None:
+                line += f" (of the full image {self.full_image_db:.1f} in the mean)"
+            lines.append(line)
+        lines += [f"Object Files: {self.object_files}/", f"Report:       {self.report}"]
+        if self.first:
+            lines.append(f"Look:         objectfolder view {self.first}")
+        return "\n".join([*lines, *filter(None, [self.differences])])
+
+
+def summary_of(root: Path, differences: str = "") -> DataSetSummary:
+    """Return how faithful the data set is by its last report.
+
+    Parameters
+    ----------
+    root
+        Root of the data set.
+    differences
+        What was recorded otherwise than HEAD (`pipeline.audit.recorded_outputs.difference`).
 
     Raises
     ------
@@ -40,22 +101,21 @@ def summary_of(root: Path) -> str:
         There is no report yet.
     """
     metrics = json.loads((root / REPORTS / "metrics.json").read_bytes())
-    lines = []
-    for measure in HEADLINE:
-        title = SUMMARISED[measure.key]
-        average, worst = (number_at(metrics, f"{measure.key}.{of}") for of in ("mean", "worst"))
-        if average is None or worst is None:  # all failed, or all are silent
-            lines.append(f"{title} none measured")
-            continue
-        line = f"{title} {average:.1f} dB in the mean, {worst:.1f} at worst"
-        full = number_at(metrics, f"{FULL_IMAGE.key}.mean")
-        if measure.sense == FULL_IMAGE.sense and full is not None:
-            line += f" (of the full image {full:.1f} in the mean)"
-        lines.append(line)
     files = sorted((root / OBJECT_FILES.folder).glob("*.safetensors"))
-    look = [f"Look:         objectfolder view {files[0].relative_to(root)}"] if files else []
-    return "\n".join(
-        [*lines, f"Object Files: {OBJECT_FILES.folder}/", f"Report:       {REPORTS}/index.html", *look]
+    return DataSetSummary(
+        headlines=tuple(
+            Headline(
+                measure=measure.key,
+                mean=number_at(metrics, f"{measure.key}.mean"),
+                worst=number_at(metrics, f"{measure.key}.worst"),
+            )
+            for measure in HEADLINE
+        ),
+        full_image_db=number_at(metrics, f"{FULL_IMAGE.key}.mean"),
+        object_files=str(OBJECT_FILES.folder),
+        report=f"{REPORTS}/index.html",
+        first=str(files[0].relative_to(root)) if files else None,
+        differences=differences,
     )
 
 

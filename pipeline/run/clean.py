@@ -52,8 +52,42 @@ class Removable:
                 path.unlink(missing_ok=True)
 
 
-def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False) -> None:
-    """List what may be removed, with the memo also products of other settings; `remove` it if asked to.
+@dataclass(frozen=True, kw_only=True)
+class FilesOfKind:
+    """A kind of file that may be removed: its size on disk and its paths, from the root on where below it."""
+
+    kind: str
+    why: str
+    bytes: int
+    paths: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CleanSummary:
+    """What may be removed, its size on disk, and whether it was removed; ``str`` words it in lines."""
+
+    kinds: tuple[FilesOfKind, ...]
+    bytes: int
+    removed: bool
+
+    def __str__(self) -> str:
+        lines = []
+        for entry in self.kinds:
+            lines.append(f"{decimal(entry.bytes):>10}  {entry.kind}: {entry.why}")
+            lines += [f"{'':12}{path}" for path in entry.paths[:LONGEST_LIST]]
+            if len(entry.paths) > LONGEST_LIST:
+                lines.append(f"{'':12}and {len(entry.paths) - LONGEST_LIST} more")
+        if not self.kinds:
+            lines.append("nothing to remove")
+        elif self.removed:
+            lines.append(f"{decimal(self.bytes)} removed")
+        else:
+            lines.append(f"{decimal(self.bytes)} could be removed: run again with --yes")
+        return "\n".join([*lines, DVC_HINT])
+
+
+def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False) -> CleanSummary:
+    """Find what may be removed, with the memo also products of other settings; `remove` it if asked to.
 
     Raises
     ------
@@ -65,22 +99,23 @@ def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False)
         raise InputError(str(root), f"in use by {holder}", "Wait until it has ended, or end it.")
     with exclusive(root, "clean"):
         found = [entry for entry in removable(root, with_memo) if entry.paths]
-        for entry in found:
-            print(f"{decimal(entry.size_bytes):>10}  {entry.kind}: {entry.why}")
-            for path in entry.paths[:LONGEST_LIST]:
-                print(f"{'':12}{path.relative_to(root) if path.is_relative_to(root) else path}")
-            if len(entry.paths) > LONGEST_LIST:
-                print(f"{'':12}and {len(entry.paths) - LONGEST_LIST} more")
-        total = decimal(sum(entry.size_bytes for entry in found))
-        if not found:
-            print("nothing to remove")
-        elif remove:
+        kinds = tuple(
+            FilesOfKind(
+                kind=entry.kind,
+                why=entry.why,
+                bytes=entry.size_bytes,
+                paths=tuple(
+                    str(path.relative_to(root) if path.is_relative_to(root) else path) for path in entry.paths
+                ),
+            )
+            for entry in found
+        )
+        if remove:
             for entry in found:
                 entry.remove()
-            print(f"{total} removed")
-        else:
-            print(f"{total} could be removed: run again with --yes")
-    print(DVC_HINT)
+    return CleanSummary(
+        kinds=kinds, bytes=sum(entry.bytes for entry in kinds), removed=remove and bool(kinds)
+    )
 
 
 def removable(root: Path, with_memo: bool = False) -> list[Removable]:

@@ -7,6 +7,7 @@ stages with no barrier between them. The single stages that follow in the same `
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.cluster.places import read_place
@@ -15,30 +16,42 @@ from pipeline.dataset.job import Runner
 from pipeline.dataset.parameters import PARAMETERS, read_parameters
 from pipeline.dataset.records import read_records, read_table, write_records
 from pipeline.dataset.stages import STAGES
-from pipeline.run.converge import converge
+from pipeline.run.converge import Summary, converge
 from pipeline.run.converged import CONVERGED, run_id
 from pipeline.run.exclusive import exclusive
 
 NAMED = 8  # objects that a message names
 
 
-def make_products(root: Path, place: str | None = None) -> int:
-    """Converge all stages at once at a place; return 1 where the stages behind cannot go on."""
+@dataclass(frozen=True, kw_only=True)
+class StageRun:
+    """What a run did by stages, its exit status, and notes for people.
+
+    The exit status is 1 where the stages behind cannot go on.
+    """
+
+    stages: tuple[Summary, ...]
+    exit_code: int
+    notes: tuple[str, ...]
+
+
+def make_products(root: Path, place: str | None = None) -> StageRun:
+    """Converge all stages at once at a place."""
     with exclusive(root, "all products"):
         (root / CONVERGED).unlink(missing_ok=True)
-        code = _converge(root, list(STAGES), place)
-        if code == 0:
+        run = _converge(root, list(STAGES), place)
+        if run.exit_code == 0:
             (root / CONVERGED).write_text(run_id())
-    return code
+    return run
 
 
-def make_stage(root: Path, name: str, place: str | None = None) -> int:
-    """Converge one stage of `STAGES` at a place; return 1 where those behind it cannot go on."""
+def make_stage(root: Path, name: str, place: str | None = None) -> StageRun:
+    """Converge one stage of `STAGES` at a place."""
     with exclusive(root, f"stage {name}"):
         return _converge(root, [name], place)
 
 
-def _converge(root: Path, names: Sequence[str], place: str | None) -> int:
+def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     """Converge stages over the selected objects."""
     parameters = read_parameters(root / PARAMETERS)
     where = read_place(root, place)
@@ -49,8 +62,9 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> int:
         records = read_records(root)
     selected = records.selected(parameters.objects.only)
     others = records.listed - selected.listed
+    notes = []
     if others:
-        print(
+        notes.append(
             f"{PARAMETERS}: objects.only selects {len(selected.listed)} of {len(records.listed)} objects; "
             "products of the others stay as they are"
         )
@@ -66,5 +80,8 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> int:
     if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
         more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""
         table = parameters.objects.table
-        print(f"products removed of objects that {table} does not list: {', '.join(removed[:NAMED])}{more}")
-    return max(summary.exit_code(parameters.allow_failures) for summary in summaries)
+        notes.append(
+            f"products removed of objects that {table} does not list: {', '.join(removed[:NAMED])}{more}"
+        )
+    exit_code = max(summary.exit_code(parameters.allow_failures) for summary in summaries)
+    return StageRun(stages=tuple(summaries), exit_code=exit_code, notes=tuple(notes))

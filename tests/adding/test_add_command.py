@@ -1,5 +1,6 @@
 """`objectfolder add`: one's own meshes into a table, refused with a remedy or whole."""
 
+import json
 import multiprocessing
 import os
 import signal
@@ -104,6 +105,11 @@ def test_a_dry_run_writes_nothing(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["cup.stl"]
     assert add(mesh, table, "--dry-run", "--preview", str(tmp_path / "look.png")) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cup.stl", "look.png"]
+    capsys.readouterr()
+    assert add(mesh, table, "--dry-run", "--json") == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert (figures["id"], figures["material"], figures["walls"]["closed"]) == ("cup", "ceramic", True)
+    assert figures["extents_m"] == pytest.approx([0.08, 0.08, 0.07], rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """What `clean` lists and removes, and what it never touches."""
 
+import json
 import os
 import subprocess
 import sys
@@ -114,6 +115,11 @@ def test_nothing_is_removed_unless_asked_for(used, capsys):
     ):
         assert text in shown
     assert str(root) not in shown
+    assert run(root, "--json") == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert not figures["removed"]
+    assert figures["bytes"] == sum(kind["bytes"] for kind in figures["kinds"]) > 1_000_000
+    assert "half-written files" in {kind["kind"] for kind in figures["kinds"]}
 
 
 def test_what_is_left_over_goes_and_all_else_stays(used, capsys):

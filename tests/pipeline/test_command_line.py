@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import inspect
 import io
 import json
 import shlex
@@ -25,8 +26,11 @@ from objectfolder.errors import FormatError, InputError
 from pipeline.cli import COMMANDS, application, command_name, main
 from pipeline.cli.doubtful_size import confirm_size
 from pipeline.cli.examples import EXAMPLES
+from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.project_files import MATERIALS
+from pipeline.run.converge import Summary
 from pipeline.run.single_build import Building
+from pipeline.run.stage_run import StageRun
 from tests.conftest import REPOSITORY
 
 BAR = {
@@ -384,6 +388,27 @@ def test_failures_are_json_where_that_is_asked_for(
     assert json.loads(capsys.readouterr().out) == [failure]
 
 
+def test_what_a_run_did_is_json_where_that_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failure = FailedObject("bell", "views", "too dark", "Add light.", "")
+    views = Summary("views", ("die",), (), ("mug",), (), (failure,))
+    run = StageRun(stages=(views,), exit_code=1, notes=("products removed of objects: jug",))
+    monkeypatch.setattr("pipeline.run.stage_run.make_products", lambda *_: run)
+    assert main(["products", "--json"]) == 1
+    [stage] = json.loads(capsys.readouterr().out)["stages"]
+    assert (stage["kept"], stage["computed"], stage["failures"][0]["error"]) == (["die"], ["mug"], "too dark")
+    assert main(["products"]) == 1
+    assert capsys.readouterr().out == "products removed of objects: jug\n"
+
+
+def test_each_command_that_prints_figures_prints_json_too() -> None:
+    commands = {command_name(one): one for several in COMMANDS.values() for one in several}
+    without = {name for name, one in commands.items() if "json" not in inspect.signature(one).parameters}
+    # These print the paths that they wrote, or what they changed, or an address.
+    assert without == {"cards", "select", "starter", "view"}
+
+
 def test_answers_of_two_runs_are_not_mixed(
     small_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -636,3 +661,12 @@ def test_the_last_report_is_summed_up_in_a_line_a_sense(
     assert lines[1] == "Sound:        gain error at held-out points none measured"
     assert lines[2].startswith("Touch:")
     assert lines[-1] == "Look:         objectfolder view data/object_files/mug.safetensors"
+    assert main(["report", "--summary", "--json", "--root", str(tmp_path)]) == 0
+    figures_of = json.loads(capsys.readouterr().out)
+    assert figures_of["headlines"][0] == {
+        "measure": "vision.psnr_foreground_db",
+        "mean": 45.25,
+        "worst": 40.12,
+    }
+    assert figures_of["full_image_db"] == 52.83
+    assert main(["report", "--json", "--root", str(tmp_path)]) == 2

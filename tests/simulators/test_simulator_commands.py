@@ -60,10 +60,14 @@ def test_all_formats_of_one_object(bar: Path, tmp_path: Path, capsys: pytest.Cap
     assert (output / "bar.safetensors").read_bytes() == bar.read_bytes()
 
 
-def test_a_measured_mass_and_friction_replace_the_materials(bar: Path, tmp_path: Path) -> None:
+def test_a_measured_mass_and_friction_replace_the_materials(
+    bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     output = tmp_path / "out"
     options = ("--mass", "0.5", "--friction", "0.2", "--format", "mjcf")
-    assert run("export", str(bar), *options, "-o", str(output)) == 0
+    assert run("export", str(bar), *options, "-o", str(output), "--json") == 0
+    [figures] = json.loads(capsys.readouterr().out)
+    assert (figures["folder"], figures["mass_kg"], figures["licence"]) == (str(output), 0.5, "CC0-1.0")
     model = mujoco.MjModel.from_xml_path(str(output / "object.xml"))
     assert model.body_mass[1] == pytest.approx(0.5)
     assert model.geom_friction[model.ngeom - 1][0] == pytest.approx(0.2)
@@ -72,9 +76,11 @@ def test_a_measured_mass_and_friction_replace_the_materials(bar: Path, tmp_path:
 
 def test_a_scene_of_one_object_twice(bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "table" / "scene.xml"
-    assert run("scene", str(bar), str(bar), "-o", str(scene), "--table", "0.5", "--texture-side", "256") == 0
+    options = ("--table", "0.5", "--texture-side", "256", "--json")
+    assert run("scene", str(bar), str(bar), "-o", str(scene), *options) == 0
     assert mujoco.MjModel.from_xml_path(str(scene)).nbody == 3
-    capsys.readouterr()
+    figures = {"file": str(scene), "objects": ["bar", "bar"], "table_m": 0.5}
+    assert json.loads(capsys.readouterr().out) == figures
     assert run("scene", str(bar), "-o", str(scene)) == 1
     assert "is there already" in capsys.readouterr().err
 

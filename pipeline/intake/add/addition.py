@@ -3,8 +3,9 @@
 import os
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.catalogue import AS_IN_FILE, check_id
@@ -96,6 +97,21 @@ class Checked:
     walls: WallMeasures
     findings: tuple[WallFinding, ...]
     warnings: tuple[str, ...]
+
+    def figures(self) -> dict[str, Any]:
+        """Return what was measured, for JSON: metres, kilograms, cubic metres."""
+        return {
+            "id": self.object_id,
+            "name": self.row["name"],
+            "licence": self.row["licence"],
+            "material": self.material.name,
+            "extents_m": list(self.product.attributes["length"]["extents_m"]),
+            "triangles": len(self.product["faces"]),
+            "volume_m3": self.walls.volume_m3,
+            "mass_kg": self.walls.volume_m3 * self.material.density_kg_m3,
+            "walls": asdict(self.walls),
+            "warnings": [*self.warnings, *map(str, self.findings)],
+        }
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,20 @@ class Fetched:
         """Of its files."""
         return sum((self.folder / name).stat().st_size for name in self.form.files)
 
+    def figures(self) -> dict[str, str | int | None]:
+        """Return what it is and where, for JSON."""
+        return {
+            "id": self.asked.id,
+            "outcome": self.outcome,
+            "files": len(self.form.files),
+            "bytes": self.bytes,
+            "hashes_recorded": self.recorded,
+            "mesh": str(self.mesh),
+            "texture": str(self.texture) if self.texture else None,
+            "licence": self.asked.source.licence,
+            "attribution": self.asked.source.attribution,
+        }
+
 
 class Fetcher:
     """Fetches objects of any source into one folder.

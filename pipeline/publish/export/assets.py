@@ -25,19 +25,22 @@ from objectfolder.vision.export.textured_surface import baked_part, mesh_parts
 from pipeline.dataset.product_kinds import OBJECT_FILES
 from pipeline.publish.export.exports import appearance_of, stored_colours
 from pipeline.publish.export.found_products import FoundProducts, find_products
+from pipeline.publish.export.summaries import ExportSummary, SceneSummary
 from pipeline.publish.queries.requests import Exporting
 
 ALL_FORMATS = tuple(FORMATS)
 DENSEST_KG_M3 = 22_600.0  # osmium
 
 
-def write_assets(names: Sequence[str], root: Path, wanted: Exporting, output: Path) -> Iterator[str]:
+def write_assets(
+    names: Sequence[str], root: Path, wanted: Exporting, output: Path
+) -> Iterator[ExportSummary]:
     """Write each object as an asset, into `output`, or where there are several into a folder each there.
 
     Yields
     ------
-    str
-        A line an object, when it is written.
+    ExportSummary
+        One for each object, when it is written.
 
     Raises
     ------
@@ -50,17 +53,20 @@ def write_assets(names: Sequence[str], root: Path, wanted: Exporting, output: Pa
         formats = ALL_FORMATS if wanted.format == "all" else (wanted.format,)
         described = _write(found, _asset(found, wanted), wanted, folder, formats)
         collision = described["collision"]
-        yield (
-            f"{folder}: {described['mass_kg']:.4g} kg, {collision['parts']} convex parts, "
+        words = (
+            f"{described['mass_kg']:.4g} kg, {collision['parts']} convex parts, "
             f"union {collision['union_iou']:.3f} of the solid, at most {collision['outward_m'] * 1e3:.2f} mm "
-            f"outside; {found.credit().licence}"
+            "outside"
+        )
+        yield ExportSummary(
+            folder=str(folder), licence=found.credit().licence, figures=described, words=words
         )
 
 
 def compose_scene(
     names: Sequence[str], root: Path, wanted: Exporting, output: Path, *, table_m: float, height_m: float
-) -> str:
-    """Write a scene file, and the asset of each object in a folder beside it; return a line."""
+) -> SceneSummary:
+    """Write a scene file, and the asset of each object in a folder beside it."""
     kind = format_of_scene(output)
     found = {name: find_products(name, root) for name in names}
     assets = {name: _asset(one, wanted) for name, one in found.items()}
@@ -74,7 +80,8 @@ def compose_scene(
     for name, asset in assets.items():
         _write(found[name], asset, wanted, output.parent / asset.name, (kind,))
     write_scene(output, [asset.name for asset in laid], poses, table_m, height_m=height_m)
-    return f"{output}: {len(laid)} objects at rest on a table of {table_m:g} m"
+    objects = tuple(asset.name for asset in laid)
+    return SceneSummary(file=str(output), objects=objects, table_m=table_m)
 
 
 def all_objects(root: Path) -> tuple[str, ...]:

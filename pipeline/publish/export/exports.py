@@ -18,11 +18,12 @@ from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
 from objectfolder.vision.export.transforms import write_transforms
 from pipeline.publish.export.found_products import FoundProducts
+from pipeline.publish.export.summaries import ExportSummary
 from pipeline.publish.queries.requests import Exporting
 
 
-def write_export(found: FoundProducts, wanted: Exporting, output: Path) -> str:
-    """Write an export; return what was written, in a line.
+def write_export(found: FoundProducts, wanted: Exporting, output: Path) -> ExportSummary:
+    """Write an export.
 
     Raises
     ------
@@ -30,25 +31,26 @@ def write_export(found: FoundProducts, wanted: Exporting, output: Path) -> str:
         What is asked for is not there, or a folder that cannot be written.
     """
     write = _write_gltf if wanted.format == "gltf" else _write_views
-    return f"{output}: {write(found, wanted, output)}; {found.credit().licence}"
+    figures, words = write(found, wanted, output)
+    return ExportSummary(folder=str(output), licence=found.credit().licence, figures=figures, words=words)
 
 
-def _write_views(found: FoundProducts, wanted: Exporting, output: Path) -> str:
+def _write_views(found: FoundProducts, wanted: Exporting, output: Path) -> tuple[dict[str, Any], str]:
     if found.views is None:
         finding = f"has no views, and {wanted.format} is made of them"
         remedy = "Name a product of views, or run the stage `views`; glTF needs none."
         raise InputError(found.object_id, finding, remedy)
     views = PosedViews.of_product(read_product(found.views), wanted.frame, str(found.views))
     held_out = int(views.held_out.sum())
-    said: dict[str, Any] = {"views": len(views), "held_out": held_out, "pixels": list(views.size)}
+    figures: dict[str, Any] = {"views": len(views), "held_out": held_out, "pixels": list(views.size)}
     with new_folder(output, overwrite=wanted.overwrite) as folder:
         if wanted.format == "nerf":
-            said["cameras"] = write_transforms(folder, views, found.credit(), exr=wanted.exr)
+            figures["cameras"] = write_transforms(folder, views, found.credit(), exr=wanted.exr)
         else:
             surface = found.source_mesh().surface if found.objects is not None else None
             if surface is None and found.object_file is not None:
                 surface = objectfolder.load(found.object_file).surface
-            said["points"] = write_colmap(
+            figures["points"] = write_colmap(
                 folder,
                 views,
                 found.credit(),
@@ -57,13 +59,14 @@ def _write_views(found: FoundProducts, wanted: Exporting, output: Path) -> str:
                 seed=wanted.seed,
                 exr=wanted.exr,
             )
-        found.write_manifest(folder, wanted.format, {**said, "frame": views.described_frame()})
-    extra = f", {said['points']} points" if "points" in said else ""
+        figures["frame"] = views.described_frame()
+        found.write_manifest(folder, wanted.format, figures)
+    extra = f", {figures['points']} points" if "points" in figures else ""
     size = f"{views.size[1]} x {views.size[0]} pixels ({held_out} held out)"
-    return f"{len(views)} views of {size}{extra}, {views.frame} frame"
+    return figures, f"{len(views)} views of {size}{extra}, {views.frame} frame"
 
 
-def _write_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
+def _write_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> tuple[dict[str, Any], str]:
     surface = wanted.surface or ("stored" if found.object_file is not None else "source")
     appearance, credit = appearance_of(found, wanted), found.credit()
     name = f"{found.object_id}.glb"
@@ -85,10 +88,11 @@ def _write_gltf(found: FoundProducts, wanted: Exporting, output: Path) -> str:
                 finest_m=finest_m,
                 vertex_colours=wanted.vertex_colours,
             )
-        found.write_manifest(folder, wanted.format, {"surface": surface, "file": name, **written})
+        figures = {"surface": surface, "file": name, **written}
+        found.write_manifest(folder, wanted.format, figures)
     pitch = f", a texel each {written['texel_pitch_m'] * 1e3:.3g} mm" if "texel_pitch_m" in written else ""
     size = f"{written['bytes'] / 1e6:.2f} MB"
-    return f"{name}, {written['triangles']} triangles of the {surface} surface{pitch}, {size}"
+    return figures, f"{name}, {written['triangles']} triangles of the {surface} surface{pitch}, {size}"
 
 
 def stored_colours(

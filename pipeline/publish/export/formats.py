@@ -10,6 +10,7 @@ from objectfolder.vision.export.files import new_folder
 from pipeline.publish.export.assets import ALL_FORMATS, all_objects, write_assets
 from pipeline.publish.export.exports import write_export
 from pipeline.publish.export.found_products import find_products
+from pipeline.publish.export.summaries import ExportSummary
 from pipeline.publish.queries.requests import Exporting
 
 OF_SIMULATORS = (*ALL_FORMATS, "all")
@@ -21,15 +22,17 @@ def known_formats() -> list[str]:
     return [*OWN, *plugin_names(EXPORTS)]
 
 
-def write_exports(names: Sequence[str], root: Path, wanted: Exporting, output: Path) -> Iterator[str]:
+def write_exports(
+    names: Sequence[str], root: Path, wanted: Exporting, output: Path
+) -> Iterator[ExportSummary]:
     """Write objects in a known format, into `output`, or of several into a folder each there.
 
     Formats that are not `OF_SIMULATORS` take one object.
 
     Yields
     ------
-    str
-        A line an object, when it is written.
+    ExportSummary
+        One for each object, when it is written.
 
     Raises
     ------
@@ -45,7 +48,7 @@ def write_exports(names: Sequence[str], root: Path, wanted: Exporting, output: P
         yield _write_by(plugin, names[0], root, wanted, output)
 
 
-def _write_by(plugin: Plugin, name: str, root: Path, wanted: Exporting, output: Path) -> str:
+def _write_by(plugin: Plugin, name: str, root: Path, wanted: Exporting, output: Path) -> ExportSummary:
     found = find_products(name, root)
     if found.object_file is None:
         raise InputError(found.object_id, "has no Object File, and a plugin writes one", "Make or name one.")
@@ -56,4 +59,9 @@ def _write_by(plugin: Plugin, name: str, root: Path, wanted: Exporting, output: 
             raise plugin.error(finding, "It must return a dict, for export.json.")
         by = {"plugin": {"distribution": plugin.distribution, "version": plugin.version}}
         found.write_manifest(folder, wanted.format, {**described, **by})
-    return f"{output}: by {plugin.distribution} {plugin.version}; {found.credit().licence}"
+    return ExportSummary(
+        folder=str(output),
+        licence=found.credit().licence,
+        figures={**described, **by},
+        words=f"by {plugin.distribution} {plugin.version}",
+    )
