@@ -89,6 +89,8 @@ def test_touches_are_taken_apart(bar: ObjectFile) -> None:
     np.testing.assert_array_equal(touches[touches.points[:, 0] > 0.01].points, last.points)
     with pytest.raises(IndexError):
         touches[2]
+    with pytest.warns(DeprecationWarning, match="Touches: the attribute is now `depth_m`"):
+        np.testing.assert_array_equal(touches.depth, touches.depth_m)
     assert repr(bar.reach([TOP], rolls=3)) == "Reach(1 points at 3 rolls, 1 reachable)"
 
 

@@ -32,7 +32,7 @@ FIRST_LINES = """
 {python}
 assert picture.std() > 0
 assert len(images) == len(sounds) == 4
-assert touches.depth.max() > 0
+assert touches.depth_m.max() > 0
 assert objectfolder.__file__.startswith({folder!r}), objectfolder.__file__
 from pipeline.cli import main
 for words, status in {commands!r}:
@@ -236,7 +236,7 @@ def test_examples_answer_sight_sound_and_touch(name: str) -> None:
     assert not seen[:, [0, -1]].any(), "all of it is in the image"
     assert not seen[:, :, [0, -1]].any(), "all of it is in the image"
     assert np.abs(file.strike(points, -normals, 0.2)).max() > 0
-    assert file.press(points).depth.max() > 0
+    assert file.press(points).depth_m.max() > 0
 
 
 def test_reachable_contacts_are_those_a_sensor_fits_at(monkeypatch: pytest.MonkeyPatch) -> None:

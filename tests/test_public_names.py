@@ -5,12 +5,13 @@ import importlib
 import inspect
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from objectfolder.touch import Touches
 from tests.test_imports import loaded_by
 
 REPOSITORY = Path(__file__).parents[1]
@@ -100,6 +101,15 @@ def test_public_parameters_state_units_frames_and_lights_in_one_way():
         for name in inspect.signature(function).parameters:
             in_world = path.startswith("objectfolder.live.") and name == "camera_to_world"
             assert name not in BARE or in_world, f"{path}({name})"
+
+
+def test_fields_of_results_state_units():
+    for path in sorted(RESULTS):
+        package, _, name = path.rpartition(".")
+        documented = getattr(importlib.import_module(package), name)
+        names = [field.name for field in fields(documented)] if is_dataclass(documented) else []
+        assert not BARE & set(names), path
+    assert "depth_m" in [field.name for field in fields(Touches)]
 
 
 def test_public_functions_take_four_arguments_by_position_at_most():

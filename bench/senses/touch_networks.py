@@ -83,7 +83,7 @@ class NetworkRows:
 
     def _perfect_network(self) -> dict[str, Any]:
         exact = press(self._surface, Sensor(), *press_query(self._asked, 1))
-        images = np.stack([render_deformation(Sensor(), depth) for depth in exact.depth])
+        images = np.stack([render_deformation(Sensor(), depth) for depth in exact.depth_m])
         return {"way": f"{SECOND}, a perfect network", "setting": None} | self._error(images)
 
     def _stored_surface(self) -> dict[str, Any]:

@@ -188,7 +188,7 @@ def _pressed_touches(
     touches = file.press(query["point_m"], query["press_depth_m"], query["tilt_deg"], query["azimuth_deg"])
     return {
         "image": _pictures(touches.rgb),
-        "depth_m": touches.depth,
+        "depth_m": touches.depth_m,
         "mask": touches.mask,
         "sensor_to_object": touches.sensor_to_object,
         "reachable": touches.reachable,

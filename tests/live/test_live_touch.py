@@ -83,7 +83,7 @@ def test_a_finger_sees_what_a_press_at_that_pose_sees(asked):
     found = felt(touches.sensor_to_object[0])
     assert found.touched == "mug"
     np.testing.assert_array_equal(found.image.rgb, touches.rgb[0])
-    np.testing.assert_array_equal(found.image.depth, touches.depth[0])
+    np.testing.assert_array_equal(found.image.depth, touches.depth_m[0])
     np.testing.assert_array_equal(found.image.mask, touches.mask[0])
     assert found.penetration_m == pytest.approx(touches.penetration_m[0], abs=1e-12)
 
@@ -93,7 +93,7 @@ def test_where_the_world_stands_changes_nothing_but_rounding():
     world = turned([0.6, 0.0, 0.8], 123.0, (0.3, -2.0, 0.7))
     found = felt(world @ touches.sensor_to_object[0], world)
     assert found.penetration_m == pytest.approx(1e-3, abs=1e-12)
-    np.testing.assert_allclose(found.image.depth, touches.depth[0], atol=2**-23)
+    np.testing.assert_allclose(found.image.depth, touches.depth_m[0], atol=2**-23)
     assert np.abs(found.image.rgb.astype(int) - touches.rgb[0]).max() <= 1
     np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-12)
 
@@ -135,7 +135,7 @@ def test_a_finger_that_shapes_stop_before_the_surface_feels_it_as_deep(off_m):
     assert found.touched == "mug"
     assert found.advanced_m == pytest.approx(4e-4 + off_m, abs=1e-9)
     np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-9)
-    np.testing.assert_allclose(found.image.depth, touches.depth[0], atol=2**-23)
+    np.testing.assert_allclose(found.image.depth, touches.depth_m[0], atol=2**-23)
     assert found.pressed.force_n == pytest.approx(2.0), "and it bears the force there"
     assert felt(pose, contacts=contacts).touched is None
 

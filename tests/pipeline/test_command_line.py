@@ -292,7 +292,7 @@ def test_sampled_queries_feed_render_strike_and_press(
     assert main(["press", file, *contacts, "--depth", "0.0015", "-o", str(touches)]) == 0
     assert len(json.loads((touches / "labels.json").read_text())["reachable"]) == 3
     expected_touches = bar.press(points, 0.0015)
-    np.testing.assert_array_equal(np.load(touches / "depth.npy"), expected_touches.depth)
+    np.testing.assert_array_equal(np.load(touches / "depth.npy"), expected_touches.depth_m)
     np.testing.assert_array_equal(np.asarray(Image.open(touches / "0002.png")), expected_touches.rgb[2])
 
 
@@ -309,7 +309,7 @@ def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path)
         np.testing.assert_array_equal(wavfile.read(strikes / f"{index:04d}.wav")[1], expected)
     assert main(["press", file, *few, "-o", str(touches)]) == 0
     fitting, _ = bar.sample_contacts(2, seed=5)
-    np.testing.assert_array_equal(np.load(touches / "depth.npy"), bar.press(fitting).depth)
+    np.testing.assert_array_equal(np.load(touches / "depth.npy"), bar.press(fitting).depth_m)
     np.save(tmp_path / "points.npy", points)
     read = ["strike", file, "--points", str(tmp_path / "points.npy"), "--duration", "0.1", "--gain", "1"]
     assert main([*read, "-o", str(tmp_path / "again")]) == 0

@@ -24,6 +24,7 @@ from pipeline.run.forecast.estimates import (
     bending_modes,
     fit,
     packaged_costs,
+    scales,
 )
 
 REPOSITORY = Path(__file__).parents[2]
@@ -49,6 +50,13 @@ def test_the_mean_of_a_stage_stands_for_objects_that_never_ran(tmp_path):
     found = Estimates(tmp_path).of("tune", "new")
     assert found.wall_s == pytest.approx(4.0)
     assert found.memory_bytes >= 20e7
+
+
+def test_fewer_steps_of_fitting_take_less_of_the_time_of_encoding():
+    params = REPOSITORY / "params.yaml"
+    default, small = (scales("encode", read_parameters(params, size)) for size in ("default", "small"))
+    assert default == (1.0, 1.0)
+    assert small == (pytest.approx(0.5125), 1.0)  # a quarter of the steps, .65 of the seconds
 
 
 def test_few_runs_set_the_pace_of_this_machine(tmp_path):

@@ -41,7 +41,7 @@ def test_every_option_reaches_the_sensor(small_file: Path, contacts: Path, tmp_p
     )
     images = [np.asarray(Image.open(output / f"{index:04d}.png")) for index in range(2)]
     np.testing.assert_array_equal(images, expected.rgb)
-    np.testing.assert_array_equal(np.load(output / "depth.npy"), expected.depth)
+    np.testing.assert_array_equal(np.load(output / "depth.npy"), expected.depth_m)
     labels = json.loads((output / "labels.json").read_text(), parse_constant=pytest.fail)
     assert labels["force_n"] == [None, None]
     assert labels["saturated"] == [False, False]

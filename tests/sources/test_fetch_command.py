@@ -109,12 +109,12 @@ def test_one_that_fails_does_not_stop_the_others(fetch, sources):
         assert f"  {source_id}: " in summary
     status, said, errors = fetch(IDS[0], IDS[2])
     assert (status, errors) == (0, "")
+    assert said.count("already there") == 2
     _, said, _ = fetch(IDS[0], IDS[2], "--json")
     figures = [(one["id"], one["outcome"], Path(one["mesh"]).is_file()) for one in json.loads(said)]
     assert figures == [(IDS[0], "already there", True), (IDS[2], "already there", True)]
     _, said, _ = fetch(IDS[0], IDS[1], "--dry-run", "--json")
     assert {one["id"] for one in json.loads(said)} == {IDS[1]}
-    assert said.count("already there") == 2
 
 
 def test_a_source_that_cannot_be_reached_is_not_waited_for_forever(fetch, sources, monkeypatch):

@@ -90,7 +90,7 @@ def test_the_image_of_a_half_space_under_a_ball_is_that_of_hertz() -> None:
     assert psnr_db(expected, touch.rgb[0]) > 62
     assert psnr_db(no_contact_image(sensor), touch.rgb[0], contact) < 30
     depth_map = resolve(displacement(r), sensor, 2)
-    assert np.abs(touch.depth[0] - depth_map).max() < 0.01 * depth
+    assert np.abs(touch.depth_m[0] - depth_map).max() < 0.01 * depth
     touched = resolve((r < a).astype(np.float32), sensor, 2) >= 0.5
     assert (touched != contact).mean() < 0.003
 
@@ -107,12 +107,12 @@ def test_no_gel_gives_way_more_than_its_label_says(
         point,
         Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1, contact="elastic"),
     )
-    assert touch.depth.max() <= depth * (1 + 1e-5) + 1e-7
+    assert touch.depth_m.max() <= depth * (1 + 1e-5) + 1e-7
     assert touch.penetration_m[0] == depth
     assert touch.force_n[0] >= 0
     if depth > 0.0001:
         # Between two bumps the gel can bulge out to the object: 1.5 % of one contact.
-        assert (touch.depth[touch.mask] > 0).mean() > 0.95
+        assert (touch.depth_m[touch.mask] > 0).mean() > 0.95
     # The rigid image of the same touch: same place, and contact within what the gel bulges to.
     rigid = press(BUMPY, SENSOR, point, Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1))
     assert np.array_equal(touch.points, rigid.points)
@@ -128,7 +128,7 @@ def test_where_the_gel_is_touched_it_lies_on_the_object() -> None:
     for row in range(3):
         inner = elastic.mask[row] & rigid.mask[row]
         assert inner.sum() > 500
-        assert np.abs(elastic.depth[row] - rigid.depth[row])[inner].mean() < 1e-6
+        assert np.abs(elastic.depth_m[row] - rigid.depth_m[row])[inner].mean() < 1e-6
         assert psnr_db(rigid.rgb[row], elastic.rgb[row], inner) > 50
 
 
@@ -183,7 +183,7 @@ def test_no_depth_and_no_force_show_the_untouched_gel() -> None:
     for asked in ({"depth_m": 0.0}, {"force_n": 0.0}):
         touch = press(BALL, SENSOR, BALL_POINT, Press(**asked, contact="elastic"))
         assert np.array_equal(touch.rgb[0], no_contact_image(SENSOR))
-        assert not touch.depth.any()
+        assert not touch.depth_m.any()
         assert not touch.mask.any()
         assert touch.force_n[0] == touch.contact_area_m2[0] == 0
         assert touch.reachable[0]
@@ -211,8 +211,8 @@ def test_a_force_beyond_the_gel_saturates_it() -> None:
 def test_an_incompressible_gel_bulges_round_the_contact() -> None:
     soft = replace(SENSOR, gel_poisson_ratio=0.4999, gel_thickness_m=0.002)
     touch = press(BALL, soft, BALL_POINT, Press(depth_m=0.0005, contact="elastic"))
-    assert touch.depth.min() < -0.00002
-    assert (touch.depth[touch.mask] > 0).all()
+    assert touch.depth_m.min() < -0.00002
+    assert (touch.depth_m[touch.mask] > 0).all()
 
 
 def test_a_batch_answers_as_single_presses_do() -> None:
@@ -247,7 +247,7 @@ def test_the_oracle_agrees(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     other = press(BUMPY, sensor, points, asked)
     assert one.force_n == pytest.approx(other.force_n, rel=1e-6)
     assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
-    assert np.abs(one.depth - other.depth).max() < 3e-7
+    assert np.abs(one.depth_m - other.depth_m).max() < 3e-7
     assert (one.mask == other.mask).all()
 
 
@@ -307,8 +307,8 @@ def test_hard_cases_have_finite_answers_with_true_labels(subtests: pytest.Subtes
             rigid = press(surface, sensor, np.array([point]), Press(depth_m=0.0004, samples=1))
             assert touch.reachable[0] == rigid.reachable[0]
             assert np.isfinite(touch.force_n).all()
-            assert np.isfinite(touch.depth).all()
-            assert touch.depth.max() <= max(touch.penetration_m[0], 0) + 1e-7
+            assert np.isfinite(touch.depth_m).all()
+            assert touch.depth_m.max() <= max(touch.penetration_m[0], 0) + 1e-7
             if rigid.penetration_m[0] > 0:
                 assert touch.penetration_m[0] == 0.0004
                 assert touch.force_n[0] > 0
@@ -321,13 +321,13 @@ def test_the_flat_face_of_a_box_is_flat_in_the_gel_and_steep_round_it() -> None:
     flat = replace(SENSOR, gel_sagitta_m=0.0)
     face = Surface(*box((-0.003, -0.003, -0.02), (0.003, 0.003, 0.0)))
     touch = press(face, flat, np.zeros((1, 3)), Press(depth_m=0.0005, samples=1, contact="elastic"))
-    assert touch.depth[0][touch.mask[0]] == pytest.approx(0.0005, abs=2e-6)
-    around = touch.depth[0][~touch.mask[0]]
+    assert touch.depth_m[0][touch.mask[0]] == pytest.approx(0.0005, abs=2e-6)
+    around = touch.depth_m[0][~touch.mask[0]]
     assert ((around > 0.00001) & (around < 0.00045)).sum() > 200
     background = no_contact_image(flat, 1)
     moved = np.abs(touch.rgb[0].astype(int) - background).max(axis=2)
     # Light falls on a level gel, deeper by half a millimetre, almost as on the untouched one.
-    inner = (touch.depth[0] > 0.00049) & touch.mask[0]
+    inner = (touch.depth_m[0] > 0.00049) & touch.mask[0]
     assert np.median(moved[inner]) < 12
     assert moved[~touch.mask[0]].max() > 60
 

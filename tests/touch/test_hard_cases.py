@@ -28,13 +28,13 @@ def test_sharp_edge() -> None:
     assert found.mask[0].sum() > 300
     extent = sorted([np.ptp(rows), np.ptp(columns)])
     assert extent[1] > 5 * extent[0]
-    assert 0.0009 < found.depth[0].max() <= 0.001
+    assert 0.0009 < found.depth_m[0].max() <= 0.001
 
 
 def test_corner() -> None:
     found = touch(CUBE, [0.06, 0.06, 0.06], depth=0.002)
     assert found.reachable[0]
-    assert found.depth[0].max() > 0.0018
+    assert found.depth_m[0].max() > 0.0018
     row, column = np.argwhere(found.mask[0]).mean(axis=0)
     assert abs(row - 79.5) < 3
     assert abs(column - 59.5) < 3
@@ -88,7 +88,7 @@ def test_inside_of_a_narrow_tube_the_sensor_cannot_stand() -> None:
     tube = Surface(*mug(radius=0.012))
     found = touch(tube, [0.008, 0.0, 0.05])
     assert not found.reachable[0]
-    assert found.depth[0].max() <= found.penetration_m[0] + 1e-12
+    assert found.depth_m[0].max() <= found.penetration_m[0] + 1e-12
     assert found.penetration_m[0] <= 0.001
 
 
@@ -104,7 +104,7 @@ def test_object_smaller_than_the_gel() -> None:
     found = touch(grain, [0.0, 0.0, 0.0015], depth=0.001)
     assert found.reachable[0]
     assert 50 < found.mask[0].sum() < 500
-    assert found.depth[0].max() == pytest.approx(0.001, abs=3e-5)
+    assert found.depth_m[0].max() == pytest.approx(0.001, abs=3e-5)
 
 
 def test_depth_of_zero_shows_the_untouched_gel() -> None:
@@ -169,7 +169,7 @@ def test_scissors_have_points_that_cannot_be_reached() -> None:
     assert beside.first_contact_offset_m[0] == pytest.approx(0.003 - 0.000137, abs=3e-5)
     assert not beside.reachable[0]
     assert beside.penetration_m[0] == 0.001
-    assert beside.depth[0].max() <= 0.001
+    assert beside.depth_m[0].max() <= 0.001
     assert beside.mask[0].any()
     assert touch(scissors, [0.1, 0.0, 0.002]).reachable[0]
     assert touch(scissors, [0.03, 0.0, 0.005]).reachable[0]
@@ -195,7 +195,7 @@ def test_edge_of_a_blade() -> None:
     extent = sorted([np.ptp(rows) + 1, np.ptp(columns) + 1])
     assert 2 <= extent[0] <= 4
     assert extent[1] > 60
-    assert found.depth[0].max() == pytest.approx(0.001, abs=2e-6)
+    assert found.depth_m[0].max() == pytest.approx(0.001, abs=2e-6)
 
 
 def test_flat_of_a_blade_from_either_side() -> None:
@@ -205,7 +205,7 @@ def test_flat_of_a_blade_from_either_side() -> None:
         # Two millimetres deep: the far side, 0.4 mm off, is in the gel too, but behind.
         assert np.allclose(found.normals[0], [0, 0, side], atol=1e-12)
         assert found.reachable[0]
-        assert found.depth[0].max() == pytest.approx(0.002, abs=2e-6)
+        assert found.depth_m[0].max() == pytest.approx(0.002, abs=2e-6)
 
 
 def bottle(neck: float = 0.011, body: float = 0.035, wall: float = 0.002) -> Surface:
@@ -225,7 +225,7 @@ def test_in_the_neck_of_a_bottle_the_sensor_cannot_stand() -> None:
     found = touch(bottle(), [0.009, 0.0, 0.17])
     assert np.allclose(found.normals[0], [-1, 0, 0], atol=2e-2)
     assert not found.reachable[0]
-    assert found.depth[0].max() <= found.penetration_m[0] + 1e-12
+    assert found.depth_m[0].max() <= found.penetration_m[0] + 1e-12
     # From outside it can, with the gel across the neck.
     outside = touch(bottle(), [0.011, 0.0, 0.17])
     assert outside.reachable[0]
@@ -238,7 +238,7 @@ def test_a_shell_turned_inside_out_is_pressed_from_within_and_not_invisible() ->
     assert np.sum(found.normals * vertices[[100, 700]], axis=1).max() < 0
     # The sensor does not fit into the ball, and the labels say so.
     assert not found.reachable.any()
-    assert (found.depth.max(axis=(1, 2)) <= found.penetration_m + 1e-12).all()
+    assert (found.depth_m.max(axis=(1, 2)) <= found.penetration_m + 1e-12).all()
     # Where it fits, the shell shows: a hemisphere of 6 cm, open, seen from its hollow side.
     vertices, faces = sphere(0.06, 5)
     bowl = faces[vertices[faces][:, :, 2].max(axis=1) <= 0]
@@ -263,7 +263,7 @@ def test_units_wrong_by_a_thousand_are_answered_with_labels_that_hold(factor: fl
     found = touch(Surface(vertices * factor, faces), [0.03 * factor, 0.03 * factor, 0.06 * factor])
     assert np.isfinite(found.sensor_to_object).all()
     assert found.penetration_m[0] == 0.001
-    assert found.depth[0].max() <= 0.001
+    assert found.depth_m[0].max() <= 0.001
     if factor > 1:
         assert found.mask[0].sum() > 5000
     else:
@@ -277,7 +277,7 @@ def test_depth_beyond_saturation_is_refused_and_its_limit_labelled() -> None:
     limit = touch(CUBE, [0.03, 0.03, 0.06], depth=SENSOR.maximum_depth_m)
     assert limit.saturated[0]
     assert limit.penetration_m[0] == SENSOR.maximum_depth_m
-    assert limit.depth[0].max() <= limit.penetration_m[0]
+    assert limit.depth_m[0].max() <= limit.penetration_m[0]
     # The corners of the gel have given way by its sagitta: the cube is all that is seen.
     assert limit.mask[0].all()
 
@@ -311,7 +311,7 @@ def test_slivers_and_repeated_faces_under_the_sensor_change_nothing() -> None:
     spoilt = Surface(vertices, np.concatenate([faces, faces, needles, points]))
     one, other = (touch(surface, [0.0, 0.0, 0.02]) for surface in (Surface(vertices, faces), spoilt))
     assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
-    assert np.abs(one.depth - other.depth).max() < 3e-7
+    assert np.abs(one.depth_m - other.depth_m).max() < 3e-7
     assert other.reachable[0]
 
 

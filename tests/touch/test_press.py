@@ -33,7 +33,7 @@ def test_a_pressed_plane_has_the_closed_forms_depth_map_area_and_mask(depth: flo
     u, v = pixel_rays()
     x = 0.022 - depth
     expected = np.maximum(gel_surface(SENSOR, u * x, 0.015 + v * x) - x, 0.0)
-    assert np.abs(touch.depth[0] - expected).max() < 2e-7
+    assert np.abs(touch.depth_m[0] - expected).max() < 2e-7
     assert (touch.mask[0] == (expected > 0)).mean() > 0.9999
     assert touch.penetration_m[0] == depth
     assert touch.first_contact_offset_m[0] < 1e-12
@@ -61,7 +61,7 @@ def test_a_pressed_sphere_has_the_closed_forms_depth_map_and_area(radius: float,
     expected = np.maximum(expected, 0)
     inside = expected > 2e-5
     assert inside.sum() > 500
-    assert np.abs(touch.depth[0] - expected)[inside].max() < 2e-5
+    assert np.abs(touch.depth_m[0] - expected)[inside].max() < 2e-5
     # Rim: the ball's sagitta and the gel's add up to the depth.
     low, high = 0.0, radius
     for _ in range(60):
@@ -82,11 +82,11 @@ def test_no_image_shows_the_object_deeper_than_its_label(
     touch = press(
         BUMPY_PATCHES, SENSOR, points, Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1)
     )
-    assert (touch.depth.max(axis=(1, 2)) <= touch.penetration_m + 1e-12).all()
+    assert (touch.depth_m.max(axis=(1, 2)) <= touch.penetration_m + 1e-12).all()
     assert (touch.penetration_m == depth).all()
-    assert (touch.depth >= 0).all()
-    assert (touch.depth[touch.mask] >= 0).all()
-    assert (touch.depth[~touch.mask] == 0).all()
+    assert (touch.depth_m >= 0).all()
+    assert (touch.depth_m[touch.mask] >= 0).all()
+    assert (touch.depth_m[~touch.mask] == 0).all()
     rotation = touch.sensor_to_object[:, :3, :3]
     assert np.allclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3), atol=1e-12)
     assert (np.linalg.det(rotation) > 0).all()
@@ -96,13 +96,13 @@ def test_no_image_shows_the_object_deeper_than_its_label(
 def test_the_depth_map_shows_the_whole_penetration_of_a_small_ball() -> None:
     ball = Surface(*sphere(0.004))
     touch = press(ball, SENSOR, ball.vertices[[100, 200, 300]], Press(depth_m=0.0015, samples=2))
-    assert np.allclose(touch.depth.max(axis=(1, 2)), 0.0015, atol=1e-5)
+    assert np.allclose(touch.depth_m.max(axis=(1, 2)), 0.0015, atol=1e-5)
 
 
 def test_pixels_without_contact_show_the_untouched_gel() -> None:
     touch = press(BUMPY_PATCHES, SENSOR, BUMPY.sample(3, 1).points)
     background = no_contact_image(SENSOR)
-    for image, depth in zip(touch.rgb, touch.depth, strict=True):
+    for image, depth in zip(touch.rgb, touch.depth_m, strict=True):
         beside = depth == 0
         for axis in (0, 1):
             beside = beside & np.roll(beside, 1, axis) & np.roll(beside, -1, axis)
@@ -141,7 +141,7 @@ def test_the_order_of_faces_and_of_their_corners_does_not_matter() -> None:
     one = press(BUMPY_PATCHES, SENSOR, points)
     other = press(shuffled, SENSOR, points)
     assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
-    assert np.abs(one.depth - other.depth).max() < 3e-7
+    assert np.abs(one.depth_m - other.depth_m).max() < 3e-7
     assert np.allclose(one.first_contact_offset_m, other.first_contact_offset_m, atol=1e-10)
 
 
@@ -158,7 +158,7 @@ def test_moving_object_and_sensor_together_leaves_the_image(seed: int, shift: fl
     moved = Surface(BUMPY.vertices @ motion[:3, :3].T + motion[:3, 3], BUMPY.faces)
     image = render_poses(moved, SENSOR, motion @ touch.sensor_to_object, samples=1)[0]
     assert psnr_db(touch.rgb[0], image.rgb) > 60
-    assert np.abs(image.depth - touch.depth[0])[image.mask & touch.mask[0]].max() < 1e-6
+    assert np.abs(image.depth - touch.depth_m[0])[image.mask & touch.mask[0]].max() < 1e-6
 
 
 def test_a_translated_object_feels_the_same_where_it_is_pressed() -> None:

@@ -74,7 +74,7 @@ def test_both_ways_give_the_same_labels_and_images(name: str, samples: int) -> N
     assert (difference > 1).mean() < 1e-4
     assert (difference > 0).mean() < 1e-3
     assert (found.mask != expected.mask).mean() < 1e-4
-    assert (np.abs(found.depth - expected.depth) > 2.5e-7).mean() < 1e-4
+    assert (np.abs(found.depth_m - expected.depth_m) > 2.5e-7).mean() < 1e-4
 
 
 def test_both_ways_see_the_same_at_any_pose() -> None:

@@ -37,7 +37,7 @@ def test_reading_adds_background_and_then_noise_to_the_image_alone(net: TouchNet
     read = net.press(POINTS, background=background, noise_seed=5)
     laid = calibrated(plain.rgb, net.no_contact, background, net.sensor)
     np.testing.assert_array_equal(read.rgb, with_noise(laid, net.sensor, 5))
-    np.testing.assert_array_equal(read.depth, plain.depth)
+    np.testing.assert_array_equal(read.depth_m, plain.depth_m)
     np.testing.assert_array_equal(net.press(POINTS, noise_seed=5).rgb, with_noise(plain.rgb, net.sensor, 5))
 
 
@@ -55,8 +55,8 @@ def test_a_flat_sensor_answers_from_the_same_surface() -> None:
     # Away from the contact nothing moves (but where a pixel sees less than a depth step of it); in it the
     # slopes show.
     moved = (touches.rgb != untouched).any(axis=-1)
-    assert (moved & (touches.depth == 0)).mean() < 5e-4
-    inside = touches.depth > 1e-4
+    assert (moved & (touches.depth_m == 0)).mean() < 5e-4
+    inside = touches.depth_m > 1e-4
     change = np.abs(touches.rgb[inside].astype(int) - untouched[inside]).max(axis=1)
     assert np.median(change) > 5 * net.sensor.noise_sigma_grey_levels
     assert touches.mask.any(axis=(1, 2)).all()
@@ -68,8 +68,8 @@ def test_an_elastic_gel_touches_less_than_the_object_lies_in_it(sensor: str) -> 
     rigid, elastic = net.press(POINTS), net.press(POINTS, Press(contact="elastic"))
     np.testing.assert_array_equal(elastic.penetration_m, rigid.penetration_m)
     assert (elastic.mask.sum(axis=(1, 2)) < rigid.mask.sum(axis=(1, 2))).all()
-    assert (elastic.depth.min(axis=(1, 2)) < 0).all()  # it bulges
-    assert (elastic.depth.max(axis=(1, 2)) <= elastic.penetration_m + 1e-7).all()
+    assert (elastic.depth_m.min(axis=(1, 2)) < 0).all()  # it bulges
+    assert (elastic.depth_m.max(axis=(1, 2)) <= elastic.penetration_m + 1e-7).all()
     assert (elastic.force_n > 0.1).all()
 
 

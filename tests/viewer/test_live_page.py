@@ -107,9 +107,9 @@ def test_a_press_shows_the_packages_touch(live):
     shown = np.array(page.evaluate(
         """() => { const canvas = document.querySelector('.player-touch canvas');
         return Array.from(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data); }"""
-    ), dtype=np.uint8).reshape(*touch.depth.shape[1:], 4)  # fmt: skip
+    ), dtype=np.uint8).reshape(*touch.depth_m.shape[1:], 4)  # fmt: skip
     assert np.array_equal(shown[..., :3], touch.rgb[0])
-    assert np.array_equal(np.array(answer["depth"], dtype=np.float32), touch.depth[0].ravel())
+    assert np.array_equal(np.array(answer["depth"], dtype=np.float32), touch.depth_m[0].ravel())
     assert answer["reachable"] == touch.reachable[0]
     assert "0.80 mm" in page.locator(".player-said").text_content()
 

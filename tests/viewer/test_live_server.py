@@ -159,7 +159,7 @@ def test_a_blow_and_a_press_are_the_packages(server, small_file):
     pixels = touch.rgb[0].size
     assert header["reachable"]
     assert np.array_equal(np.frombuffer(body[:pixels], np.uint8), touch.rgb[0].ravel())
-    assert np.array_equal(np.frombuffer(body[pixels:], "<f4"), touch.depth[0].ravel())
+    assert np.array_equal(np.frombuffer(body[pixels:], "<f4"), touch.depth_m[0].ravel())
 
 
 def test_a_ray_past_the_object_meets_nothing(server):

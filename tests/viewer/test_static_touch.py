@@ -39,13 +39,13 @@ def test_a_press_is_as_deep_and_lies_where_the_packages_does(folder, small_file,
             assert max(found["depth"]) == 0
             continue
         reached += 1
-        drawn = np.array(found["depth"]).reshape(truth.depth.shape[1:])
+        drawn = np.array(found["depth"]).reshape(truth.depth_m.shape[1:])
         mask = truth.mask[0]
         # The border lies within a pixel of the truth's.
         assert not (drawn > 0)[~binary_dilation(mask)].any()
         assert (drawn > 0)[binary_erosion(mask)].all()
         both = (drawn > 0) & mask
         # Metres: a fiftieth of a millimetre, of depths up to 1.1 mm.
-        assert np.sqrt(np.mean((drawn - truth.depth[0])[both] ** 2)) < 2e-5
+        assert np.sqrt(np.mean((drawn - truth.depth_m[0])[both] ** 2)) < 2e-5
     assert reached > 12
     assert watched.errors == []

@@ -70,7 +70,7 @@ def press_elastic(
         reached = contact.indentation_m
         pose = _advanced(start, reached if depth is None else depth)
         fields = membrane_fields(contact, sensor, object_slopes(patches, sensor, start, gap, contact))
-        touches.rgb[index], touches.depth[index], touches.mask[index] = membrane_image(fields, sensor, grid)
+        touches.rgb[index], touches.depth_m[index], touches.mask[index] = membrane_image(fields, sensor, grid)
         touches.sensor_to_object[index] = pose
         touches.first_contact_offset_m[index] = offset
         touches.penetration_m[index] = reached

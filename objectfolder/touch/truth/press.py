@@ -154,5 +154,5 @@ def _press_one(
     if blocked:
         near = replace(near, bounds=np.full_like(near.bounds, -np.inf))
     image = simulator.see(found.pose, near)
-    touches.rgb[index], touches.depth[index], touches.mask[index] = image.rgb, image.depth, image.mask
+    touches.rgb[index], touches.depth_m[index], touches.mask[index] = image.rgb, image.depth, image.mask
     touches.contact_area_m2[index] = image.contact_area_m2

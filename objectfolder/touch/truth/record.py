@@ -108,7 +108,7 @@ def _arrays(pressed: Touches, untouched: np.ndarray, queries: np.ndarray, traini
     return {
         "no_contact": Array(untouched, ("y", "x", "channel"), "1", "untouched gel", False),
         "rgb": Array(pressed.rgb, (*image, "channel"), "1", "image of the sensor, 8 bit, without noise"),
-        "depth": Array(pressed.depth, image, "m", "depth of the object in the undeformed gel"),
+        "depth": Array(pressed.depth_m, image, "m", "depth of the object in the undeformed gel"),
         "mask": Array(pressed.mask, image, "1", "pixels that see the object in the gel"),
         "sensor_to_object": Array(
             pressed.sensor_to_object, ("touch", "row", "column"), "m", "pose of the sensor", False

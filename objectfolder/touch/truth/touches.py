@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from objectfolder.errors import QueryError
 from objectfolder.notebook import picture_row
 from objectfolder.query_values import real_array
+from objectfolder.renaming import renamed_attribute
 from objectfolder.touch.sensor.sensor import Sensor
 
 TOLERANCE_M = 1e-6
@@ -129,7 +130,7 @@ class Touches:
     ----------
     rgb
         (n, height, width, 3) uint8, without noise.
-    depth
+    depth_m
         (n, height, width) float32 metres: how far the object, where a pixel sees it, lies inside the
         undeformed gel, along the sensor's axis; the mean over a pixel's samples, 0 where there is none.
     mask
@@ -147,7 +148,7 @@ class Touches:
         point itself is `penetration_m - first_contact_offset_m` deep in it (outside where negative).
     penetration_m
         (n,) float64: deepest indentation of the gel by any part of the object, along the sensor's axis.
-        It equals the depth asked for, or 0 where the sensor cannot stand. `depth` never shows more.
+        It equals the depth asked for, or 0 where the sensor cannot stand. `depth_m` never shows more.
     contact_area_m2
         (n,) float64: area of the object's surface that the camera sees in the gel.
     saturated
@@ -167,7 +168,7 @@ class Touches:
     """
 
     rgb: NDArray[np.uint8]
-    depth: NDArray[np.float32]
+    depth_m: NDArray[np.float32]
     mask: NDArray[np.bool_]
     sensor_to_object: NDArray[np.float64]
     points: NDArray[np.float64]
@@ -178,6 +179,7 @@ class Touches:
     contact_area_m2: NDArray[np.float64]
     saturated: NDArray[np.bool_]
     force_n: NDArray[np.float64]
+    depth = renamed_attribute("depth_m")
 
     def __repr__(self) -> str:
         count, height, width = self.mask.shape
@@ -207,7 +209,7 @@ class Touches:
         image = (count, sensor.image_height, sensor.image_width)
         return cls(
             rgb=np.zeros((*image, 3), dtype=np.uint8),
-            depth=np.zeros(image, dtype=np.float32),
+            depth_m=np.zeros(image, dtype=np.float32),
             mask=np.zeros(image, dtype=bool),
             sensor_to_object=np.zeros((count, 4, 4)),
             points=np.zeros((count, 3)),

@@ -183,7 +183,7 @@ def press_points(
     output.mkdir(parents=True, exist_ok=True)
     for index, image in enumerate(touches.rgb):
         Image.fromarray(image).save(output / f"{index:04d}.png")
-    np.save(output / "depth.npy", touches.depth)
+    np.save(output / "depth.npy", touches.depth_m)
     labels = {name: getattr(touches, name).tolist() for name in LABELS}
     # JSON has no NaN: a rigid contact has no force.
     labels["force_n"] = [None if np.isnan(force) else force for force in labels["force_n"]]

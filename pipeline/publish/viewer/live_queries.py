@@ -121,7 +121,7 @@ class LiveObject:
             return {"missed": True}, b""
         point, normal = met
         touch = self.file.press(point, depth, tilt, azimuth)
-        height, width = touch.depth.shape[1:]
+        height, width = touch.depth_m.shape[1:]
         return {
             "point": point.tolist(),
             "normal": normal.tolist(),
@@ -131,7 +131,7 @@ class LiveObject:
             "penetration_m": float(touch.penetration_m[0]),
             "first_contact_offset_m": float(touch.first_contact_offset_m[0]),
             "contact_area_m2": float(touch.contact_area_m2[0]),
-        }, touch.rgb[0].tobytes() + touch.depth[0].astype("<f4").tobytes()
+        }, touch.rgb[0].tobytes() + touch.depth_m[0].astype("<f4").tobytes()
 
     def warm_images(self) -> None:
         """Compile, or read from the cache, what images need."""

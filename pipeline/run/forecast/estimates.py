@@ -8,7 +8,8 @@ stage without packaged costs is estimated from its own tasks. The objects of the
 runs make, have costs of their own in ``starter_costs.csv``.
 
 Seconds and memory of modes grow with a power of the load (`bending_modes`). Packaged costs of rendering are
-scaled by views x pixels x samples, those of touching by touches x pixels.
+scaled by views x pixels x samples, those of touching by touches x pixels, and the share of encoding that fits
+sight by its steps.
 
 Memory errs high: `MEMORY_MARGIN` times the largest peak of that object, or a law that `HIGH_QUANTILE` of the
 other objects lie below, with the same margin.
@@ -48,6 +49,8 @@ PACKAGED_RAYS = (100 * 32 + 12 * 256) * 128**2
 PACKAGED_VIEW_PIXELS = 112 * 128**2
 PACKAGED_TOUCH_PIXELS = 150 * 160 * 120
 PACKAGED_FREQUENCY_HZ = 20_000.0
+PACKAGED_STEPS = 1200
+FITTING_SHARE = 0.65  # of the seconds of encoding: what the die took with 300 steps and with 1200
 
 
 @dataclass(frozen=True)
@@ -268,6 +271,9 @@ def scales(stage: str, parameters: Parameters | None) -> tuple[float, float]:
         pixels = touch.sensor["image_height"] * touch.sensor["image_width"]
         factor = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
         return factor, factor
+    if stage == "encode":
+        steps = parameters.encode.visionnet.steps
+        return 1.0 + FITTING_SHARE * (steps / PACKAGED_STEPS - 1.0), 1.0
     return 1.0, 1.0
 
 

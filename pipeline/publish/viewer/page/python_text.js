@@ -37,7 +37,7 @@
     if (press) {
       lines.push(
         `touch = file.press(point, depth_m=${press.depth}, tilt_deg=${press.tilt}, azimuth_deg=${press.azimuth})`,
-        "tactile = touch.rgb[0]  # (160, 120, 3); touch.depth, touch.mask, touch.reachable, ...",
+        "tactile = touch.rgb[0]  # (160, 120, 3); touch.depth_m, touch.mask, touch.reachable, ...",
       );
     }
     return `${lines.join("\n")}\n`;
