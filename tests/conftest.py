@@ -2,7 +2,6 @@
 
 # ruff: noqa: E402
 
-import dataclasses
 import gc
 import importlib
 import os
@@ -11,6 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 from unittest import mock
 
 import objectfolder  # noqa: F401  (it chooses the kernels of OpenBLAS before NumPy is there)
@@ -24,23 +24,14 @@ os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 sys.dont_write_bytecode = False
 gc.disable()  # nothing of a million objects goes while tests are collected
 
-import numpy as np
 import pytest
-import trimesh
 from filelock import FileLock
 from hypothesis import settings
 
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.modes import simulate_modes
-from objectfolder.fidelity.verification import verify_object
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.object_file.encoding import encode_object
-from objectfolder.products.store import write_product
-from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.record import simulate_touches
-from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.truth.views import simulate_views
 from tests import cpu_seconds, release_half
+
+if TYPE_CHECKING:
+    from objectfolder.mesh.mesh import TexturedMesh
 
 REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()
@@ -151,64 +142,14 @@ def shared_objects() -> Path:
 
 
 @pytest.fixture(scope="session")
-def glass_bar() -> TexturedMesh:
+def glass_bar() -> "TexturedMesh":
     """A 120 x 30 x 8 mm bar with a striped texture."""
-    box = trimesh.creation.box((0.12, 0.03, 0.008)).subdivide_to_size(0.02)
-    stripes = np.zeros((8, 64, 4), dtype=np.uint8)
-    stripes[..., 3] = 255
-    stripes[:, :, 0] = np.where(np.arange(64) // 8 % 2, 210, 60)
-    stripes[:, :, 1] = 140
-    corners = np.asarray(box.vertices)[box.faces]
-    return TexturedMesh(
-        np.asarray(box.vertices, dtype=np.float64),
-        np.asarray(box.faces, dtype=np.int64),
-        corners[..., :2] / (0.12, 0.03) + 0.5,
-        (stripes,),
-        np.zeros(len(box.faces), dtype=np.int32),
-    )
+    from tests.small_file import bar_mesh  # imports every sense, which few tests need
+
+    return bar_mesh()
 
 
 @pytest.fixture(scope="session")
-def small_file(glass_bar: TexturedMesh, make_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
-    """A verified Object File of the bar, simulated and fitted at a very small size by the real tasks.
-
-    Its truth lies beside it: ``views.zarr.zip``, ``modes.zarr.zip`` and ``touches.zarr.zip``.
-    """
-    return make_once("object", lambda folder: _make_object_file(glass_bar, folder)) / "bar.safetensors"
-
-
-def _make_object_file(glass_bar: TexturedMesh, folder: Path) -> None:
-    surface, sensor = glass_bar.surface, Sensor()
-    glass = read_materials(REPOSITORY / "data" / "materials.csv")["glass"]
-    views = simulate_views(
-        glass_bar,
-        Appearance(glass.roughness, glass.metallic),
-        resolution=24,
-        field_of_view_deg=39.6,
-        camera_radius=2.5,
-        training_views=6,
-        training_samples=4,
-        held_out_views=2,
-        held_out_samples=16,
-        seed=0,
-    )
-    modes = simulate_modes(surface, glass, training_points=120, held_out_points=20, seed=0)
-    touches = simulate_touches(surface, sensor, touches=1, held_out_touches=6, seed=0)
-    described = {
-        "object": {
-            "id": "bar",
-            "name": "Glass bar",
-            "source": "made by code",
-            "licence": "CC0-1.0",
-            "attribution": "the tests",
-        },
-        "material": dataclasses.asdict(glass),
-        "body": None,
-        "provenance": {},
-    }
-    file = encode_object(
-        surface, views, modes, sensor, described, visionnet={"steps": 60}, audionet={}, seed=0
-    )
-    verify_object(file, views, modes, touches).file.save(folder / "bar.safetensors")
-    for name, truth in {"views": views, "modes": modes, "touches": touches}.items():
-        write_product(folder / f"{name}.zarr.zip", truth)
+def small_file() -> Path:
+    """A verified Object File of the bar, with its truth beside it: ``views.zarr.zip``, ``modes.zarr.zip``."""
+    return REPOSITORY / "tests" / "data" / "bar" / "bar.safetensors"
