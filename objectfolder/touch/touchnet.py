@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.stored_values import whole_number
@@ -67,11 +68,11 @@ class TouchNet:
 
     def press(
         self,
-        points: np.ndarray,
+        points: ArrayLike,
         asked: Press | None = None,
         *,
         resolution: int | tuple[int, int] | None = None,
-        background: np.ndarray | None = None,
+        background: NDArray[np.uint8] | None = None,
         noise_seed: int | Sequence[int] | None = None,
     ) -> Touches:
         """Press at points.
@@ -126,7 +127,7 @@ class TouchNet:
             rgb = with_noise(rgb, sensor, seeds)
         return replace(touches, rgb=rgb)
 
-    def reach(self, points: np.ndarray, asked: Press, rolls: int = 24) -> Reach:
+    def reach(self, points: NDArray[np.float64], asked: Press, rolls: int = 24) -> Reach:
         """Try presses at several rolls; see `ObjectFile.reach`."""
         from objectfolder.touch.truth.press import reach
 

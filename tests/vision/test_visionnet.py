@@ -111,21 +111,21 @@ def test_few_rays_in_even_pixels_change_little(views, fitted):
 
 def test_queries_without_an_answer_are_refused(subtests, fitted):
     for change, word in [
-        ({"light_position": np.zeros((2, 3))}, r"lights.*one light a camera"),
+        ({"lights": np.zeros((2, 3))}, r"lights.*one light a camera"),
         ({"camera_to_world": np.diag([2.0, 2, 2, 1])}, "camera_to_object: not a rigid pose"),
         ({"passes": ["shine"]}, "passes: 'shine'"),
         ({"crop": (0, 0, 9, 8)}, "crop: 9 x 8 pixels at row 0, column 0. Stay within the image, 8 x 8"),
         ({"crop": (-1, 0, 2, 2)}, "crop"),
         ({"crop": (0, 0, 0, 2)}, "crop"),
         ({"crop": (0, 0, 2)}, "crop: 3 numbers"),
-        ({"light_position": np.full((1, 3), np.nan)}, "finite"),
+        ({"lights": np.full((1, 3), np.nan)}, "finite"),
         ({"resolution": 0}, "resolution"),
         ({"sub_rays": 0}, "sub_rays"),
     ]:
         with subtests.test(change=change):
             query = {
                 "camera_to_world": look_at(np.array([[0.0, 0.0, 2.5]])),
-                "light_position": np.array([[0.0, 0.0, 1.0]]),
+                "lights": np.array([[0.0, 0.0, 1.0]]),
                 "resolution": 8,
                 "field_of_view_deg": 39.6,
             }

@@ -14,6 +14,7 @@ from objectfolder.extras import missing_package
 from objectfolder.products.stored_values import number, whole_number
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.query_values import point_rows, require_room
+from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
@@ -223,7 +224,7 @@ class VisionNet:
 
     @overload
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray | Environment,
+        self, camera_to_world: np.ndarray, lights: np.ndarray | Environment,
         resolution: int | tuple[int, int], field_of_view_deg: float, sub_rays: int | None = ..., *,
         light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
         passes: None = ...,
@@ -231,14 +232,15 @@ class VisionNet:
 
     @overload
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray | Environment,
+        self, camera_to_world: np.ndarray, lights: np.ndarray | Environment,
         resolution: int | tuple[int, int], field_of_view_deg: float, sub_rays: int | None = ..., *,
         light_colour: np.ndarray | None = ..., crop: tuple[int, int, int, int] | None = ...,
         passes: Collection[str],
     ) -> dict[str, np.ndarray]: ...  # fmt: skip
 
+    @renamed_keywords(light_position="lights")
     def render(
-        self, camera_to_world: np.ndarray, light_position: np.ndarray | Environment,
+        self, camera_to_world: np.ndarray, lights: np.ndarray | Environment,
         resolution: int | tuple[int, int], field_of_view_deg: float, sub_rays: int | None = None, *,
         light_colour: np.ndarray | None = None, crop: tuple[int, int, int, int] | None = None,
         passes: Collection[str] | None = None,
@@ -248,7 +250,7 @@ class VisionNet:
         Arguments, passes and errors are as of `SightQueries.render_passes`, in the unit frame. Light adds up:
         along a ray the radiance under several lights is the sum of that under each. In an image each pixel's
         share of the rays follows from what all lights together show. Memory does not grow with the lights.
-        An environment, in place of `light_position`, has the directions of both frames.
+        An environment, in place of positions of `lights`, has the directions of both frames.
 
         Returns
         -------
@@ -257,8 +259,8 @@ class VisionNet:
             With `passes`, any of `PASSES`, a dict of them.
         """
         wanted = pass_names(passes, tuple(PASSES))
-        around = light_position if isinstance(light_position, Environment) else None
-        lamps = np.zeros(3) if isinstance(light_position, Environment) else light_position
+        around = lights if isinstance(lights, Environment) else None
+        lamps = np.zeros(3) if isinstance(lights, Environment) else lights
         query = view_query(camera_to_world, lamps, light_colour)
         require_near("camera_to_object", query.cameras[:, :3, 3])
         require_near("lights", query.lights)
@@ -273,10 +275,10 @@ class VisionNet:
         }
         for index, camera in enumerate(query.cameras):
             if "rgba" in wanted:
-                lights = query.lights[index], query.colours[index]
+                lamp = query.lights[index], query.colours[index]
                 for rows, band in _bands(part):
                     stacked["rgba"][index, rows] = (
-                        self._rendering().render(camera, *lights, size, field_of_view_deg, rays, band)
+                        self._rendering().render(camera, *lamp, size, field_of_view_deg, rays, band)
                         if around is None
                         else self._in_environment(camera, around, size, field_of_view_deg, rays, band)
                     )
@@ -325,17 +327,18 @@ class VisionNet:
         assert isinstance(renderer, CompiledRenderer)
         return renderer.surrounded(camera, *asked)
 
+    @renamed_keywords(light_position="lights")
     def radiance(
-        self, origins: np.ndarray, directions: np.ndarray, light_position: np.ndarray, *,
+        self, origins: np.ndarray, directions: np.ndarray, lights: np.ndarray, *,
         light_colour: ArrayLike | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Return the radiance (n, 4) along rays as `SightQueries.radiance`, in the unit frame."""
         starts, along = ray_query(origins, directions)
-        lights = point_rows(light_position, "lights")
+        positions = point_rows(lights, "lights")
         require_near("origins", starts)
-        require_near("lights", lights)
-        colours = light_colours(light_colour, lights.shape)
-        return self._rendering().radiance(starts, along, lights, colours)
+        require_near("lights", positions)
+        colours = light_colours(light_colour, positions.shape)
+        return self._rendering().radiance(starts, along, positions, colours)
 
 
 def _appearance(said: Any) -> Appearance | None:
