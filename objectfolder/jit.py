@@ -29,10 +29,10 @@ CPU_FEATURES = (
     "+sse,+sse2,+sse3,+sse4.1,+sse4.2,+ssse3,+xsave"
 )
 
-# CPU seconds on a processor of 2020; a busy machine takes longer.
-ONCE = "about 10 s for each sense, once for this installation"
+# CPU seconds on a processor of 2020. A busy machine takes longer.
+ONCE = "10 to 20 s for each sense, once for this installation"
 EACH_TIME = (
-    "about 10 s for each sense, in every process: neither the folder of this package nor the user's cache "
+    "10 to 20 s for each sense, in every process: neither the folder of this package nor the user's cache "
     "folder can be written. Set NUMBA_CACHE_DIR to a folder that can be."
 )
 _logger = logging.getLogger(__name__)

@@ -91,12 +91,12 @@ def failures(*, json: Json = False, root: Root = Path(".")) -> int:
     """Show which objects failed; the exit status is 1 if any did."""
     from pipeline.dataset.failures import failure_table, read_failures
 
-    found = read_failures(root)
+    failed_objects = read_failures(root)
     if json:
-        print(json_text.dumps([asdict(one) for one in found], indent=1))
-    elif found:
-        print(f"{failure_table(found)}\n`dvc repro` tries them again.")
-    return FAILED if found else FINE
+        print(json_text.dumps([asdict(entry) for entry in failed_objects], indent=1))
+    elif failed_objects:
+        print(f"{failure_table(failed_objects)}\n`dvc repro` tries them again.")
+    return FAILED if failed_objects else FINE
 
 
 def select(*, table: str | None = None, only: str | None = None, root: Root = Path(".")) -> None:
@@ -155,8 +155,8 @@ def plan(
     """
     from pipeline.run.forecast.plan import plan_data_set
 
-    made = plan_data_set(root.absolute(), table, workers, count)
-    print_result(made, json=json)
+    data_set_plan = plan_data_set(root.absolute(), table, workers, count)
+    print_result(data_set_plan, json=json)
 
 
 def clean(

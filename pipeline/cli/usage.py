@@ -33,8 +33,8 @@ def usage_line(error: CycloptsError) -> str:
         if error.keyword is not None:  # written, with too few values
             count, _ = error.argument.token_count()
             values = "a value" if count == 1 else f"{count} values"
-            given = len(error.tokens_so_far) % count or "none"
-            return f"{where}{error.keyword} takes {values}, {given} given. {more}"
+            number = len(error.tokens_so_far) % count or "none"
+            return f"{where}{error.keyword} takes {values}, {number} given. {more}"
         return f"{where}{error.argument.name} is missing. {_materials(error.argument.name) or more}"
     if isinstance(error, UnusedCliTokensError):
         words = ", ".join(error.unused_tokens or ())
@@ -52,12 +52,12 @@ def usage_line(error: CycloptsError) -> str:
 
 def _converted(text: str, factors: dict[str, float]) -> str | None:
     """Return the remedy for a number with a unit that is known."""
-    written = NUMBER_AND_UNIT.fullmatch(text)
-    factor = factors.get(written[2].lower()) if written else None
-    if written is None or factor is None:
+    match = NUMBER_AND_UNIT.fullmatch(text)
+    factor = factors.get(match[2].lower()) if match else None
+    if match is None or factor is None:
         return None
     try:
-        return f"Write {float(written[1]) * factor:.6g}."
+        return f"Write {float(match[1]) * factor:.6g}."
     except ValueError:
         return None
 

@@ -115,6 +115,7 @@ def test_each_command_has_examples_that_parse(capsys: pytest.CaptureFixture[str]
         (["plan", "--count", "many"], '"many" into int'),
     ],
 )
+@pytest.mark.usefixtures("quiet")
 def test_wrong_usage_is_named(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
     error = _last_line(capsys)
