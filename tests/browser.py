@@ -4,14 +4,19 @@
 own. Playwright drives the Chromium of the system: nothing is downloaded.
 """
 
+import contextlib
 import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
+
+from tests.patience import LOOK_S, OwnClock
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 # A machine without a graphics card draws WebGL by SwiftShader; sound plays without a click before it.
@@ -21,8 +26,9 @@ ARGUMENTS = (
     "--enable-unsafe-swiftshader",
     "--autoplay-policy=no-user-gesture-required",
 )
-# The machine may be busy with other work; conditions are waited for, this long at most.
-PATIENCE_MS = 60_000
+# Conditions are waited for this long at most, by an `OwnClock`, since a page asked for or said anything.
+PATIENCE_S = 120.0
+PROGRESS = ("console", "framenavigated", "pageerror", "request", "response")
 
 
 @dataclass
@@ -55,6 +61,46 @@ def chromium() -> str:
     return executable
 
 
+class Watchdog:
+    """Ends the browser where nothing has happened in its pages for too long.
+
+    Playwright's own limits are wall time, which other work on the machine uses up. They are off.
+    """
+
+    def __init__(self, patience_s: float = PATIENCE_S) -> None:
+        self._patience_s = patience_s
+        self._progress, self._closed = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self.ended = False
+
+    def __enter__(self) -> "Watchdog":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        self._thread.join()
+
+    def progress(self, *_: object) -> None:
+        """Something happened: wait as long again."""
+        self._progress.set()
+
+    def _watch(self) -> None:
+        clock = OwnClock()
+        while not self._closed.wait(LOOK_S):
+            if self._progress.is_set():
+                self._progress.clear()
+                clock.set_back()
+            elif clock.read() > self._patience_s:
+                self.ended = True
+                # Playwright's driver stays and tells the caller that its browser is gone.
+                for process in psutil.Process().children(recursive=True):
+                    with contextlib.suppress(psutil.Error):
+                        if process.name().startswith(("chrom", "google-chrom")):
+                            process.kill()
+                return
+
+
 # Of a module, not a session: while Playwright lives, no other test can run an event loop of its own.
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
@@ -63,7 +109,7 @@ def browser() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
-        launched = driver.chromium.launch(executable_path=executable, args=list(ARGUMENTS))
+        launched = driver.chromium.launch(executable_path=executable, args=list(ARGUMENTS), timeout=0)
         yield launched
         launched.close()
 
@@ -75,12 +121,15 @@ def open_page(browser: Any) -> Iterator[Callable[..., Watched]]:
     Its keywords are those of `Browser.new_context`: ``color_scheme="dark"``, ``viewport={...}``.
     """
     contexts = []
+    watchdog = Watchdog()
 
     def open_in_new_context(place: Path | str, **settings: Any) -> Watched:
         context = browser.new_context(**settings)
         contexts.append(context)
-        context.set_default_timeout(PATIENCE_MS)
+        context.set_default_timeout(0)
         watched = Watched(context.new_page())
+        for event in PROGRESS:
+            watched.page.on(event, watchdog.progress)
         watched.page.on("request", lambda request: watched.requests.append(request.url))
         watched.page.on("pageerror", lambda error: watched.errors.append(str(error)))
         watched.page.on(
@@ -90,6 +139,9 @@ def open_page(browser: Any) -> Iterator[Callable[..., Watched]]:
         watched.page.goto(place.resolve().as_uri() if isinstance(place, Path) else place)
         return watched
 
-    yield open_in_new_context
+    with watchdog:
+        yield open_in_new_context
+    if watchdog.ended:
+        pytest.fail(f"nothing happened in the page for {PATIENCE_S:g} s of the processes' own")
     for context in contexts:
         context.close()

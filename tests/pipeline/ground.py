@@ -9,7 +9,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from toys import Toys
 
 from objectfolder.errors import FormatError
 from pipeline.dataset import products
+from tests.patience import wait_until
 
 REPOSITORY = Path(__file__).parents[2]
 PACKAGE = "disturbed_toys"
@@ -249,8 +249,4 @@ def wait_for(condition: Callable[[], object], what: str, seconds: float = GENERO
     TimeoutError
         It does not.
     """
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"{what}: not within {seconds:g} s")
-        time.sleep(0.02)
+    wait_until(condition, what, seconds)

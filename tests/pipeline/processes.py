@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,6 +14,7 @@ from toys import REPOSITORY, Toys
 
 from pipeline.dataset.job import Finished, Job, Runner
 from pipeline.dataset.task import Call, Request
+from tests.patience import wait_until
 
 LIMIT_S = float(os.environ.get("OBJECTFOLDER_TEST_LIMIT_S", "180"))
 
@@ -46,10 +46,7 @@ def running(runner: Runner, *jobs: Job) -> Iterator[list[Finished]]:
 
 
 def eventually(condition: Callable[[], object], limit_s: float = LIMIT_S) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, condition
-        time.sleep(0.05)
+    wait_until(condition, patience_s=limit_s)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import psutil
@@ -16,6 +15,7 @@ from pipeline.dataset.task import Call, Request
 from pipeline.sandbox import host_memory, scratch
 from pipeline.sandbox.isolation import Child, ChildSettings, Interrupted, ProcessKilled
 from pipeline.sandbox.process_tree import descendants
+from tests.patience import wait_until
 
 POISON = {
     "segfault": "import ctypes; print('last words', flush=True); ctypes.string_at(0)",
@@ -54,14 +54,6 @@ def calls_of(toys, names, poison=POISON, parts=None):
         )
         for name in names
     ]
-
-
-def wait_for(condition, what):
-    deadline = time.monotonic() + PATIENCE_S
-    while not (found := condition()):
-        assert time.monotonic() < deadline, what
-        time.sleep(0.02)
-    return found
 
 
 def alive(pid):
@@ -113,7 +105,7 @@ def test_killed_from_outside_is_told_apart_from_failing(toys, victim):
 
 
 def _kill_when_it_has_a_child(task, victim):
-    wait_for(lambda: descendants(task), "the task has started something")
+    wait_until(lambda: descendants(task), "the task has started something")
     os.kill(victim, signal.SIGKILL)
 
 
@@ -132,7 +124,7 @@ def test_what_a_killed_guard_leaves_is_ended_too(toys):
             child.run(call)
         killer.join()
     assert len(seen) >= 4
-    wait_for(lambda: not any(map(alive, seen)), "all processes are gone")
+    wait_until(lambda: not any(map(alive, seen)), "all processes are gone")
 
 
 def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monkeypatch):
@@ -149,7 +141,7 @@ def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monk
     )
     assert alive(int(done.stdout))
     Child(toys.root, ChildSettings()).__exit__(None, None, None)
-    wait_for(lambda: not alive(int(done.stdout)), "it is gone")
+    wait_until(lambda: not alive(int(done.stdout)), "it is gone")
 
 
 def test_a_child_killed_while_idle_is_no_ones_loss(toys):
@@ -158,7 +150,7 @@ def test_a_child_killed_while_idle_is_no_ones_loss(toys):
         child.run(first)
         (task,) = descendants(guard_of(child))
         os.kill(task, signal.SIGKILL)
-        wait_for(lambda: child._process.poll() is not None, "the guard follows its task")
+        wait_until(lambda: child._process.poll() is not None, "the guard follows its task")
         assert child.run(second).failure is None
 
 
@@ -167,7 +159,7 @@ def test_interrupted_by_another_thread(toys):
     with Child(toys.root, ChildSettings()) as child:
 
         def interrupt():
-            wait_for(lambda: child._process and len(descendants(guard_of(child))) == 2, "the task runs")
+            wait_until(lambda: child._process and len(descendants(guard_of(child))) == 2, "the task runs")
             child.interrupt()
 
         thread = threading.Thread(target=interrupt)
@@ -208,10 +200,10 @@ def test_hung_task_is_ended_with_what_it_started(toys):
 def _when_all_run(child):
     """Return a task's processes once the orphan is among them."""
     orphan = Path(child._scratch.name, "orphan")
-    wait_for(lambda: orphan.exists() and orphan.read_text().strip(), "the orphan has started")
+    wait_until(lambda: orphan.exists() and orphan.read_text().strip(), "the orphan has started")
     pid = int(orphan.read_text())
     return {
-        *wait_for(lambda: _with(pid, descendants(guard_of(child))), "the orphan was adopted"),
+        *wait_until(lambda: _with(pid, descendants(guard_of(child))), "the orphan was adopted"),
         guard_of(child),
     }
 
@@ -228,7 +220,7 @@ def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
         "import signal, sys\n"
         # Whoever started the tests may have had them ignore it, as `nohup` does.
         "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
-        f"sys.path.insert(0, {str(os.path.dirname(__file__))!r})\n"
+        f"sys.path[:0] = {[str(Path(__file__).parents[depth]) for depth in (0, 2)]!r}\n"
         "from pathlib import Path\n"
         "from test_isolation import HANG, calls_of\n"
         "from toys import Toys\n"
@@ -248,17 +240,17 @@ def test_whoever_dies_leaves_no_process_and_no_folder(toys, end):
     )
     folder = type(toys.root)(starter.stdout.readline().strip())
     orphan = folder / "orphan"
-    wait_for(lambda: orphan.exists() and orphan.read_text().strip(), "the orphan has started")
+    wait_until(lambda: orphan.exists() and orphan.read_text().strip(), "the orphan has started")
     # Starter, guard, task, sleeper and the orphan that left its session.
     running = {
         starter.pid,
-        *wait_for(lambda: _with(int(orphan.read_text()), descendants(starter.pid)), "adopted"),
+        *wait_until(lambda: _with(int(orphan.read_text()), descendants(starter.pid)), "adopted"),
     }
     assert len(running) >= 5
     starter.send_signal(end)
     starter.wait(PATIENCE_S)
     starter.stdout.close()
-    wait_for(lambda: not any(map(alive, running)), "all processes are gone")
+    wait_until(lambda: not any(map(alive, running)), "all processes are gone")
     assert folder in scratch.sweep()
     assert not folder.exists()
 

@@ -149,7 +149,7 @@ def test_a_control_group_counts_where_it_is_smaller_than_the_host(tmp_path, monk
 
 GROUPED = """
 import sys
-sys.path.insert(0, {tests!r})
+sys.path[:0] = {folders!r}
 from pathlib import Path
 from test_isolation import calls_of
 from toys import Toys
@@ -197,7 +197,7 @@ def control_group():
 )
 def test_in_a_control_group(toys, control_group, expected, finding, remedy):
     script = GROUPED.format(
-        tests=str(Path(__file__).parent),
+        folders=[str(Path(__file__).parents[depth]) for depth in (0, 2)],
         package=toys.package,
         body=SLOW,
         expected=expected,

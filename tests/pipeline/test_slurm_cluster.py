@@ -83,7 +83,9 @@ def stays_the_first_time(mark: Path) -> str:
 
 @pytest.mark.slow
 def test_a_job_that_reaches_its_walltime_is_replaced_and_its_task_runs_again(commands, tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *_path()]))
+    monkeypatch.setenv(
+        "PYTHONPATH", os.pathsep.join([*(str(Path(__file__).parents[depth]) for depth in (0, 2)), *_path()])
+    )
     with connect(place(1, walltime="00:01:00"), tmp_path, 1) as client:
         task = client.submit(stays_the_first_time, tmp_path / "mark")
         eventually((tmp_path / "mark").exists)

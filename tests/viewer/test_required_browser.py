@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser import chromium
+from tests.browser import Watchdog, chromium
 
 
 def test_a_required_browser_that_is_absent_fails(monkeypatch, tmp_path):
@@ -21,3 +21,11 @@ def test_a_browser_that_is_there_is_found(monkeypatch, tmp_path):
     executable.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     assert chromium() == str(executable)
+
+
+def test_a_wait_for_what_does_not_happen_ends(browser):
+    page = browser.new_page()
+    page.set_default_timeout(0)
+    with Watchdog(patience_s=0.5) as watchdog, pytest.raises(Exception, match="closed"):
+        page.wait_for_selector("#never")
+    assert watchdog.ended
