@@ -227,7 +227,9 @@ def test_guess_probabilities_and_plans_are_exact(started):
         assert abs(sum(entry[key] == value for entry in many) - 2000) < 130  # four sigma
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    "scheme", ["light", pytest.param("dark", marks=pytest.mark.release("pipeline.publish"))]
+)
 def test_the_page_is_accessible(started, scheme):
     axe = Axe()
     page = started(color_scheme=scheme, viewport={"width": 360, "height": 740}).page

@@ -172,7 +172,9 @@ def test_another_page_cannot_ask(live, open_page, address, tmp_path):
         assert said in ("refused", "opaque")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    "scheme", ["dark", pytest.param("light", marks=pytest.mark.release("pipeline.publish"))]
+)
 def test_no_fault_of_accessibility(live, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
     live.page.emulate_media(color_scheme=scheme)

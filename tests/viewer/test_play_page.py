@@ -19,6 +19,7 @@ from pipeline.publish.viewer import played_world
 from pipeline.publish.viewer.play import page_of_world
 from pipeline.publish.viewer.played_world import ALONE_S, BLOCK_S, PlayedWorld
 from tests.live.drop_scenes import drop_scene
+from tests.patience import wait_until
 from tests.viewer.live_servers import served_page
 from tests.viewer.players import place_of
 
@@ -46,14 +47,6 @@ def played(world, open_page):
         assert watched.left_the_machine == []
 
 
-def waits(until, seconds=20.0):
-    """Wait until something holds, on a machine that may be busy."""
-    end = time.monotonic() + seconds
-    while not until():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
 def place_on(page, world, body, above_m=0.05):
     """Where in the window a point over the origin of a body is."""
     point = world._world.pose(body)[:3, 3] + [0, 0, above_m]
@@ -71,7 +64,7 @@ def test_a_click_strikes_what_is_seen_and_heard(played):
     before = image(page)
     page.evaluate(f"() => ({TABLE}.sound.peak = 0)")
     page.mouse.click(*place_on(page, world, "0_mug"))
-    waits(lambda: any(one.bodies == ("hammer", "0_mug") for one in world._sound.impacts))
+    wait_until(lambda: any(one.bodies == ("hammer", "0_mug") for one in world._sound.impacts))
     page.wait_for_function(f"() => {TABLE}.sound.peak > 1e-3")
     page.wait_for_function(
         "(before) => document.querySelector('.player-image').toDataURL() !== before", arg=before
@@ -81,7 +74,8 @@ def test_a_click_strikes_what_is_seen_and_heard(played):
     page.wait_for_function(f"(before) => {TABLE}.sound.underruns > before", arg=before[0])
     told = re.compile(r"gaps? in the sound, now 0\.\d+ s late")
     page.locator(".player-resolution", has_text=told).wait_for()
-    assert before[1] < page.evaluate(f"() => {TABLE}.sound.behind") <= 0.5
+    behind = page.evaluate(f"() => {TABLE}.sound.behind")
+    assert before[1] < behind <= 0.5 or before[1] == behind == 0.5, "a busy machine may be at the most before"
 
 
 @pytest.mark.slow
@@ -138,9 +132,9 @@ def test_what_is_dragged_is_carried_and_thrown(played):
     for step in range(1, 20):
         page.mouse.move(x - 4 * step, y - 9 * step)
         page.wait_for_timeout(30)
-    waits(lambda: world._world.pose("1_bell")[2, 3] > 0.1)
+    wait_until(lambda: world._world.pose("1_bell")[2, 3] > 0.1)
     page.mouse.up()
-    waits(lambda: world._world.pose("1_bell")[2, 3] < 0.07)
+    wait_until(lambda: world._world.pose("1_bell")[2, 3] < 0.07)
     azimuth = page.evaluate(f"() => {TABLE}.orbit.azimuth")
     page.mouse.move(*place_of(page, 0.05, 0.05))
     page.mouse.down()
@@ -163,11 +157,13 @@ def test_the_keyboard_squeezes_and_both_gels_are_shown(played):
     page.locator(".player-image").press("Enter")
     for name in ("Strike", "Lift and drop", "Throw"):
         page.get_by_role("button", name=name).press("Enter")
-    waits(lambda: world._world.pose("0_mug")[2, 3] > 0.03)
+    wait_until(lambda: world._world.pose("0_mug")[2, 3] > 0.03)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    "scheme", ["light", pytest.param("dark", marks=pytest.mark.release("pipeline.publish"))]
+)
 def test_no_fault_of_accessibility(played, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
     page, _ = played
@@ -180,13 +176,13 @@ def test_no_fault_of_accessibility(played, scheme):
 
 def test_a_world_that_nobody_asks_stands_still_and_goes_on(world):
     with world.running():
-        waits(lambda: world._count > 2)
+        wait_until(lambda: world._count > 2)
         world._asked_s -= 2 * ALONE_S
         time.sleep(5 * BLOCK_S)
         stopped = world._count
         time.sleep(10 * BLOCK_S)
         assert world._count <= stopped + 1
-        waits(lambda: world.heard({"since": stopped})[0]["next"] > stopped + 1)
+        wait_until(lambda: world.heard({"since": stopped})[0]["next"] > stopped + 1)
 
 
 def test_no_image_begins_while_the_world_is_late(world, monkeypatch):
@@ -195,7 +191,7 @@ def test_no_image_begins_while_the_world_is_late(world, monkeypatch):
     monkeypatch.setattr(world, "_advance", lambda: time.sleep(2 * BLOCK_S))
     with world.running(), ThreadPoolExecutor() as threads:
         world._asked_s += 1000.0
-        waits(lambda: not world._on_time.is_set())
+        wait_until(lambda: not world._on_time.is_set())
         seen = threads.submit(world.seen, {"camera_to_world": camera, "resolution": 16, "sub_rays": 1})
         time.sleep(10 * BLOCK_S)
         assert not seen.done()
