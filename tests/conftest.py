@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
-from unittest import mock
 
 import objectfolder  # noqa: F401  (it chooses the kernels of OpenBLAS before NumPy is there)
 
@@ -26,9 +25,8 @@ gc.disable()  # nothing of a million objects goes while tests are collected
 
 import pytest
 from filelock import FileLock
-from hypothesis import settings
 
-from tests import cpu_seconds, release_half
+from tests import cpu_seconds, drawn_examples, release_half
 
 if TYPE_CHECKING:
     from objectfolder.mesh.mesh import TexturedMesh
@@ -36,13 +34,6 @@ if TYPE_CHECKING:
 REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()
 RELEASE_HALF = pytest.StashKey[release_half.ReleaseHalf]()
-
-# The same code draws the same examples; to look for others, `HYPOTHESIS_PROFILE=search`.
-settings.register_profile("same", derandomize=True)
-# Hypothesis also draws constants of the modules that a process has loaded, which hangs on the order of tests.
-mock.patch("hypothesis.internal.conjecture.providers.is_local_module_file", return_value=False).start()
-settings.register_profile("search", derandomize=False)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -57,7 +48,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Import DVC: it logs to the stream that it finds then, and that of a test's own is closed after it."""
     importlib.import_module("dvc.logger")
     cpu_seconds.register(config, config.getoption("--cpu-seconds"))
-    config.stash[RELEASE_HALF] = release_half.register(config, config.getoption("--release"))
+    half = config.stash[RELEASE_HALF] = release_half.register(config, config.getoption("--release"))
+    drawn_examples.load_profile(many="" in half.chosen)
 
 
 def pytest_collection_finish() -> None:

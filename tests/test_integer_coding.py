@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -10,7 +10,6 @@ from objectfolder.products.integer_coding import pack_integers, unpack_integers,
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
 @given(
     arrays(
         np.int64,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -10,7 +10,6 @@ from objectfolder.products.integer_coding import pack_integers, zigzag
 from objectfolder.products.matrix_coding import pack_matrix, unpack_matrix
 
 
-@settings(deadline=None, max_examples=25)
 @given(
     arrays(
         np.int64,

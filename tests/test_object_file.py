@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import safetensors.numpy
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rounding import assert_equal_but_for_rounding
 
@@ -61,7 +61,6 @@ def test_opening_takes_less_than_a_fifth_of_a_second(small_file: Path) -> None:
     assert min(seconds) < 0.2
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.floats(0.0, 0.9999))
 def test_a_truncated_file_is_refused_by_name(
     small_file: Path, tmp_path_factory: pytest.TempPathFactory, share: float

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.errors import FormatError
@@ -55,7 +55,6 @@ def test_a_failed_write_leaves_the_old_product_and_nothing_else(tmp_path: Path) 
     assert [file.name for file in tmp_path.iterdir()] == ["mug.zarr.zip"]
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.floats(0.0, 0.999))
 def test_a_truncated_product_is_refused_by_name(
     tmp_path_factory: pytest.TempPathFactory, share: float

@@ -6,7 +6,7 @@ import multiprocessing
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from objectfolder.errors import InputError
@@ -66,7 +66,6 @@ def test_a_replaced_row_keeps_cells_that_are_not_the_objects(tmp_path):
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=12)
 
 
-@settings(max_examples=60, deadline=None)
 @example([], "\n", "\r")
 @example([], "\n", "\r\nz")
 @given(st.lists(st.lists(texts, min_size=4, max_size=4), max_size=4), st.sampled_from(["\n", "\r\n"]), texts)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
@@ -225,7 +225,6 @@ def test_a_source_inside_a_box_is_heard_as_from_there():
     assert np.linalg.norm(heard - true) < 0.02 * np.linalg.norm(true)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10**6))
 def test_static_potentials_are_the_integrals(seed):
     random = np.random.default_rng(seed)

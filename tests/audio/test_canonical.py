@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -70,7 +70,6 @@ def test_clusters_are_chains_of_near_neighbours() -> None:
     assert clusters([3.0]) == [slice(0, 1)]
 
 
-@settings(deadline=None, max_examples=25)
 @given(seed=st.integers(0, 10_000))
 def test_five_torsional_modes_of_a_ball_are_the_same_after_any_rotation(seed: int) -> None:
     x, values = on_sphere(800, 3), np.full(5, 2.0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.audio.synthesis.audibility import Audibility, bark, quiet_threshold_db
@@ -45,7 +45,6 @@ def test_covering_falls_faster_downwards_than_upwards():
     assert Audibility(frequencies).heard([quiet_pa, loud_pa, quiet_pa]).tolist() == [True, True, False]
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(1, 400), st.integers(0, 1000), st.floats(1.0, 7.0))
 def test_all_that_is_left_out_of_a_band_is_covered_together(tones, seed, decades):
     random = np.random.default_rng(seed)

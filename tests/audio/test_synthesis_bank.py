@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rounding import assert_equal_but_for_rounding
 
@@ -32,7 +32,6 @@ def ceramic(count: int, highest_hz: float, seed: int = 0) -> tuple[np.ndarray, n
     return eigenvalues, (6 + 1e-7 * eigenvalues) / 2
 
 
-@settings(max_examples=30, deadline=None)
 @given(MODES, st.integers(0, 1000), st.floats(0.001, 0.2))
 def test_it_is_the_sum_of_the_velocities_of_modes(count: int, seed: int, duration: float) -> None:
     eigenvalues, dampings, amplitudes = modes(count, seed)
@@ -145,7 +144,6 @@ def test_displacement_velocity_and_acceleration_are_derivatives_of_one_another()
         np.testing.assert_allclose(slope, motion[upper][1:-1], atol=5e-6 * np.abs(motion[upper]).max())
 
 
-@settings(max_examples=30, deadline=None)
 @given(MODES, st.integers(0, 1000), st.floats(-100, 100), st.floats(-100, 100))
 def test_it_is_linear_in_the_force_to_1e_12(count: int, seed: int, a: float, b: float) -> None:
     eigenvalues, dampings, amplitudes = modes(count, seed)
@@ -164,7 +162,6 @@ def test_it_is_linear_in_the_force_to_1e_12(count: int, seed: int, a: float, b: 
     np.testing.assert_allclose(mixed[0], a * apart[0] + b * apart[1], atol=atol, rtol=0)
 
 
-@settings(max_examples=20, deadline=None)
 @given(MODES, st.integers(0, 1000), st.sampled_from([None, 1e-4, (1e-4, 2e-3, 1e-4)]), st.integers(1, 900))
 def test_a_contact_sounds_alone_as_in_a_batch(
     count: int, seed: int, pulse: float | tuple[float, ...] | None, samples: int
@@ -218,7 +215,6 @@ def test_what_would_alias_is_left_out_by_its_damped_frequency() -> None:
     assert heard(23000.0, 16000, damping=2 * np.pi * 23001)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.floats(-200, -20), st.sampled_from([None, 5e-4]))
 def test_what_is_dropped_stays_within_its_bound(seed: int, floor_db: float, pulse: float | None) -> None:
     random = np.random.default_rng(seed)
@@ -347,7 +343,6 @@ def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests) -> Non
                 mode_bank(**asked)
 
 
-@settings(max_examples=150, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(-30, 59), st.floats(-30, 29)), min_size=1, max_size=3),
     st.floats(-2, 6),

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rounding import assert_equal_but_for_rounding
 from scipy.integrate import solve_ivp
@@ -163,7 +163,6 @@ def test_sampled_forces_are_what_stepping_the_matrix_exponential_finds(ratio: fl
         np.testing.assert_allclose(sound[0], truth[:, row], atol=2e-11 * np.abs(truth[:, row]).max(), rtol=0)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 700), st.integers(1, 700), st.integers(0, 100))
 def test_any_length_of_force_and_of_sound(force_samples: int, samples: int, seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -192,7 +191,6 @@ def test_a_sampled_half_sine_converges_to_the_closed_form() -> None:
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 100), st.floats(-50, 50), st.floats(-50, 50))
 def test_it_is_linear_in_the_forces_to_1e_12(seed: int, a: float, b: float) -> None:
     random = np.random.default_rng(seed)
@@ -250,7 +248,6 @@ def test_impossible_forces_are_refused(subtests: pytest.Subtests) -> None:
                 driven_bank(**asked)
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(-30, 59), st.floats(-30, 29)), min_size=1, max_size=3),
     st.floats(-2, 6),

@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.audio.synthesis import Voices, driven_bank, mode_bank
@@ -36,7 +36,6 @@ def blocks_of(voices: Voices, sizes: list[int], samples: int, events: list[tuple
     return np.concatenate(pieces)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.lists(st.integers(1, 1500), min_size=1, max_size=4), st.integers(0, 100))
 def test_blocks_of_any_size_are_the_offline_sound_to_1e_10(sizes: list[int], seed: int) -> None:
     samples = 6000

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import wavfile
 
@@ -13,7 +13,6 @@ from objectfolder.audio.synthesis.sound import Sound
 from objectfolder.errors import QueryError
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(1, 4), st.integers(0, 300), st.integers(1, 200_000), st.floats(-10, 10))
 def test_what_is_written_is_read_with_its_true_values(
     tmp_path_factory: pytest.TempPathFactory, channels: int, samples: int, rate: int, gain: float

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.fidelity.images import psnr_db, ssim
@@ -36,7 +36,6 @@ def test_psnr_sees_only_the_mask_and_is_bounded_by_the_rounding_of_8_bits() -> N
     assert np.isnan(psnr_db(image, other, np.zeros_like(mask)))
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.integers(0, 1000))
 def test_image_measures_are_symmetric(first: int, second: int) -> None:
     assert psnr_db(_image(first), _image(second)) == psnr_db(_image(second), _image(first))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_meshes import CUBE_FACES, CUBE_VERTICES, bare_mesh, cube, sorted_triangles, sphere
 
@@ -177,7 +177,6 @@ def dirty_mesh(seed: int):
     return bare_mesh(np.concatenate([vertices, vertices[faces].reshape(-1, 3)]), split)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_cleaning_a_clean_mesh_changes_nothing(seed):
     mesh, _ = clean(dirty_mesh(seed))
@@ -187,7 +186,6 @@ def test_cleaning_a_clean_mesh_changes_nothing(seed):
     assert set(report.to_dict().values()) == {0}
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_cleaning_does_not_depend_on_the_order_of_vertices(seed):
     mesh = dirty_mesh(seed)

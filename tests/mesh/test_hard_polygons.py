@@ -23,7 +23,7 @@ from hard_meshes import (
     star_outline,
     write_text,
 )
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.mesh.readers.polygons import triangulated
@@ -101,7 +101,6 @@ def outlines(draw: st.DrawFn) -> np.ndarray:
     return flat @ axes[:2] + random.normal(size=3)
 
 
-@settings(max_examples=150, deadline=None)
 @given(outlines(), st.integers(0, 23))
 def test_triangles_of_a_polygon_cover_it_once(points, first):
     points = np.roll(points, first, axis=0)

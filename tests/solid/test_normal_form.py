@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_meshes import sphere
 
@@ -20,7 +20,6 @@ def same(surface: Surface) -> bool:
     return np.array_equal(form.vertices, PLAIN.vertices) and np.array_equal(form.faces, PLAIN.faces)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(-20, 20))
 def test_powers_of_two_change_nothing(power):
     assert same(Surface(BUMPY * 2.0**power, FACES))
@@ -32,7 +31,6 @@ def test_size_and_place_change_nothing(scale, move):
     assert same(Surface((BUMPY + move) * scale, FACES))
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**31))
 def test_order_changes_nothing(seed):
     random = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ import unicodedata
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.errors import FormatError, InputError
@@ -51,7 +51,6 @@ def clash(names: list[str]) -> bool:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=40, deadline=None)
 @given(members=PLAIN)
 def test_what_goes_in_comes_out(kind, members):
     with tempfile.TemporaryDirectory() as temporary:
@@ -67,7 +66,6 @@ def test_what_goes_in_comes_out(kind, members):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=60, deadline=None)
 @given(names=st.lists(HOSTILE, min_size=1, max_size=3))
 def test_no_name_leads_out(kind, names):
     with tempfile.TemporaryDirectory() as temporary:
@@ -93,7 +91,6 @@ def edits(draw: st.DrawFn) -> list[tuple[float, int, bytes]]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=60, deadline=None)
 @given(members=PLAIN.filter(lambda members: not clash(list(members))), changes=edits())
 def test_damage_is_seen_or_changes_nothing(kind, members, changes):
     content = bytearray(MAKERS[kind](members.items()))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.surface.bounding_boxes import BoundingBoxTree, intersect
@@ -115,7 +115,6 @@ def test_normals_are_radial_on_a_sphere_and_keep_the_creases_of_a_box() -> None:
     )
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_corner_normals_turn_with_the_object(seed: int) -> None:
     mesh = trimesh.creation.icosphere(1, 1.0)

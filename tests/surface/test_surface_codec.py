@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.errors import FormatError
@@ -49,7 +49,6 @@ def test_sixteen_thousand_triangles_take_less_than_50_kilobytes() -> None:
     assert sum(tensor.nbytes for tensor in tensors.values()) < 75_000 * len(mesh.faces) / 16384
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 60))
 @pytest.mark.slow
 def test_any_soup_of_triangles_survives(seed: int, face_count: int) -> None:

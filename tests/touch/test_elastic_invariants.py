@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.touch.elastic.contact_problem import Contact, force_depth_curve, solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
+from tests.drawn_examples import few_examples
 
 SHAPE = (40, 28)
 PITCH = (0.0005, 0.0006)
@@ -44,7 +45,6 @@ def assert_complementary(contact: Contact, gap: np.ndarray, tolerance: float) ->
 
 
 @given(elastomers, seeds, depths)
-@settings(max_examples=40, deadline=None)
 def test_pressure_never_pulls_the_gap_never_closes_past_zero_and_one_of_them_is_zero(
     elastomer: Elastomer, seed: int, depth: float
 ) -> None:
@@ -55,7 +55,6 @@ def test_pressure_never_pulls_the_gap_never_closes_past_zero_and_one_of_them_is_
 
 
 @given(elastomers, seeds, st.floats(1e-5, 1e-1))
-@settings(max_examples=30, deadline=None)
 def test_a_force_is_carried_to_rounding(elastomer: Elastomer, seed: int, share: float) -> None:
     gap = bumps(seed)
     force = share * elastomer.contact_modulus_pa * 1e-5
@@ -67,7 +66,6 @@ def test_a_force_is_carried_to_rounding(elastomer: Elastomer, seed: int, share: 
 
 
 @given(elastomers, seeds, depths, st.floats(1e-3, 1e3))
-@settings(max_examples=20, deadline=None)
 def test_force_is_linear_in_the_modulus(elastomer: Elastomer, seed: int, depth: float, factor: float) -> None:
     stiffer = Elastomer(elastomer.youngs_modulus_pa * factor, elastomer.poisson_ratio, elastomer.thickness_m)
     one = solve_contact(bumps(seed), PITCH, elastomer, indentation_m=depth)
@@ -77,7 +75,6 @@ def test_force_is_linear_in_the_modulus(elastomer: Elastomer, seed: int, depth: 
 
 
 @given(elastomers, seeds, depths, st.floats(1e-3, 1e3))
-@settings(max_examples=20, deadline=None)
 def test_lengths_scale_the_force_by_their_square(
     elastomer: Elastomer, seed: int, depth: float, factor: float
 ) -> None:
@@ -91,7 +88,6 @@ def test_lengths_scale_the_force_by_their_square(
 
 
 @given(elastomers, seeds, depths, st.booleans(), st.booleans(), st.booleans())
-@settings(max_examples=20, deadline=None)
 def test_a_reflected_or_turned_object_makes_the_reflected_or_turned_contact(
     elastomer: Elastomer, seed: int, depth: float, rows: bool, columns: bool, turned: bool
 ) -> None:
@@ -108,7 +104,6 @@ def test_a_reflected_or_turned_object_makes_the_reflected_or_turned_contact(
 
 
 @given(elastomers, seeds, st.integers(0, 20), st.integers(0, 20))
-@settings(max_examples=20, deadline=None)
 def test_a_shifted_object_makes_the_shifted_contact(
     elastomer: Elastomer, seed: int, down: int, right: int
 ) -> None:
@@ -124,14 +119,14 @@ def test_a_shifted_object_makes_the_shifted_contact(
 
 
 @given(elastomers, seeds)
-@settings(max_examples=10, deadline=None)
+@few_examples(10)
 def test_force_never_falls_with_depth(elastomer: Elastomer, seed: int) -> None:
     curve = force_depth_curve(bumps(seed), PITCH, elastomer, np.linspace(0, 0.0008, 9))
     assert (np.diff([contact.force_n for contact in curve]) > 0).all()
 
 
 @given(seeds, st.floats(-0.001, 0.001))
-@settings(max_examples=10, deadline=None)
+@few_examples(10)
 def test_heights_count_from_where_the_caller_says(seed: int, offset: float) -> None:
     gel = Elastomer(2e5, 0.48, 0.004)
     one = solve_contact(bumps(seed), PITCH, gel, indentation_m=0.0003)

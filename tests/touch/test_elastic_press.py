@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from layer_reference import LayerContact
 from reference_height_field import gap_field
@@ -24,6 +24,7 @@ from objectfolder.touch.sensor.shading import shade
 from objectfolder.touch.truth.elastic_press import greatest_depth_m
 from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.touches import Press
+from tests.drawn_examples import few_examples
 
 SENSOR = Sensor()
 BUMPY = FacePatches(bumpy())
@@ -96,7 +97,7 @@ def test_the_image_of_a_half_space_under_a_ball_is_that_of_hertz() -> None:
 
 
 @given(st.floats(0, 0.0015), st.floats(0, 15), st.floats(0, 360), st.integers(0, 10_000))
-@settings(max_examples=10, deadline=None)
+@few_examples(10)
 def test_no_gel_gives_way_more_than_its_label_says(
     depth: float, tilt: float, azimuth: float, seed: int
 ) -> None:

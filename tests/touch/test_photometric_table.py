@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from touch_shapes import sphere
 
@@ -32,7 +32,6 @@ def test_at_its_nodes_a_table_gives_its_polynomials() -> None:
             assert value[0] == pytest.approx(np.clip(exact, 0, 1), abs=1e-6)
 
 
-@settings(deadline=None, max_examples=50)
 @given(st.floats(0, np.pi / 2), st.floats(-10, 10))
 def test_directions_are_periodic_and_values_continuous(slope: float, direction: float) -> None:
     table = random_table()

@@ -2,7 +2,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from touch_shapes import box, bumpy, psnr_db, sphere
 
@@ -14,6 +14,7 @@ from objectfolder.touch.sensor.gel import gel_sag, gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.press import press, render_poses
 from objectfolder.touch.truth.touches import Press, Touches
+from tests.drawn_examples import few_examples
 
 SENSOR = Sensor()
 BUMPY = bumpy()
@@ -74,7 +75,6 @@ def test_a_pressed_sphere_has_the_closed_forms_depth_map_and_area(radius: float,
 
 
 @given(st.floats(0, 0.002), st.floats(0, 15), st.floats(0, 360), st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
 def test_no_image_shows_the_object_deeper_than_its_label(
     depth: float, tilt: float, azimuth: float, seed: int
 ) -> None:
@@ -146,7 +146,7 @@ def test_the_order_of_faces_and_of_their_corners_does_not_matter() -> None:
 
 
 @given(st.integers(0, 1000), st.floats(-1, 1), st.floats(-np.pi, np.pi))
-@settings(max_examples=10, deadline=None)
+@few_examples(10)
 def test_moving_object_and_sensor_together_leaves_the_image(seed: int, shift: float, angle: float) -> None:
     touch = press(BUMPY_PATCHES, SENSOR, BUMPY.sample(1, seed).points, Press(samples=1))
     axis = np.random.default_rng(seed).normal(size=3)

@@ -14,6 +14,7 @@ from objectfolder.vision.compiled import CompiledRenderer
 from objectfolder.vision.compiled.renderer import MANY
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.rendering.torch_renderer import TorchRenderer
+from tests.drawn_examples import few_examples
 
 WHITE = np.ones((1, 3))
 # Radiance of the two routes at equal rays: single precision sums of 64 terms in another order.
@@ -178,7 +179,7 @@ def test_many_lights_in_turn_show_what_a_few_at_a_time_add_up_to(mirrors):
     np.testing.assert_array_equal(part, together[10:30, 17:26])
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(few_examples(10), suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0, 2**31), shape=st.sampled_from(sorted(SHAPES)))
 def test_any_view_is_finite_premultiplied_and_the_same_each_time(seed, shape):
     fast, _ = both(shape)

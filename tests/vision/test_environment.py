@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_visionnets import drawn_visionnet, rendered_by
 from test_visionnet import psnr
@@ -48,7 +48,6 @@ def test_solid_angles_fill_the_sphere_and_directions_are_blender_s() -> None:
     np.testing.assert_allclose(second, np.eye(3) / 3, atol=1e-3)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.integers(1, 40))
 def test_no_power_is_lost_whatever_the_map(seed: int, height: int) -> None:
     sky = bright_sky(seed, height) * (np.random.default_rng(seed).random((height, 2 * height, 1)) > 0.5)

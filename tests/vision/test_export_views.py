@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.spatial.transform import Rotation
@@ -363,7 +363,6 @@ def test_exr_that_cannot_be_written_says_what_to_do(views, tmp_path, monkeypatch
 
 
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 1e-3))
-@settings(max_examples=200, deadline=None)
 def test_quaternions_of_any_turn(values):
     rotation = Rotation.from_quat(values).as_matrix()
     w, x, y, z = quaternion(rotation[None])[0]

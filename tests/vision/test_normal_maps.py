@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from compiled_cases import sheet
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_visionnets import drawn_visionnet
 from vision_shapes import cube, sphere
@@ -83,7 +83,6 @@ def test_without_texture_coordinates_that_span_a_map_says_nothing() -> None:
     np.testing.assert_array_equal(found, [[0, 0, 1], [0, 0, 1]])
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**31), st.floats(0.02, 2.0))
 def test_a_lattice_gives_back_what_is_linear_on_each_face(seed: int, pitch: float) -> None:
     random = np.random.default_rng(seed)
@@ -103,7 +102,6 @@ def test_a_lattice_gives_back_what_is_linear_on_each_face(seed: int, pitch: floa
     np.testing.assert_allclose(found[inside], expected[inside], atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(1, 40), st.integers(1, 2), st.integers(0, 2**31))
 def test_levels_survive_packing(size: int, channels: int, seed: int) -> None:
     levels = np.random.default_rng(seed).integers(0, 256, (size, channels)).astype(np.uint8)

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_visionnets import WAYS, assert_alike, drawn_visionnet, rendered_by, way_of
 from vision_shapes import cube
@@ -59,7 +59,6 @@ def test_light_adds_up(net: VisionNet) -> None:
     np.testing.assert_array_equal(image[..., 3], images[0][..., 3])
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.lists(st.floats(0, 8), min_size=3, max_size=3), st.integers(0, 5))
 def test_a_channel_is_proportional_to_its_light(net: VisionNet, colour: list[float], seed: int) -> None:
     origins, directions = rays_at_the_object(200, seed)
@@ -111,7 +110,6 @@ def test_without_light_there_is_a_silhouette(net: VisionNet) -> None:
         np.testing.assert_allclose(dark[..., 3], lit[..., 3], atol=0.1)
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.integers(1, 3000), st.integers(0, 2999))
 def test_a_ray_s_answer_does_not_depend_on_its_company(net: VisionNet, count: int, start: int) -> None:
     origins, directions = rays_at_the_object(3000, 5)

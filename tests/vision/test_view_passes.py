@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_visionnets import WAYS, assert_alike, drawn_visionnet, rendered_by, way_of
 from vision_shapes import cube, sphere
@@ -72,7 +72,6 @@ def test_passes_leave_the_image_as_it_is(cubic: VisionNet) -> None:
     assert nothing["mask"].shape == (0, 3, 4)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.data(), st.sampled_from([1, 16]))
 def test_a_crop_is_that_part_of_the_image(cubic: VisionNet, data: st.DataObject, sub_rays: int) -> None:
     top, left = data.draw(st.integers(0, SIZE[0] - 1)), data.draw(st.integers(0, SIZE[1] - 1))

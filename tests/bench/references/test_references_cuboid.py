@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 from bench.references.cuboid import EdgeFunctions, class_stiffness, cuboid, lame_wavenumbers
+from tests.drawn_examples import few_examples
 
 
 def test_the_published_cube() -> None:
@@ -43,7 +44,7 @@ def test_very_thin_plate_tends_to_kirchhoff() -> None:
     assert found.multiplicities.tolist() == [1, 1, 1, 2]
 
 
-@settings(max_examples=5, deadline=None)
+@few_examples(5)
 @given(
     st.tuples(*[st.floats(0.5, 1.5)] * 3),
     st.floats(-0.5, 0.45),

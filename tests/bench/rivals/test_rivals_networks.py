@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -28,6 +28,7 @@ from bench.rivals.audio.spectrogram_network import (
 from bench.rivals.audio.vertex_mean import nearest_vertex_mean
 from bench.rivals.published_perceptron import UNREAD_PARAMETERS, encode, one_thread
 from objectfolder.errors import InputError
+from tests.drawn_examples import few_examples
 
 
 def parameters(network: torch.nn.Module) -> int:
@@ -110,7 +111,7 @@ def test_the_transform_agrees_with_another_implementation(mode_sounds: np.ndarra
 
 
 @given(st.integers(0, 2**31))
-@settings(max_examples=8, deadline=None)
+@few_examples(8)
 def test_a_sound_comes_back_from_its_spectrogram(seed: int) -> None:
     sounds = np.random.default_rng(seed).standard_normal((2, SAMPLES))
     np.testing.assert_allclose(inverse_spectrogram(spectrogram(sounds)), sounds, atol=1e-10)
@@ -222,7 +223,6 @@ def test_ranges_map_to_unit_and_back() -> None:
 
 
 @given(st.integers(0, 2**31), st.integers(4, 40))
-@settings(max_examples=40, deadline=None)
 def test_mean_over_nearest_vertices(seed: int, count: int) -> None:
     """Exact on constant fields, within the values met, and equal to a sort of all distances."""
     generator = np.random.default_rng(seed)

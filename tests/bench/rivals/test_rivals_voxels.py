@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from structured_solids import material
 
@@ -13,6 +13,7 @@ from bench.rivals.audio.voxel_grid import voxelise
 from bench.rivals.audio.voxels import hexahedron, voxel_modes
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.surface.surface import Surface
+from tests.drawn_examples import few_examples
 
 CERAMIC = material()
 BOWL_FIRST_HZ = 561.57  # axisymmetric Fourier p-FEM, converged to 4e-6
@@ -195,7 +196,7 @@ def test_centre_rule_breaks_a_thin_bowl_into_pieces() -> None:
 
 
 @given(st.integers(0, 2**31), st.integers(2, 9))
-@settings(max_examples=12, deadline=None)
+@few_examples(12)
 def test_touched_cubes_are_those_that_triangles_meet(seed: int, resolution: int) -> None:
     """Against points spread densely over the triangles."""
     generator = np.random.default_rng(seed)
@@ -218,7 +219,7 @@ def test_touched_cubes_are_those_that_triangles_meet(seed: int, resolution: int)
 
 
 @given(st.integers(0, 2**31))
-@settings(max_examples=10, deadline=None)
+@few_examples(10)
 def test_centres_inside_a_turned_ellipsoid_are_found(seed: int) -> None:
     generator = np.random.default_rng(seed)
     turn = np.linalg.qr(generator.standard_normal((3, 3)))[0]
