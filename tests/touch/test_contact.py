@@ -12,7 +12,8 @@ from objectfolder.touch.sensor.sensor import Sensor
 
 
 def indentations(triangles: np.ndarray, sensor: Sensor) -> np.ndarray:
-    return np.array([indentation(triangle, gel_constants(sensor)) for triangle in triangles])
+    gel, working = gel_constants(sensor), np.empty((3, 3))
+    return np.array([indentation(triangle, gel, working) for triangle in triangles])
 
 
 def meets_housing(triangles: np.ndarray, sensor: Sensor) -> bool:

@@ -22,7 +22,7 @@ Frame = list[list[float]]
 @kernel
 def _angle(px, py, pz, qx, qy, qz, normal):
     x, y, z = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-    return np.arctan2(x * normal[0] + y * normal[1] + z * normal[2], px * qx + py * qy + pz * qz)
+    return math.atan2(x * normal[0] + y * normal[1] + z * normal[2], px * qx + py * qy + pz * qz)
 
 
 @kernel
@@ -38,7 +38,7 @@ def _disc_overlap(triangle, height, normal, point, squared_radius):
         a = dx * dx + dy * dy + dz * dz
         half_b = dx * px + dy * py + dz * pz
         c = px * px + py * py + pz * pz - squared_radius
-        root = np.sqrt(max(half_b * half_b - a * c, 0.0))
+        root = math.sqrt(max(half_b * half_b - a * c, 0.0))
         safe = max(a, 1e-300)
         first = min(max((-half_b - root) / safe, 0.0), 1.0)
         last = min(max((-half_b + root) / safe, 0.0), 1.0)
@@ -56,8 +56,8 @@ def _disc_overlap(triangle, height, normal, point, squared_radius):
 
 
 @kernel
-def contact_normals(points, shading_normals, starts, faces, triangles, face_normals, radius):
-    """Unit mean normals (n, 3) of a surface in the balls of `radius` metres round points (n, 3) on it.
+def contact_normals(points, shading_normals, starts, faces, triangles, face_normals, radius, normals):
+    """Write unit mean normals (n, 3) of a surface in the balls of `radius` metres round points (n, 3) on it.
 
     The integral of the normal over the faces in the ball, each weighted by the exact area of its
     intersection with the ball (a disc in its plane). The other side of a blade is left out: faces turned
@@ -73,10 +73,10 @@ def contact_normals(points, shading_normals, starts, faces, triangles, face_norm
         (F, 3, 3), (F, 3).
     radius
         Metres.
+    normals
+        (n, 3), changed.
     """
-    count = len(points)
-    normals = np.empty((count, 3))
-    for i in range(count):
+    for i in range(len(points)):
         point, normal = points[i], shading_normals[i]
         x, y, z = 0.0, 0.0, 0.0
         for position in range(starts[i], starts[i + 1]):
@@ -97,12 +97,11 @@ def contact_normals(points, shading_normals, starts, faces, triangles, face_norm
             area = _disc_overlap(triangle, height, flat, point, squared)
             weight = area * side * side * (3 - 2 * side)
             x, y, z = x + weight * flat[0], y + weight * flat[1], z + weight * flat[2]
-        length = np.sqrt(x * x + y * y + z * z)
+        length = math.sqrt(x * x + y * y + z * z)
         if length > 1e-3 * radius * radius:
             normals[i, 0], normals[i, 1], normals[i, 2] = x / length, y / length, z / length
         else:
             normals[i, 0], normals[i, 1], normals[i, 2] = normal[0], normal[1], normal[2]
-    return normals
 
 
 def _contact_frame(normal: Sequence[float], frame: Frame) -> None:
@@ -177,15 +176,18 @@ def first_touch_poses(
     """
     rows = zip(points.tolist(), normals.tolist(), tilt.tolist(), azimuth.tolist(), roll.tolist(), strict=True)
     constants = gel.tolist()
-    return np.array([_first_touch_pose(*row, constants) for row in rows]).reshape(-1, 4, 4)
+    poses = [[[0.0] * 4, [0.0] * 4, [0.0] * 4, [0.0, 0.0, 0.0, 1.0]] for _ in points]
+    for row, pose in zip(rows, poses, strict=True):
+        _first_touch_pose(*row, constants, pose)
+    return np.array(poses).reshape(-1, 4, 4)
 
 
 def _first_touch_pose(
     point: Sequence[float], normal: Sequence[float], tilt: float, azimuth: float, roll: float,
-    gel: Sequence[float],
-) -> Frame:  # fmt: skip
+    gel: Sequence[float], pose: Frame,
+) -> None:  # fmt: skip
+    """Write the pose of one touch over the identity's last row."""
     radius, stretch = gel[5], gel[6]
-    pose = [[0.0] * 4, [0.0] * 4, [0.0] * 4, [0.0, 0.0, 0.0, 1.0]]
     _contact_frame(normal, pose)
     if tilt != 0:
         _tilt(pose, tilt, azimuth)
@@ -201,4 +203,3 @@ def _first_touch_pose(
     x, y, z = gel[0] - sag, gel[1] + y, gel[2] + z
     for axis in range(3):
         pose[axis][3] = point[axis] - (pose[axis][0] * x + pose[axis][1] * y + pose[axis][2] * z)
-    return pose

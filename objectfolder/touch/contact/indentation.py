@@ -3,6 +3,8 @@
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+import math
+
 import numpy as np
 
 from objectfolder.jit import kernel
@@ -24,7 +26,7 @@ def _cut(low, high, value, slope):
 
 @kernel
 def _sag(gel, y, z):
-    return gel[6] * (gel[5] - np.sqrt(max(gel[5] * gel[5] - (y * y + z * z), 0.0)))
+    return gel[6] * (gel[5] - math.sqrt(max(gel[5] * gel[5] - (y * y + z * z), 0.0)))
 
 
 @kernel
@@ -39,10 +41,10 @@ def _segment_maximum(sx, sy, sz, ax, ay, az, low, high, gel):
         safe = max(squared, 1e-300)
         middle = (sy * ay + sz * az) / safe
         cross = sy * az - sz * ay
-        chord = np.sqrt(max(radius * radius - cross * cross / safe, 0.0))
-        length = np.sqrt(safe)
+        chord = math.sqrt(max(radius * radius - cross * cross / safe, 0.0))
+        length = math.sqrt(safe)
         slope = ax / length
-        t = -slope * chord / np.sqrt(max(stretch * stretch + slope * slope, 1e-300)) / length - middle
+        t = -slope * chord / math.sqrt(max(stretch * stretch + slope * slope, 1e-300)) / length - middle
     else:
         t = low if ax > 0 else high
     t = min(max(t, low), high)
@@ -69,7 +71,7 @@ def _parallel_maximum(corners, gel):
     nx, ny, nz = _normal(corners)
     radius, stretch = gel[5], gel[6]
     p, q = -ny / nx, -nz / nx
-    scale = radius / np.sqrt(stretch * stretch + (p * p + q * q))
+    scale = radius / math.sqrt(stretch * stretch + (p * p + q * q))
     y, z = -p * scale, -q * scale
     x, least = 0.0, 0.0
     for corner in range(3):
@@ -88,7 +90,7 @@ def _border_maximum(corners, gel, axis, side):
     if axis == 1:
         sy, sz, ay, az = -gel[3], side * gel[4], 2 * gel[3], 0.0
     area, ny, nz = _normal(corners)
-    if abs(area) <= ON_EDGE * np.sqrt(area * area + ny * ny + nz * nz):
+    if abs(area) <= ON_EDGE * math.sqrt(area * area + ny * ny + nz * nz):
         return -np.inf
     low, high, x, towards = 0.0, 1.0, 0.0, 0.0
     for opposite in range(3):
@@ -103,16 +105,15 @@ def _border_maximum(corners, gel, axis, side):
 
 
 @kernel
-def indentation(triangle, gel):
+def indentation(triangle, gel, corners):
     """Largest indentation of the gel by a triangle (3, 3), sensor frame, along the sensor's axis, metres.
 
     The indentation gel_x(y, z) - x is concave over a triangle, so its maximum over the part of the
     triangle under the gel and ahead of the camera is at the one point where the gel is parallel to the
     triangle, or on a border: an edge of the triangle, or of the gel. All have closed forms. Of a face
     that crosses the camera's near plane, and so fills the sensor, only the ends of the cut are tried.
-    It is -infinity for a triangle outside the gel's extent.
+    It is -infinity for a triangle outside the gel's extent. `corners` (3, 3) is working memory.
     """
-    corners = np.empty((3, 3))
     crossing = False
     for corner in range(3):
         for axis in range(3):
@@ -141,8 +142,8 @@ def deepest(triangles, bounds, gel):
 
     `bounds` (m,) are as of `FacePatches.near_gel`, and `gel` as of `gel.gel_constants`.
     """
-    greatest = 0.0
+    greatest, corners = 0.0, np.empty((3, 3))
     for i in range(len(triangles)):
         if bounds[i] > greatest:
-            greatest = max(greatest, indentation(triangles[i], gel))
+            greatest = max(greatest, indentation(triangles[i], gel, corners))
     return greatest

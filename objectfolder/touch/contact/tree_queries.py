@@ -6,6 +6,8 @@ The boxes are those of `surface.bounding_boxes.BoundingBoxTree`: children of nod
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+import math
+
 import numpy as np
 
 from objectfolder.jit import kernel
@@ -250,7 +252,7 @@ def _indentation_bound(bounds, gel):
     z = max(max(bounds[2] - gel[2], gel[2] - bounds[5]), 0.0)
     if not bounds[0] <= bounds[3] or y > gel[3] or z > gel[4] or bounds[3] < gel[8]:
         return -np.inf
-    sag = gel[6] * (gel[5] - np.sqrt(max(gel[5] * gel[5] - (y * y + z * z), 0.0)))
+    sag = gel[6] * (gel[5] - math.sqrt(max(gel[5] * gel[5] - (y * y + z * z), 0.0)))
     return gel[0] - sag - bounds[0] + SLACK_M
 
 

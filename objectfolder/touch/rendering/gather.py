@@ -3,6 +3,8 @@
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+import math
+
 import numpy as np
 
 from objectfolder.jit import kernel, relaxed_kernel
@@ -18,7 +20,7 @@ def _normal_map(edges, normals, pose, taken):
     x = edges[0, 0] + edges[1, 0] + edges[2, 0]
     y = edges[0, 1] + edges[1, 1] + edges[2, 1]
     z = edges[0, 2] + edges[1, 2] + edges[2, 2]
-    length = np.sqrt(x * x + y * y + z * z)
+    length = math.sqrt(x * x + y * y + z * z)
     for axis in range(3):
         taken[axis] = 0.0
         for corner in range(3):

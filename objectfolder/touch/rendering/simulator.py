@@ -73,8 +73,9 @@ class Simulator:
         closest = patches.surface.points_at(face, barycentric)
         shading = patches.surface.normals_at(face, barycentric)
         starts, faces = patches.in_balls(closest, radius)
-        normals = contact_normals(
-            closest, shading, starts, faces, patches.triangles, patches.face_normals, radius
+        normals = np.empty_like(closest)
+        contact_normals(
+            closest, shading, starts, faces, patches.triangles, patches.face_normals, radius, normals
         )
         return closest, normals, first_touch_poses(closest, normals, tilt, azimuth, roll, self._gel)
 

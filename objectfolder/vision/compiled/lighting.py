@@ -3,6 +3,7 @@
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,7 +126,7 @@ def _surface_points(face, barycentric, directions, triangles, corner_normals, fa
             )
             normal[i, k] = value
             squared += value * value
-        length = max(np.sqrt(squared), 1e-12)
+        length = max(math.sqrt(squared), 1e-12)
         for k in range(3):
             normal[i, k] /= length
 
@@ -138,7 +139,7 @@ def _unhindered(face, barycentric, position, normal, side, lights, triangles, co
         f = face[i]
         light = lights[i % len(lights)]
         lx, ly, lz = light[0] - position[i, 0], light[1] - position[i, 1], light[2] - position[i, 2]
-        distance = np.sqrt(lx * lx + ly * ly + lz * lz)
+        distance = math.sqrt(lx * lx + ly * ly + lz * lz)
         scale = 1.0 / max(distance, 1e-9)
         lx, ly, lz = lx * scale, ly * scale, lz * scale
         cosine = normal[i, 0] * lx + normal[i, 1] * ly + normal[i, 2] * lz

@@ -386,6 +386,37 @@ def _reflected(row, to_light, features, normal, direction, direct, facing, mirro
                     gloss[start + s, channel] = _softplus(strength) * lobe[s]
 
 
+@arrayless(relaxed_kernel)
+def _surroundings(position, normal, direction, light, irradiance, inputs, b, s):
+    """Write the 19 inputs that depend on a point, and not on the lamp alone, to column s from row b on.
+
+    `position`, `normal`, `direction` and `light` are (3,), the third of the ray that meets the point.
+    """
+    one, zero = np.float32(1.0), np.float32(0.0)
+    x, y, z = np.float32(position[0]), np.float32(position[1]), np.float32(position[2])
+    nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
+    cx, cy, cz = -np.float32(direction[0]), -np.float32(direction[1]), -np.float32(direction[2])
+    tx, ty, tz = np.float32(light[0]) - x, np.float32(light[1]) - y, np.float32(light[2]) - z
+    distance = max(math.sqrt(tx * tx + ty * ty + tz * tz), np.float32(NEAREST))
+    scale = one / distance
+    tx, ty, tz = tx * scale, ty * scale, tz * scale
+    at_light = nx * tx + ny * ty + nz * tz
+    at_camera = nx * cx + ny * cy + nz * cz
+    mx, my, mz = (
+        2 * at_camera * nx - cx, 2 * at_camera * ny - cy, 2 * at_camera * nz - cz
+    )  # fmt: skip
+    near = min(distance, np.float32(4.0))
+    inputs[b, s], inputs[b + 1, s], inputs[b + 2, s] = x, y, z
+    inputs[b + 3, s], inputs[b + 4, s], inputs[b + 5, s] = nx, ny, nz
+    inputs[b + 6, s], inputs[b + 7, s], inputs[b + 8, s] = cx, cy, cz
+    inputs[b + 9, s], inputs[b + 10, s], inputs[b + 11, s] = tx, ty, tz
+    inputs[b + 12, s], inputs[b + 13, s] = at_light, max(at_light, zero)
+    inputs[b + 14, s], inputs[b + 15, s] = at_camera, mx * tx + my * ty + mz * tz
+    inputs[b + 16, s] = distance
+    inputs[b + 17, s] = one / (near * near * 4)
+    inputs[b + 18, s] = math.log(max(np.float32(irradiance), np.float32(1e-3)))
+
+
 @relaxed_kernel
 def _bounced(which, lamps, shifts, irradiance, position, features, normal, direction, bounced,
              answer):  # fmt: skip
@@ -394,7 +425,7 @@ def _bounced(which, lamps, shifts, irradiance, position, features, normal, direc
     `shifts` (l, width) are the first layer's biases with what the lamp's place adds to them.
     """
     count = len(which)
-    one, zero = np.float32(1.0), np.float32(0.0)
+    zero = np.float32(0.0)
     b = bounced[0].shape[1] - 19
     inputs = np.empty((b + 19, BLOCK), np.float32)
     first = np.empty((bounced[0].shape[0], BLOCK), np.float32)
@@ -405,31 +436,7 @@ def _bounced(which, lamps, shifts, irradiance, position, features, normal, direc
             i = min(start + s, count - 1)
             for term in range(b):
                 inputs[term, s] = features[i, term]
-            x, y, z = np.float32(position[i, 0]), np.float32(position[i, 1]), np.float32(position[i, 2])
-            nx, ny, nz = np.float32(normal[i, 0]), np.float32(normal[i, 1]), np.float32(normal[i, 2])
-            cx, cy, cz = (
-                -np.float32(direction[i, 0]), -np.float32(direction[i, 1]), -np.float32(direction[i, 2])
-            )  # fmt: skip
-            light = lamps[which[i]]
-            tx, ty, tz = np.float32(light[0]) - x, np.float32(light[1]) - y, np.float32(light[2]) - z
-            distance = max(math.sqrt(tx * tx + ty * ty + tz * tz), np.float32(NEAREST))
-            scale = one / distance
-            tx, ty, tz = tx * scale, ty * scale, tz * scale
-            at_light = nx * tx + ny * ty + nz * tz
-            at_camera = nx * cx + ny * cy + nz * cz
-            mx, my, mz = (
-                2 * at_camera * nx - cx, 2 * at_camera * ny - cy, 2 * at_camera * nz - cz
-            )  # fmt: skip
-            near = min(distance, np.float32(4.0))
-            inputs[b, s], inputs[b + 1, s], inputs[b + 2, s] = x, y, z
-            inputs[b + 3, s], inputs[b + 4, s], inputs[b + 5, s] = nx, ny, nz
-            inputs[b + 6, s], inputs[b + 7, s], inputs[b + 8, s] = cx, cy, cz
-            inputs[b + 9, s], inputs[b + 10, s], inputs[b + 11, s] = tx, ty, tz
-            inputs[b + 12, s], inputs[b + 13, s] = at_light, max(at_light, zero)
-            inputs[b + 14, s], inputs[b + 15, s] = at_camera, mx * tx + my * ty + mz * tz
-            inputs[b + 16, s] = distance
-            inputs[b + 17, s] = one / (near * near * 4)
-            inputs[b + 18, s] = math.log(max(np.float32(irradiance[i]), np.float32(1e-3)))
+            _surroundings(position[i], normal[i], direction[i], lamps[which[i]], irradiance[i], inputs, b, s)
         _product(bounced[0], inputs, first)
         for s in range(BLOCK):
             shift = shifts[which[min(start + s, count - 1)]]

@@ -1,0 +1,11 @@
+"""Object Files on a graphics processor: thousands of queries of all senses at once, as tensors there.
+
+Needs the extra ``gpu``: torch and numba-cuda. The device ``"cpu"`` gives the same answers without a GPU.
+"""
+
+from objectfolder.batch.batch import Batch
+from objectfolder.batch.sight import SightBatch
+from objectfolder.batch.sound import SoundBatch
+from objectfolder.batch.touch import BatchTouches, TouchBatch, TouchImages
+
+__all__ = ["Batch", "BatchTouches", "SightBatch", "SoundBatch", "TouchBatch", "TouchImages"]

@@ -1,0 +1,164 @@
+"""One scalar body, two targets: a loop compiled by numba on a CPU, a kernel by numba-cuda on a GPU.
+
+A body computes one answer: its first parameters are the indices of it, one or two. Everything that a body
+calls is compiled by numba for both targets. This module alone names numba-cuda.
+"""
+
+# Bodies are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
+import inspect
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache
+from types import FunctionType
+from typing import Any
+
+import numba
+import numpy as np
+
+from objectfolder.errors import QueryError
+from objectfolder.extras import needs_extra
+
+with needs_extra("gpu"):
+    import torch
+
+Tensor = torch.Tensor
+# Threads of a block.
+BLOCK = 128
+# Answers along the first of two indices that one launch takes: a limit of CUDA.
+MOST_ROWS = 65535
+# Names of their own that no body has.
+CPU_SOURCE = """
+def kernel(from_row, all_rows, all_columns, {names}):
+    {memory}
+    for this_row in range(from_row, from_row + all_rows):
+        for this_column in range(all_columns):
+            body({indices}, {passed})
+"""
+GPU_SOURCE = """
+def kernel(from_row, all_rows, all_columns, {names}):
+    {memory}
+    this_row, this_column = from_row + cuda.blockIdx.y, cuda.grid(1)
+    if this_column < all_columns:
+        body({indices}, {passed})
+"""
+
+
+def scalar(function: Callable[..., Any]) -> Any:
+    """Compile what bodies call, for either target."""
+    return numba.njit(function, error_model="numpy", nogil=True)
+
+
+def compiled_copy(function: Callable[..., Any], **called: Any) -> Any:
+    """Compile a plain function of another module with compiled ones in place of those that it calls."""
+    return scalar(FunctionType(function.__code__, {**function.__globals__, **called}))
+
+
+class Body:
+    """A body and its kernels.
+
+    Parameters
+    ----------
+    function
+        Its first parameters are `indices` integers, the last those of `memory`, the others the arguments.
+    indices
+        One or two.
+    memory
+        Shape and type of the working memory of each thread, by the names of the last parameters.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], indices: int = 1, **memory: tuple[tuple[int, ...], Any]
+    ) -> None:
+        self._function, self._indices, self._memory = function, indices, memory
+        self._names = list(inspect.signature(function).parameters)[indices : -len(memory) or None]
+
+    @property
+    def name(self) -> str:
+        """Of the function."""
+        return self._function.__name__.lstrip("_")
+
+    def _kernel(self, source: str, array: str, **names: Any) -> Any:
+        """Return the kernel around the body; `names` are those that its source uses."""
+        lines = [
+            # NumPy 1 and 2 have other names for this one.
+            f"{name} = {array}({shape!r}, np.{'bool_' if kind is np.bool_ else kind.__name__})"
+            for name, (shape, kind) in self._memory.items()
+        ]
+        text = source.format(
+            names=", ".join(self._names),
+            memory="\n    ".join(lines) or "pass",
+            indices="this_row, this_column" if self._indices == 2 else "this_column",
+            passed=", ".join([*self._names, *self._memory]),
+        )
+        scope: dict[str, Any] = {"np": np, **names}
+        exec(text, scope)
+        return scope["kernel"]
+
+    @cached_property
+    def on_cpu(self) -> Any:
+        """The loop, compiled when it is called."""
+        return scalar(self._kernel(CPU_SOURCE, "np.empty", body=scalar(self._function)))
+
+    @cached_property
+    def plain(self) -> Any:
+        """The CUDA kernel as a Python function, for numba-cuda to compile."""
+        cuda = cuda_module()
+        body = cuda.jit(device=True)(self._function)
+        return self._kernel(GPU_SOURCE, "cuda.local.array", body=body, cuda=cuda)
+
+    @cached_property
+    def on_gpu(self) -> Any:
+        """The CUDA kernel, compiled when it is launched."""
+        return cuda_module().jit(self.plain)
+
+    def __call__(self, count: int | tuple[int, int], *arguments: Any) -> None:
+        """Compute `count` answers, rows by columns where the body has two indices, where the tensors are."""
+        rows, columns = count if isinstance(count, tuple) else (1, count)
+        if rows * columns == 0:
+            return
+        place = next(part.device for part in arguments if isinstance(part, Tensor))
+        if place.type == "cpu":
+            arrays = [part.numpy() if isinstance(part, Tensor) else part for part in arguments]
+            self.on_cpu(0, rows, columns, *arrays)
+            return
+        self.launch(rows, columns, arguments, torch.cuda.current_stream(place).cuda_stream)
+
+    def launch(self, rows: int, columns: int, arguments: Sequence[Any], stream: int) -> None:
+        """Launch the kernel on a stream of CUDA's, by its handle; 0 is the default one."""
+        queue = cuda_module().external_stream(stream) if stream else 0
+        for start in range(0, rows, MOST_ROWS):
+            some = min(MOST_ROWS, rows - start)
+            self.on_gpu[(-(-columns // BLOCK), some), BLOCK, queue](start, some, columns, *arguments)
+
+
+@lru_cache(maxsize=1)
+def cuda_module() -> Any:
+    """Return numba-cuda."""
+    with needs_extra("gpu"):
+        from numba import cuda
+    return cuda
+
+
+def checked_device(device: str | torch.device) -> torch.device:
+    """Return a device that is there.
+
+    Raises
+    ------
+    QueryError
+        A device that is neither a CPU nor a GPU that torch and numba-cuda find.
+    """
+    try:
+        place = torch.device(device)
+    except RuntimeError as error:
+        raise QueryError("device", f"{device!r} is no device", "Use 'cuda' or 'cpu'.") from error
+    if place.type == "cpu":
+        return place
+    if place.type != "cuda" or not torch.cuda.is_available():
+        raise QueryError("device", f"torch finds no {place.type} device here", "Use 'cpu'.")
+    try:
+        cuda_module().current_context()
+    except Exception as error:  # numba-cuda and the driver have no common class of errors
+        reason = str(error).strip().splitlines()[-1:] or [type(error).__name__]
+        raise QueryError("device", f"numba-cuda cannot use it: {reason[0]}", "Use 'cpu'.") from error
+    return place

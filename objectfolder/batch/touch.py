@@ -1,0 +1,241 @@
+"""Thousands of touches of several objects at once: what `press` answers, as tensors on a device."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.batch import contact_bodies
+from objectfolder.batch.pixels import MOST_RAYS, pixel_body
+from objectfolder.batch.resident import ResidentTrees, joined, numbers, object_indices, upload
+from objectfolder.batch.targets import Tensor, checked_device, torch
+from objectfolder.errors import QueryError
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, coverage_grid, no_contact_image
+from objectfolder.touch.sensor.gel import gel_constants
+from objectfolder.touch.sensor.point_lights import point_lights
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.table_lighting import table_lighting
+from objectfolder.touch.truth.touches import TOLERANCE_M, saturation_depth_m
+
+PRECISIONS = {"single": np.float32, "double": np.float64}
+
+
+@dataclass(frozen=True, eq=False)
+class TouchImages:
+    """Images of n touches, as of `Touches`: rgb uint8, depth float32 and mask bool."""
+
+    rgb: Tensor
+    depth: Tensor
+    mask: Tensor
+
+    @classmethod
+    def empty(cls, count: int, sensor: Sensor, device: str | torch.device) -> "TouchImages":
+        """Room for the images of `count` touches, to be filled again and again."""
+        shape = (count, sensor.image_height, sensor.image_width)
+        return cls(
+            torch.empty((*shape, 3), dtype=torch.uint8, device=device),
+            torch.empty(shape, dtype=torch.float32, device=device),
+            torch.empty(shape, dtype=torch.bool, device=device),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BatchTouches:
+    """n touches; the fields are those of `Touches`, as tensors on the device."""
+
+    rgb: Tensor
+    depth: Tensor
+    mask: Tensor
+    sensor_to_object: Tensor
+    points: Tensor
+    normals: Tensor
+    reachable: Tensor
+    first_contact_offset_m: Tensor
+    penetration_m: Tensor
+    saturated: Tensor
+
+
+class TouchBatch:
+    """Surfaces and one sensor on a device.
+
+    Parameters
+    ----------
+    patches
+        The objects.
+    sensor
+        What is pressed.
+    samples
+        Samples along each side of a pixel, at most 4.
+    device
+        ``"cuda"``, or ``"cpu"`` for the same answers from loops.
+    precision
+        Of pixels, ``"single"`` or ``"double"``; contacts are found in double precision.
+
+    Raises
+    ------
+    QueryError
+        A device that is not there, or more samples than the kernels have room for.
+    """
+
+    def __init__(
+        self,
+        patches: Sequence[FacePatches],
+        sensor: Sensor,
+        samples: int = 2,
+        device: str | torch.device = "cuda",
+        precision: str = "single",
+    ) -> None:
+        if not 1 <= samples * samples <= MOST_RAYS:
+            raise QueryError("samples", f"{samples}", f"Give 1 to {int(MOST_RAYS**0.5)}.")
+        if precision not in PRECISIONS:
+            raise QueryError("precision", f"{precision!r}", "Use 'single' or 'double'.")
+        self.device, self.sensor = checked_device(device), sensor
+        self.count, self._rays, kind = len(patches), samples * samples, PRECISIONS[precision]
+        self._trees = ResidentTrees.of([one.surface for one in patches], self.device)
+        self._faces = self._trees.arrays
+        self._face_normals = joined([one.face_normals for one in patches], self.device)
+        self._corner_normals = joined([one.corner_normals for one in patches], self.device)
+        self._diagonals = upload(np.array([one.diagonal_m for one in patches]), self.device)
+        grid, gel = coverage_grid(sensor, samples), gel_constants(sensor)
+        shape = (sensor.image_height, sensor.image_width, 3)
+
+        def real(values: object) -> Tensor:
+            return upload(np.asarray(values, dtype=kind), self.device)
+
+        def double(values: object) -> Tensor:
+            return upload(np.asarray(values, dtype=np.float64), self.device)
+
+        self._gel, self._camera = double(gel), double(sensor.camera_position_m)
+        self._housing = double([sensor.housing_low_m, sensor.housing_high_m])
+        self._near, self._u, self._v = grid.near, double(grid.u), double(grid.v)
+        self._kind = torch.float32 if kind is np.float32 else torch.float64
+        nearness = np.nextafter(1 / grid.gel_depth, np.inf).reshape(len(grid.v), len(grid.u))
+        constants = [1 / grid.near, *gel[:3], *gel[5:7], DEPTH_STEPS_PER_M]
+        table = sensor.photometric_table
+        if table is None:
+            lights = point_lights(sensor)
+            material = np.append(lights.material, lights.exponent)
+            look = lights.positions, lights.colours, material
+        else:
+            lighting = table_lighting(sensor, table)
+            look = lighting.nodes, lighting.place, lighting.place
+        self._body = pixel_body(table is not None, kind)
+        self._view = (
+            self._rays, real(grid.u), real(grid.shift), real(grid.v), real(nearness),
+            real(grid.gel_values.reshape(shape)), real(constants), real(sensor.camera_position_m),
+            *(real(part) for part in look), upload(no_contact_image(sensor, samples), self.device),
+        )  # fmt: skip
+
+    def press(
+        self,
+        objects: object,
+        points: object,
+        depth_m: object = 0.001,
+        tilt_deg: object = 0.0,
+        azimuth_deg: object = 0.0,
+        roll_deg: object = 0.0,
+        *,
+        out: TouchImages | None = None,
+    ) -> BatchTouches:
+        """Press at points until the gel is indented by a depth, under the rigid model.
+
+        Parameters
+        ----------
+        objects
+            (n,) which of the objects each touch is of, or one for all.
+        points
+            (n, 3) object frame, metres; the nearest points of the surfaces are touched.
+        depth_m, tilt_deg, azimuth_deg, roll_deg
+            As of `Press`: a number or (n,). Their ranges are not checked, which would wait for the device.
+        out
+            Images to be filled; new ones if None.
+        """
+        count = len(points)  # type: ignore[arg-type]
+        which = object_indices(objects, count, self.count, self.device)
+        places = numbers("points", points, (count, 3), self.device)
+        depths = numbers("depth_m", depth_m, (count,), self.device)
+        degrees = ("tilt_deg", tilt_deg), ("azimuth_deg", azimuth_deg), ("roll_deg", roll_deg)
+        turns = [numbers(name, value, (count,), self.device) for name, value in degrees]
+        angles = torch.deg2rad(torch.stack(turns, dim=1))
+        touched, shading, normals = (torch.empty_like(places) for _ in range(3))
+        counts = torch.empty_like(which)
+        radius = self.sensor.contact_radius_m
+        face, barycentric = self._trees.closest(which, places)
+        contact_bodies.find(
+            count, which, face, barycentric, *self._faces, self._face_normals, self._corner_normals, radius,
+            touched, shading, counts,
+        )  # fmt: skip
+        starts = _starts(counts)
+        listed = torch.empty(max(1, int(starts[-1])), dtype=torch.int64, device=self.device)
+        poses = torch.empty((count, 4, 4), dtype=torch.float64, device=self.device)
+        contact_bodies.stand(
+            count, which, touched, shading, angles, *self._faces, self._face_normals, radius, self._gel,
+            starts, listed, normals, poses,
+        )  # fmt: skip
+        offset = torch.empty_like(depths)
+        reachable, blocked = (torch.empty(count, dtype=torch.bool, device=self.device) for _ in range(2))
+        contact_bodies.advance(
+            count, which, depths, *self._faces, self._gel, self._housing, self._diagonals, poses, offset,
+            reachable, blocked,
+        )  # fmt: skip
+        images = self._see(which, poses, blocked, out)
+        saturated = ~blocked & (depths >= saturation_depth_m(self.sensor) - TOLERANCE_M)
+        penetration = torch.where(blocked, 0.0, depths)
+        return BatchTouches(
+            images.rgb, images.depth, images.mask, poses, touched, normals, reachable, offset, penetration,
+            saturated,
+        )  # fmt: skip
+
+    def see(
+        self, objects: object, sensor_to_object: object, *, out: TouchImages | None = None
+    ) -> TouchImages:
+        """Look through the gel at poses (n, 4, 4), wherever they are, as `render_poses` does."""
+        poses = numbers("sensor_to_object", sensor_to_object, _shape_of(sensor_to_object), self.device)
+        which = object_indices(objects, len(poses), self.count, self.device)
+        return self._see(which, poses, torch.zeros(len(poses), dtype=torch.bool, device=self.device), out)
+
+    def penetrations(self, objects: object, sensor_to_object: object) -> Tensor:
+        """Return the deepest indentation (n,) of the gel at poses (n, 4, 4), metres, at least 0."""
+        poses = numbers("sensor_to_object", sensor_to_object, _shape_of(sensor_to_object), self.device)
+        which = object_indices(objects, len(poses), self.count, self.device)
+        depths = torch.empty(len(poses), dtype=torch.float64, device=self.device)
+        contact_bodies.penetrate(len(poses), which, poses, *self._faces, self._gel, depths)
+        return depths
+
+    def _see(self, which: Tensor, poses: Tensor, blocked: Tensor, out: TouchImages | None) -> TouchImages:
+        count = len(which)
+        images = TouchImages.empty(count, self.sensor, self.device) if out is None else out
+        if images.mask.shape != (count, self.sensor.image_height, self.sensor.image_width):
+            raise QueryError("out", f"shape {tuple(images.mask.shape)}", f"Give room for {count} touches.")
+        counts = torch.empty_like(which)
+        contact_bodies.count(count, which, poses, *self._faces, self._gel, blocked, counts)
+        starts = _starts(counts)
+        rows = max(1, int(starts[-1]))
+
+        def room(*shape: int, kind: torch.dtype = torch.float64) -> Tensor:
+            return torch.empty(shape, dtype=kind, device=self.device)
+
+        planes = room(rows, contact_bodies.PLANES, kind=self._kind)
+        maps, windows = room(rows, 9, kind=self._kind), room(rows, 4, kind=torch.int32)
+        reach = room(max(1, count), 4, kind=torch.int32)
+        contact_bodies.project(
+            count, which, poses, *self._faces, self._corner_normals, self._gel, blocked, starts,
+            self._camera, self._u, self._v, self._near, self._rays, room(rows),
+            room(rows, kind=torch.int64), room(rows, 3, 3), planes, maps, windows, reach,
+        )  # fmt: skip
+        pixels = self.sensor.image_height * self.sensor.image_width
+        self._body(
+            (count, pixels), starts, windows, reach, planes, maps, *self._view, images.rgb, images.depth,
+            images.mask,
+        )  # fmt: skip
+        return images
+
+
+def _starts(counts: Tensor) -> Tensor:
+    """Return where the lists of so many members each begin, and where the last ends, (n + 1,)."""
+    return torch.cat([torch.zeros_like(counts[:1]), torch.cumsum(counts, 0)])
+
+
+def _shape_of(poses: object) -> tuple[int, int, int]:
+    return (len(poses), 4, 4)  # type: ignore[arg-type]
