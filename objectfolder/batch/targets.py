@@ -135,8 +135,17 @@ class Body:
 @lru_cache(maxsize=1)
 def cuda_module() -> Any:
     """Return numba-cuda."""
-    with needs_extra("gpu"):
-        from numba import cuda
+    absent = not hasattr(np, "row_stack")
+    if absent:
+        # numba-cuda up to 0.30 names a function, as it is imported, that NumPy 2.5 no longer has.
+        np.row_stack = np.vstack
+    try:
+        with needs_extra("gpu"):
+            from numba import cuda
+            from numba.cuda import cudaimpl  # noqa: F401 - else imported by the first compilation
+    finally:
+        if absent:
+            del np.row_stack
     return cuda
 
 
