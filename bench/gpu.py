@@ -144,7 +144,7 @@ def touch_equality(run: Run, precision: str, count: int) -> dict[str, Any]:
         true = file.press(points[rows], **{name: value[rows] for name, value in asked.items()})
         differs = host["mask"][rows] != true.mask
         levels = np.abs(host["rgb"][rows].astype(int) - true.rgb)
-        depth = np.abs(host["depth"][rows].astype(float) - true.depth)[~differs]
+        depth = np.abs(host["depth_m"][rows].astype(float) - true.depth_m)[~differs]
         masks, pixels = masks + int(differs.sum()), pixels + differs.size
         brighter += int((levels > 1).sum())
         reach += int((host["reachable"][rows] != true.reachable).sum())
@@ -296,7 +296,7 @@ def sight_equality(run: Run) -> dict[str, Any]:
     which = np.repeat([0, 1], count)
     cameras, lights = (np.concatenate(parts) for parts in zip(*views, strict=True))
     true = np.concatenate([file.render(*view, 128) for file, view in zip(files, views, strict=True)])
-    for rays in (8, 16):
+    for rays in (10, 16):
         image = batch.render(which, cameras, lights, 128, sub_rays=rays)
         again = batch.render(which, cameras, lights, 128, sub_rays=rays)
         error = ((image.cpu().numpy().astype(float) - true) ** 2).mean(axis=(1, 2, 3))
@@ -324,7 +324,7 @@ def sight_speed(run: Run) -> dict[str, Any]:
                     cameras[rows], lights[rows] = file.sample_views(len(rows), seed=2, lit=True)
             place = run.torch.as_tensor
             given = [place(part, device=run.device) for part in (which, cameras, lights)]
-            for rays in (8, 16):
+            for rays in (10, 16):
                 taken = run.seconds(lambda: batch.render(*given, 128, sub_rays=rays), 3)  # noqa: B023
                 found[f"{label}_{count}_{rays}_rays_per_s"] = round(count / taken, 1)
     found["peak_gib"] = run.peak_gib()

@@ -20,6 +20,7 @@ EXTRAS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8
 
 DISTRIBUTIONS = {  # that are not named as what is imported
     "PIL": "Pillow",
+    "numba_cuda": "numba-cuda",
     "cv2": "opencv-contrib-python-headless",
     "pxr": "usd-core",
     "skimage": "scikit-image",

@@ -4,7 +4,7 @@ First hits and shadows are found by the tree of a single view, points are shaded
 precision. A pixel has a ray through its centre, or `sub_rays` where it differs from a neighbour.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from objectfolder.vision.visionnet.sight_queries import SightQueries
 
 functional = torch.nn.functional
 # Difference to a neighbour, in sRGB on white, from which on a pixel is looked at again.
-CONTRAST = 0.1
+CONTRAST = 0.15
 # Rays traced at a time.
 RAYS_AT_ONCE = 1 << 24
 LEVELS = sight_bodies.LEVELS
@@ -107,7 +107,7 @@ class SightBatch:
         resolution: int | tuple[int, int] = 128,
         field_of_view_deg: float = FIELD_OF_VIEW_DEG,
         *,
-        sub_rays: int = 16,
+        sub_rays: int = 10,
     ) -> Tensor:
         """Render views under one lamp each: (n, h, w, 3) uint8, sRGB on white.
 
@@ -135,7 +135,7 @@ class SightBatch:
         resolution: int | tuple[int, int] = 128,
         field_of_view_deg: float = FIELD_OF_VIEW_DEG,
         *,
-        sub_rays: int = 16,
+        sub_rays: int = 10,
     ) -> Tensor:
         """Render as `render`: (n, h, w, 4) float32 scene-linear premultiplied RGBA."""
         count = len(camera_to_object)  # type: ignore[arg-type]
@@ -155,7 +155,7 @@ class SightBatch:
         step = max(1, RAYS_AT_ONCE // (size[0] * size[1]))
         for start in range(0, count, step):
             some = order[start : start + step]
-            scene = _Scene(chosen[some], cameras[some], lamps[some], lens)
+            scene = _Scene(chosen[some], cameras[some], lamps[some], _lamp_terms(lamps[some]), lens)
             image[some] = self._views(scene, size, sub_rays)
         return image
 
@@ -211,8 +211,8 @@ class SightBatch:
         inputs = torch.empty((sight_bodies.ROWS, count), dtype=torch.float32, device=self.device)
         lobe = torch.empty(count, dtype=torch.float32, device=self.device)
         sight_bodies.inputs(
-            count, points.view, scene.objects, scene.lights, *self._grid, alpha2, points.position,
-            points.normal, points.direction, points.irradiance, inputs, lobe,
+            count, points.view, scene.objects, scene.lights, scene.lamp_terms, *self._grid, alpha2,
+            points.position, points.normal, points.direction, points.irradiance, inputs, lobe,
         )  # fmt: skip
         return inputs, lobe
 
@@ -226,27 +226,24 @@ class SightBatch:
         if self._mirrors:
             met_rows, met = self._met(scene, points)
             met_inputs, met_lobe = self._inputs(scene, met, self._mirror_alpha2)
+        numbers_of = torch.arange(len(self._networks) + 1, device=self.device)
+        starts = torch.searchsorted(thing, numbers_of)
+        met_ends = (starts if met_rows is None else torch.searchsorted(met_rows, starts)).tolist()
+        ends = starts.tolist()
         with full_precision():
-            ends = torch.searchsorted(
-                thing, torch.arange(len(self._networks) + 1, device=self.device)
-            ).tolist()
             for index, network in enumerate(self._networks):
                 some = slice(ends[index], ends[index + 1])
                 if some.start == some.stop:
                     continue
-                of_lamp = network.lamps(scene.lights)[:, points.view[some]]
-                known, albedo = inputs[:, some], network.albedo(inputs[:, some])
-                colour[:, some] = irradiance[some] * network.reflected(known, albedo, lobe[some])
-                colour[:, some] += albedo * network.bounced(known, of_lamp)
-                if network.mirrors and met_rows is not None:
-                    first, last = torch.searchsorted(
-                        met_rows, torch.tensor(ends[index : index + 2], device=self.device)
-                    ).tolist()
-                    if first < last:
-                        seen, own = met_inputs[:, first:last], met_rows[first:last]
-                        shown = network.reflected(seen, network.albedo(seen), met_lobe[first:last])
-                        shown = met.irradiance[first:last].float() * shown
-                        colour[:, own] += network.fresnel(inputs[:, own], _rim(points, own)) * shown
+                answer = network.answer(inputs[:, some])
+                shown = irradiance[some] * answer.reflected(lobe[some]) + answer.albedo * answer.bounced
+                seen = slice(met_ends[index], met_ends[index + 1])
+                if network.mirrors and met_rows is not None and seen.start < seen.stop:
+                    own = met_rows[seen]
+                    again = network.answer(met_inputs[:, seen]).reflected(met_lobe[seen])
+                    again *= met.irradiance[seen].float()
+                    shown[:, own - some.start] += answer.fresnel(_rim(points, own), own - some.start) * again
+                colour[:, some] = shown
         return colour.T * self._radiance[thing, None]
 
     def _met(self, scene: "_Scene", points: _Points) -> tuple[Tensor, _Points]:
@@ -268,70 +265,92 @@ class _Scene:
     objects: Tensor
     cameras: Tensor
     lights: Tensor
+    lamp_terms: Tensor
     lens: Tensor
 
 
-class _Network:
-    """`reflectance.Reflectance` of one object over columns of inputs."""
+@dataclass(frozen=True)
+class _Answer:
+    """What a network says of n points, (3, n) each; `rim` (n,) is that of the light."""
 
-    def __init__(self, weights: dict[str, np.ndarray], device: torch.device) -> None:
+    albedo: Tensor
+    even: Tensor
+    strength: Tensor
+    bounced: Tensor
+    facing: Tensor | None
+    rim: Tensor
+
+    def fresnel(self, rim: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
+        """Return the share (3, m) that points reflect; `rim` (m,) is (1 - cosine)^5."""
+        assert self.facing is not None
+        facing = self.facing[:, rows]
+        return facing + (1 - facing) * rim
+
+    def reflected(self, lobe: Tensor) -> Tensor:
+        """Return (3, n) pi times the reflectance; `lobe` (n,) is that of the highlight."""
+        if self.facing is None:
+            gloss = functional.softplus(self.strength)
+        else:
+            gloss = self.fresnel(self.rim) * 2 * torch.sigmoid(self.strength)
+        return self.albedo * self.even + gloss * lobe
+
+
+class _Network:
+    """`reflectance.Reflectance` of one object; what takes the inputs themselves is one matrix product."""
+
+    def __init__(self, weights: Mapping[str, np.ndarray], device: torch.device) -> None:
+        self.mirrors = MIRROR_WIDTH in weights
+        features, coarse = sight_bodies.FEATURE_ROWS, sight_bodies.COARSE_ROWS
+        terms = np.arange(coarse, coarse + sight_bodies.POINT_ROWS + sight_bodies.LAMP_ROWS)
+        of_lamp = terms[LIGHT_INPUTS]
+        order = [*np.setdiff1d(terms, of_lamp), *of_lamp]
+        direct, bounced = weights["direct.0.weight"], weights["bounced.0.weight"]
+        rows = {"direct.0": len(direct), "bounced.0": len(bounced), "albedo": 3}
+        if self.mirrors:
+            rows["facing"] = 3
+        first = np.zeros((sum(rows.values()), sight_bodies.ROWS), dtype=np.float32)
+        parts = np.split(first, np.cumsum(list(rows.values()))[:-1])
+        parts[0][:, : direct.shape[1]] = direct
+        parts[1][:, :coarse] = bounced[:, :coarse]
+        parts[1][:, features + ANGLES :] = bounced[:, order]
+        parts[2][:, : features + 3] = weights["albedo.weight"]
+        if self.mirrors:
+            parts[3][:, :features] = weights["facing.weight"]
+
         def single(name: str) -> Tensor:
             return upload(np.asarray(weights[name], dtype=np.float32), device)
 
-        self.mirrors = MIRROR_WIDTH in weights
-        layers = ("0", "2", "4")
-        self._direct = [(single(f"direct.{k}.weight"), single(f"direct.{k}.bias")[:, None]) for k in layers]
-        self._bounced = [
-            (single(f"bounced.{k}.weight"), single(f"bounced.{k}.bias")[:, None]) for k in layers
-        ]
-        first, rows = self._bounced[0][0], sight_bodies.COARSE_ROWS
-        of_lamp = torch.arange(rows, first.shape[1], device=device)[LIGHT_INPUTS]
-        kept = torch.ones(first.shape[1], dtype=torch.bool, device=device)
-        kept[of_lamp] = False
-        self._of_lamp, self._of_point = first[:, of_lamp], first[:, kept]
-        self._albedo = single("albedo.weight"), single("albedo.bias")[:, None]
-        if self.mirrors:
-            self._facing = single("facing.weight"), single("facing.bias")[:, None]
+        self._first = upload(first, device), torch.cat([single(f"{name}.bias") for name in rows])
+        self._widths = list(rows.values())
+        self._later = {
+            name: [(single(f"{name}.{layer}.weight"), single(f"{name}.{layer}.bias")) for layer in (2, 4)]
+            for name in ("direct", "bounced")
+        }
 
-    def albedo(self, inputs: Tensor) -> Tensor:
-        """Return the (3, n) albedo; the first of the angles are the normal."""
-        weight, bias = self._albedo
-        return torch.sigmoid(torch.addmm(bias, weight, inputs[: weight.shape[1]]))
+    def answer(self, inputs: Tensor) -> _Answer:
+        """Return what it says of points with inputs (terms, n)."""
+        first = functional.linear(inputs.T, *self._first)
+        direct, bounced, albedo, *facing = first.split(self._widths, dim=1)
+        out = self._last("direct", direct.relu_()).T
+        light = self._last("bounced", bounced.relu_()).T
+        return _Answer(
+            torch.sigmoid(albedo.T),
+            2 * torch.sigmoid(out[:3]),
+            out[3:],
+            functional.softplus(light),
+            torch.sigmoid(facing[0].T) if facing else None,
+            inputs[sight_bodies.FEATURE_ROWS + 7],
+        )
 
-    def reflected(self, inputs: Tensor, albedo: Tensor, lobe: Tensor) -> Tensor:
-        """Return (3, n) pi times the reflectance."""
-        out = _perceptron(self._direct, inputs[: self._direct[0][0].shape[1]])
-        if self.mirrors:
-            rim = inputs[sight_bodies.FEATURE_ROWS + 7]
-            gloss = self.fresnel(inputs, rim) * 2 * torch.sigmoid(out[3:])
-        else:
-            gloss = functional.softplus(out[3:])
-        return albedo * 2 * torch.sigmoid(out[:3]) + gloss * lobe
-
-    def fresnel(self, inputs: Tensor, rim: Tensor) -> Tensor:
-        """Return the share (3, n) reflected; `rim` (n,) is (1 - cosine)^5."""
-        weight, bias = self._facing
-        facing = torch.sigmoid(torch.addmm(bias, weight, inputs[: weight.shape[1]]))
-        return facing + (1 - facing) * rim
-
-    def lamps(self, places: Tensor) -> Tensor:
-        """Return what lamps at (n, 3) add to the first layer of the bounced light, (width, n)."""
-        waves = [torch.sin(torch.pi * places), torch.cos(torch.pi * places), torch.sin(2 * torch.pi * places)]
-        return torch.addmm(self._bounced[0][1], self._of_lamp, torch.cat([places, *waves], dim=1).float().T)
-
-    def bounced(self, inputs: Tensor, of_lamp: Tensor) -> Tensor:
-        """Return the bounced light over the albedo, (3, n)."""
-        rows = sight_bodies.COARSE_ROWS
-        told = torch.cat([inputs[:rows], inputs[sight_bodies.FEATURE_ROWS + ANGLES :]])
-        first = functional.relu(torch.addmm(of_lamp, self._of_point, told))
-        return functional.softplus(_perceptron(self._bounced[1:], first))
+    def _last(self, name: str, hidden: Tensor) -> Tensor:
+        second, third = self._later[name]
+        return functional.linear(functional.linear(hidden, *second).relu_(), *third)
 
 
-def _perceptron(layers: list[tuple[Tensor, Tensor]], inputs: Tensor) -> Tensor:
-    for weight, bias in layers[:-1]:
-        inputs = functional.relu(torch.addmm(bias, weight, inputs))
-    weight, bias = layers[-1]
-    return torch.addmm(bias, weight, inputs)
+def _lamp_terms(places: Tensor) -> Tensor:
+    """Return the inputs (n, 12) float32 that depend on lamps at (n, 3) alone."""
+    waves = [torch.sin(torch.pi * places), torch.cos(torch.pi * places), torch.sin(2 * torch.pi * places)]
+    return torch.cat([places, *waves], dim=1).float()
 
 
 def _rim(points: _Points, row: Tensor) -> Tensor:

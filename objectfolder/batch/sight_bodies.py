@@ -22,9 +22,10 @@ from objectfolder.vision.network.sparse_grid import HALF_WIDTH
 
 LEVELS = len(FEATURES)
 FEATURE_ROWS, COARSE_ROWS = sum(FEATURES), sum(FEATURES[:COARSE_LEVELS])
-# Rows of a point's inputs: features of all levels, angles, and the surroundings that depend on the point.
-SURROUNDING_ROWS = 19
-ROWS = FEATURE_ROWS + ANGLES + SURROUNDING_ROWS
+# Rows of a point's inputs: features of all levels, angles, the surroundings that depend on the point, and
+# those that depend on the lamp alone.
+POINT_ROWS, LAMP_ROWS = 19, 12
+ROWS = FEATURE_ROWS + ANGLES + POINT_ROWS + LAMP_ROWS
 _LEAST_COSINE = np.float32(LEAST_COSINE)
 
 
@@ -93,9 +94,9 @@ def _light(
 
 
 def _inputs(
-    point, view_of, objects, lights, grid_offsets, resolutions, first_table, second_table, third_table,
-    fourth_table, first_lookup, second_lookup, third_lookup, fourth_lookup, alpha2, position, normal,
-    direction, irradiance, inputs, lobe, to_light,
+    point, view_of, objects, lights, lamp_terms, grid_offsets, resolutions, first_table, second_table,
+    third_table, fourth_table, first_lookup, second_lookup, third_lookup, fourth_lookup, alpha2, position,
+    normal, direction, irradiance, inputs, lobe, to_light,
 ):  # fmt: skip
     """Write what the network is told of a point, a column of `inputs`, and the lobe of its highlight."""
     view = view_of[point]
@@ -136,6 +137,8 @@ def _inputs(
         position[point], normal[point], direction[point], lights[view], irradiance[point], inputs,
         row + ANGLES, point,
     )  # fmt: skip
+    for term in range(LAMP_ROWS):
+        inputs[row + ANGLES + POINT_ROWS + term, point] = lamp_terms[view, term]
 
 
 def _mirror(

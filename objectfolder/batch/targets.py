@@ -46,7 +46,9 @@ def kernel(from_row, all_rows, all_columns, {names}):
 
 def scalar(function: Callable[..., Any]) -> Any:
     """Compile what bodies call, for either target."""
-    return numba.njit(function, error_model="numpy", nogil=True)
+    # Without what only callers in C or makers of arrays need, which takes time to compile.
+    options = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True, "_nrt": False}
+    return numba.njit(function, **options)
 
 
 def compiled_copy(function: Callable[..., Any], **called: Any) -> Any:
@@ -98,7 +100,8 @@ class Body:
     @cached_property
     def on_cpu(self) -> Any:
         """The loop, compiled when it is called."""
-        return scalar(self._kernel(CPU_SOURCE, "np.empty", body=scalar(self._function)))
+        loop = self._kernel(CPU_SOURCE, "np.empty", body=scalar(self._function))
+        return numba.njit(loop, error_model="numpy", nogil=True)
 
     @cached_property
     def plain(self) -> Any:
@@ -138,14 +141,15 @@ def cuda_module() -> Any:
     absent = not hasattr(np, "row_stack")
     if absent:
         # numba-cuda up to 0.30 names a function, as it is imported, that NumPy 2.5 no longer has.
-        np.row_stack = np.vstack
+        setattr(np, "row_stack", np.vstack)  # noqa: B010 - the linter minds the name
     try:
         with needs_extra("gpu"):
-            from numba import cuda
-            from numba.cuda import cudaimpl  # noqa: F401 - else imported by the first compilation
+            import numba_cuda  # noqa: F401
+        from numba import cuda
+        from numba.cuda import cudaimpl  # noqa: F401 - else imported by the first compilation
     finally:
         if absent:
-            del np.row_stack
+            delattr(np, "row_stack")
     return cuda
 
 

@@ -23,10 +23,10 @@ PRECISIONS = {"single": np.float32, "double": np.float64}
 
 @dataclass(frozen=True, eq=False)
 class TouchImages:
-    """Images of n touches, as of `Touches`: rgb uint8, depth float32 and mask bool."""
+    """Images of n touches, as of `Touches`: rgb uint8, depth_m float32 and mask bool."""
 
     rgb: Tensor
-    depth: Tensor
+    depth_m: Tensor
     mask: Tensor
 
     @classmethod
@@ -45,7 +45,7 @@ class BatchTouches:
     """n touches; the fields are those of `Touches`, as tensors on the device."""
 
     rgb: Tensor
-    depth: Tensor
+    depth_m: Tensor
     mask: Tensor
     sensor_to_object: Tensor
     points: Tensor
@@ -183,7 +183,7 @@ class TouchBatch:
         saturated = ~blocked & (depths >= saturation_depth_m(self.sensor) - TOLERANCE_M)
         penetration = torch.where(blocked, 0.0, depths)
         return BatchTouches(
-            images.rgb, images.depth, images.mask, poses, touched, normals, reachable, offset, penetration,
+            images.rgb, images.depth_m, images.mask, poses, touched, normals, reachable, offset, penetration,
             saturated,
         )  # fmt: skip
 
@@ -226,7 +226,7 @@ class TouchBatch:
         )  # fmt: skip
         pixels = self.sensor.image_height * self.sensor.image_width
         self._body(
-            (count, pixels), starts, windows, reach, planes, maps, *self._view, images.rgb, images.depth,
+            (count, pixels), starts, windows, reach, planes, maps, *self._view, images.rgb, images.depth_m,
             images.mask,
         )  # fmt: skip
         return images

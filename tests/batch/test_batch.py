@@ -1,0 +1,130 @@
+"""Batches on the CPU device: the loops of the same bodies that a GPU runs, against single queries."""
+
+import numpy as np
+import pytest
+import torch
+
+import objectfolder
+from objectfolder.batch import Batch, TouchImages
+from objectfolder.errors import QueryError
+from objectfolder.touch.sensor.sensor_file import read_sensor
+from objectfolder.touch.truth.press import press
+
+pytestmark = pytest.mark.slow  # the bodies are compiled
+
+
+@pytest.fixture(scope="module")
+def files():
+    return [objectfolder.example("mug"), objectfolder.example("bell")]
+
+
+@pytest.fixture(scope="module")
+def presses(files):
+    """Touches of both objects, mixed: numbers of objects, points, and how to press."""
+    random = np.random.default_rng(3)
+    which = np.array([1, 0, 0, 1, 0, 1, 1, 0])
+    points = np.empty((len(which), 3))
+    for index, file in enumerate(files):
+        points[which == index] = file.sample_contacts(4, seed=2, reachable=False)[0]
+    turns = {name: random.uniform(0, 360, len(which)) for name in ("azimuth_deg", "roll_deg")}
+    depth, tilt = random.uniform(0.0002, 0.002, len(which)), random.uniform(0, 30, len(which))
+    return which, points, {"depth_m": depth, "tilt_deg": tilt, **turns}
+
+
+@pytest.fixture(scope="module")
+def single(files, presses):
+    which, points, asked = presses
+    rows = [np.flatnonzero(which == index) for index in range(2)]
+    return [
+        (row, file.press(points[row], **{name: value[row] for name, value in asked.items()}))
+        for row, file in zip(rows, files, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(("precision", "most"), [("double", 1), ("single", 8)])
+def test_touches_of_several_objects_equal_single_presses(files, presses, single, precision, most):
+    which, points, asked = presses
+    answer = Batch(files, "cpu", precision=precision).touch.press(which, points, **asked)
+    for rows, true in single:
+        levels = np.abs(answer.rgb.numpy()[rows].astype(int) - true.rgb)
+        assert levels.max() <= most
+        assert np.count_nonzero(levels > 1) <= (0 if precision == "double" else 1e-5 * levels.size)
+        agree = answer.mask.numpy()[rows] == true.mask
+        assert np.count_nonzero(~agree) <= 1
+        assert np.abs(answer.depth_m.numpy()[rows] - true.depth_m)[agree].max() <= 5e-7
+        for name in ("sensor_to_object", "points", "normals", "first_contact_offset_m", "penetration_m"):
+            np.testing.assert_allclose(getattr(answer, name).numpy()[rows], getattr(true, name), atol=1e-12)
+        assert (answer.reachable.numpy()[rows] == true.reachable).all()
+        assert (answer.saturated.numpy()[rows] == true.saturated).all()
+        assert 0 < true.mask.mean() < 1
+
+
+def test_a_touch_in_a_batch_is_what_it_is_alone_and_fills_the_room_it_is_given(files, presses):
+    which, points, asked = presses
+    touch = Batch(files, "cpu").touch
+    out = TouchImages.empty(len(which), touch.sensor, "cpu")
+    together = touch.press(which, points, **asked, out=out)
+    assert together.rgb.data_ptr() == out.rgb.data_ptr()
+    alone = touch.press(which[2:3], points[2:3], **{name: value[2:3] for name, value in asked.items()})
+    for name, value in vars(alone).items():
+        assert bool((value[0] == getattr(together, name)[2]).all()), name
+    reached = ~(together.penetration_m == 0)
+    seen = touch.see(which, together.sensor_to_object)
+    assert bool((seen.rgb[reached] == together.rgb[reached]).all())
+    depths = touch.penetrations(which, together.sensor_to_object)
+    assert float((depths - together.penetration_m)[reached].abs().max()) < 1e-12
+
+
+def test_a_membrane_with_a_photometric_table_is_seen_as_by_a_single_press(files):
+    sensor = read_sensor("gelsight").at_resolution(48, 64)
+    bell = files[1]
+    points, _ = bell.sample_contacts(2, seed=2)
+    true = press(bell.touch.net._patches, sensor, points)
+    answer = Batch([bell], "cpu", sensor=sensor).touch.press(0, points)
+    assert np.abs(answer.rgb.numpy().astype(int) - true.rgb).max() <= 1
+    assert true.mask.any()
+
+
+def test_strikes_equal_single_ones_to_a_millionth_of_their_peaks(files):
+    which = np.array([1, 0, 1])
+    points = np.stack([files[index].sample_contacts(1, seed=4)[0][0] for index in which])
+    impulses = np.random.default_rng(0).normal(size=(3, 3))
+    sound = Batch(files, "cpu").sound
+    torch.set_float32_matmul_precision("high")
+    try:
+        for batch, alone in (
+            ({}, {}),
+            ({"pulse_s": 0.0007}, {"pulse": 0.0007}),
+            ({"listener": [0.5, 0.4, 0.3]}, {"listener": [0.5, 0.4, 0.3]}),
+        ):
+            answer = sound.strike(which, points, impulses, 0.3, **batch).numpy()
+            for row, index in enumerate(which):
+                true = np.asarray(files[index].strike(points[row], impulses[row], 0.3, **alone))[0]
+                assert np.abs(answer[row] - true).max() <= 1e-6 * np.abs(true).max()
+        assert torch.get_float32_matmul_precision() == "high"  # as the caller had it
+    finally:
+        torch.set_float32_matmul_precision("highest")
+
+
+def test_views_are_those_of_single_queries(files):
+    views = [file.sample_views(1, seed=1, lit=True) for file in files]
+    cameras, lights = (np.concatenate(parts[::-1]) for parts in zip(*views, strict=True))
+    images = Batch(files, "cpu").sight.render([1, 0], cameras, lights, 96).numpy()
+    for image, file, view in zip(images, files[::-1], views[::-1], strict=True):
+        error = ((image.astype(float) - file.render(*view, 96)[0]) ** 2).mean()
+        assert 10 * np.log10(255**2 / error) >= 42
+
+
+def test_impossible_queries_name_what_is_wrong(files, monkeypatch):
+    touch = Batch(files, "cpu").touch
+    for objects in ([0, 2], [0.5], [0, 0, 0]):
+        with pytest.raises(QueryError, match="objects"):
+            touch.press(objects, np.zeros((2, 3)))
+    with pytest.raises(QueryError, match="points"):
+        touch.press(0, np.zeros((2, 4)))
+    with pytest.raises(QueryError, match="out"):
+        touch.see(0, np.eye(4)[None], out=TouchImages.empty(2, touch.sensor, "cpu"))
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    for device in ("cuda", "meta", "abacus"):
+        with pytest.raises(QueryError, match="device"):
+            Batch(files, device)
