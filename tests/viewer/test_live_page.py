@@ -27,10 +27,15 @@ def address(small_file):
 @pytest.fixture
 def live(address, open_page):
     watched = open_page(address, viewport={"width": 700, "height": 700})
-    at_rest(watched.page)
+    drawn(watched.page)
     yield watched
     assert watched.errors == []
     assert watched.left_the_machine == []
+
+
+def drawn(page):
+    """Wait for the first image; the finest takes most of a test's time, and few look at it."""
+    page.locator(".player-resolution", has_text="\u00d7").wait_for()
 
 
 def at_rest(page):
@@ -38,6 +43,7 @@ def at_rest(page):
 
 
 def test_the_image_is_the_files_own(live, small_file):
+    at_rest(live.page)
     first = pixels(live.page)
     assert first.shape[0] == 512
     assert (first.max(axis=2) < 13).sum() < 0.1 * (first < 250).any(axis=2).sum(), "lit as opened"
@@ -61,6 +67,7 @@ def test_the_image_is_the_files_own(live, small_file):
 
 
 def test_dragging_shows_coarse_images_at_once(live):
+    at_rest(live.page)
     live.page.evaluate(
         """() => { window.drawn = []; document.addEventListener('player:drawn',
         ({ detail }) => window.drawn.push(detail)); }"""
@@ -126,7 +133,7 @@ def test_the_python_is_copied(live):
 def test_texts_of_strangers_stay_texts(small_file, open_page, tmp_path):
     with served(hostile_copy(small_file, tmp_path / "bar.safetensors")) as server:
         watched = open_page(server.address)
-        at_rest(watched.page)
+        drawn(watched.page)
         assert watched.page.locator("h1").text_content() == HOSTILE
         assert HOSTILE in watched.page.locator("#credit").text_content()
         assert watched.page.evaluate("() => window.hacked") is None
@@ -138,12 +145,12 @@ def test_objects_are_switched(small_file, open_page, tmp_path):
     other = hostile_copy(small_file, tmp_path / "other.safetensors")
     with served(small_file, other) as server:
         page = open_page(server.address).page
-        at_rest(page)
+        drawn(page)
         choice = page.locator("#objects")
         assert choice.locator("option").all_text_contents() == [small_file.stem, "other"]
         choice.select_option("other")
         page.wait_for_url("**/?object=1")
-        at_rest(page)
+        drawn(page)
         assert page.locator("h1").text_content() == HOSTILE
         assert choice.input_value() == "1"
         assert str(other) in page.locator("#facts").text_content()
