@@ -333,6 +333,9 @@ DIRT: dict[str, Make] = {
     "few triangles on large faces": as_obj(
         box((1.1, 0.6, 0.02)), BOX_QUADS, box_truth((1.1, 0.6, 0.02), coloured=False, faces=12)
     ),
+    "240 pieces": as_obj(
+        *cube_grid(240), Truth(240e-6, 240 * 6e-4, (0.03, 0.19, 0.23), components=240), textured=False
+    ),
     "1,200 pieces": as_obj(
         *cube_grid(1200), Truth(1200e-6, 1200 * 6e-4, (0.19, 0.19, 0.23), components=1200), textured=False
     ),
@@ -348,12 +351,10 @@ DIRT: dict[str, Make] = {
 }  # fmt: skip
 
 
-SLOW = {"1,200 pieces"}
+MANY = pytest.param("1,200 pieces", marks=pytest.mark.release("objectfolder.mesh"))
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in DIRT]
-)
+@pytest.mark.parametrize("name", [name for name in DIRT if name not in MANY.values] + [MANY])
 def test_the_dirt_of_real_scans(name, tmp_path):
     check(*DIRT[name](tmp_path))
 

@@ -170,7 +170,7 @@ def ingested(shared_objects: Path) -> dict[str, tuple[str, dict]]:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.release("objectfolder.mesh")
 def test_all_real_scans_are_ingested_and_most_are_closed(ingested):
     closed = 0
     for _, attributes in ingested.values():
@@ -211,7 +211,7 @@ def flagged(
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.release("objectfolder.mesh")
 def test_walls_of_real_scans_that_cannot_be_are_found(ingested, classes):
     assert classes.keys() == ingested.keys()
     geometry = flagged(ingested, classes, HINTS, by_material=False)

@@ -48,7 +48,7 @@ def test_some_mutated_files_of_every_kind(tmp_path):
     assert outcomes["refused"] > 20
 
 
-@pytest.mark.slow
+@pytest.mark.release("objectfolder.mesh")
 def test_many_mutated_files(tmp_path):
     found = held(mutated(tmp_path, ALL))
     assert len(found) + len(QUICK) == 500

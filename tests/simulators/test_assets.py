@@ -103,7 +103,7 @@ def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
     assert len(hull.vertices) <= 128
     radii = np.linalg.norm(hull.vertices, axis=1)
     assert np.all((radii > 0.049) & (radii < 0.051))
-    rings = surface_of(trimesh.creation.torus(0.05, 0.015))
+    rings = surface_of(trimesh.creation.torus(0.05, 0.015, major_sections=16, minor_sections=16))
     assert max(len(hull.vertices) for hull in convex_parts(rings, most_parts=8).hulls) <= 32
 
 

@@ -43,7 +43,7 @@ def with_body(
 
 
 def run(*arguments: str) -> int:
-    more = ("--materials", MATERIALS, "--texture-side", "256") if arguments[0] == "export" else ()
+    more = ("--materials", MATERIALS, "--texture-side", "64") if arguments[0] == "export" else ()
     return main([*arguments, *more])
 
 
@@ -76,7 +76,7 @@ def test_a_measured_mass_and_friction_replace_the_materials(
 
 def test_a_scene_of_one_object_twice(bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "table" / "scene.xml"
-    options = ("--table", "0.5", "--texture-side", "256", "--json")
+    options = ("--table", "0.5", "--texture-side", "64", "--json")
     assert run("scene", str(bar), str(bar), "-o", str(scene), *options) == 0
     assert mujoco.MjModel.from_xml_path(str(scene)).nbody == 3
     figures = {"file": str(scene), "objects": ["bar", "bar"], "table_m": 0.5}
@@ -88,7 +88,7 @@ def test_a_scene_of_one_object_twice(bar: Path, tmp_path: Path, capsys: pytest.C
 def test_a_scene_without_room_or_of_two_objects_of_one_name_leaves_nothing(
     bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene, more = tmp_path / "table" / "scene.xml", ("--texture-side", "256")
+    scene, more = tmp_path / "table" / "scene.xml", ("--texture-side", "64")
     assert run("scene", *[str(bar)] * 3, "-o", str(scene), "--table", "0.2", *more) == 1
     assert "no room on a table" in capsys.readouterr().err
     (tmp_path / "other").mkdir()

@@ -15,7 +15,8 @@ NODES = 50_000
 
 
 @pytest.mark.parametrize(
-    ("shell", "nodes"), [pytest.param(0.002, 200_000, marks=pytest.mark.slow), (0.012, NODES)]
+    ("shell", "nodes"),
+    [(0.012, NODES), pytest.param(0.002, 200_000, marks=pytest.mark.release("objectfolder.solid"))],
 )
 def test_a_ball_becomes_a_hollow_sphere(shell: float, nodes: int) -> None:
     vertices, faces = sphere(0.05, 4)

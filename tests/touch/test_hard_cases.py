@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from touch_shapes import box, joined, mug, psnr_db, revolved, sphere
+from touch_shapes import box, joined, mug, psnr_db, sphere
 
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
@@ -206,30 +206,6 @@ def test_flat_of_a_blade_from_either_side() -> None:
         assert np.allclose(found.normals[0], [0, 0, side], atol=1e-12)
         assert found.reachable[0]
         assert found.depth_m[0].max() == pytest.approx(0.002, abs=2e-6)
-
-
-def bottle(neck: float = 0.011, body: float = 0.035, wall: float = 0.002) -> Surface:
-    """A bottle round z: body to 0.12, neck from 0.15 to 0.19, open at the top."""
-    outside = [(1e-4, 0.0), (body, 0.0), (body, 0.12), (neck, 0.15), (neck, 0.19)]
-    inside = [
-        (neck - wall, 0.19),
-        (neck - wall, 0.15),
-        (body - wall, 0.12),
-        (body - wall, wall),
-        (1e-4, wall),
-    ]
-    return Surface(*revolved(np.array(outside + inside)))
-
-
-def test_in_the_neck_of_a_bottle_the_sensor_cannot_stand() -> None:
-    found = touch(bottle(), [0.009, 0.0, 0.17])
-    assert np.allclose(found.normals[0], [-1, 0, 0], atol=2e-2)
-    assert not found.reachable[0]
-    assert found.depth_m[0].max() <= found.penetration_m[0] + 1e-12
-    # From outside it can, with the gel across the neck.
-    outside = touch(bottle(), [0.011, 0.0, 0.17])
-    assert outside.reachable[0]
-    assert outside.mask[0].sum() > 300
 
 
 def test_a_shell_turned_inside_out_is_pressed_from_within_and_not_invisible() -> None:

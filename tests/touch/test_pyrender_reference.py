@@ -31,7 +31,14 @@ def reference(surface: Surface, poses: np.ndarray, held: bool = False) -> tuple[
 
 
 @pytest.mark.parametrize(
-    "name", ["box", *(pytest.param(name, marks=pytest.mark.slow) for name in SURFACES if name != "box")]
+    "name",
+    [
+        "box",
+        *(
+            pytest.param(name, marks=pytest.mark.release("objectfolder.touch"))
+            for name in ("bumpy ball", "torus")
+        ),
+    ],
 )
 def test_images_agree_with_opengl(name: str) -> None:
     surface = SURFACES[name]
@@ -67,7 +74,7 @@ def test_the_untouched_gel_agrees_with_opengl_to_a_grey_level() -> None:
     assert np.abs(images[0].astype(int) - no_contact_image(SENSOR)).max() <= 1
 
 
-@pytest.mark.slow
+@pytest.mark.release("bench")
 def test_a_mesh_held_by_opengl_looks_as_one_handed_over_at_each_pose() -> None:
     surface = SURFACES["bumpy ball"]
     touch = press(surface, SENSOR, surface.sample(3, 4).points, Press(depth_m=0.001))

@@ -125,42 +125,6 @@ def test_a_light_on_the_surface_gives_numbers_and_lights_the_rest_as_the_referen
     assert np.isfinite(fast.radiance(origins[:1], np.array([[0.0, 0.0, -1.0]]), origins[:1], WHITE)).all()
 
 
-def test_a_camera_that_looks_away_sees_nothing():
-    fast, _ = both("cube")
-    away = camera(0.0, 0.0, 2.5, target=(0.0, 0.0, 5.0))
-    image = fast.render(away, np.ones((1, 3)), WHITE, (9, 7), 39.6, 16)
-    assert image.shape == (9, 7, 4)
-    assert not image.any()
-    beside = camera(0.0, 0.0, 2.5, target=(3.0, 0.0, 2.0))
-    assert not fast.render(beside, np.ones((1, 3)), WHITE, (9, 7), 39.6, 64).any()
-    assert fast.radiance(np.zeros((0, 3)), np.zeros((0, 3)), np.ones((1, 3)), WHITE).shape == (0, 4)
-
-
-@pytest.mark.parametrize("sub_rays", [1, 16])
-def test_a_crop_is_that_part_of_the_whole_bit_for_bit(sub_rays):
-    fast, _ = both("mug")
-    query = (camera(0.5, -2.0, 1.4), np.array([[0.5, 0.3, 0.8]]), WHITE, (64, 80), 39.6, sub_rays)
-    whole = fast.render(*query)
-    for crop in ((0, 0, 64, 80), (20, 31, 17, 9), (33, 40, 1, 1), (60, 70, 4, 10)):
-        top, left, height, width = crop
-        part = fast.render(*query, crop)
-        np.testing.assert_array_equal(part, whole[top : top + height, left : left + width])
-
-
-def test_lights_add_up_and_a_dark_one_costs_nothing_to_the_others():
-    fast, _ = both("mug")
-    random = np.random.default_rng(8)
-    lights, colours = uniform_on_sphere(3, 1.0, random), random.random((3, 3))
-    query = {"size": (48, 48), "field_of_view_deg": 39.6, "sub_rays": 16}
-    pose = camera(1.0, -1.8, 1.4)
-    together = fast.render(pose, lights, colours, **query)
-    apart = [fast.render(pose, lights[i : i + 1], colours[i : i + 1], **query) for i in range(3)]
-    np.testing.assert_allclose(together[..., :3], sum(image[..., :3] for image in apart), atol=1e-6)
-    np.testing.assert_array_equal(together[..., 3], apart[0][..., 3])
-    dark = fast.render(pose, lights, colours * [[1], [0], [0]], **query)
-    np.testing.assert_array_equal(dark, apart[0])
-
-
 @pytest.mark.parametrize("mirrors", [False, True])
 def test_many_lights_in_turn_show_what_a_few_at_a_time_add_up_to(mirrors):
     fast = CompiledRenderer(*network(SHAPES["mug"](), mirrors=mirrors), 1.0)

@@ -17,7 +17,7 @@ from objectfolder.vision.cameras import look_at, uniform_on_sphere
 from objectfolder.vision.compiled.surroundings import Cast, Surroundings, lobe_directions, looked_up
 from objectfolder.vision.environment import NAMES, Environment, named_map, pixel_directions
 from objectfolder.vision.truth.cycles_process import render_in_children
-from objectfolder.vision.truth.render_request import Shots, unit_scene
+from objectfolder.vision.truth.render_request import Scene, Shots, unit_scene
 from objectfolder.vision.truth.views import simulate_views
 from objectfolder.vision.visionnet.fitting import fit_visionnet
 from objectfolder.vision.visionnet.visionnet import VisionNet
@@ -166,8 +166,9 @@ def test_what_is_no_light_is_refused(net: VisionNet, subtests: pytest.Subtests) 
     assert not black[..., :3].any()
 
 
-@pytest.mark.slow
-def test_a_fitted_cube_in_environments_is_as_cycles_shows_it() -> None:
+@pytest.fixture(scope="module")
+def matt_cube() -> tuple[VisionNet, Scene]:
+    """A cube's fit, and what Cycles renders of it."""
     mesh, matt = cube(), Appearance(roughness=0.9, metallic=0.0)
     views = simulate_views(
         mesh,
@@ -180,12 +181,22 @@ def test_a_fitted_cube_in_environments_is_as_cycles_shows_it() -> None:
     )
     frame = UnitFrame.of_points(mesh.vertices)
     fitted = fit_visionnet(mesh.surface, frame, views, steps=600, batch_pixels=512, grid_resolution=32)
-    scene = unit_scene(mesh, matt, frame)
-    for name in NAMES:
-        shots = Shots(CAMERAS, np.ones((2, 3)), np.arange(2), 256, 48, 48, 39.6, environment=named_map(name))
-        truth = render_in_children(scene, shots).astype(np.float32)
-        answer = fitted.render(CAMERAS, Environment.of(name), 48, 39.6)
-        assert psnr(truth, answer) > 32, name
-        # Another light is another picture.
-        wrong = fitted.render(CAMERAS, Environment.of(named_map(name)[:, ::-1]), 48, 39.6)
-        assert psnr(truth, wrong) < psnr(truth, answer) - 4, name
+    return fitted, unit_scene(mesh, matt, frame)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [NAMES[0], *(pytest.param(name, marks=pytest.mark.release("objectfolder.vision")) for name in NAMES[1:])],
+)
+def test_a_fitted_cube_in_an_environment_is_as_cycles_shows_it(
+    matt_cube: tuple[VisionNet, Scene], name: str
+) -> None:
+    fitted, scene = matt_cube
+    shots = Shots(CAMERAS, np.ones((2, 3)), np.arange(2), 256, 48, 48, 39.6, environment=named_map(name))
+    truth = render_in_children(scene, shots).astype(np.float32)
+    answer = fitted.render(CAMERAS, Environment.of(name), 48, 39.6)
+    assert psnr(truth, answer) > 32
+    # Another light is another picture.
+    wrong = fitted.render(CAMERAS, Environment.of(named_map(name)[:, ::-1]), 48, 39.6)
+    assert psnr(truth, wrong) < psnr(truth, answer) - 4

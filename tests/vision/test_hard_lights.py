@@ -157,6 +157,7 @@ def test_an_empty_image_is_empty_in_every_pass(cubic: VisionNet) -> None:
         assert np.isinf(drawn["depth"]).all()
         assert not drawn["normal"].any()
         assert not drawn["mask"].any()
+    assert cubic.render(np.zeros((0, 4, 4)), np.zeros((0, 3)), 16, FIELD_OF_VIEW).shape == (0, 16, 16, 4)
 
 
 def test_grazing_rays_at_the_silhouette_of_a_sphere(way: str) -> None:

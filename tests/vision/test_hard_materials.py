@@ -295,6 +295,7 @@ def test_constant_map_of_normals_shades_as_a_tilted_plane(light):
 LARGEST_PEAK_KIB = 640 * 1024
 
 
+@pytest.mark.release("objectfolder.vision")
 def test_texture_of_4096_texels_a_side_stays_below_640_mib():
     # A process of its own: the peak is that of the largest child so far, and this one has had others.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:

@@ -1,5 +1,8 @@
 """Holes of a texture's alpha in what a VisionNet shows: primary rays, shadow rays, passes."""
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 from compiled_cases import network
@@ -9,9 +12,11 @@ from vision_shapes import cube
 
 from objectfolder.errors import FormatError
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.network.holes import without_holes
 from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.surface_maps import SurfaceMaps
 
 TILES = 4
 CHECKER = (np.indices((TILES, TILES)).sum(axis=0) % 2 == 0).repeat(32, 0).repeat(32, 1)
@@ -35,6 +40,13 @@ def pane(alpha: np.ndarray, floor: float | None = None) -> TexturedMesh:
     )
 
 
+@cache
+def stored_pane(floor: float | None = None) -> tuple[UnitFrame, SurfaceMaps]:
+    """The frame and the maps of a pane with a checkerboard of holes."""
+    _, frame, maps = stored(pane(CHECKER, floor))
+    return frame, maps
+
+
 def tile_centres() -> tuple[np.ndarray, np.ndarray]:
     """Centres (n, 2) of the tiles, and whether the surface is there."""
     row, column = np.indices((TILES, TILES)).reshape(2, -1)
@@ -42,7 +54,7 @@ def tile_centres() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_checkerboard_leaves_half_of_a_plane() -> None:
-    _, _, maps = stored(pane(CHECKER))
+    _, maps = stored_pane()
     cut = without_holes(maps)
     assert cut.surface.area == pytest.approx(0.5, abs=0.01)
     assert (cut.surface.face_normals[:, 2] > 0.999).all()
@@ -57,7 +69,7 @@ def test_a_checkerboard_leaves_half_of_a_plane() -> None:
 
 
 def test_rays_and_shadow_rays_pass_through_holes() -> None:
-    _, frame, maps = stored(pane(CHECKER, floor=0.3))
+    frame, maps = stored_pane(floor=0.3)
     surface = UnitSurface(maps.surface, frame, maps)
     places, there = tile_centres()
     above = frame.to_unit(np.column_stack([places, np.full(len(places), 0.5)]))
@@ -74,7 +86,7 @@ def test_rays_and_shadow_rays_pass_through_holes() -> None:
 
 def test_the_floor_below_shows_the_pattern_of_light() -> None:
     """A lamp straight above a hole lights the floor's point below it, and not the one below a tile."""
-    _, frame, maps = stored(pane(CHECKER, floor=0.2))
+    frame, maps = stored_pane(floor=0.3)
     surface = UnitSurface(maps.surface, frame, maps)
     places, there = tile_centres()
     for place, tile in zip(places, there, strict=True):
@@ -86,7 +98,7 @@ def test_the_floor_below_shows_the_pattern_of_light() -> None:
 
 
 def test_an_image_and_its_passes_have_the_holes() -> None:
-    _, frame, maps = stored(pane(CHECKER))
+    frame, maps = stored_pane()
     net = with_maps(drawn_visionnet(maps.surface), maps, frame)
     camera = look_at(np.array([[0.0, 0.0, 2.0]]) + frame.to_unit(np.array([0.5, 0.5, 0.0])))
     drawn = net.render(camera, np.array([0.2, 0.1, 1.0]), 64, 39.6, passes=["rgba", "mask", "depth"])
@@ -98,17 +110,17 @@ def test_an_image_and_its_passes_have_the_holes() -> None:
 
 
 def test_a_surface_that_is_one_hole_is_refused() -> None:
-    _, _, maps = stored(pane(CHECKER))
-    maps.levels["alpha"][:] = 0
+    _, maps = stored_pane()
+    nothing = {**maps.levels, "alpha": np.zeros_like(maps.levels["alpha"])}
     with pytest.raises(FormatError, match="one hole"):
-        without_holes(maps)
+        without_holes(replace(maps, levels=nothing))
 
 
 def test_opaque_faces_are_left_as_they_are() -> None:
     mesh = cube()
     opaque, _, _ = network(mesh.surface)
     assert opaque.surface is mesh.surface
-    _, _, maps = stored(pane(CHECKER, floor=0.3))
+    _, maps = stored_pane(floor=0.3)
     cut = without_holes(maps)
     floor = maps.surface.points_at(np.arange(4), np.full((4, 3), 1 / 3))[:, 2] < -0.1
     assert np.bincount(cut.parent)[floor].tolist() == [1, 1]

@@ -147,7 +147,7 @@ def test_memory_does_not_grow_with_the_number_of_lights(net: VisionNet) -> None:
     assert peak(1, 120000) - few < 100000 * 500
 
 
-@pytest.mark.slow
+@pytest.mark.release("objectfolder.vision")
 def test_two_hundred_lights_of_an_environment_in_bounded_memory(net: VisionNet) -> None:
     lights = uniform_on_sphere(200, 2.0, np.random.default_rng(9))
     tracemalloc.start()

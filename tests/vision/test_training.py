@@ -128,8 +128,8 @@ def psnr(truth: np.ndarray, answer: np.ndarray, where: np.ndarray | None = None)
     ("a white object", 20),
     ("an object of several components", 10),
     pytest.param("a black object", 1, marks=pytest.mark.slow),
-    pytest.param("a texture of one colour", 10, marks=pytest.mark.slow),
-    pytest.param("self-intersecting shells", 10, marks=pytest.mark.slow),
+    pytest.param("a texture of one colour", 10, marks=pytest.mark.release("objectfolder.vision")),
+    pytest.param("self-intersecting shells", 10, marks=pytest.mark.release("objectfolder.vision")),
 ])  # fmt: skip
 def test_held_out_views_of_hard_cases_are_answered(name, margin_db):
     case = CASES[name]

@@ -54,17 +54,15 @@ def test_held_out_views_are_far_better_than_the_trivial_answers(views, fitted):
     assert psnr(truth, answer) > max(34.0, trivial + 10)
 
 
-@pytest.mark.slow
-def test_the_truth_of_held_out_views_plays_no_part_in_the_fit(views, fitted):
+def test_the_truth_of_held_out_views_plays_no_part_in_the_fit(views):
     rgba = views["rgba"].copy()
     rgba[views["held_out"]] = 0.5
     spoilt = Product(
         {**views.arrays, "rgba": dataclasses.replace(views.arrays["rgba"], data=rgba)}, views.attributes
     )
-    again = fit_visionnet(
-        cube().surface, UnitFrame.from_dict(views.attributes["frame"]), spoilt, **TINY, seed=0
-    )
-    for name, tensor in fitted.tensors().items():
+    frame, few = UnitFrame.from_dict(views.attributes["frame"]), TINY | {"steps": 20}
+    first, again = (fit_visionnet(cube().surface, frame, truth, **few, seed=0) for truth in (views, spoilt))
+    for name, tensor in first.tensors().items():
         np.testing.assert_array_equal(tensor, again.tensors()[name], err_msg=name)
 
 
@@ -85,23 +83,6 @@ def test_weights_are_half_precision_and_tensors_are_named(fitted):
     tensors = fitted.tensors()
     assert all(name.startswith("vision.") for name in tensors)
     assert {tensor.dtype for tensor in tensors.values()} == {np.dtype(np.float16), np.dtype(np.uint8)}
-
-
-def test_a_camera_that_looks_away_sees_nothing(fitted):
-    away = look_at(np.array([[0.0, 0.0, 2.5]]), target=np.array([0.0, 0.0, 5.0]))
-    image = fitted.render(away, np.array([[0.0, 0.0, 1.0]]), 16, 39.6)
-    assert not image.any()
-    assert fitted.render(np.zeros((0, 4, 4)), np.zeros((0, 3)), 16, 39.6).shape == (0, 16, 16, 4)
-
-
-def test_cameras_at_the_poles_and_inside_the_box_are_answered(fitted):
-    poles = look_at(
-        np.array([[0.0, 0.0, 2.5], [0.0, 0.0, -2.5], [0.2, 0.1, 0.0]]), target=np.array([0, 0, 0.01])
-    )
-    images = fitted.render(poles, np.array([[0.0, 0.0, 1.0]] * 3), 16, 39.6)
-    assert np.isfinite(images).all()
-    assert (images[:, 8, 8, 3] == 1).all()
-    assert images[0, 8, 8, :3].max() > 10 * images[1, 8, 8, :3].max()
 
 
 def test_few_rays_in_even_pixels_change_little(views, fitted):
