@@ -8,9 +8,9 @@ import os
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import objectfolder  # noqa: F401  (it chooses the kernels of OpenBLAS before NumPy is there)
 
@@ -26,6 +26,7 @@ gc.disable()  # nothing of a million objects goes while tests are collected
 import pytest
 from filelock import FileLock
 
+from objectfolder.products.provenance import fingerprint
 from tests import cpu_seconds, drawn_examples, release_half
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()
+MADE_BEFORE = 8  # what one name was made of that stays in the cache: branches, kernels of a processor
 RELEASE_HALF = pytest.StashKey[release_half.ReleaseHalf]()
 
 
@@ -90,22 +92,41 @@ def release_marks(request: pytest.FixtureRequest) -> dict[str, tuple[object, ...
 @pytest.fixture(scope="session")
 def make_once(
     tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> Callable[[str, Callable[[Path], None]], Path]:
-    """A function that fills a folder once for all processes of a run: ``make_once(name, fill)``."""
+) -> Callable[..., Path]:
+    """A function that fills a folder once for all processes of a run: ``make_once(name, fill)``.
+
+    With a third argument, all that decides what is made in values that JSON holds, the folder lies in
+    pytest's cache, where later runs with the same find it. ``pytest --cache-clear`` forgets it.
+    """
     base = tmp_path_factory.getbasetemp()
     shared = base.parent if hasattr(request.config, "workerinput") else base
+    cache = getattr(request.config, "cache", None)
 
-    def make(name: str, fill: Callable[[Path], None]) -> Path:
-        folder, partial = shared / f"shared-{name}", shared / f"partial-{name}"
-        with FileLock(shared / f"{name}.lock"):
-            if not folder.is_dir():
-                shutil.rmtree(partial, ignore_errors=True)
-                partial.mkdir()
-                fill(partial)
-                partial.rename(folder)
-        return folder
+    def make(name: str, fill: Callable[[Path], None], inputs: Mapping[str, Any] | None = None) -> Path:
+        if cache is None or inputs is None:
+            return _filled(shared / f"shared-{name}", fill)
+        folder = cache.mkdir("made") / name
+        folder.mkdir(exist_ok=True)
+        made = _filled(folder / fingerprint(inputs)[:16], fill)
+        made.touch()
+        by_age = sorted(filter(Path.is_dir, folder.iterdir()), key=lambda path: path.stat().st_mtime)
+        for path in by_age[:-MADE_BEFORE]:
+            shutil.rmtree(path, ignore_errors=True)
+        return made
 
     return make
+
+
+def _filled(folder: Path, fill: Callable[[Path], None]) -> Path:
+    """Return the folder, which the first process that asks fills while others wait."""
+    partial = folder.with_suffix(".partial")
+    with FileLock(folder.with_suffix(".lock")):
+        if not folder.is_dir():
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir()
+            fill(partial)
+            partial.rename(folder)
+    return folder
 
 
 @pytest.fixture(autouse=True)

@@ -29,16 +29,6 @@ def box(cells: Sequence[int], size: Sequence[float]) -> Solid:
     return clean(vertices, np.concatenate(tetrahedra), {})
 
 
-def ball(cells: int, radius: float) -> Solid:
-    """A ball: the cube with its shells drawn to spheres, of the volume of the true ball."""
-    cube = box((cells, cells, cells), (2, 2, 2))
-    x = cube.vertices - 1
-    longest, norm = np.abs(x).max(axis=1, keepdims=True), np.linalg.norm(x, axis=1, keepdims=True)
-    drawn = clean(x * longest / np.maximum(norm, 1e-300), cube.tetrahedra, {})
-    scale = radius * (4 * np.pi / 3 / drawn.volume_m3) ** (1 / 3)
-    return clean(drawn.vertices * scale, drawn.tetrahedra, {})
-
-
 def moved(solid: Solid, offset: Sequence[float]) -> Solid:
     """The solid elsewhere."""
     return clean(solid.vertices + np.array(offset), solid.tetrahedra, {})

@@ -1,12 +1,9 @@
 """The canonical basis of repeated modes: against random rotations, signs, noise and other points."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import eigh
 
 from objectfolder.audio.modes.canonical import canonical_rotation, clusters
 
@@ -130,60 +127,6 @@ def test_weights_stand_for_repeated_points() -> None:
         canonical_rotation(values, torsion_of_ball(x[many]), x[many]),
         atol=1e-9,
     )
-
-
-def cube_modes(degree: int, poisson_ratio: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Elastic modes of the free cube [-1, 1]^3 by the Ritz method with monomials: eigenvalues, shapes at x.
-
-    W. M. Visscher et al., "On the normal modes of free vibration of inhomogeneous and anisotropic elastic
-    objects", JASA 90, 1991; shear modulus and density 1. Its multiplets are equal to rounding.
-    """
-    powers = np.array([p for p in itertools.product(range(degree + 1), repeat=3) if sum(p) <= degree])
-    size = len(powers)
-
-    def integral(total: np.ndarray) -> np.ndarray:
-        even = (total % 2 == 0).all(axis=-1) & (total >= 0).all(axis=-1)
-        return np.where(even, np.prod(2.0 / (np.maximum(total, 0) + 1), axis=-1), 0.0)
-
-    total = powers[:, None] + powers[None]
-    unit = np.eye(3, dtype=int)
-    # <d_a f_i, d_b f_j>
-    slopes = [
-        [
-            powers[:, None, a] * powers[None, :, b] * integral(total - unit[a] - unit[b])
-            for b in range(3)
-        ]
-        for a in range(3)
-    ]  # fmt: skip
-    lame = 2 * poisson_ratio / (1 - 2 * poisson_ratio)
-    stiffness = np.zeros((3, size, 3, size))
-    for i, j in itertools.product(range(3), repeat=2):
-        stiffness[i, :, j] += lame * slopes[i][j] + slopes[j][i]
-        if i == j:
-            stiffness[i, :, j] += sum(slopes[k][k] for k in range(3))
-    mass = np.kron(np.eye(3), integral(total))
-    values, vectors = eigh(stiffness.reshape(3 * size, -1), mass)
-    functions = np.prod(x[:, None, :] ** powers, axis=2)
-    shapes = np.einsum("pf,kfm->pkm", functions, vectors[:, 6:26].reshape(3, size, 20))
-    return values[6:26], shapes
-
-
-def test_a_free_cube() -> None:
-    """Doublets and triplets of a real solution, mixed as another seed of the solver would mix them."""
-    x = lattice_on_sphere(1500)
-    x /= np.abs(x).max(axis=1, keepdims=True)
-    values, shapes = cube_modes(8, 0.3, x)
-    # omega L sqrt(rho / mu) of the free cube, nu = 0.3; the last three are Lame's exact modes.
-    eta = 2 * np.sqrt(values)
-    np.testing.assert_allclose(eta[:8], [2.85608] * 2 + [3.84599] * 3 + [3.91127] * 3, rtol=1e-3)
-    np.testing.assert_allclose(eta[8:11], np.sqrt(2) * np.pi, rtol=1e-3)
-    sizes = [cluster.stop - cluster.start for cluster in clusters(values)]
-    assert sizes.count(2) >= 1
-    assert sizes.count(3) >= 4
-    first = canonical_modes(values, shapes, x)
-    for seed in range(5):
-        again = canonical_modes(values, mixed(values, shapes, seed), x)
-        assert relative(again[:, :, :18], first[:, :, :18]) < 1e-6
 
 
 def test_no_modes_and_wrong_shapes() -> None:

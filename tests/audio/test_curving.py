@@ -1,19 +1,14 @@
 """Elements bent onto a surface."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from structured_solids import box, filled_ball
 
-from bench.references.bodies import BODIES
 from objectfolder.audio.elements.curving import LEAST_JACOBIAN, _unfold, curve, least_jacobian
 from objectfolder.audio.elements.elasticity import chunks, element_integrals
 from objectfolder.audio.elements.hierarchic import differentiate, quadrature
 from objectfolder.audio.elements.space import Space
-from objectfolder.audio.materials import read_materials
 from objectfolder.audio.modes.boundary import Boundary
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
 from objectfolder.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface
@@ -46,27 +41,12 @@ def test_a_bent_ball_has_the_volume_and_radius_of_its_target(solid: Solid) -> No
 @pytest.mark.slow
 def test_a_bent_ball_rings_as_lamb_says_and_keeps_six_rigid_motions(solid: Solid) -> None:
     """H. Lamb 1882, nu 0.25: eta = 2.501133 and 2.639869, five-fold each."""
-    bent, _ = space_on(solid, 4, 1.0, bend=True)
+    bent, _ = space_on(solid, 3, 1.0, bend=True)
     found = solve_spectrum(bent, solid.component, 0.25, below=9.0, max_modes=30, seed=0)
     assert found.certificate["counted"] == 16
     assert found.rigid_eta_squared < 1e-9
     eta = np.sqrt(found.eta_squared)
     np.testing.assert_allclose(eta, np.repeat([2.501133, 2.639869], 5), rtol=1e-3)
-
-
-@pytest.mark.slow
-def test_a_bell_with_a_rounded_lip_rings_true() -> None:
-    """Every audible mode within 5 cents of an axisymmetric solution of the true body, and none missing.
-
-    Edges bent through the surface one by one cut the lip off: 26 cents, and 26 modes.
-    """
-    body = BODIES["bell"]()
-    iron = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")[body.material]
-    truth = body.spectrum(iron, 20000.0, check=False).frequencies_hz(iron)
-    product = simulate_modes(body.surface(), iron, training_points=10, held_out_points=0, seed=0)
-    found = np.sqrt(product["eigenvalues"]) / (2 * np.pi)
-    assert len(found) == len(truth)
-    assert np.abs(1200 * np.log2(found / truth)).max() < 5
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Edges inside a bent wall follow its two sides."""
 
 import numpy as np
+from structured_solids import box
 
 from objectfolder.audio.elements.curving import bend_along
 from objectfolder.audio.elements.hierarchic import EDGES
@@ -8,16 +9,9 @@ from objectfolder.audio.elements.space import Space
 from objectfolder.solid.solid import boundary_of
 
 
-def _box(cells: tuple[int, int, int], size: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
-    axes = [np.linspace(0, length, count + 1) for length, count in zip(size, cells, strict=True)]
-    vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
-    corners = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    tetrahedra = []
-    for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
-        path = np.cumsum([0, *(strides[axis] for axis in order)])
-        tetrahedra.append((corners @ strides)[:, None] + path)
-    return vertices, np.concatenate(tetrahedra)
+def space_of(cells: tuple[int, int, int], size: tuple[float, float, float]) -> Space:
+    solid = box(cells, size)
+    return Space.on(solid.vertices, solid.tetrahedra, order=2)
 
 
 def _bends(space: Space, curvature: float) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +45,7 @@ def _ends(space: Space, element: int, local: int) -> tuple[int, int]:
 
 def test_a_wall_bent_to_a_parabola_is_bent_throughout() -> None:
     """The vertices stay where they are: what is left is a parabola on each edge, known inside too."""
-    space = Space.on(*_box((6, 4, 2), (6.0, 4.0, 0.3)), order=2)
+    space = space_of((6, 4, 2), (6.0, 4.0, 0.3))
     bent, boundary = _bends(space, 0.1)
     inner = np.setdiff1d(np.unique(space.numbers[:, 4:10]), boundary)
     assert len(inner) > 100
@@ -66,6 +60,6 @@ def test_a_wall_bent_to_a_parabola_is_bent_throughout() -> None:
 
 
 def test_a_straight_boundary_leaves_inner_edges_straight() -> None:
-    space = Space.on(*_box((2, 2, 2), (1.0, 1.0, 1.0)), order=2)
+    space = space_of((2, 2, 2), (1.0, 1.0, 1.0))
     geometry, boundary = _bends(space, 0.0)
     np.testing.assert_array_equal(bend_along(space, geometry, boundary), geometry)

@@ -1,0 +1,93 @@
+"""Bodies whose modes several tests take: the fixture ``solved`` solves each once."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from structured_solids import box
+from structured_solids import material as ceramic
+
+from bench.references.bodies import Body, constant
+from bench.references.cuboid import cuboid
+from bench.references.meridian import Path as Meridian
+from bench.references.meridian import Wall
+from objectfolder.audio.materials import Material, read_materials
+from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.products.store import Product
+from objectfolder.solid.solid import Solid
+from objectfolder.surface.surface import Surface
+
+BAR_M = (0.25, 0.02, 0.01)
+LIMIT_HZ = 8000.0
+CELLS_BAR_M = (0.1, 0.02, 0.01)
+CELLS_LIMIT_HZ = 25000.0
+UNDAMPED = {"rayleigh_alpha_per_s": 0.0, "rayleigh_beta_s": 0.0}
+
+
+def material(name: str) -> Material:
+    """Return a row of the table."""
+    return read_materials(Path(__file__).parents[2] / "data" / "materials.csv")[name]
+
+
+def bar_surface() -> Surface:
+    """Twelve triangles."""
+    drawn = trimesh.creation.box(BAR_M)
+    return Surface(np.array(drawn.vertices), np.array(drawn.faces))
+
+
+@cache
+def bar_truth(limit_hz: float) -> np.ndarray:
+    """Frequencies (mode,) of the bar of glass, to 5 % above a limit."""
+    glass = material("glass")
+    limit = 2 * np.pi * 1.05 * limit_hz / glass.shear_speed_m_s
+    return cuboid(BAR_M, glass.poisson_ratio, limit).frequencies_hz(glass)
+
+
+def small_cup() -> Body:
+    """60 mm wide, walls of 3 mm, a rounded rim."""
+    path = Meridian((0.0, 0.0), ((0.012, 0.0), (0.020, np.radians(83.0)), (0.022, 0.0)))
+    length, half = float(path.knots[-1]), constant(0.0015)
+    wall = Wall(path, half, half, (length - 0.008, length - 0.003), 0.010)
+    return Body(wall.meridian("small cup"), "glass", 0.0025)
+
+
+def solve(surface: Surface, accuracy_cents: float = 5.0, limit_hz: float = LIMIT_HZ) -> Product:
+    """Return the modes of a body of glass."""
+    counts = {"training_points": 200, "held_out_points": 20, "seed": 0}
+    return simulate_modes(
+        surface, material("glass"), max_frequency_hz=limit_hz, accuracy_cents=accuracy_cents, **counts
+    )
+
+
+def surface_of(solid: Solid) -> Surface:
+    """Return the boundary."""
+    return Surface(solid.vertices, solid.boundary()[0])
+
+
+def bar_of_cells(scale: float = 1.0, max_modes: int = 256, **changes: float) -> Product:
+    """Return the modes of a ceramic bar of 72 tetrahedra, apart from the mesher."""
+    solid = box((6, 2, 1), tuple(scale * side for side in CELLS_BAR_M))
+    return modes_of_solid(
+        surface_of(solid),
+        solid,
+        ceramic(**changes),
+        max_frequency_hz=CELLS_LIMIT_HZ / scale,
+        max_modes=max_modes,
+        training_points=120,
+        held_out_points=30,
+        seed=0,
+        accuracy_cents=20.0,
+    )
+
+
+SOLUTIONS: Mapping[str, Callable[[], Product]] = {
+    "bar to 20 cents": lambda: solve(bar_surface(), 20.0),
+    "bar to 5 cents": lambda: solve(bar_surface()),
+    "bar of cells": bar_of_cells,
+    "undamped bar of cells": lambda: bar_of_cells(**UNDAMPED),
+    "small cup": lambda: solve(small_cup().surface()),
+    "bar to 20 kHz": lambda: solve(bar_surface(), limit_hz=20000.0),
+    "small cup to 20 kHz": lambda: solve(small_cup().surface(), limit_hz=20000.0),
+}
