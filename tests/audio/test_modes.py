@@ -219,6 +219,7 @@ def _two_apart() -> tuple[np.ndarray, np.ndarray, dict]:
     return vertices, np.concatenate([one.tetrahedra, one.tetrahedra + len(one.vertices)]), {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cents", "above", "below"), [(-2.0, 1, 0), (2.0, 0, 1), (-80.0, 0, 0)])
 def test_modes_near_the_limit_are_counted_on_either_side_of_it(
     bar: Product, cents: float, above: int, below: int
