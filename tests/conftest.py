@@ -129,6 +129,15 @@ def _filled(folder: Path, fill: Callable[[Path], None]) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _kernels_compiled_once(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> None:
+    """Let workers compile no kernel that another is compiling."""
+    if hasattr(request.config, "workerinput"):
+        from tests import kernels_once
+
+        kernels_once.register(tmp_path_factory.getbasetemp().parent)
+
+
 @pytest.fixture(autouse=True)
 def _environment_restored() -> Iterator[None]:
     """Leave no variable behind: commands called in the process of the tests set some for what they start."""
