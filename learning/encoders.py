@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch.utils.tensorboard import SummaryWriter
 
 from learning.networks import Labelled, Network, answers, fit_classifier
 from learning.runs import LOGS, Objects, kept
@@ -134,6 +133,8 @@ def _train(
         }
     else:
         samples, nearest = drawn(objects, settings, sense, protocol, seed)
+    from torch.utils.tensorboard import SummaryWriter
+
     with SummaryWriter(LOGS / f"{sense} {protocol} {seed}") as log:
         network = fit_classifier(
             samples["training"], samples["validation"], len(objects), settings.encoder, seed, log

@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from torch import nn
 from torch.nn.functional import cross_entropy
-from torch.utils.tensorboard import SummaryWriter
 
 from learning.settings import Encoder
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 JOINING = 128  # numbers of the layer that joins senses
@@ -131,7 +134,7 @@ def fit_classifier(
     classes: int,
     asked: Encoder,
     seed: int,
-    log: SummaryWriter | None = None,
+    log: "SummaryWriter | None" = None,
     senses: Sequence[int] | None = None,
 ) -> Network:
     """Train on one set, and return the epoch that is best on the other; the test set is never seen.

@@ -8,7 +8,6 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib
 import numpy as np
 import torch
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -136,6 +135,8 @@ def _shapes(objects: Objects, settings: Settings) -> Iterator[tuple[str, str, st
 
 def _drawn(mesh: Any) -> str:
     """Return a mesh as a PNG, seen from above at the side."""
+    import matplotlib
+
     matplotlib.use("agg")
     from matplotlib import pyplot
 

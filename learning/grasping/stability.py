@@ -13,9 +13,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from sklearn.ensemble import HistGradientBoostingClassifier
-from sklearn.metrics import balanced_accuracy_score
-from sklearn.model_selection import StratifiedKFold
 from torch.nn.functional import interpolate
 
 from learning.grasping import world
@@ -122,6 +119,8 @@ class Predictor:
 
 def without_senses(grasps: Grasps, training: Rows, test: Rows) -> dict[str, NDArray[np.bool_]]:
     """Return the commoner answer, the commoner of each object, and that of trees that know what was done."""
+    from sklearn.ensemble import HistGradientBoostingClassifier
+
     held, objects = grasps["held"], grasps["object"]
     common = held[training].mean() >= 0.5
     of_object = {
@@ -139,6 +138,8 @@ def without_senses(grasps: Grasps, training: Rows, test: Rows) -> dict[str, NDAr
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return accuracies by the number of grasps, and of objects that were left out of the training."""
+    from sklearn.metrics import balanced_accuracy_score
+
     grasps = grasps_of(objects, settings, workers)
     held, predictor = grasps["held"], workers.share(Predictor(objects, settings, grasps))
     units: list[tuple[int | str, Rows, Rows]] = [
@@ -179,6 +180,8 @@ def _predicted(predictor: Predictor, training: Rows, test: Rows) -> dict[str, ND
 
 def _by_size(grasps: Grasps, settings: Settings) -> Iterator[tuple[int, Rows, Rows]]:
     """Yield how many grasps are trained on, which, and which are tested, by folds with equal shares held."""
+    from sklearn.model_selection import StratifiedKFold
+
     folds = StratifiedKFold(settings.grasping.folds, shuffle=True, random_state=settings.seeds[0])
     split = list(folds.split(grasps["held"], grasps["held"]))
     most = min(len(training) for training, _ in split)  # folds differ by one, and are figured together

@@ -10,15 +10,12 @@ import os
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from sb3_contrib import TRPO
 from scipy.stats import binomtest
-from stable_baselines3.common.utils import set_random_seed
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 from learning.grasping import regrasping, world
 from learning.grasping.regrasping import GEL, Floats, Regrasping
@@ -27,6 +24,10 @@ from learning.runs import Objects, digest, kept, kept_path
 from learning.settings import Settings
 from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
+
+if TYPE_CHECKING:
+    from sb3_contrib import TRPO
+    from stable_baselines3.common.vec_env import DummyVecEnv
 
 HIDDEN, LOG_SD, LIFTING = (64, 64), -1.0, -0.5  # of the networks; of actions, and lifting's mean, at first
 BATCH, TARGET_DIVERGENCE, LEARNING_RATE, CRITIC_UPDATES = 128, 0.03, 1e-3, 15
@@ -109,6 +110,8 @@ def _named(act: Act) -> str:
 @cache
 def _policy(path: Path) -> Any:
     """Return a policy that is kept."""
+    from sb3_contrib import TRPO
+
     return TRPO.load(path).policy
 
 
@@ -184,8 +187,10 @@ class Grasps:
         """Return what becomes of a fixed move, on the first seeds that are no test's."""
         return self.played(partial(_moved, move), range(self._asked.fixed_episodes))
 
-    def learnt(self, seed: int) -> TRPO:
+    def learnt(self, seed: int) -> "TRPO":
         """Return the policy of a seed."""
+        from sb3_contrib import TRPO
+
         for number in range(self._asked.rollouts):
             self.learn(seed, number)
         return TRPO.load(self.path(seed))
@@ -195,6 +200,10 @@ class Grasps:
 
         It depends on the policy before it and on its number alone.
         """
+        from sb3_contrib import TRPO
+        from stable_baselines3.common.utils import set_random_seed
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
         path = self._path(seed, number)
         if path.exists():
             return
@@ -225,8 +234,10 @@ class Grasps:
         return kept_path({**self._key, "unit": "policy", "seed": seed, "rollout": number}, ".zip")
 
 
-def _untrained(seed: int, environment: DummyVecEnv, steps: int) -> TRPO:
+def _untrained(seed: int, environment: "DummyVecEnv", steps: int) -> "TRPO":
     """Return a policy that seldom lifts: it comes to grasp again before it knows what that is worth."""
+    from sb3_contrib import TRPO
+
     model = TRPO(
         "MlpPolicy", environment, n_steps=steps, batch_size=BATCH, gamma=1.0, target_kl=TARGET_DIVERGENCE,
         learning_rate=LEARNING_RATE, n_critic_updates=CRITIC_UPDATES, device="cpu", seed=seed,
@@ -237,7 +248,7 @@ def _untrained(seed: int, environment: DummyVecEnv, steps: int) -> TRPO:
     return model
 
 
-def _save(model: TRPO, path: Path) -> None:
+def _save(model: "TRPO", path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     with partial.open("wb") as file:

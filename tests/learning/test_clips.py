@@ -15,11 +15,11 @@ from learning.runs import Objects
 from objectfolder import example
 from objectfolder.live.clip import SAMPLE_RATE_HZ
 
-av = pytest.importorskip("av")
 RESULTS = Path(__file__).parents[2] / "learning" / "results"
 
 
 def read(path):
+    av = pytest.importorskip("av")
     with av.open(str(path)) as file:
         images = np.stack([frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)])
     with av.open(str(path)) as file:

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from learning import runs
 from learning.grasping import touch_policy
@@ -22,6 +21,8 @@ def _environment(held, spread_m=0.045, charge=0.02):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # observations have no bounds
 def test_gymnasium_finds_nothing_wrong(held):
+    from gymnasium.utils.env_checker import check_env
+
     check_env(_environment(held), skip_render_check=True)
 
 

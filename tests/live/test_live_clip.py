@@ -10,8 +10,6 @@ from objectfolder.live.clip import SAMPLE_RATE_HZ, beside, write_clip
 from pipeline.cli import main
 from tests.live.drop_scenes import drop_scene
 
-av = pytest.importorskip("av")
-
 
 @pytest.fixture
 def scene(tmp_path):
@@ -19,6 +17,7 @@ def scene(tmp_path):
 
 
 def read(path):
+    av = pytest.importorskip("av")
     with av.open(str(path)) as file:
         images = np.stack([frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)])
     with av.open(str(path)) as file:

@@ -4,8 +4,6 @@ import json
 import os
 import shutil
 
-import jsonschema
-import mlcroissant
 import pytest
 import yaml
 from card_data import REPOSITORY, row, write_data_set
@@ -23,6 +21,8 @@ HOSTILE = '<script>alert(1)</script> | `x` [a](javascript:b) *b* "q" \\ ünïcod
 
 
 def loaded(folder):
+    import mlcroissant
+
     return mlcroissant.Dataset(folder / "croissant.json")
 
 
@@ -46,6 +46,8 @@ def front_matter(folder):
 
 
 def citation(path):
+    import jsonschema
+
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     schema = json.loads((REPOSITORY / "tests/publishing/citation_file_schema.json").read_text())
     jsonschema.validate(content, schema)

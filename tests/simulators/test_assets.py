@@ -11,7 +11,6 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
-from pxr import Usd, UsdGeom, UsdPhysics
 
 from bench.factory.engines import (
     ENGINES,
@@ -207,6 +206,8 @@ def test_the_surface_is_one_closed_mesh_that_collides_by_signed_distance(tmp_pat
 
 
 def test_usd_is_in_metres_with_a_convex_guide_and_the_contact_bound(folder: Path) -> None:
+    from pxr import Usd, UsdGeom, UsdPhysics
+
     stage = Usd.Stage.Open(str(folder / "object.usda"))
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
@@ -289,6 +290,8 @@ def test_a_scene_holds_its_objects_at_rest_and_apart(block: Asset, tmp_path: Pat
     path = tmp_path / f"scene{suffix}"
     write_scene(path, [asset.name for asset in assets], poses, 0.6, height_m=0.7)
     if suffix == ".usda":
+        from pxr import Usd, UsdPhysics
+
         stage = Usd.Stage.Open(str(path))
         bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
         assert len(bodies) == 3
