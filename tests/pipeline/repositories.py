@@ -4,10 +4,16 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 from toys import Toys
+
+if TYPE_CHECKING:
+    from dvc.repo import Repo
 
 DVC_YAML = {
     "ingest": {"deps": ["rows.json"], "params": ["seed"], "outs": ["data/ingested"]},
@@ -102,3 +108,12 @@ class Repository:
         """Commit everything."""
         self.run("git", "add", "-A")
         self.run("git", "commit", "-qm", message)
+
+
+@contextmanager
+def opened(root: Path) -> Iterator["Repo"]:
+    """DVC's repository in a folder."""
+    from dvc.repo import Repo
+
+    with chdir(root), Repo() as repository:
+        yield repository

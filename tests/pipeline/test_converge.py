@@ -37,56 +37,6 @@ def test_products_carry_why_they_are_as_they_are(toys):
     assert metadata["fingerprint"] == read_attributes(QUALITY.path(toys.root, "cup"))["fingerprint"]
 
 
-def test_one_object_changed_computes_only_that_object(toys):
-    toys.converge()
-    toys.executed()
-    toys.add("cup", "5.0")
-    toys.converge()
-    assert toys.executed() == ["encode cup", "ingest cup", "tune cup"]
-
-
-def test_material_changed_leaves_stages_that_do_not_read_it(toys):
-    toys.converge()
-    toys.executed()
-    toys.rows["cup"]["material"] = {"stiffness": 4.0}
-    toys.converge()
-    assert toys.executed() == ["encode cup", "tune cup"]
-
-
-def test_parameter_changed_and_set_back_by_hand(toys):
-    toys.converge()
-    toys.executed()
-    first = {path: path.read_bytes() for path in toys.root.glob("data/*/*")}
-    toys.set_parameter("training_views", 6)
-    toys.converge()
-    assert toys.executed() == [line for line in ALL if not line.startswith("ingest")]
-    toys.set_parameter("training_views", 5)
-    _, tuned, encoded = toys.converge()
-    assert toys.executed() == []
-    assert tuned.restored == encoded.restored == ("ball", "cup", "dish")
-    assert {path: path.read_bytes() for path in toys.root.glob("data/*/*")} == first
-
-
-def test_parameter_of_another_stage_changes_nothing(toys):
-    toys.converge()
-    toys.executed()
-    toys.set_parameter("resolution", 64)
-    toys.converge()
-    assert toys.executed() == []
-
-
-def test_object_removed_takes_its_products_and_returns_from_the_memo(toys):
-    toys.converge()
-    toys.executed()
-    row = toys.rows.pop("cup")
-    assert [summary.removed for summary in toys.converge()] == [("cup",)] * 3
-    assert not list(toys.root.glob("data/*/*cup*"))
-    toys.rows["cup"] = row
-    toys.converge()
-    assert toys.executed() == []
-    assert len(list(toys.root.glob("data/*/*cup*"))) == 4
-
-
 @pytest.mark.parametrize("kind", [INGESTED, FILES], ids=lambda kind: kind.name)
 @pytest.mark.parametrize("damage", ["truncated", "one bit", "emptied", "foreign"])
 def test_damaged_product_is_noticed_and_made_good(toys, kind, damage):
@@ -169,20 +119,6 @@ def test_a_stage_where_all_fail_does_not_stand(toys):
     assert summary.exit_code(allow_failures=True) == 1
 
 
-def test_code_changes_count_and_comments_do_not(toys):
-    toys.converge()
-    toys.executed()
-    source = toys.tasks.read_text()
-    toys.tasks.write_text(
-        source.replace("def tune(request):", 'def tune(request):\n    """Docstring."""\n    # why')
-    )
-    toys.converge()
-    assert toys.executed() == []
-    toys.tasks.write_text(source.replace("% 7.0", "% 8.0"))
-    toys.converge(toys.tune)
-    assert toys.executed() == ["tune ball", "tune cup", "tune dish"]
-
-
 def test_half_written_leftovers_are_swept(toys):
     toys.converge()
     leftover = toys.root / "data/ingested/.cup.zarr.zip.x1y2.partial"
@@ -243,16 +179,6 @@ def test_failure_in_a_flow_stops_that_object_alone(toys):
     toys.add("cup", "2.5")
     assert not any(summary.failures for summary in toys.flow())
     assert toys.executed() == ["encode cup", "ingest cup", "tune cup"]
-
-
-def test_only_stages_that_read_what_changed_run_in_a_flow(toys):
-    toys.flow()
-    toys.executed()
-    toys.rows["cup"]["material"] = {"stiffness": 4.0}
-    ingested, tuned, _ = toys.flow()
-    assert toys.executed() == ["encode cup", "tune cup"]
-    assert ingested.kept == ("ball", "cup", "dish")
-    assert tuned.kept == ("ball", "dish")
 
 
 def test_fingerprint_is_independent_of_place(toys):

@@ -1,11 +1,13 @@
 """The stages of this project under DVC itself, over task bodies that cost nothing."""
 
-import json
 import os
-import subprocess
+import sys
+from contextlib import chdir
+from pathlib import Path
 
 import pytest
 import yaml
+from repositories import opened
 from toys import read_record
 
 from bench.factory.overhead_repository import OverheadRepository
@@ -13,8 +15,9 @@ from pipeline.audit.contents import Contents
 from pipeline.audit.stores import md5_of
 from pipeline.audit.verification import verify
 from pipeline.audit.versions import read_version
+from pipeline.cli import main
 from pipeline.dataset.products import read_fingerprint
-from pipeline.dataset.stages import STAGES, VIEWS
+from pipeline.dataset.stages import MODES, OBJECTS, STAGES, VIEWS
 from pipeline.run.run_record import records
 from pipeline.store.memo import memo_folder, memo_name
 
@@ -26,6 +29,13 @@ class Repository(OverheadRepository):
 
     def __init__(self, root) -> None:
         super().__init__(root, 3)
+        stages = yaml.safe_load((root / "dvc.yaml").read_text())
+        for name in ("starter", "report"):  # what is not of these objects, and what has tests of its own
+            del stages["stages"][name]
+        for file in ("data/starter/nothing", "reports/index.html"):
+            (root / file).parent.mkdir(exist_ok=True)
+            (root / file).touch()
+        (root / "dvc.yaml").write_text(yaml.safe_dump(stages, sort_keys=False))
         body = root / "pipeline" / "tasks" / "objects.py"
         text = body.read_text()
         place = "def prepare_object(request):\n"
@@ -38,16 +48,29 @@ class Repository(OverheadRepository):
     def mesh(self, object_id):
         return self.root / "meshes" / f"{object_id}.obj"
 
-    def repro(self, code: int = 0, *arguments: str) -> subprocess.CompletedProcess[str]:
+    def repro(self, *arguments: str, code: int = 0) -> str:
+        """Run `dvc repro`, a process of its own, which is what a run is; return what it says."""
         done = self.try_("dvc", "repro", *arguments)
-        assert (done.returncode != 0) == (code != 0), done.stdout + done.stderr
-        return done
+        said = done.stdout + done.stderr
+        assert (done.returncode != 0) == (code != 0), said
+        return said
 
     def status(self) -> dict[str, object]:
         """What `dvc status` says, but for the stage that it always runs."""
-        said = json.loads(self.run("dvc", "status", "--json").stdout)
+        with opened(self.root) as repository:
+            said = repository.status()
         assert said.pop("products") == ["always changed"]
         return said
+
+    def checkout(self, *targets: str) -> None:
+        """Do as `dvc checkout` does."""
+        with opened(self.root) as repository:
+            repository.checkout(list(targets))
+
+    def select(self, only: str) -> None:
+        """Restrict what is made."""
+        with chdir(self.root):
+            assert main(["select", "--only", only]) == 0
 
     def tasks(self) -> list[str]:
         """Tasks that the last run tried."""
@@ -68,20 +91,26 @@ class Repository(OverheadRepository):
     def changed(self, before: dict[str, int]) -> set[str]:
         return {path for path, time in self.times().items() if before.get(path) != time}
 
+    def commit(self) -> None:
+        self.run("git", "add", "-A")
+        self.run("git", "-c", "user.name=t", "-c", "user.email=t@t", "commit", "-qm", "first")
+
     def times(self) -> dict[str, int]:
         folders = [self.root / kind.folder for stage in STAGES.values() for kind in stage.products]
         files = [path for folder in folders for path in folder.iterdir() if path.name != ".gitignore"]
         return {str(path.relative_to(self.root)): path.stat().st_mtime_ns for path in files}
 
 
-@pytest.fixture(scope="module")
-def repository(tmp_path_factory):
-    return Repository(tmp_path_factory.mktemp("data_set") / "checkout")
+@pytest.fixture
+def repository(tmp_path, monkeypatch) -> Repository:
+    monkeypatch.delenv("PYTHONPATH", raising=False)  # stages import the code of their checkout
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE")  # nobody edits that code
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    return Repository(tmp_path / "checkout")
 
 
 @pytest.mark.slow
-def test_life_of_a_data_set(tmp_path):
-    repository = Repository(tmp_path / "checkout")
+def test_life_of_a_data_set(repository):
     # From nothing, `dvc repro` alone makes all of it, each task once and by its first command.
     repository.repro()
     assert repository.tasks() == sorted(
@@ -89,86 +118,76 @@ def test_life_of_a_data_set(tmp_path):
     )
     assert len(records(repository.root)) == 1
     assert repository.status() == {}
-    before = repository.times()
-    done = repository.repro()
-    assert done.stdout.count("Running stage") == 1
-    assert repository.changed(before) == set()
-    repository.run("git", "add", "-A")
+    repository.commit()
+    whole = repository.times()
 
-    # A failed object is an error of `dvc repro`; what is finished is recorded; the next one tries it again.
-    whole = repository.mesh(SECOND).read_text()
-    repository.mesh(SECOND).write_text("# poison\n" + whole)
-    repository.write_mesh(THIRD, 0.7)
-    done = repository.repro(1)
-    assert "no mesh" in done.stdout
-    assert repository.recorded("data/views") == 2
-    assert set(repository.status()) == {"failures"}
-    assert repository.repro(1).stdout.count("Running stage") == 2
-    assert repository.tasks() == [f"objects {SECOND}"]
-    repository.mesh(SECOND).write_text(whole)
-    repository.repro()
-    assert repository.status() == {}
-    assert repository.recorded("data/views") == 3
-
-    # A selection restricts what is made; other products stay as they are, and nothing of it is remembered.
-    before = repository.times()
-    repository.run("python", "-m", "pipeline.cli", "select", "--only", FIRST)
-    for name in (FIRST, SECOND):
-        repository.write_mesh(name, 0.8)
-    assert "objects.only selects 1 of 3 objects" in repository.repro().stdout
-    assert repository.changed(before) == {path for path in before if FIRST in path}
-    repository.run("python", "-m", "pipeline.cli", "select", "--only", "")
-    repository.repro()
-    assert repository.changed(before) == {path for path in before if FIRST in path or SECOND in path}
-
-    # An object that the table no longer lists: its products go, and that is said.
-    table = repository.root / "data" / "starter.csv"
-    table.write_text("".join(line for line in table.open() if THIRD not in line))
-    assert f"does not list: {THIRD}" in repository.repro().stdout
-    assert not [path for path in repository.times() if THIRD in path]
-    assert repository.status() == {}
-
-
-@pytest.mark.slow
-def test_one_stage_makes_itself_and_what_it_reads(tmp_path):
-    repository = Repository(tmp_path / "checkout")
-    repository.repro(0, "views")
-    made = {task.split()[0] for path in records(repository.root) for task in tasks_of(path)}
-    assert made == {"objects", "views"}
-    VIEWS.path(repository.root, FIRST).unlink()
-    repository.repro(0, "--single-item", "views")
-    assert VIEWS.path(repository.root, FIRST).is_file()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("in_cache", [False, True])
-def test_rotten_bits_with_size_and_time_unchanged_are_named_and_cured(repository, in_cache):
-    repository.repro()
-    path = VIEWS.path(repository.root, FIRST)
-    whole, digest = path.read_bytes(), md5_of(path)
-    cached = repository.root / ".dvc" / "cache" / "files" / "md5" / digest[:2] / digest[2:]
-    remembered = memo_folder(repository.root, read_fingerprint(path)) / memo_name(path)
-    rot(path)
+    # A rotten bit, size and time unchanged, is named; the product comes from the cache.
+    product = VIEWS.path(repository.root, FIRST)
+    content, digest = product.read_bytes(), md5_of(product)
+    rot(product)
     assert repository.status() == {}  # DVC goes by size and time
     (finding,) = repository.findings()
-    assert finding.where == str(path.relative_to(repository.root))
-    if in_cache:
-        for copy in (cached, remembered):
-            rot(copy)
-        (finding,) = repository.findings()
-        assert f"delete the file and {cached}, then" in finding.remedy
-        assert "or run `dvc repro`" in finding.remedy
-        path.unlink()
-        cached.unlink()
-        repository.repro()
-        assert md5_of(cached) == digest
-    else:
-        assert "delete the file, then `dvc checkout data/views`" in finding.remedy
-        path.unlink()
-        repository.run("dvc", "checkout", "data/views")
-    assert path.read_bytes() == whole
+    assert finding.where == str(product.relative_to(repository.root))
+    assert "delete the file, then `dvc checkout data/views`" in finding.remedy
+    product.unlink()
+    repository.checkout("data/views")
+    assert product.read_bytes() == content
     assert repository.findings() == ()
+
+    # Where the cache is rotten, too, it is made again. A failed object is an error of `dvc repro`, and what
+    # is finished is recorded. What is not selected stays as it is.
+    cached = repository.root / ".dvc" / "cache" / "files" / "md5" / digest[:2] / digest[2:]
+    remembered = memo_folder(repository.root, read_fingerprint(product)) / memo_name(product)
+    for copy in (product, cached, remembered):
+        rot(copy)
+    (finding,) = repository.findings()
+    assert f"delete the file and {cached}, then" in finding.remedy
+    assert "or run `dvc repro`" in finding.remedy
+    product.unlink()
+    cached.unlink()
+    mesh = repository.mesh(SECOND).read_text()
+    repository.mesh(SECOND).write_text("# poison\n" + mesh)
+    repository.write_mesh(THIRD, 0.7)
+    repository.select(f"{FIRST},{SECOND}")
+    said = repository.repro(code=1)
+    assert "no mesh" in said
+    assert "objects.only selects 2 of 3 objects" in said
+    assert repository.tasks() == [f"objects {SECOND}", f"views {FIRST}"]
+    assert (product.read_bytes(), md5_of(cached)) == (content, digest)
+    assert repository.findings() == ()
+    assert repository.recorded("data/views") == 2
+    assert set(repository.status()) == {"failures"}
+    assert {path for path in repository.changed(whole) if FIRST in path or THIRD in path} == {
+        str(product.relative_to(repository.root))
+    }
+
+    # The next run makes good what failed and what was not selected. An object that the table no longer lists:
+    # its products go, and that is said.
+    repository.select("")
+    repository.mesh(SECOND).write_text(mesh)
+    table = repository.root / "data" / "starter.csv"
+    table.write_text("".join(line for line in table.open() if FIRST not in line))
+    assert f"does not list: {FIRST}" in repository.repro()
+    assert repository.tasks() == sorted(f"{stage} {THIRD}" for stage in STAGES)
+    assert {Path(path).name.partition(".")[0] for path in repository.times()} == {SECOND, THIRD}
     assert repository.status() == {}
+
+    # An older version checked out: one stage runs, and makes nothing.
+    repository.run("git", "checkout", "-q", ".")
+    repository.checkout()
+    before, runs = repository.times(), len(records(repository.root))
+    assert before.keys() == whole.keys()
+    assert repository.repro().count("Running stage") == 1
+    assert repository.changed(before) == set()
+    assert not any(map(tasks_of, records(repository.root)[runs:]))
+    assert repository.status() == {}
+
+    # One stage makes itself and what it reads.
+    missing = [kind.path(repository.root, FIRST) for kind in (OBJECTS, VIEWS, MODES)]
+    for path in missing:
+        path.unlink()
+    repository.repro("views")
+    assert [path.is_file() for path in missing] == [True, True, False]
 
 
 def rot(path):

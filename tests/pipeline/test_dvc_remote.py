@@ -13,8 +13,6 @@ from repositories import Repository
 from store_runs import made
 from toys import TUNED
 
-pytest.importorskip("dvc_s3", reason="dvc-s3 is not installed")
-
 
 @pytest.fixture
 def repository(toys) -> Repository:
@@ -23,6 +21,7 @@ def repository(toys) -> Repository:
 
 @pytest.fixture
 def bucket_and_proxy(monkeypatch):
+    pytest.importorskip("dvc_s3", reason="dvc-s3 is not installed")
     with s3_server.serving() as server:
         proxy = http_faults.Proxy(server)
         with http_faults.standing_before(proxy) as address:
@@ -32,6 +31,7 @@ def bucket_and_proxy(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.release("pipeline.run", "pipeline.store")
 def test_one_object_of_one_version_comes_alone(repository, bucket_and_proxy, tmp_path_factory):
     bucket, proxy = bucket_and_proxy
     toys = repository.toys

@@ -1,13 +1,13 @@
 """Push, clone, pull and checkout of an older version, with this project's own stages and tiny outputs."""
 
 import shutil
-from collections.abc import Iterable, Iterator
-from contextlib import chdir, contextmanager
+from collections.abc import Iterable
+from contextlib import chdir
 from pathlib import Path
 
 import pygit2
 import pytest
-from dvc.repo import Repo
+from repositories import opened
 from toys import REPOSITORY
 
 from pipeline.cli.printing import FAILED, FINE
@@ -27,15 +27,10 @@ def commit(root: Path, message: str) -> None:
     git.create_reference(f"refs/tags/{message}", made)
 
 
-@contextmanager
-def opened(root: Path) -> Iterator[Repo]:
-    """DVC's repository in a folder."""
-    with chdir(root), Repo() as repository:
-        yield repository
-
-
 def made_data_set(root: Path, store: Path) -> dict[str, str]:
     """Make every output of the data set, none of the learning tasks; return a file of each with its text."""
+    from dvc.repo import Repo
+
     for name in COPIED:
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(REPOSITORY / name, root / name)

@@ -49,10 +49,7 @@ CONTENTS = {
     for number, (name, count) in enumerate(SCENARIOS.items())
 }
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(bool(why_not()), reason=why_not() or ""),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.release("pipeline.cluster", "pipeline.store", "cluster")]
 
 
 class Site:
@@ -202,6 +199,8 @@ class Run:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Iterator[Site]:
+    if reason := why_not():
+        pytest.skip(reason)
     for needed in ("boto3", "moto.server", "obstore"):
         pytest.importorskip(needed)
     made = Site(tmp_path_factory.mktemp("site"))
@@ -264,8 +263,9 @@ def test_worker_host_without_power(site, make):
     site.start_worker("worker-2")
 
 
-@pytest.mark.skipif(bool(why_no_cable()), reason=why_no_cable() or "")
 def test_slow_link(site, make):
+    if reason := why_no_cable():
+        pytest.skip(reason)
     site["worker-2"].spoil(POOR)
     run = make("slow")
     run.finish()

@@ -1,5 +1,6 @@
 """A run any part of which is killed at any moment loses nothing finished and leaves nothing half-written."""
 
+import functools
 import os
 import signal
 import subprocess
@@ -13,26 +14,41 @@ from toys import FILES, QUALITY
 
 from pipeline.dataset import products
 
-CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(6)}
-
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory) -> dict[str, str]:
-    return undisturbed(Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", CONTENTS))
+def ground(tmp_path_factory):
+    """A data set of so many objects, and the digests of what an undisturbed run makes of it."""
+
+    def contents(objects: int) -> dict[str, str]:
+        return {f"object_{index:02}": f"{index}.5" for index in range(objects)}
+
+    @functools.cache
+    def expected(objects: int) -> dict[str, str]:
+        return undisturbed(Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", contents(objects)))
+
+    def made(objects: int) -> tuple[Ground, dict[str, str]]:
+        root = tmp_path_factory.mktemp("disturbed") / "data_set"
+        return Ground(root, contents(objects)), expected(objects)
+
+    return made
+
+
+RELEASE = pytest.mark.release("pipeline.run", "pipeline.cluster", "pipeline.sandbox")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("place", "what"),
+    ("objects", "place", "what"),
     [
-        (LOCAL, [CHILD, WORKER]),
-        (LOCAL, [DRIVER, CHILD, DRIVER]),
-        (ADDRESS, [CHILD, SCHEDULER, WORKER, DRIVER]),
+        pytest.param(3, LOCAL, [CHILD, WORKER], id="run that survives"),
+        pytest.param(3, LOCAL, [DRIVER], id="driver"),
+        pytest.param(6, LOCAL, [DRIVER, CHILD, DRIVER], id="driver twice", marks=RELEASE),
+        pytest.param(6, ADDRESS, [CHILD, SCHEDULER, WORKER, DRIVER], id="scheduler", marks=RELEASE),
     ],
-    ids=["run that survives", "driver", "scheduler"],
 )
-def test_killed_at_random_moments(tmp_path, expected, place, what):
-    disturbed = Round(Ground(tmp_path / "data_set", CONTENTS), place, seed=7)
+def test_killed_at_random_moments(ground, objects, place, what):
+    data_set, expected = ground(objects)
+    disturbed = Round(data_set, place, seed=7)
     disturbed.disturb(what)
     assert disturbed.kills
     assert {name: found for name, found in disturbed.verdict(expected).items() if found} == {}

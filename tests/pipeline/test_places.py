@@ -151,17 +151,18 @@ def _kill_a_starting_worker() -> None:
 
 
 @pytest.mark.slow
-def test_a_cluster_adapts_from_no_worker_to_four_and_back(root):
-    quick = {"distributed.adaptive.interval": "200ms", "distributed.adaptive.wait-count": 3}
-    place = Place(adapt=Adapt(maximum=4), kwargs={"threads_per_worker": 1}, dask=quick)
-    with connect(place, root, 40) as client:
+def test_a_cluster_adapts_from_no_worker_to_two_and_back(root):
+    quick = {"interval": "200ms", "wait-count": 3, "target-duration": "1s"}
+    quick = {f"distributed.adaptive.{name}": value for name, value in quick.items()}
+    place = Place(adapt=Adapt(maximum=2), kwargs={"threads_per_worker": 1}, dask=quick)
+    with connect(place, root, 8) as client:
         assert client.nthreads() == {}
-        sleeps = client.map(time.sleep, [1.0] * 40, pure=False)
+        sleeps = client.map(time.sleep, [0.5] * 8, pure=False)
         most = 0
         while not all(one.done() for one in sleeps):
             most = max(most, len(client.nthreads()))
             time.sleep(0.1)
-        assert most == 4
+        assert most == 2
         del sleeps
         deadline = time.monotonic() + 60
         while client.nthreads() and time.monotonic() < deadline:
@@ -170,6 +171,7 @@ def test_a_cluster_adapts_from_no_worker_to_four_and_back(root):
 
 
 @pytest.mark.slow
+@pytest.mark.release("pipeline.cluster")
 def test_one_scheduler_serves_64_worker_processes(root):
     threads = {"OMP_NUM_THREADS": "1"}
     with connect(

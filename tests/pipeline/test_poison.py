@@ -1,4 +1,4 @@
-"""A task that crashes, hangs or eats all memory among thirty: it fails alone, with its reason."""
+"""Tasks that crash, hang or eat all memory among others: they fail alone, with their reasons."""
 
 from pathlib import Path
 
@@ -7,7 +7,6 @@ from ground import Ground, wait_for
 
 from pipeline.dataset.failures import read_failures
 
-OBJECTS = 30
 ENDING = {
     "segfault": ("os.kill(os.getpid(), 11)", "crashed (SIGSEGV)"),
     "null_read": ("import ctypes; ctypes.string_at(0)", "crashed (SIGSEGV)"),
@@ -20,10 +19,13 @@ TRIED_TWICE = {"sigkill"}  # whoever sent that, it need not be the object's faul
 # A process that has left the session, so that only a search finds it.
 STRAY = "import subprocess; subprocess.Popen(['sleep', '3600'], start_new_session=True)"
 HANGING = {
-    "holds_interpreter": "import signal; signal.signal(15, signal.SIG_IGN); sum(iter(int, 1))",
+    # Sleeps with the interpreter's lock in its hands.
+    "holds_interpreter": "import ctypes, signal; signal.signal(15, signal.SIG_IGN); "
+    "ctypes.PyDLL(None).sleep(3600)",
     "forks": f"{STRAY}; subprocess.Popen(['sleep', '3600']); time.sleep(3600)",
 }
 LIMIT_S = 15.0
+RELEASE = pytest.mark.release("pipeline.cluster", "pipeline.sandbox")
 MEMORY_LIMIT_BYTES = 700_000_000
 # Ends by itself where nobody ends it, so that a test that fails harms nobody.
 GREEDY = {
@@ -35,21 +37,18 @@ GREEDY = {
 }
 
 
-def contents(poison: dict[str, str]) -> dict[str, str]:
-    """Return thirty objects, the poisonous ones spread among them."""
-    good = iter(f"good_{index:02}" for index in range(OBJECTS))
+def contents(poison: dict[str, str], good_each: int) -> dict[str, str]:
+    """Return the poisonous objects, each after some good ones."""
     found = {}
-    step = OBJECTS // len(poison)
     for name, code in poison.items():
-        found.update({next(good): "1.5" for _ in range(step - 1)})
+        found.update({f"good_{index}_before_{name}": "1.5" for index in range(good_each)})
         found[name] = f"poison {code}"
-    found.update({next(good): "1.5" for _ in range(OBJECTS - len(found))})
     return found
 
 
-def run(root: Path, poison: dict[str, str], **settings: object) -> dict[str, str]:
+def run(root: Path, poison: dict[str, str], good_each: int, **settings: object) -> dict[str, str]:
     """Run two stages over them on two workers; check what holds of every poison, return the reasons."""
-    ground = Ground(root, contents(poison), **settings)
+    ground = Ground(root, contents(poison, good_each), **settings)
     try:
         assert ground.run(stages="ingest,tune") == 1
         wait_for(lambda: not ground.processes(), "all processes of the run are gone")
@@ -61,7 +60,7 @@ def run(root: Path, poison: dict[str, str], **settings: object) -> dict[str, str
     ]
     counts = ground.counts()
     good = set(ground.toys.rows) - set(poison)
-    assert len(good) + len(poison) == OBJECTS
+    assert len(good) == good_each * len(poison)
     assert counts == {
         **{("ingest", name): 2 if name in TRIED_TWICE else 1 for name in ground.toys.rows},
         **{("tune", name): 1 for name in good},
@@ -73,18 +72,30 @@ def run(root: Path, poison: dict[str, str], **settings: object) -> dict[str, str
     return {failure.object: failure.error for failure in failures}
 
 
-@pytest.mark.slow
-def test_tasks_that_end_their_process_or_hang(tmp_path):
-    codes = {**{name: code for name, (code, _) in ENDING.items()}, **HANGING}
-    reasons = run(tmp_path / "data_set", codes, time_limit_s=LIMIT_S)
-    for name, (_, reason) in ENDING.items():
-        assert reason in reasons[name]
-    for name in HANGING:
+def ends_alone(root: Path, names: set[str], good_each: int) -> None:
+    poison = {**{name: code for name, (code, _) in ENDING.items()}, **HANGING}
+    poison = {name: code for name, code in poison.items() if name in names}
+    reasons = run(root, poison, good_each, time_limit_s=LIMIT_S)
+    for name in names & ENDING.keys():
+        assert ENDING[name][1] in reasons[name]
+    for name in names & HANGING.keys():
         assert f"no answer within {LIMIT_S:g} s" in reasons[name]
 
 
 @pytest.mark.slow
+def test_tasks_that_crash_are_killed_or_hang(tmp_path):
+    ends_alone(tmp_path / "data_set", {"segfault", "sigkill", "holds_interpreter"}, 1)
+
+
+@pytest.mark.slow
+@RELEASE
+def test_tasks_that_end_their_process_in_every_way(tmp_path):
+    ends_alone(tmp_path / "data_set", ENDING.keys() | HANGING.keys(), 3)
+
+
+@pytest.mark.slow
+@RELEASE
 def test_tasks_that_take_all_memory(tmp_path):
-    reasons = run(tmp_path / "data_set", GREEDY, memory_limit_bytes=MEMORY_LIMIT_BYTES)
+    reasons = run(tmp_path / "data_set", GREEDY, 10, memory_limit_bytes=MEMORY_LIMIT_BYTES)
     for name in GREEDY:
         assert f"used more than {MEMORY_LIMIT_BYTES / 1e9:g} GB" in reasons[name]

@@ -1,4 +1,4 @@
-"""Scenarios in which DVC has a part beyond running stages: experiments, and products made at once."""
+"""Experiments of DVC, which run in a temporary copy."""
 
 import pytest
 from repositories import Repository
@@ -12,14 +12,7 @@ def repository(toys) -> Repository:
 
 
 @pytest.mark.slow
-def test_products_made_at_once_are_kept_by_every_stage_of_dvc(repository):
-    assert repository.make() == sorted(
-        f"{stage} {object_id}" for stage in ("ingest", "tune", "encode") for object_id in OBJECTS
-    )
-    assert repository.run("dvc", "status", "-q", check=False).returncode == 0
-
-
-@pytest.mark.slow
+@pytest.mark.release("pipeline.run", "pipeline.store")
 def test_experiments_in_a_temporary_copy_do_what_is_left(repository):
     repository.make()
     repository.commit("first")

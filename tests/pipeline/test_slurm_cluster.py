@@ -15,14 +15,17 @@ from objectfolder.errors import SimulationError
 from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Adapt, Place
 
-pytest.importorskip("dask_jobqueue")
-
 QUICK = {
     "distributed.adaptive.interval": "500ms",
     "distributed.adaptive.wait-count": 4,
     "distributed.deploy.lost-worker-timeout": "1s",
     "distributed.scheduler.allowed-failures": 3,
 }
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _jobqueue():
+    pytest.importorskip("dask_jobqueue")
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +60,7 @@ def jobs() -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.release("pipeline.cluster", "cluster")
 def test_jobs_come_with_work_and_go_without_it(commands, tmp_path):
     with connect(place(3), tmp_path, 12) as client:
         assert client.scheduler.address.startswith("tls://127.0.0.1:")
@@ -82,6 +86,7 @@ def stays_the_first_time(mark: Path) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.release("pipeline.cluster", "cluster")
 def test_a_job_that_reaches_its_walltime_is_replaced_and_its_task_runs_again(commands, tmp_path, monkeypatch):
     monkeypatch.setenv(
         "PYTHONPATH", os.pathsep.join([*(str(Path(__file__).parents[depth]) for depth in (0, 2)), *_path()])
@@ -98,6 +103,7 @@ def _path() -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.release("pipeline.cluster", "cluster")
 def test_a_job_that_slurm_refuses_ends_the_run_with_its_words(commands, tmp_path):
     with (
         pytest.raises(SimulationError, match="invalid partition"),

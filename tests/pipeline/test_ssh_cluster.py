@@ -16,8 +16,6 @@ from objectfolder.errors import InputError
 from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Place
 
-pytest.importorskip("asyncssh")
-
 HOST = "127.0.0.1"
 SETTINGS = """
 ListenAddress {host}
@@ -32,6 +30,7 @@ UsePAM no
 @pytest.fixture
 def options(tmp_path):
     """Run a server; yield the options with which it can be reached."""
+    pytest.importorskip("asyncssh")
     need("sshd", "ssh-keygen")
     for name in ("host_key", "client_key"):
         command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", tmp_path / name]
@@ -69,6 +68,7 @@ def commands(word: str) -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.release("pipeline.cluster", "cluster")
 def test_workers_over_ssh_work_though_a_machine_cannot_be_reached(options, tmp_path, capfd):
     key = make_certificate(tmp_path / "tls.pem").read_text().splitlines()[1]
     where = place(options, [HOST, HOST, "no-such-machine.invalid"], environment={"GREETING": "it's a secret"})
