@@ -4,9 +4,7 @@ import contextlib
 import dataclasses
 import itertools
 import os
-import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -41,30 +39,6 @@ def noted(toys, name: str, seconds: float = 0.3, **expected: object) -> Job:
     )
     made = job(toys, name, f"poison {body}\n1.0")
     return dataclasses.replace(made, **expected)
-
-
-@contextlib.contextmanager
-def killing_the_first_worker() -> Iterator[list[int]]:
-    """Kill the first worker process below this one as soon as it is there; yield a list that gets its id."""
-    killed: list[int] = []
-    done = threading.Event()
-
-    def hunt() -> None:
-        while not done.is_set() and not killed:
-            for process in psutil.Process().children(recursive=True):
-                with contextlib.suppress(psutil.Error):
-                    if "spawn_main" in " ".join(process.cmdline()) and not killed:
-                        process.kill()
-                        killed.append(process.pid)
-            time.sleep(0.01)
-
-    thread = threading.Thread(target=hunt)
-    thread.start()
-    try:
-        yield killed
-    finally:
-        done.set()
-        thread.join()
 
 
 def overlap(root: Path, first: str, second: str) -> bool:
@@ -156,15 +130,6 @@ def test_what_kills_its_worker_fails_alone(toys):
         poison, *good = run(started, *jobs)
     assert "workers died under it" in poison.outcome.failure.error
     assert not any(end.outcome.failure for end in good)
-
-
-@pytest.mark.slow
-def test_a_worker_killed_while_it_starts_is_replaced(toys):
-    """Also the first, before it has said a word."""
-    with killing_the_first_worker() as killed, runner(TWO, toys.root, 2) as started:
-        (end,) = run(started, job(toys, "good"))
-    assert killed
-    assert end.outcome.failure is None
 
 
 @pytest.mark.slow
