@@ -7,13 +7,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import yaml
+from dvc.repo import Repo
 from toys import Toys
-
-if TYPE_CHECKING:
-    from dvc.repo import Repo
 
 DVC_YAML = {
     "ingest": {"deps": ["rows.json"], "params": ["seed"], "outs": ["data/ingested"]},
@@ -111,9 +108,7 @@ class Repository:
 
 
 @contextmanager
-def opened(root: Path) -> Iterator["Repo"]:
+def opened(root: Path) -> Iterator[Repo]:
     """DVC's repository in a folder."""
-    from dvc.repo import Repo
-
     with chdir(root), Repo() as repository:
         yield repository

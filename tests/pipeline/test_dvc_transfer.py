@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pygit2
 import pytest
+from dvc.repo import Repo
 from repositories import opened
 from toys import REPOSITORY
 
@@ -29,8 +30,6 @@ def commit(root: Path, message: str) -> None:
 
 def made_data_set(root: Path, store: Path) -> dict[str, str]:
     """Make every output of the data set, none of the learning tasks; return a file of each with its text."""
-    from dvc.repo import Repo
-
     for name in COPIED:
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(REPOSITORY / name, root / name)
@@ -51,7 +50,8 @@ def made_data_set(root: Path, store: Path) -> dict[str, str]:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(f"first {name}")
             written[path.relative_to(root).as_posix()] = f"first {name}"
-        for name in {str(dep) for stage in stages for dep in stage.deps} - outs.keys():
+        deps = {str(dep) for stage in stages for dep in stage.deps} - outs.keys()
+        for name in sorted(deps, reverse=True):  # what lies in a folder before the folder
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             if not (root / name).exists():
                 (root / name).write_text("code")
