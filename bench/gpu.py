@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,7 @@ def versions(run: Run) -> dict[str, Any]:
     import numba
     import scipy
 
+    warnings.simplefilter("ignore")  # that small batches do not fill a card
     found = {
         "python": sys.version.split()[0],
         "numpy": np.__version__,
@@ -194,10 +196,36 @@ def touch_speed(run: Run, precision: str) -> dict[str, Any]:
     return {**rates, "peak_gib": run.peak_gib()}
 
 
-def touch_stages(run: Run) -> dict[str, Any]:
-    """Milliseconds of each kernel of a large batch, synchronised after each."""
-    from objectfolder.batch import Batch
+def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
+    """Milliseconds of each kernel, and of the networks of sight, synchronised after each."""
+    from objectfolder.batch import sight
     from objectfolder.batch.targets import Body
+
+    found: dict[str, float] = {}
+
+    def timed(name: str, plain: Callable[..., Any], *arguments: Any) -> Any:
+        if not run.on_cpu:
+            run.torch.cuda.synchronize()
+        begin = time.perf_counter()
+        answer = plain(*arguments)
+        if not run.on_cpu:
+            run.torch.cuda.synchronize()
+        found[name] = round(found.get(name, 0.0) + 1e3 * (time.perf_counter() - begin), 3)
+        return answer
+
+    call, answer = Body.__call__, sight._Network.answer
+    work()
+    Body.__call__ = lambda body, *given: timed(body.name, call, body, *given)  # type: ignore[method-assign]
+    sight._Network.answer = lambda *given: timed("network", answer, *given)  # type: ignore[method-assign]
+    try:
+        timed("all", work)
+    finally:
+        Body.__call__, sight._Network.answer = call, answer  # type: ignore[method-assign]
+    return found
+
+
+def touch_stages(run: Run) -> dict[str, Any]:
+    from objectfolder.batch import Batch
 
     files = objects()
     batch = Batch(files, run.device).touch
@@ -206,25 +234,37 @@ def touch_stages(run: Run) -> dict[str, Any]:
     reps = -(-count // len(which))
     which, points = np.tile(which, reps)[:count], np.tile(points, (reps, 1))[:count]
     asked = {name: np.tile(value, reps)[:count] for name, value in asked.items()}
-    found: dict[str, float] = {}
-    plain = Body.__call__
+    return {"touches": count, "milliseconds": stages(run, lambda: batch.press(which, points, **asked))}
 
-    def timed(body: Body, size: Any, *arguments: Any) -> None:
-        if not run.on_cpu:
-            run.torch.cuda.synchronize()
-        begin = time.perf_counter()
-        plain(body, size, *arguments)
-        if not run.on_cpu:
-            run.torch.cuda.synchronize()
-        found[body.name] = round(1e3 * (time.perf_counter() - begin), 3)
 
-    batch.press(which, points, **asked)
-    Body.__call__ = timed  # type: ignore[method-assign]
-    try:
-        batch.press(which, points, **asked)
-    finally:
-        Body.__call__ = plain  # type: ignore[method-assign]
-    return {"touches": count, "milliseconds": found}
+def sight_stages(run: Run) -> dict[str, Any]:
+    """Stages of many views, and what lesser effort and TF32 would give."""
+    from contextlib import nullcontext
+
+    from objectfolder.batch import Batch, sight
+
+    file, count = objects()[0], 2 if run.on_cpu else 1024
+    batch = Batch([file], run.device).sight
+    cameras, lights = file.sample_views(count, seed=5, lit=True)
+    true = file.render(cameras[:8], lights[:8], 128)
+    given = [run.torch.as_tensor(part, device=run.device) for part in (cameras, lights)]
+    found: dict[str, Any] = {"views": count}
+    contrast, precise = sight.CONTRAST, sight.full_precision
+    for label, limit, exact in (
+        ("plain", contrast, True), ("coarse", 0.3, True), ("tf32", contrast, False), ("both", 0.3, False)
+    ):  # fmt: skip
+        sight.CONTRAST = limit
+        sight.full_precision = precise if exact else nullcontext  # type: ignore[assignment]
+        run.torch.set_float32_matmul_precision("highest" if exact else "high")
+        found[label] = stages(run, lambda: batch.render(0, *given, 128))
+        taken = run.seconds(lambda: batch.render(0, *given, 128), 5)
+        found[label]["views_per_s"] = round(count / taken, 1)
+        image = batch.render(0, given[0][:8], given[1][:8], 128).cpu().numpy().astype(float)
+        error = ((image - true[: len(image)]) ** 2).mean(axis=(1, 2, 3))
+        found[label]["psnr_db_least"] = float(10 * np.log10(255**2 / error.max()))
+    sight.CONTRAST, sight.full_precision = contrast, precise
+    run.torch.set_float32_matmul_precision("highest")
+    return found
 
 
 def sound(run: Run) -> dict[str, Any]:
@@ -314,7 +354,7 @@ def sight_speed(run: Run) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for label, chosen in (("mug", files[:1]), ("bell", files[1:]), ("both", files)):
         batch = Batch(chosen, run.device).sight
-        for count in (1, 4) if run.on_cpu else (1, 256, 1024):
+        for count in (1, 4) if run.on_cpu else (1, 256, 1024, 4096):
             random = np.random.default_rng(0)
             which = np.sort(random.integers(0, len(chosen), count))
             cameras, lights = np.empty((count, 4, 4)), np.empty((count, 3))
@@ -377,6 +417,7 @@ def main() -> None:
     run.part("sound", sound)
     run.part("sight_equality", sight_equality)
     run.part("touch_stages", touch_stages)
+    run.part("sight_stages", sight_stages)
     run.part("hundred_objects", hundred_objects)
     run.part("touch_speed_double", lambda run: touch_speed(run, "double"))
     return None
