@@ -51,7 +51,7 @@ class Run:
             self.found[name]["wall_s"] = round(time.monotonic() - begin, 2)
         print(name, json.dumps(self.found[name]), flush=True)
         RESULTS.parent.mkdir(parents=True, exist_ok=True)
-        RESULTS.write_text(json.dumps(self.found, indent=1) + "\n", encoding="utf-8")
+        RESULTS.write_text(json.dumps(content(self.found), indent=1) + "\n", encoding="utf-8")
 
     def seconds(self, work: Callable[[], Any], repeats: int = REPEATS) -> float:
         """Median seconds of some work after a first time, by events of the device."""
@@ -72,6 +72,17 @@ class Run:
 
     def peak_gib(self) -> float:
         return 0.0 if self.on_cpu else round(self.torch.cuda.max_memory_allocated() / 2**30, 3)
+
+
+def content(found: dict[str, Any]) -> dict[str, Any]:
+    """Results in the form of `bench.record`, of which the host of a card needs nothing."""
+    return {
+        "name": "gpu",
+        "compared": "objectfolder.batch on a device against single queries on the CPU beside it; throughput",
+        "figures": {name: figures for name, figures in found.items() if name != "versions"},
+        "settings": {"objects": ["mug", "bell"], "image_px": [160, 120], "view_px": 128, "repeats": REPEATS},
+        "versions": found.get("versions", {}),
+    }
 
 
 def versions(run: Run) -> dict[str, Any]:

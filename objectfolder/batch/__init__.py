@@ -7,5 +7,6 @@ from objectfolder.batch.batch import Batch
 from objectfolder.batch.sight import SightBatch
 from objectfolder.batch.sound import SoundBatch
 from objectfolder.batch.touch import BatchTouches, TouchBatch, TouchImages
+from objectfolder.batch.world_touch import WorldTouch
 
-__all__ = ["Batch", "BatchTouches", "SightBatch", "SoundBatch", "TouchBatch", "TouchImages"]
+__all__ = ["Batch", "BatchTouches", "SightBatch", "SoundBatch", "TouchBatch", "TouchImages", "WorldTouch"]

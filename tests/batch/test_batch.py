@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import objectfolder
-from objectfolder.batch import Batch, TouchImages
+from objectfolder.batch import Batch, TouchImages, WorldTouch
 from objectfolder.errors import QueryError
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.truth.press import press
@@ -41,7 +41,12 @@ def single(files, presses):
     ]
 
 
-@pytest.mark.parametrize(("precision", "most"), [("double", 1), ("single", 8)])
+AT_GREATER_PRECISION = pytest.mark.release("objectfolder.batch", "objectfolder.touch")
+
+
+@pytest.mark.parametrize(
+    ("precision", "most"), [pytest.param("double", 1, marks=AT_GREATER_PRECISION), ("single", 8)]
+)
 def test_touches_of_several_objects_equal_single_presses(files, presses, single, precision, most):
     which, points, asked = presses
     answer = Batch(files, "cpu", precision=precision).touch.press(which, points, **asked)
@@ -113,6 +118,29 @@ def test_views_are_those_of_single_queries(files):
     for image, file, view in zip(images, files[::-1], views[::-1], strict=True):
         error = ((image.astype(float) - file.render(*view, 96)[0]) ** 2).mean()
         assert 10 * np.log10(255**2 / error) >= 42
+
+
+def test_two_fingers_in_eight_worlds_feel_their_objects_wherever_the_worlds_put_them(files):
+    worlds, random = 8, np.random.default_rng(0)
+    objects = np.repeat(np.arange(worlds) % 2, 2)
+    touch = Batch(files, "cpu", sensor=files[0].touch.sensor.at_resolution(32, 24)).touch
+    points = np.stack(
+        [files[index].sample_contacts(1, seed=seed)[0][0] for seed, index in enumerate(objects)]
+    )
+    poses = touch.press(objects, points).sensor_to_object.numpy()
+    turns = np.repeat(np.linalg.qr(random.normal(size=(worlds, 3, 3)))[0], 2, axis=0)
+    turns *= np.linalg.det(turns)[:, None, None]
+    places = np.repeat(random.uniform(-10, 10, (worlds, 3)), 2, axis=0)
+    fingers = WorldTouch(touch, objects)
+    fingers.update(
+        places + np.einsum("nij,nj->ni", turns, poses[:, :3, 3]), turns @ poses[:, :3, :3], places, turns
+    )
+    expected = touch.see(objects, poses)
+    assert fingers.tactile_depth_image.shape == (2 * worlds, 32, 24, 1)
+    assert float((fingers.tactile_depth_image[..., 0] - expected.depth_m).abs().max()) < 1e-6
+    levels = (fingers.tactile_rgb_image.int() - expected.rgb.int()).abs()
+    assert float((levels > 1).float().mean()) < 1e-3
+    np.testing.assert_allclose(fingers.penetration_depth.numpy(), 0.001, atol=1e-9)
 
 
 def test_impossible_queries_name_what_is_wrong(files, monkeypatch):

@@ -1,0 +1,83 @@
+"""Every kernel compiles for graphics processors, on a machine without one.
+
+Needs numba-cuda and a toolkit, ``pip install "numba-cuda[cu13]"``: 450 MB, which no other test needs.
+"""
+
+import re
+from types import SimpleNamespace
+
+import numba
+import numpy as np
+import pytest
+import torch
+
+import objectfolder
+from objectfolder.batch import Batch, targets
+from objectfolder.batch.pixels import pixel_body
+
+pytestmark = pytest.mark.slow
+CARDS = [(8, 0), (9, 0), (12, 0)]
+
+
+def toolkit():
+    """numba-cuda, asked for code for a card that is not there."""
+    pytest.importorskip("numba_cuda", reason="numba-cuda is not installed")
+    cuda = targets.cuda_module()
+    try:
+        cuda.compile_ptx(lambda x: x + x, numba.float32(numba.float32), device=True, cc=(9, 0))
+    except Exception as error:  # of whichever library of the toolkit is missing
+        pytest.skip(f"numba-cuda has no toolkit: {type(error).__name__}")
+    return cuda
+
+
+@pytest.fixture(scope="module")
+def kernels():
+    """All bodies with the types of their arguments; nothing is computed."""
+    met = {}
+
+    def record(body, count, *arguments):
+        types = [numba.typeof(part.numpy() if hasattr(part, "numpy") else part) for part in arguments]
+        met[body] = tuple(types)
+        for part in arguments[-3:]:  # counts of none, faces of number 0
+            if isinstance(part, torch.Tensor):
+                part.zero_()
+
+    patch = pytest.MonkeyPatch()
+    patch.setattr(targets.Body, "__call__", record)
+    bell = objectfolder.example("bell")  # its network has mirrors
+    for precision in ("single", "double"):
+        touch = Batch([bell], "cpu", precision=precision).touch
+        touch.press(0, np.zeros((1, 3)))
+        touch.penetrations(0, np.eye(4)[None])
+    cameras, lights = bell.sample_views(1)
+    Batch([bell], "cpu").sight.render(0, cameras, lights, 4)
+    patch.undo()
+    return met
+
+
+def ptx(cuda, monkeypatch, body, types, card, optimised):
+    for module in (cuda.dispatcher, cuda.compiler):
+        here = SimpleNamespace(compute_capability=card)
+        monkeypatch.setattr(module, "get_current_device", lambda here=here: here, raising=False)
+    signature = numba.void(*[numba.int64] * 3, *types)
+    return cuda.compile_ptx(body.plain, signature, cc=card, opt=optimised)[0]
+
+
+@pytest.mark.release("objectfolder.batch", "objectfolder.touch", "objectfolder.vision")
+def test_all_kernels_compile_for_a_card_that_is_not_there(kernels, monkeypatch):
+    cuda = toolkit()
+    assert {body.name for body in kernels} == {
+        "locate", "find", "stand", "advance", "penetrate", "count", "project", "pixel", "cast", "light",
+        "inputs", "mirror",
+    }  # fmt: skip
+    for body, types in kernels.items():
+        assert ".target sm_90" in ptx(cuda, monkeypatch, body, types, (9, 0), False), body.name
+
+
+@pytest.mark.parametrize("card", CARDS)
+def test_pixels_in_single_precision_compute_nothing_in_double(kernels, monkeypatch, card):
+    cuda = toolkit()
+    body = pixel_body(False, np.float32)
+    code = ptx(cuda, monkeypatch, body, kernels[body], card, True)
+    assert not re.findall(r"^.*\.f64.*$", code, re.MULTILINE)
+    assert len(re.findall(r"\bfma\.rn\.f32|\bmul\.f32|\badd\.f32", code)) > 100
