@@ -1,27 +1,39 @@
-"""A data set of twins, small enough for every task of learning."""
+"""Data sets small enough for every task of learning."""
 
 from pathlib import Path
 
 import pytest
+import trimesh
 
 import objectfolder
 from learning.grasping import worlds
-from learning.grasping.world import PARTS, World, least_force_n
+from learning.grasping.world import World, least_force_n
 from learning.settings import Counts, Sides, read_settings
-from objectfolder import example
-from objectfolder.simulators.collision import convex_parts
+from objectfolder import example, load
+from objectfolder.object_file import ObjectFile
+from objectfolder.surface.surface import Surface
 
 EXAMPLES = Path(objectfolder.__file__).parent / "examples"
 PARAMETERS = Path(__file__).parents[2] / "learning" / "params.yaml"
 
 
+def at_root(settings, root):
+    """Settings of a data set elsewhere."""
+    return settings.model_copy(update={"data": settings.data.model_copy(update={"root": str(root)})})
+
+
+def set_of(folder, paths):
+    """Make a data set of Object Files by their names, and return its root."""
+    (folder / "data" / "object_files").mkdir(parents=True)
+    for name, path in paths.items():
+        (folder / "data" / "object_files" / f"{name}.safetensors").symlink_to(path)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def tiny(small_file, tmp_path_factory):
     """Four names of one object: nobody can tell them apart."""
-    root = tmp_path_factory.mktemp("twins")
-    (root / "data" / "object_files").mkdir(parents=True)
-    for name in "abcd":
-        (root / "data" / "object_files" / f"{name}.safetensors").symlink_to(small_file)
+    root = set_of(tmp_path_factory.mktemp("twins"), dict.fromkeys("abcd", small_file))
     settings = read_settings(PARAMETERS)
     return settings.model_copy(
         update={
@@ -51,26 +63,36 @@ def tiny(small_file, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def four(small_file, tmp_path_factory):
+    """Root of a data set of a mug, a bell, a bar and its twin, which differs in sound alone."""
+    bar = load(small_file)
+    content = bar.content()
+    tensors = content.tensors | {"audio.eigenvalues": 1.2 * content.tensors["audio.eigenvalues"]}
+    twin = tmp_path_factory.mktemp("twin") / "twin.safetensors"
+    ObjectFile.of_tensors(tensors, bar.description).save(twin)
+    paths = {name: EXAMPLES / f"{name}.safetensors" for name in ("bell", "mug")}
+    return set_of(tmp_path_factory.mktemp("four"), paths | {"bar": small_file, "twin": twin})
+
+
+@pytest.fixture(scope="session")
 def held():
-    """A mug, and the force of thrice its weight's."""
+    """A mug of one convex part, and the force of thrice its weight's."""
     file = example("mug")
-    hulls = convex_parts(file.surface, most_parts=PARTS, name="mug").hulls
-    return {"mug": World(file, hulls)}, {"mug": 3 * least_force_n(file)}
+    hull = trimesh.convex.convex_hull(file.surface.vertices)
+    return {"mug": World(file, [Surface(hull.vertices, hull.faces)])}, {"mug": 3 * least_force_n(file)}
 
 
 @pytest.fixture
-def mugs(unparted_mugs, held, monkeypatch):
-    """The same, whose parts are known."""
+def mugs(tiny, held, tmp_path, monkeypatch):
+    """Settings of a data set of one mug by four names, whose parts are known."""
     monkeypatch.setattr(worlds, "_parts", lambda path, digest: [])
     monkeypatch.setattr(worlds, "world_at", lambda path, digest: held[0]["mug"])
-    return unparted_mugs
+    return at_root(tiny, set_of(tmp_path, dict.fromkeys("abcd", EXAMPLES / "mug.safetensors")))
 
 
 @pytest.fixture
-def unparted_mugs(tiny, tmp_path):
-    """Settings of a data set of one mug by four names."""
-    folder = tmp_path / "data" / "object_files"
-    folder.mkdir(parents=True)
-    for name in "abcd":
-        (folder / f"{name}.safetensors").symlink_to(EXAMPLES / "mug.safetensors")
-    return tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})
+def bars(tiny, small_file, tmp_path):
+    """Settings of a data set of one bar with a mass by four names, which is its own convex part."""
+    body = example("mug").description["body"] | {"mass_kg": 0.07, "centre_of_mass_m": [0.0, 0.0, 0.0]}
+    load(small_file).with_description(body=body).save(tmp_path / "heavy.safetensors")
+    return at_root(tiny, set_of(tmp_path, dict.fromkeys("abcd", tmp_path / "heavy.safetensors")))

@@ -1,12 +1,10 @@
 """Grasps: what holds by Coulomb's law, what is repeated, and what is predicted of them."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import objectfolder
 from learning import runs
 from learning.grasping import stability
 from learning.grasping.world import (
@@ -21,7 +19,7 @@ from learning.runs import Objects
 from learning.workers import Here
 from objectfolder import example
 
-PIXELS, EXAMPLES = 16, Path(objectfolder.__file__).parent / "examples"
+PIXELS = 16
 
 
 @pytest.fixture(scope="module")
@@ -76,19 +74,14 @@ def test_folds_that_are_not_equal_are_trained_on_as_many(tiny):
 
 
 @pytest.mark.slow
-def test_of_four_objects_each_is_left_out_once(tiny, tmp_path, monkeypatch):
+def test_of_four_objects_each_is_left_out_once(mugs, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
-    folder = tmp_path / "data" / "object_files"
-    folder.mkdir(parents=True)
-    for name, shown in zip("abcd", ("mug", "bell") * 2, strict=True):
-        (folder / f"{name}.safetensors").symlink_to(EXAMPLES / f"{shown}.safetensors")
-    settings = tiny.model_copy(update={"data": tiny.data.model_copy(update={"root": str(tmp_path)})})
-    found = stability.evaluate(Objects(settings), settings, Here())
+    found = stability.evaluate(Objects(mugs), mugs, Here())
     json.dumps(found, allow_nan=False)
     (size,) = found["accuracy_percent"]
     assert set(found["accuracy_percent"][size]) == {
         "V", "T", "VT", "majority", "majority of the object", "trees on force and pose",
     }  # fmt: skip
-    assert found["grasps"] == 4 * settings.grasping.grasps
+    assert found["grasps"] == 4 * mugs.grasping.grasps
     assert set(found["unseen_object"]) == set("abcd")
     assert all(answer["majority"] == 50 for answer in found["unseen_object"].values())

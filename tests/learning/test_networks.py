@@ -5,7 +5,7 @@ import torch
 from learning.networks import Labelled, ResNet18, answers, fit_classifier
 from learning.settings import Encoder
 
-ASKED = Encoder(width=8, epochs=6, batch=16, learning_rate=5e-3)
+ASKED = Encoder(width=8, epochs=4, batch=16, learning_rate=5e-3)
 
 
 def stripes(count: int, seed: int) -> Labelled:
@@ -23,7 +23,7 @@ def test_resnet_18_has_the_parameters_of_resnet_18():
 
 
 def test_a_classifier_learns_what_can_be_learned_and_gives_the_same_bits_again():
-    sets = stripes(384, 0), stripes(32, 1)
+    sets = stripes(192, 0), stripes(32, 1)
     logs = [answers(fit_classifier(*sets, 2, ASKED, seed=3), stripes(64, 2).inputs)[1] for _ in range(2)]
     assert torch.equal(*logs)
     assert (logs[0].argmax(dim=1) == stripes(64, 2).labels).float().mean() > 0.9
@@ -38,7 +38,7 @@ def test_two_senses_tell_together_what_neither_tells_alone():
         inputs = torch.cat([first.inputs, second.inputs[order]], dim=1)
         return Labelled(inputs, first.labels * second.labels[order])
 
-    network = fit_classifier(pairs(384, 0), pairs(32, 2), 2, ASKED, seed=3, senses=(1, 1))
+    network = fit_classifier(pairs(256, 0), pairs(32, 2), 2, ASKED, seed=3, senses=(1, 1))
     test = pairs(100, 4)
     assert (answers(network, test.inputs)[1].argmax(dim=1) == test.labels).float().mean() > 0.9
     blind = test.inputs * torch.tensor([1.0, 0.0])[:, None, None]

@@ -40,7 +40,7 @@ def balls(few_points):
 def trained(balls):
     """A network that knows the first two balls."""
     asked = read_settings(PARAMETERS).reconstruction.model_copy(
-        update={"steps": 150, "points": 512, "width": 16}
+        update={"steps": 100, "points": 512, "width": 16}
     )
     random = torch.Generator().manual_seed(0)
     labels = torch.arange(4).repeat_interleave(30)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from learning import encoders, recognition, reconstruction, retrieval, runs
+from learning import encoders, occupancy, recognition, reconstruction, retrieval, runs
 from learning.page import write_page
 from learning.runs import Objects, kept
 from learning.settings import read_settings
@@ -44,10 +44,11 @@ def test_what_was_made_is_not_made_again(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_twins_are_not_told_apart(tiny, tmp_path, monkeypatch):
-    """A task that could tell four names of one object apart would have found what it must not see."""
+def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
     monkeypatch.setattr(encoders, "LOGS", tmp_path / "logs")
+    monkeypatch.setattr(occupancy, "FAR_POINTS", 20_000)
+    monkeypatch.setattr(occupancy, "NEAR_POINTS", 9000)
     objects = Objects(tiny)
     found = recognition.evaluate(objects, tiny, Here())
     assert found["chance_percent"] == 25

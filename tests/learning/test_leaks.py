@@ -1,0 +1,140 @@
+"""Nothing of a test reaches a training: splits by their contents, fits that another test leaves alone."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+import torch
+
+from learning import encoders, reconstruction, stand_in
+from learning.encoders import Encoded, Encoder, folds_of, label_draws
+from learning.grasping import stability
+from learning.networks import Labelled
+from learning.occupancy import Shapes
+from learning.reconstruction import Trial
+from learning.retrieval import similarities
+from learning.runs import Objects
+from learning.samples import SENSES
+from learning.settings import Retrieval
+from tests.learning.conftest import at_root
+
+
+@pytest.fixture(scope="module")
+def objects(four, tiny):
+    return Objects(at_root(tiny, four))
+
+
+def rows_of(array):
+    """The rows of an array by their bytes."""
+    return {row.tobytes() for row in np.ascontiguousarray(array)}
+
+
+@pytest.mark.parametrize("sense", SENSES)
+def test_no_sample_of_a_split_is_in_another(objects, tiny, sense):
+    for protocol in ("sample", "region"):
+        splits = [
+            label_draws(objects, tiny, sense, protocol, 0, split)
+            for split in ("training", "validation", "test")
+        ]
+        for first, second in combinations(splits, 2):
+            for one, other in zip(first, second, strict=True):
+                assert not rows_of(one.places) & rows_of(other.places)
+                assert not rows_of(one.inputs) & rows_of(other.inputs)
+
+
+def test_the_stand_in_is_tested_on_held_out_queries(small_file, tiny, tmp_path):
+    for kind, suffix in (("views", ".zarr.zip"), ("object_files", ".safetensors")):
+        (tmp_path / "data" / kind).mkdir(parents=True)
+        source = small_file if kind == "object_files" else small_file.with_name("views.zarr.zip")
+        for name in "abcd":
+            (tmp_path / "data" / kind / f"{name}{suffix}").symlink_to(source)
+    settings = at_root(tiny, tmp_path)
+    for splits in stand_in.drawn(Objects(settings), settings, "vision", 0).values():
+        learnt = rows_of(splits["training"].inputs) | rows_of(splits["validation"].inputs)
+        assert learnt
+        assert not rows_of(splits["test"].inputs) & learnt
+
+
+def labelled(count, seed, classes=4):
+    random = torch.Generator().manual_seed(seed)
+    labels = torch.arange(count) % classes
+    return Labelled(torch.rand(count, 3, 16, 16, generator=random) + labels[:, None, None, None], labels)
+
+
+@pytest.mark.parametrize("protocol", ["sample", "unseen"])
+def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeypatch, protocol):
+    monkeypatch.setattr(encoders, "LOGS", tmp_path)
+    unseen = folds_of(len(objects), tiny)[0] if protocol == "unseen" else []
+    fixed = {"training": labelled(16, 0), "validation": labelled(8, 1)}
+    made = []
+    for seed in (2, 3):
+        samples = {**fixed, "test": labelled(8, seed)}
+        if unseen:  # nor on any sample of an unseen object
+            out = torch.isin(fixed["training"].labels, torch.tensor(unseen))
+            changed = torch.where(out[:, None, None, None], seed, fixed["training"].inputs)
+            samples["training"] = Labelled(changed, fixed["training"].labels)
+        monkeypatch.setattr(encoders, "drawn", lambda *asked, samples=samples: (samples, 0.0))
+        made.append(encoders._train(objects, tiny, "vision", protocol, 0, unseen))
+    for name in ("training/logs", "validation/logs"):
+        np.testing.assert_array_equal(made[0][name], made[1][name])
+    assert not np.array_equal(made[0]["test/logs"], made[1]["test/logs"])
+    assert set(made[0]["test/labels"]) == (set(unseen) or set(range(4)))
+    assert not set(made[0]["training/labels"]) & set(unseen)
+
+
+def features(seed, tests):
+    """Features of four objects, whose test split alone depends on `tests`."""
+    splits = {}
+    for number, split in enumerate(("training", "validation", "test")):
+        random = np.random.default_rng([seed, number, tests if split == "test" else 0])
+        labels = np.arange(16) % 4
+        values = (random.normal(size=(16, 8)) + labels[:, None]).astype(np.float32)
+        logs = torch.log_softmax(torch.from_numpy(values[:, :4]), dim=1).numpy()
+        splits[split] = Encoded(values, logs, labels)
+    return Encoder(splits, 0.1)
+
+
+def test_common_spaces_do_not_depend_on_the_labels_of_their_test():
+    asked = Retrieval(dimensions=4, epochs=2, margin=0.2)
+    pair = features(0, 0), features(1, 0)
+    swapped = [
+        Encoder(
+            one.splits | {"test": replace(one.splits["test"], labels=one.splits["test"].labels[::-1])}, 0.1
+        )
+        for one in pair
+    ]
+    found, other = similarities(pair, 4, asked, 0), similarities(tuple(swapped), 4, asked, 0)
+    for method, similarity in found.items():
+        np.testing.assert_array_equal(similarity, other[method], err_msg=method)
+
+
+def test_an_occupancy_network_is_fitted_to_training_samples_of_known_objects(tiny, monkeypatch):
+    fitted = []
+
+    class Fitted(Exception):
+        pass
+
+    def fit(conditions, labels, shapes, known, asked, seed):
+        fitted.append((conditions, known))
+        raise Fitted
+
+    monkeypatch.setattr(reconstruction, "fit", fit)
+    measures = type("", (), {"shapes": Shapes({}, torch.zeros(0, 3), torch.zeros(0, 0))})()
+    for tests in (0, 1):
+        monkeypatch.setattr(reconstruction, "encoded", lambda *asked, tests=tests: features(0, tests))
+        with pytest.raises(Fitted):
+            Trial(None, tiny, measures, ("vision",), (0, 2), (1, 3), (1, 3), 0)._predict()
+    assert torch.equal(fitted[0][0], fitted[1][0])
+    assert fitted[0][1] == (0, 2)
+
+
+def test_no_grasp_of_a_test_is_trained_on(objects, tiny):
+    grasps = {"held": np.arange(32) % 3 == 0, "object": np.arange(32) // 8}
+    units = [*stability._by_size(grasps, tiny), *stability._by_object(objects, grasps, tiny)]
+    assert len(units) == tiny.grasping.folds + 4
+    for case, training, test in units:
+        assert not set(training) & set(test)
+        if isinstance(case, str):
+            assert set(grasps["object"][test]) == {objects.ids.index(case)}
+            assert not set(grasps["object"][training]) & set(grasps["object"][test])
